@@ -1,0 +1,380 @@
+//! The acquisition's side: send raw samples, receive compensated increments.
+
+use crate::connect::{ConnectError, Options, absent, join, monotonic_ns, permission, until};
+use crate::pending::Pending;
+use core::fmt;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, IceoryxSend, PortFactory as _, ipc};
+use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use iceoryx2::service::port_factory::publish_subscribe;
+use isotherm_shared::stream::{ImuId, IpcNode};
+use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use std::hash::{BuildHasher as _, RandomState};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How often a silent service is looked after while samples are unanswered.
+const LOOK_NS: u64 = 5_000_000;
+/// After this long without any answer the unanswered samples are sent again even to the same service.
+const RESEND_NS: u64 = 1_000_000_000;
+/// Samples that may be in the caller's hands, loaned and not sent yet.
+const LOANS: usize = 4;
+
+/// A raw sample in shared memory that is yours until it is sent. Dereferences to [`RawSample`].
+///
+/// `session` and `sequence` are filled in already. A sequence may be raised, to tell of samples that were lost before
+/// they could be sent; the service then flags the gap.
+pub struct Loan(SampleMut<ipc::Service, RawSample, ()>);
+
+impl core::ops::Deref for Loan {
+    type Target = RawSample;
+    fn deref(&self) -> &RawSample {
+        self.0.payload()
+    }
+}
+
+impl core::ops::DerefMut for Loan {
+    fn deref_mut(&mut self) -> &mut RawSample {
+        self.0.payload_mut()
+    }
+}
+
+impl fmt::Debug for Loan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Loan").field(&**self).finish()
+    }
+}
+
+/// Why a sample was not sent. It comes back where the caller can still use it.
+#[derive(Debug, thiserror::Error)]
+pub enum SendError {
+    /// As many samples as the service's queue holds are unanswered. Wait and send again, drop it, or sum the next one
+    /// into it with [`RawSample::merge`].
+    #[error("the service's queue is full of unanswered samples")]
+    Full(Loan),
+    /// The sequence is not above the last one sent in this session.
+    #[error("the sequence does not rise above the last one sent")]
+    Sequence(Loan),
+    /// The transport failed.
+    #[error("transport: sending a raw sample: {0}")]
+    Transport(String),
+}
+
+/// The transport failed.
+#[derive(Debug, thiserror::Error)]
+#[error("transport: {phase}: {cause}")]
+pub struct TransportError {
+    phase: &'static str,
+    cause: String,
+}
+
+/// Why a round trip gave no increment.
+#[derive(Debug, thiserror::Error)]
+pub enum CompensateError {
+    /// The sample could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+    /// No answer in time. The sample stays in flight: it is sent again when the service returns, and a later
+    /// [`receive`](Acquisition::receive) may still get its answer.
+    #[error("no answer from the service in time; `isotherm status` tells whether it runs")]
+    Timeout,
+    /// The transport failed.
+    #[error(transparent)]
+    Receive(#[from] TransportError),
+}
+
+/// The one acquisition process of an IMU.
+///
+/// Samples go out without being copied and answers come back each **once and in the order of sending**. What is
+/// unanswered is kept, at most [`depth`](Self::depth) samples; when the service is replaced by a new one, they are sent
+/// again, so that a service that is killed and restarted loses nothing. The caller decides how long to wait.
+///
+/// Not `Send`: create it in the thread that uses it.
+#[derive(Debug)]
+pub struct Acquisition {
+    imu: ImuId,
+    session: u64,
+    next_sequence: u64,
+    pending: Pending,
+    recovery: Recovery,
+    spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
+    publisher: Publisher<ipc::Service, RawSample, ()>,
+    subscriber: Subscriber<ipc::Service, CompensatedIncrement, ()>,
+    notifier: Notifier<ipc::Service>,
+    increments: publish_subscribe::PortFactory<ipc::Service, CompensatedIncrement, ()>,
+    _node: IpcNode,
+}
+
+/// Which service has been sent the unanswered samples, and when it was last looked after.
+#[derive(Debug)]
+struct Recovery {
+    service: u128,
+    looked_ns: u64,
+    /// Since when the service has been silent although something is unanswered, as far as is known.
+    silent_since_ns: u64,
+    /// Whether an answer has come since the last look.
+    heard: bool,
+}
+
+impl Acquisition {
+    /// Connects as the acquisition of `imu`, waiting for the service if need be.
+    ///
+    /// # Errors
+    /// What still stood in the way when the time-out of `options` had passed, or at once what waiting cannot mend.
+    pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
+        let deadline = Instant::now() + options.timeout;
+        let node = until(deadline, || join(&options.domain))?;
+        until(deadline, || Self::attach(&node, imu, options)).map(|parts| parts(node))
+    }
+
+    fn attach(node: &IpcNode, imu: &ImuId, options: &Options) -> Result<impl FnOnce(IpcNode) -> Self + use<>, ConnectError> {
+        let open = |error| match error {
+            PublishSubscribeOpenError::DoesNotExist => absent(node, &options.domain, imu),
+            PublishSubscribeOpenError::InsufficientPermissions => permission(&options.domain),
+            other => ConnectError::transport("opening the streams", other),
+        };
+        let raw = node.service_builder(&imu.raw()).publish_subscribe::<RawSample>().open().map_err(open)?;
+        let increments =
+            node.service_builder(&imu.increment()).publish_subscribe::<CompensatedIncrement>().open().map_err(open)?;
+        let wake = node.service_builder(&imu.wake()).event().open();
+        let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
+        // The service creates its increment publisher last: with that it is ready.
+        let service = publisher_of(&increments).ok_or_else(|| absent(node, &options.domain, imu))?.0;
+
+        let publisher = raw.publisher_builder().max_loaned_samples(LOANS);
+        let publisher = publisher.backpressure_strategy(BackpressureStrategy::DiscardData).create();
+        let publisher = publisher.map_err(|error| match error {
+            PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                // A dead predecessor holds the place until it is cleaned away.
+                node.try_cleanup_dead_nodes();
+                ConnectError::Occupied { imu: imu.clone(), pid: publisher_of(&raw).and_then(|(_, pid)| pid) }
+            }
+            other => ConnectError::transport("creating the raw publisher", other),
+        })?;
+        let subscriber = increments.subscriber_builder().create();
+        let subscriber =
+            subscriber.map_err(|error| ConnectError::transport("subscribing to the increment stream", error))?;
+        let notifier = wake.notifier_builder().create();
+        let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
+        let depth = raw.static_config().subscriber_max_buffer_size();
+        let imu = imu.clone();
+        Ok(move |node| Self {
+            imu,
+            session: random(),
+            next_sequence: 0,
+            pending: Pending::new(depth),
+            recovery: Recovery { service, looked_ns: 0, silent_since_ns: 0, heard: false },
+            spare: None,
+            publisher,
+            subscriber,
+            notifier,
+            increments,
+            _node: node,
+        })
+    }
+
+    /// The IMU.
+    #[must_use]
+    pub const fn imu(&self) -> &ImuId {
+        &self.imu
+    }
+
+    /// The session that all samples carry, random for each connection.
+    #[must_use]
+    pub const fn session(&self) -> u64 {
+        self.session
+    }
+
+    /// Begins a new session: the next sample may have any sequence. What is unanswered stays with the old one and is
+    /// forgotten.
+    pub fn begin_session(&mut self) {
+        self.session = random();
+        self.next_sequence = 0;
+        self.pending = Pending::new(self.depth());
+        self.spare = None;
+    }
+
+    /// The most samples that can be unanswered at once: the depth of the service's queue.
+    #[must_use]
+    pub fn depth(&self) -> usize {
+        self.pending.depth()
+    }
+
+    /// Samples sent whose answers have not been received.
+    #[must_use]
+    pub fn in_flight(&self) -> usize {
+        self.pending.len()
+    }
+
+    /// A sample to fill in, in shared memory. One is always kept ready, so this costs nothing after a send.
+    ///
+    /// # Errors
+    /// If the caller holds too many already (4).
+    pub fn loan(&mut self) -> Result<Loan, TransportError> {
+        let mut sample = match self.spare.take() {
+            Some(sample) => sample,
+            None => self.fresh()?,
+        };
+        let raw = sample.payload_mut();
+        raw.session = self.session;
+        raw.sequence = self.next_sequence;
+        Ok(Loan(sample))
+    }
+
+    /// Sends a sample and wakes the service. Never waits and never copies the sample through the transport.
+    ///
+    /// `session` and `sent_ns` are set here. A recorder that has no room for its copy is no failure.
+    ///
+    /// # Errors
+    /// [`SendError`], with the sample in it where it can still be used.
+    pub fn send(&mut self, mut sample: Loan) -> Result<(), SendError> {
+        if self.pending.is_full() {
+            return Err(SendError::Full(sample));
+        }
+        if sample.sequence < self.next_sequence {
+            return Err(SendError::Sequence(sample));
+        }
+        sample.session = self.session;
+        sample.sent_ns = monotonic_ns();
+        if self.pending.len() == 0 {
+            self.recovery.silent_since_ns = sample.sent_ns;
+        }
+        let next_sequence = sample.sequence.saturating_add(1);
+        self.pending.push(*sample);
+        if let Err(error) = sample.0.send() {
+            self.pending.pop_newest();
+            return Err(SendError::Transport(error.to_string()));
+        }
+        self.next_sequence = next_sequence;
+        // Without a listener in need this costs nothing; if it fails, the service's bounded wait still finds the sample.
+        let _ = self.notifier.notify();
+        self.spare = self.fresh().ok();
+        Ok(())
+    }
+
+    /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
+    ///
+    /// While something is unanswered this also looks, every 5 ms, whether the service has been replaced, and sends the
+    /// unanswered samples again if so.
+    ///
+    /// # Errors
+    /// If the transport fails.
+    pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
+        loop {
+            if let Some(answer) = self.pending.pop_answered() {
+                return Ok(Some(answer));
+            }
+            let sample = self.subscriber.receive().map_err(|error| transport("receiving an increment", error))?;
+            let Some(sample) = sample else { break };
+            let answer = *sample;
+            drop(sample);
+            if answer.session == self.session {
+                self.pending.accept(&answer);
+                self.recovery.heard = true;
+            }
+        }
+        if self.pending.len() > 0 {
+            self.look_after_the_service()?;
+        }
+        Ok(None)
+    }
+
+    /// As [`receive`](Self::receive), waiting up to `timeout`: spinning for the first 100 us, then in short sleeps.
+    ///
+    /// # Errors
+    /// If the transport fails.
+    pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<CompensatedIncrement>, TransportError> {
+        const SPIN: Duration = Duration::from_micros(100);
+        let started = Instant::now();
+        loop {
+            if let Some(answer) = self.receive()? {
+                return Ok(Some(answer));
+            }
+            let waited = started.elapsed();
+            if waited >= timeout {
+                return Ok(None);
+            }
+            if waited < SPIN {
+                core::hint::spin_loop();
+            } else {
+                thread::sleep(Duration::from_micros(20));
+            }
+        }
+    }
+
+    /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
+    ///
+    /// Answers to samples sent earlier, whose callers have given up on them, are passed over.
+    ///
+    /// # Errors
+    /// [`CompensateError`].
+    pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
+        let sequence = sample.sequence;
+        self.send(sample)?;
+        let deadline = Instant::now() + timeout;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.receive_timeout(left)? {
+                Some(answer) if answer.sequence == sequence => return Ok(answer),
+                Some(_) => {}
+                None => return Err(CompensateError::Timeout),
+            }
+        }
+    }
+
+    fn fresh(&self) -> Result<SampleMut<ipc::Service, RawSample, ()>, TransportError> {
+        let sample = self.publisher.loan_uninit().map_err(|error| transport("loaning a raw sample", error))?;
+        Ok(sample.write_payload(RawSample::default()))
+    }
+
+    /// Off the fast path: only while an answer is awaited, and at most every [`LOOK_NS`].
+    fn look_after_the_service(&mut self) -> Result<(), TransportError> {
+        let now = monotonic_ns();
+        if now - self.recovery.looked_ns < LOOK_NS {
+            return Ok(());
+        }
+        self.recovery.looked_ns = now;
+        // A dead service stays listed until it is cleaned away, which its successor does before it takes the place.
+        let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
+        let replaced = service != self.recovery.service;
+        if core::mem::take(&mut self.recovery.heard) {
+            self.recovery.silent_since_ns = now;
+        }
+        if replaced || now.saturating_sub(self.recovery.silent_since_ns) > RESEND_NS {
+            self.recovery.service = service;
+            self.recovery.silent_since_ns = now;
+            for sample in self.pending.unanswered() {
+                let mut copy = self.fresh()?;
+                *copy.payload_mut() = *sample;
+                copy.send().map_err(|error| transport("sending a raw sample again", error))?;
+            }
+            let _ = self.notifier.notify();
+        }
+        Ok(())
+    }
+}
+
+fn transport(phase: &'static str, cause: impl ToString) -> TransportError {
+    TransportError { phase, cause: cause.to_string() }
+}
+
+/// A number that no other session is likely to have; the standard library's hash keys are random in every process.
+fn random() -> u64 {
+    RandomState::new().hash_one(monotonic_ns())
+}
+
+/// The publisher of a stream that can have only one: its id, which no other ever has, and its process.
+pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
+    stream: &publish_subscribe::PortFactory<ipc::Service, T, ()>,
+) -> Option<(u128, Option<i32>)> {
+    let mut found = None;
+    stream.dynamic_config().list_publishers(|details| {
+        let pid = details.node_id.pid::<ipc::Service>().ok().map(|pid| pid.value());
+        found = Some((details.publisher_id.value(), pid));
+        CallbackProgression::Stop
+    });
+    found
+}

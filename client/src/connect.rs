@@ -1,0 +1,212 @@
+//! Joining a domain: where it is, how a process gets its node, and how long that may take.
+
+use crate::acquisition::publisher_of;
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
+use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
+use rustix::time::{ClockId, clock_gettime};
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Environment variable that names the domain.
+pub const DOMAIN_VARIABLE: &str = "ISOTHERM_DOMAIN";
+/// Environment variable with the folder under which domains keep their files.
+pub const ROOT_VARIABLE: &str = "ISOTHERM_ROOT";
+/// The folder used where it exists, as on an installed system.
+const SYSTEM_ROOT: &str = "/run/isotherm";
+
+/// Pause between two attempts to join.
+const RETRY: Duration = Duration::from_millis(5);
+/// A running service that does not serve an IMU for this long will not start to.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// How to reach a service.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The world of service and clients.
+    pub domain: Domain,
+    /// How long connecting may take, waiting for a service that is not there yet included.
+    pub timeout: Duration,
+}
+
+impl Options {
+    /// The domain of the environment and a time-out of 5 s.
+    ///
+    /// # Errors
+    /// If the environment names a domain or folder that cannot be used.
+    pub fn from_environment() -> Result<Self, DomainError> {
+        Ok(Self { domain: domain(None)?, timeout: Duration::from_secs(5) })
+    }
+}
+
+/// The domain `name`, or the one of `ISOTHERM_DOMAIN`, or `default`.
+///
+/// Its files lie in `$ISOTHERM_ROOT/NAME`; without that variable in `/run/isotherm/NAME` where `/run/isotherm` exists,
+/// else in `/tmp/isotherm-NAME`.
+///
+/// # Errors
+/// If name or folder cannot be used.
+pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
+    let from_environment = std::env::var(DOMAIN_VARIABLE).ok().filter(|name| !name.is_empty());
+    let name = name.map(str::to_owned).or(from_environment).unwrap_or_else(|| Domain::DEFAULT.to_owned());
+    let root = match std::env::var(ROOT_VARIABLE) {
+        Ok(root) if !root.is_empty() => format!("{}/{name}", root.trim_end_matches('/')),
+        _ if Path::new(SYSTEM_ROOT).is_dir() => format!("{SYSTEM_ROOT}/{name}"),
+        _ => format!("/tmp/isotherm-{name}"),
+    };
+    Domain::new(&name, &root)
+}
+
+/// `CLOCK_MONOTONIC` \[ns\], the clock of `sent_ns`.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// Why a process could not connect.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum ConnectError {
+    /// Nothing serves this domain.
+    #[error("no service is running in domain {0:?}; start one with `isotherm serve --domain {0}`, or name its domain with --domain or ISOTHERM_DOMAIN")]
+    NoService(String),
+    /// The service runs, but not for this IMU.
+    #[error("the service of domain {domain:?} does not serve IMU {imu}; `isotherm status` lists those that it serves")]
+    NoSuchImu {
+        /// The IMU asked for.
+        imu: ImuId,
+        /// The domain.
+        domain: String,
+    },
+    /// Another process is this IMU's acquisition.
+    #[error("IMU {imu} already has an acquisition process{}; stop that one first", pid.map(|pid| format!(", pid {pid}")).unwrap_or_default())]
+    Occupied {
+        /// The IMU asked for.
+        imu: ImuId,
+        /// The other process.
+        pid: Option<i32>,
+    },
+    /// The stream has no room for another reader.
+    #[error("IMU {0}: all reader places are taken; stop one of the readers")]
+    NoRoom(ImuId),
+    /// The domain belongs to another user.
+    #[error("domain {domain:?} belongs to another user ({root} or its shared memory cannot be opened); run as the service's user")]
+    Permission {
+        /// The domain.
+        domain: String,
+        /// Its folder.
+        root: String,
+    },
+    /// The domain cannot be used.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// Anything else that the transport says.
+    #[error("transport: {phase}: {cause}; {remedy}", remedy = "if it persists, stop all processes of the domain and start the service anew")]
+    Transport {
+        /// What was being done.
+        phase: &'static str,
+        /// What iceoryx2 says.
+        cause: String,
+    },
+}
+
+impl ConnectError {
+    pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
+        Self::Transport { phase, cause: cause.to_string() }
+    }
+}
+
+/// Gives this process a place in `domain`, after sweeping away what others left half-created.
+///
+/// # Errors
+/// [`ConnectError::Permission`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
+pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
+    sweep_half_created(domain);
+    let config = domain.config()?;
+    let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
+    node.create().map_err(|error| match error {
+        NodeCreationFailure::InsufficientPermissions => permission(domain),
+        other => ConnectError::transport("creating a node", format!("{other:?}")),
+    })
+}
+
+pub(crate) fn permission(domain: &Domain) -> ConnectError {
+    ConnectError::Permission { domain: domain.name().to_owned(), root: domain.root_path().to_owned() }
+}
+
+/// Removes shared memory objects of `domain` that a process created and died before giving them a size.
+///
+/// Such an object stays at mode 0200 for ever, and the transport waits for it without bound. One counts as left behind
+/// when it is older than twice the transport's creation time-out; for younger ones this waits that long.
+pub fn sweep_half_created(domain: &Domain) {
+    let limit = 2 * CREATION_TIMEOUT;
+    let started = Instant::now();
+    loop {
+        let mut waiting = false;
+        for (path, age) in in_mode("/dev/shm", &domain.prefix(), 0o200) {
+            // An age from a clock that was stepped says nothing; having watched it for the limit does.
+            if age.is_some_and(|age| age > limit) || started.elapsed() > limit {
+                let _ = fs::remove_file(path);
+            } else {
+                waiting = true;
+            }
+        }
+        if !waiting {
+            return;
+        }
+        thread::sleep(RETRY);
+    }
+}
+
+/// The files of `folder` with `prefix` whose permissions are exactly `mode`, with their ages.
+pub fn in_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(std::path::PathBuf, Option<Duration>)> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let ours = entries.filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()));
+    ours.filter_map(|entry| {
+        let metadata = entry.metadata().ok()?;
+        let age = metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok());
+        (metadata.permissions().mode() & 0o777 == mode).then(|| (entry.path(), age))
+    })
+    .collect()
+}
+
+/// Tries until it works, the error is final, or the deadline has passed.
+pub(crate) fn until<T>(
+    deadline: Instant,
+    mut attempt: impl FnMut() -> Result<T, ConnectError>,
+) -> Result<T, ConnectError> {
+    let mut unserved_since = None;
+    loop {
+        let error = match attempt() {
+            Ok(value) => return Ok(value),
+            Err(error) => error,
+        };
+        let now = Instant::now();
+        let hopeless = match error {
+            ConnectError::Permission { .. } | ConnectError::Domain(_) => true,
+            ConnectError::NoSuchImu { .. } => now.duration_since(*unserved_since.get_or_insert(now)) > PATIENCE,
+            _ => {
+                unserved_since = None;
+                false
+            }
+        };
+        if hopeless || now >= deadline {
+            return Err(error);
+        }
+        thread::sleep(RETRY);
+    }
+}
+
+/// What it means that a stream of `imu` does not exist.
+pub(crate) fn absent(node: &IpcNode, domain: &Domain, imu: &ImuId) -> ConnectError {
+    let serving = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
+    match serving {
+        Ok(status) if publisher_of(&status).is_some() => {
+            ConnectError::NoSuchImu { imu: imu.clone(), domain: domain.name().to_owned() }
+        }
+        _ => ConnectError::NoService(domain.name().to_owned()),
+    }
+}

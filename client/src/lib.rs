@@ -1,0 +1,57 @@
+//! The client library of Isotherm.
+//!
+//! A complete acquisition program:
+//!
+//! ```no_run
+//! use isotherm_client::{Acquisition, ImuId, Options};
+//! use std::time::Duration;
+//!
+//! # fn latch_pulses_and_temperatures() -> Option<([u32; 3], [u32; 3], [f64; 3], [f64; 3], u64)> { None }
+//! fn main() -> Result<(), Box<dyn std::error::Error>> {
+//!     let imu: ImuId = "imu-a".parse()?;
+//!     // Waits up to 5 s for the service, in the domain that ISOTHERM_DOMAIN names.
+//!     let mut acquisition = Acquisition::connect(&imu, &Options::from_environment()?)?;
+//!
+//!     // Your hardware's gate: counts latched with the interval's edge.
+//!     while let Some((positive, negative, head, board, timestamp_ns)) = latch_pulses_and_temperatures() {
+//!         let mut raw = acquisition.loan()?;            // lies in shared memory; nothing is copied from here on
+//!         raw.timestamp_ns = timestamp_ns;              // end of the period, your clock
+//!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
+//!         raw.positive_pulses = positive;
+//!         raw.negative_pulses = negative;
+//!         raw.head_temperature = head;                  // in the table's unit
+//!         raw.board_temperature = board;
+//!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
+//!         println!("{:?} m/s, flags {:#x}", increment.velocity_increment, increment.flags);
+//!     }
+//!     Ok(())
+//! }
+//! ```
+//!
+//! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
+//!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
+//! * [`IncrementReader`] is for everybody else: navigation, loggers.
+//!
+//! # Guarantees
+//! * Sending and receiving make no system call and take no lock while service and readers stay the same; the transport
+//!   allocates once a sample, after it has been sent.
+//! * Nothing is lost in silence: at most [`Acquisition::depth`] samples are unanswered at once, the next is handed back
+//!   ([`SendError::Full`]) and may wait, be dropped, or be summed with its successor ([`RawSample::merge`]).
+//! * A service that dies and returns is sent again what it had not answered; each answer is handed out once, in order.
+//!
+//! Service and clients must run as the same user and meet in one [`Domain`]. An application that itself depends on
+//! `iceoryx2` must leave that crate's `console` feature off.
+
+mod acquisition;
+mod connect;
+mod increments;
+mod once;
+mod pending;
+
+pub use acquisition::{Acquisition, CompensateError, Loan, SendError, TransportError, publisher_of};
+pub use connect::{
+    ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, domain, in_mode, join, monotonic_ns, sweep_half_created,
+};
+pub use increments::IncrementReader;
+pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
+pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};

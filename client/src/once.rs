@@ -1,0 +1,120 @@
+//! Which increments have been handed out already.
+
+use std::collections::VecDeque;
+
+/// How far back within a session a repeat is recognised; more than can ever be in flight.
+const WINDOW: u64 = 1024;
+const WORDS: usize = (WINDOW / 64) as usize;
+/// Sessions remembered: the running acquisition's and its predecessors', whose last samples may still be on their way.
+const SESSIONS: usize = 4;
+
+/// Remembers (session, sequence) pairs. Pure bookkeeping, bounded, no allocation while running.
+#[derive(Debug)]
+pub(crate) struct Once {
+    sessions: VecDeque<Session>,
+}
+
+#[derive(Debug)]
+struct Session {
+    id: u64,
+    highest: u64,
+    /// Bit `sequence % WINDOW` for the sequences (highest - WINDOW, highest].
+    seen: [u64; WORDS],
+}
+
+impl Once {
+    pub(crate) fn new() -> Self {
+        Self { sessions: VecDeque::with_capacity(SESSIONS) }
+    }
+
+    /// Whether the pair comes for the first time. One further back than the window counts as known.
+    pub(crate) fn first_time(&mut self, session: u64, sequence: u64) -> bool {
+        if let Some(known) = self.sessions.iter_mut().find(|known| known.id == session) {
+            return known.first_time(sequence);
+        }
+        if self.sessions.len() == SESSIONS {
+            self.sessions.pop_front();
+        }
+        let mut new = Session { id: session, highest: sequence, seen: [0; WORDS] };
+        new.mark(sequence);
+        self.sessions.push_back(new);
+        true
+    }
+}
+
+impl Session {
+    fn first_time(&mut self, sequence: u64) -> bool {
+        if sequence > self.highest {
+            // What the window moves over has not been seen.
+            let moved = (sequence - self.highest).min(WINDOW);
+            for step in 0..moved {
+                let place = sequence.wrapping_sub(step) % WINDOW;
+                self.seen[(place / 64) as usize] &= !(1 << (place % 64));
+            }
+            self.highest = sequence;
+        } else if self.highest - sequence >= WINDOW || self.is_marked(sequence) {
+            return false;
+        }
+        self.mark(sequence);
+        true
+    }
+
+    fn mark(&mut self, sequence: u64) {
+        let place = sequence % WINDOW;
+        self.seen[(place / 64) as usize] |= 1 << (place % 64);
+    }
+
+    fn is_marked(&self, sequence: u64) -> bool {
+        let place = sequence % WINDOW;
+        self.seen[(place / 64) as usize] & (1 << (place % 64)) != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn sessions_are_independent_and_the_oldest_is_forgotten() {
+        let mut once = Once::new();
+        for session in 0..5 {
+            assert!(once.first_time(session, 1));
+            assert!(!once.first_time(session, 1));
+        }
+        assert!(!once.first_time(1, 1));
+        assert!(once.first_time(0, 1), "session 0 was pushed out by the fifth");
+    }
+
+    #[test]
+    fn far_back_counts_as_known() {
+        let mut once = Once::new();
+        assert!(once.first_time(1, 5000));
+        assert!(once.first_time(1, 5000 - 1023));
+        assert!(!once.first_time(1, 5000 - 1024));
+        assert!(once.first_time(1, u64::MAX));
+        assert!(once.first_time(1, u64::MAX - 1));
+        assert!(!once.first_time(1, u64::MAX));
+    }
+
+    proptest! {
+        #[test]
+        fn within_the_window_it_is_a_set(sequences in prop::collection::vec(0u64..1024, 0..500)) {
+            let (mut once, mut seen) = (Once::new(), BTreeSet::new());
+            for sequence in sequences {
+                prop_assert_eq!(once.first_time(9, sequence), seen.insert(sequence));
+            }
+        }
+
+        #[test]
+        fn in_rising_order_all_are_new(steps in prop::collection::vec(1u64..3000, 1..300)) {
+            let (mut once, mut sequence) = (Once::new(), 0);
+            for step in steps {
+                sequence += step;
+                prop_assert!(once.first_time(9, sequence));
+                prop_assert!(!once.first_time(9, sequence));
+            }
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! What an acquisition has sent and not handed back to its user yet. Bounded; never allocates after construction.
+
+use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use std::collections::VecDeque;
+
+/// Samples in the order of their sequence, each with its answer once that has come.
+#[derive(Debug)]
+pub(crate) struct Pending {
+    entries: VecDeque<(RawSample, Option<CompensatedIncrement>)>,
+    depth: usize,
+}
+
+impl Pending {
+    pub(crate) fn new(depth: usize) -> Self {
+        Self { entries: VecDeque::with_capacity(depth), depth }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    pub(crate) fn depth(&self) -> usize {
+        self.depth
+    }
+
+    pub(crate) fn is_full(&self) -> bool {
+        self.entries.len() >= self.depth
+    }
+
+    /// Keeps a copy of a sample whose sequence is above all that are kept; the caller has checked [`is_full`](Self::is_full).
+    pub(crate) fn push(&mut self, sample: RawSample) {
+        self.entries.push_back((sample, None));
+    }
+
+    /// Drops the newest sample, which could not be sent.
+    pub(crate) fn pop_newest(&mut self) {
+        self.entries.pop_back();
+    }
+
+    /// Takes an answer; repeated and unknown ones are ignored.
+    pub(crate) fn accept(&mut self, answer: &CompensatedIncrement) {
+        let place = match self.entries.front() {
+            Some((oldest, _)) if oldest.sequence == answer.sequence => Ok(0),
+            _ => self.entries.binary_search_by_key(&answer.sequence, |(sample, _)| sample.sequence),
+        };
+        if let Some((_, slot)) = place.ok().and_then(|place| self.entries.get_mut(place))
+            && slot.is_none()
+        {
+            *slot = Some(*answer);
+        }
+    }
+
+    /// The oldest sample's answer, if it has come: answers leave in the order in which their samples were sent.
+    pub(crate) fn pop_answered(&mut self) -> Option<CompensatedIncrement> {
+        let answer = self.entries.front()?.1?;
+        self.entries.pop_front();
+        Some(answer)
+    }
+
+    /// The samples that are still without an answer, oldest first.
+    pub(crate) fn unanswered(&self) -> impl Iterator<Item = &RawSample> {
+        self.entries.iter().filter(|(_, answer)| answer.is_none()).map(|(sample, _)| sample)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(sequence: u64) -> RawSample {
+        RawSample { sequence, ..RawSample::default() }
+    }
+
+    fn answer(sequence: u64) -> CompensatedIncrement {
+        CompensatedIncrement { sequence, ..CompensatedIncrement::default() }
+    }
+
+    #[test]
+    fn answers_leave_once_and_in_order() {
+        let mut pending = Pending::new(3);
+        for sequence in [10, 11, 20] {
+            assert!(!pending.is_full());
+            pending.push(sample(sequence));
+        }
+        assert!(pending.is_full());
+        for sequence in [20, 11, 11, 15, 9] {
+            pending.accept(&answer(sequence));
+            assert!(pending.pop_answered().is_none());
+        }
+        assert_eq!(pending.unanswered().map(|s| s.sequence).collect::<Vec<_>>(), [10]);
+        pending.accept(&answer(10));
+        let order: Vec<_> = std::iter::from_fn(|| pending.pop_answered()).map(|a| a.sequence).collect();
+        assert_eq!(order, [10, 11, 20]);
+        assert_eq!(pending.len(), 0);
+    }
+}

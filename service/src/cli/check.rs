@@ -1,0 +1,111 @@
+use super::written;
+use crate::config::Config;
+use crate::failure::{Exit, Failure};
+use crate::files::{Output, TableFileError, load_table, read_text};
+use clap::Args;
+use isotherm_shared::document::{Document, Fault, Faults};
+use isotherm_shared::table::{CoefficientTable, Seal};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Validate coefficient tables and service configurations with the code that loads them
+///
+/// What a file is, its content tells. All faults of all files are reported, each with line and key.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml")]
+pub struct Check {
+    /// Write a table's digest into it, so that a later change or a half-written copy is noticed
+    #[arg(long)]
+    seal: bool,
+    /// Tables and configurations
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+}
+
+/// What kinds of files there are.
+enum Kind {
+    Table,
+    Config,
+}
+
+impl Check {
+    pub fn run(self) -> Result<(), Failure> {
+        let mut failures = Vec::new();
+        for path in &self.files {
+            match check(path, self.seal) {
+                Ok(line) => written(None, writeln!(io::stdout(), "{}: {line}", path.display()))?,
+                Err(failure) => failures.push(failure),
+            }
+        }
+        // A wrong file weighs more than one that could not be read.
+        let worst = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8);
+        let messages: Vec<_> = failures.into_iter().map(|failure| failure.message).collect();
+        worst.map_or(Ok(()), |exit| Err(Failure::new(exit, messages.join("\n"))))
+    }
+}
+
+fn check(path: &Path, seal: bool) -> Result<String, Failure> {
+    let (text, _) = read_text(path)?;
+    let refuse = |faults| Failure::from(TableFileError::Refused { path: path.to_owned(), faults });
+    match kind(&text).map_err(refuse)? {
+        Kind::Table => {
+            let policy = if seal { Seal::Renewed } else { Seal::Checked };
+            let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
+            let sealed = if seal {
+                write_digest(path, &text, &table)?;
+                "sealed"
+            } else if Document::parse(&text).is_ok_and(|document| document.has("digest")) {
+                "seal intact"
+            } else {
+                "not sealed"
+            };
+            Ok(format!("table of {}, {}, {sealed}", table.content().imu, table.digest()))
+        }
+        Kind::Config if seal => {
+            Err(Failure::new(Exit::Config, format!("{}: a service configuration; only tables are sealed", path.display())))
+        }
+        Kind::Config => {
+            let config = Config::load(path)?;
+            let mut failures = Vec::new();
+            for imu in &config.imus {
+                if let Err(error) = load_table(&imu.table, Some(&imu.id)) {
+                    failures.push(Failure::from(error));
+                }
+            }
+            let Some(worst) = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8) else {
+                return Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()));
+            };
+            let messages: Vec<_> = failures.into_iter().map(|failure| failure.message).collect();
+            Err(Failure::new(worst, messages.join("\n")))
+        }
+    }
+}
+
+/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`.
+fn kind(text: &str) -> Result<Kind, Faults> {
+    let document = Document::parse(text)?;
+    let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
+    if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
+        Ok(Kind::Config)
+    } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
+        Ok(Kind::Table)
+    } else {
+        let message = "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]]";
+        Err(Faults(vec![Fault { line: 1, key: String::new(), message: message.to_owned() }]))
+    }
+}
+
+/// Sets `digest` and leaves everything else as the user wrote it.
+fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(), Failure> {
+    let document = text.parse::<toml_edit::DocumentMut>();
+    let mut document = document.map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
+    document.insert("digest", toml_edit::value(table.digest().to_string()));
+    let sealed = document.to_string();
+    // Read back before anything is replaced: the result must be the same table, with a seal that holds.
+    if CoefficientTable::from_toml(&sealed, None).as_ref() != Ok(table) {
+        return Err(Failure::new(Exit::Failed, format!("{}: could not be sealed as it is laid out; put digest below format by hand", path.display())));
+    }
+    let mut output = Output::create(Some(path)).map_err(|error| Failure::io("writing", path, &error))?;
+    let result = output.write_all(sealed.as_bytes()).and_then(|()| output.finish());
+    result.map_err(|error| Failure::io("writing", path, &error))
+}

@@ -1,0 +1,173 @@
+use super::{options, seconds, written};
+use crate::failure::{Exit, Failure};
+use crate::files::{Output, open_recording};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use isotherm_client::{Acquisition, Domain, ImuId, Loan, RawSample, SendError};
+use isotherm_shared::recording::{IncrementWriter, RawReader};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Send a recording through the running service, as an acquisition process does
+///
+/// Survives a service that dies and returns: what was unanswered is sent again, and each increment is written once, in
+/// order.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv")]
+pub struct Feed {
+    /// The IMU whose acquisition this is
+    #[arg(long, value_name = "ID")]
+    imu: ImuId,
+    /// Recording of raw samples (CSV); - is stdin
+    #[arg(value_name = "RAW.csv")]
+    recording: PathBuf,
+    /// Where the increments go (CSV); - is stdout
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: Option<PathBuf>,
+    /// Samples per second; as fast as the service answers unless given
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
+    /// Most samples in flight; the depth of the service's queue unless given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    window: Option<u64>,
+    /// How long to wait for a service that is not there, or does not answer [s]
+    #[arg(long, value_name = "S", default_value = "15", value_parser = seconds)]
+    timeout: Duration,
+    /// Add a column with the delivery flags
+    #[arg(long)]
+    delivery: bool,
+}
+
+impl Feed {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        let path = self.output.as_deref();
+        let progress = progress(&self.recording, path.is_some());
+        let source = open_recording(&self.recording);
+        let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
+        let failed = |error| Failure::recording(&self.recording, &error);
+        let reader = RawReader::new(progress.wrap_read(source)).map_err(failed)?;
+        let acquisition = Acquisition::connect(&self.imu, &options(domain, self.timeout))?;
+        let sink = Output::create(path);
+        let writer = match sink.and_then(|sink| IncrementWriter::new(sink, self.delivery)) {
+            Ok(writer) => writer,
+            Err(error) => return written(path, Err(error)),
+        };
+        let window = self.window.map_or(acquisition.depth(), |window| acquisition.depth().min(window as usize));
+        let mut line = Line { acquisition, writer, window, timeout: self.timeout, heard: Instant::now() };
+        let (started, mut session, mut count) = (Instant::now(), None, 0u32);
+        let result = (|| {
+            for sample in reader {
+                let sample = sample.map_err(failed)?;
+                if session.is_some_and(|session| session != sample.session) {
+                    line.drain()?;
+                    line.acquisition.begin_session();
+                }
+                session = Some(sample.session);
+                if let Some(rate) = self.rate {
+                    line.receive_until(started + Duration::from_secs_f64(f64::from(count) / rate))?;
+                }
+                line.send(&sample)?;
+                count += 1;
+            }
+            line.drain()
+        })();
+        progress.finish_and_clear();
+        match result {
+            Ok(()) => written(path, line.writer.finish().and_then(Output::finish)),
+            Err(Interrupted::Failed(failure)) => Err(failure),
+            Err(Interrupted::Write(error)) => written(path, Err(error)),
+        }
+    }
+}
+
+/// Why feeding ends early.
+enum Interrupted {
+    Failed(Failure),
+    Write(std::io::Error),
+}
+
+impl<T: Into<Failure>> From<T> for Interrupted {
+    fn from(error: T) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+/// The acquisition with what comes out of it.
+struct Line {
+    acquisition: Acquisition,
+    writer: IncrementWriter<Output>,
+    window: usize,
+    timeout: Duration,
+    heard: Instant,
+}
+
+impl Line {
+    fn send(&mut self, sample: &RawSample) -> Result<(), Interrupted> {
+        self.receive_while(|line| line.acquisition.in_flight() >= line.window)?;
+        let mut loan: Loan = self.acquisition.loan()?;
+        let session = loan.session;
+        *loan = RawSample { session, sent_ns: 0, ..*sample };
+        if self.acquisition.in_flight() == 0 {
+            self.heard = Instant::now();
+        }
+        match self.acquisition.send(loan) {
+            Ok(()) => Ok(()),
+            Err(error @ (SendError::Full(_) | SendError::Sequence(_) | SendError::Transport(_))) => {
+                Err(Failure::new(Exit::Failed, format!("sending sample {}: {error}", sample.sequence)).into())
+            }
+        }
+    }
+
+    fn drain(&mut self) -> Result<(), Interrupted> {
+        self.receive_while(|line| line.acquisition.in_flight() > 0)
+    }
+
+    fn receive_until(&mut self, due: Instant) -> Result<(), Interrupted> {
+        loop {
+            let left = due.saturating_duration_since(Instant::now());
+            if !self.receive(left)? && left.is_zero() {
+                return Ok(());
+            }
+        }
+    }
+
+    fn receive_while(&mut self, condition: impl Fn(&Self) -> bool) -> Result<(), Interrupted> {
+        while condition(self) {
+            if !self.receive(Duration::from_millis(50))? && self.heard.elapsed() > self.timeout {
+                let message = format!(
+                    "no answer from the service for {} s, {} samples unanswered; start it again, or give it longer with --timeout",
+                    self.timeout.as_secs_f64(),
+                    self.acquisition.in_flight()
+                );
+                return Err(Failure::new(Exit::Unavailable, message).into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the next increment, waiting up to `timeout` for it. Whether one came.
+    fn receive(&mut self, timeout: Duration) -> Result<bool, Interrupted> {
+        let Some(increment) = self.acquisition.receive_timeout(timeout)? else { return Ok(false) };
+        self.heard = Instant::now();
+        self.writer.write(&increment).map_err(Interrupted::Write)?;
+        Ok(true)
+    }
+}
+
+/// A bar over the recording's bytes, on a terminal that the increments do not go to.
+fn progress(recording: &std::path::Path, to_file: bool) -> ProgressBar {
+    let size = std::fs::metadata(recording).ok().filter(std::fs::Metadata::is_file).map(|metadata| metadata.len());
+    match size {
+        // Draws on stderr, and only if that is a terminal.
+        Some(size) if to_file => {
+            let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} elapsed, {eta} left");
+            ProgressBar::new(size).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        }
+        _ => ProgressBar::hidden(),
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text.parse().map_err(|_| "give a number of samples per second".to_owned())?;
+    if rate > 0.0 && rate <= 1e6 { Ok(rate) } else { Err("give a rate over 0 and up to 1000000 Hz".to_owned()) }
+}

@@ -1,0 +1,67 @@
+use super::{options, written};
+use crate::failure::{Exit, Failure};
+use crate::status::{ImuStatus, Status as Document, fetch};
+use clap::Args;
+use isotherm_client::Domain;
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::time::Duration;
+
+/// Show the running service: per IMU counts, flags, latency, table in force
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm status\n  isotherm status --json | jq '.imus[] | {id, received, gaps}'")]
+pub struct Status {
+    /// Print one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+impl Status {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        let status = fetch(&options(domain, Duration::ZERO))?;
+        let text = if self.json {
+            let text = serde_json::to_string_pretty(&status);
+            text.map_err(|error| Failure::new(Exit::Failed, format!("writing JSON: {error}")))? + "\n"
+        } else {
+            describe(&status)
+        };
+        written(None, io::stdout().write_all(text.as_bytes()))
+    }
+}
+
+fn describe(status: &Document) -> String {
+    let mut text = format!(
+        "isotherm {} in domain {}, pid {}, up {:.0} s, waiting: {}, latency budget {} us\n",
+        status.version, status.domain.name, status.pid, status.uptime_s, status.wait, status.budget_us
+    );
+    for imu in &status.imus {
+        // Writing to a String cannot fail.
+        let _ = describe_imu(&mut text, imu);
+    }
+    text
+}
+
+fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+    let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
+    writeln!(text, "\n{}", imu.id)?;
+    writeln!(text, "  table        {} ({}), {} reloads", imu.table.as_deref().unwrap_or("none"), imu.table_file, imu.reloads)?;
+    if let Some(error) = &imu.last_reload_error {
+        writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
+    }
+    writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
+    writeln!(
+        text,
+        "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",
+        imu.received, imu.compensated, imu.missing, imu.gaps, imu.repeats
+    )?;
+    let flagged: Vec<_> = imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+    writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;
+    match &imu.latency_ns {
+        Some(latency) => {
+            let us = |ns: u64| ns as f64 / 1e3;
+            let (p50, p99, p999, max) = (us(latency.p50), us(latency.p99), us(latency.p999), us(latency.max));
+            writeln!(text, "  latency      p50 {p50:.2} us, p99 {p99:.2} us, p99.9 {p999:.2} us, max {max:.2} us")
+        }
+        None => writeln!(text, "  latency      no samples yet"),
+    }
+}

@@ -1,0 +1,233 @@
+//! The service's configuration: a file, the command line, or both.
+
+use crate::files::{TableFileError, read_text};
+use isotherm_shared::document::{Document, Faults, Section};
+use isotherm_shared::stream::ImuId;
+use std::collections::BTreeSet;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// Most IMUs of one service.
+pub const MAX_IMUS: usize = 32;
+
+/// How the worker waits for samples.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum Strategy {
+    /// Never sleeps: the lowest latency, a whole core.
+    Spin,
+    /// Sleeps until shortly before the next sample is due, then spins.
+    #[default]
+    Anticipate,
+    /// Sleeps until it is woken: the least processor time, the latency of a wake-up.
+    Block,
+}
+
+impl Strategy {
+    /// Every strategy with the name that configurations use.
+    pub const NAMES: [(Self, &'static str); 3] =
+        [(Self::Spin, "spin"), (Self::Anticipate, "anticipate"), (Self::Block, "block")];
+
+    /// The name that configurations use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Spin => "spin",
+            Self::Anticipate => "anticipate",
+            Self::Block => "block",
+        }
+    }
+}
+
+/// One IMU and its table's file.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Imu {
+    /// The IMU.
+    pub id: ImuId,
+    /// Watched and reloaded.
+    pub table: PathBuf,
+}
+
+/// A checked configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// One to [`MAX_IMUS`], each once.
+    pub imus: Vec<Imu>,
+    /// How the worker waits.
+    pub strategy: Strategy,
+    /// Increments that take longer are flagged late \[us\].
+    pub budget_us: f64,
+    /// Real-time settings of the worker.
+    pub realtime: Realtime,
+    /// Where metrics are served, if at all.
+    pub metrics: Option<SocketAddr>,
+}
+
+/// Real-time settings, all off by default.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct Realtime {
+    /// The core that the worker is bound to.
+    pub core: Option<usize>,
+    /// `SCHED_FIFO` priority, 1 to 99.
+    pub priority: Option<i32>,
+    /// Keeps all memory of the process resident.
+    pub lock_memory: bool,
+}
+
+/// The default of `latency.budget_us`.
+pub const BUDGET_US: f64 = 50.0;
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            imus: Vec::new(),
+            strategy: Strategy::default(),
+            budget_us: BUDGET_US,
+            realtime: Realtime::default(),
+            metrics: None,
+        }
+    }
+}
+
+impl Config {
+    /// Reads a configuration file. Paths in it are relative to its folder.
+    ///
+    /// # Errors
+    /// Everything that is wrong with the file.
+    pub fn load(path: &Path) -> Result<Self, TableFileError> {
+        let (text, _) = read_text(path)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::from_toml(&text, folder).map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })
+    }
+
+    /// Reads a configuration's text; `folder` is where its relative paths begin.
+    ///
+    /// # Errors
+    /// Everything that is wrong with it.
+    pub fn from_toml(text: &str, folder: &Path) -> Result<Self, Faults> {
+        let document = Document::parse(text)?;
+        let root = document.root();
+        let config = read(&root, folder);
+        root.finish();
+        document.finish(Some(config))
+    }
+}
+
+fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
+    let mut config = Config::default();
+    let sections = root.list("imu");
+    if sections.is_empty() || sections.len() > MAX_IMUS {
+        root.fault("imu", format!("{} of them; give one to {MAX_IMUS} [[imu]], each with id and table", sections.len()));
+    }
+    let mut known = BTreeSet::new();
+    for section in sections {
+        let id = section.string("id", "the IMU's name, 1 to 32 of a-z 0-9 - _").and_then(|name| {
+            let id = ImuId::new(name);
+            if id.is_none() {
+                section.fault("id", format!("is {name:?}, give 1 to 32 of a-z 0-9 - _"));
+            }
+            id
+        });
+        let table = section.string("table", "the path of the IMU's coefficient table");
+        if let Some(id) = &id
+            && !known.insert(id.clone())
+        {
+            section.fault("id", format!("{id} is there twice; give every IMU once"));
+        }
+        section.finish();
+        config.imus.extend(id.zip(table).map(|(id, table)| Imu { id, table: folder.join(table) }));
+    }
+    if let Some(wait) = root.optional_section("wait") {
+        config.strategy = wait.optional_choice("strategy", &Strategy::NAMES).unwrap_or_default();
+        wait.finish();
+    }
+    if let Some(latency) = root.optional_section("latency") {
+        if let Some(budget) = latency.optional_number("budget_us") {
+            if !(budget > 0.0 && budget <= 1e6) {
+                latency.fault("budget_us", format!("is {budget:?}, give microseconds over 0 and up to 1000000"));
+            }
+            config.budget_us = budget;
+        }
+        latency.finish();
+    }
+    if let Some(realtime) = root.optional_section("realtime") {
+        config.realtime = Realtime {
+            core: realtime.optional_integer("core", 0..=1023).map(|core| core as usize),
+            priority: realtime.optional_integer("priority", 1..=99).map(|priority| priority as i32),
+            lock_memory: realtime.optional_bool("lock_memory").unwrap_or_default(),
+        };
+        realtime.finish();
+    }
+    if let Some(metrics) = root.optional_section("metrics") {
+        if let Some(listen) = metrics.optional_string("listen") {
+            config.metrics = listen.parse().ok();
+            if config.metrics.is_none() {
+                metrics.fault("listen", format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464"));
+            }
+        }
+        metrics.finish();
+    }
+    config
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_every_key() {
+        let text = r#"
+            [[imu]]
+            id = "imu-a"
+            table = "tables/imu-a.toml"
+            [[imu]]
+            id = "imu-b"
+            table = "/absolute.toml"
+            [wait]
+            strategy = "block"
+            [latency]
+            budget_us = 25
+            [realtime]
+            core = 1
+            priority = 60
+            lock_memory = true
+            [metrics]
+            listen = "127.0.0.1:9464"
+        "#;
+        let config = Config::from_toml(text, Path::new("/etc/isotherm")).unwrap();
+        assert_eq!(config.imus[0].table, Path::new("/etc/isotherm/tables/imu-a.toml"));
+        assert_eq!(config.imus[1].table, Path::new("/absolute.toml"));
+        assert_eq!((config.strategy, config.budget_us), (Strategy::Block, 25.0));
+        assert_eq!(config.realtime, Realtime { core: Some(1), priority: Some(60), lock_memory: true });
+        assert_eq!(config.metrics.unwrap().port(), 9464);
+    }
+
+    #[test]
+    fn all_but_the_imus_has_a_default() {
+        let config = Config::from_toml("[[imu]]\nid = \"a\"\ntable = \"a.toml\"\n", Path::new("")).unwrap();
+        assert_eq!(config, Config { imus: config.imus.clone(), ..Config::default() });
+    }
+
+    #[test]
+    fn reports_everything_at_once() {
+        let text = "[[imu]]\nid = \"A\"\n[[imu]]\nid = \"b\"\ntable = 1\n[[imu]]\nid = \"b\"\ntable = \"x\"\n\
+                    [wait]\nstrategy = \"sleep\"\n[latency]\nbudget_us = 0\nbudget = 1\n\
+                    [realtime]\ncore = -1\npriority = 100\nlock_memory = 1\n[metrics]\nlisten = \"x\"\n[metrix]\n";
+        let faults = Config::from_toml(text, Path::new("")).unwrap_err();
+        let found: Vec<_> = faults.0.iter().map(|fault| (fault.line, fault.key.as_str())).collect();
+        let expected = [
+            (1, "imu.1.table"),
+            (2, "imu.1.id"),
+            (5, "imu.2.table"),
+            (7, "imu.3.id"),
+            (10, "wait.strategy"),
+            (12, "latency.budget_us"),
+            (13, "latency.budget"),
+            (15, "realtime.core"),
+            (16, "realtime.priority"),
+            (17, "realtime.lock_memory"),
+            (19, "metrics.listen"),
+            (20, "metrix"),
+        ];
+        assert_eq!(found, expected);
+        assert_eq!(Config::from_toml("", Path::new("")).unwrap_err().0.len(), 1);
+    }
+}

@@ -1,0 +1,164 @@
+//! Creating streams in spite of what a killed process may have left behind.
+//!
+//! Only the service creates streams. A process that is killed in the middle of creating one leaves it half-created, and
+//! the transport never clears that away by itself. What is older than twice the transport's creation time-out and still
+//! half-created is removed here; everything else is retried for a bounded time.
+
+use crate::failure::{Exit, Failure};
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
+use isotherm_client::in_mode;
+use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, IpcNode};
+use std::fs;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long creating one stream may take.
+const LIMIT: Duration = Duration::from_secs(3);
+/// How long a place that a dead process holds may take to be freed.
+const PLACE: Duration = Duration::from_millis(500);
+
+/// What stands in the way of creating something.
+pub enum Trouble {
+    /// A file of it has been half-created, by a process that is still at it or dead.
+    HalfCreated,
+    /// Other processes create or remove it just now, or died doing so.
+    InFlux,
+    /// Its one publisher's place is taken.
+    Taken,
+    /// It exists with other settings or another payload.
+    Foreign(String),
+    /// Anything else.
+    Other(String),
+}
+
+/// Tries until it works, nothing more can be done, or the time is over. `name` is for the operator.
+///
+/// # Errors
+/// What still stands in the way. `taken` says what it means that a publisher's place is taken for good.
+pub fn create<T>(
+    node: &IpcNode,
+    domain: &Domain,
+    name: &str,
+    taken: impl Fn() -> Failure,
+    mut attempt: impl FnMut() -> Result<T, Trouble>,
+) -> Result<T, Failure> {
+    let started = Instant::now();
+    loop {
+        let trouble = match attempt() {
+            Ok(value) => return Ok(value),
+            Err(trouble) => trouble,
+        };
+        let waited = started.elapsed();
+        match trouble {
+            Trouble::HalfCreated if waited < LIMIT => remove_half_created(domain),
+            Trouble::InFlux if waited < LIMIT => {
+                node.blocking_cleanup_dead_nodes(Duration::from_millis(100));
+            }
+            Trouble::Taken => {
+                let cleaned = node.try_cleanup_dead_nodes().cleanups > 0;
+                if !cleaned && waited > PLACE {
+                    return Err(taken());
+                }
+            }
+            Trouble::Foreign(cause) => {
+                return Err(Failure::new(
+                    Exit::Failed,
+                    format!("creating {name}: another process has created it with other settings ({cause}); stop all processes of domain {:?} and start the service first", domain.name()),
+                ));
+            }
+            Trouble::HalfCreated => return Err(failed(name, domain, "it stays half-created")),
+            Trouble::InFlux => return Err(failed(name, domain, "other processes keep changing it")),
+            Trouble::Other(cause) => return Err(failed(name, domain, &cause)),
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
+    let (root, prefix) = (domain.root_path(), domain.prefix());
+    Failure::new(
+        Exit::Failed,
+        format!("creating {name}: {cause}; if nothing of domain {:?} runs, remove {root} and /dev/shm/{prefix}* and start again", domain.name()),
+    )
+}
+
+/// Removes the files of services that are still not readable long after they were begun.
+fn remove_half_created(domain: &Domain) {
+    let folder = format!("{}/services", domain.root_path());
+    for (path, age) in in_mode(&folder, &domain.prefix(), 0o600) {
+        if age.is_none_or(|age| age > 2 * CREATION_TIMEOUT) {
+            tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+impl From<PublishSubscribeOpenOrCreateError> for Trouble {
+    fn from(error: PublishSubscribeOpenOrCreateError) -> Self {
+        use PublishSubscribeCreateError as Create;
+        use PublishSubscribeOpenError as Open;
+        use PublishSubscribeOpenOrCreateError as Either;
+        match error {
+            Either::PublishSubscribeOpenError(Open::HangsInCreation) | Either::PublishSubscribeCreateError(Create::HangsInCreation) => {
+                Self::HalfCreated
+            }
+            Either::SystemInFlux
+            | Either::PublishSubscribeOpenError(
+                Open::ServiceInCorruptedState | Open::IsMarkedForDestruction | Open::DoesNotExist,
+            )
+            | Either::PublishSubscribeCreateError(
+                Create::ServiceInCorruptedState | Create::AlreadyExists | Create::IsBeingCreatedByAnotherInstance,
+            ) => Self::InFlux,
+            Either::PublishSubscribeOpenError(
+                cause @ (Open::IncompatibleTypes
+                | Open::IncompatibleMessagingPattern
+                | Open::IncompatibleOverflowBehavior
+                | Open::DoesNotSupportRequestedMinBufferSize
+                | Open::DoesNotSupportRequestedMinHistorySize
+                | Open::DoesNotSupportRequestedMinSubscriberBorrowedSamples
+                | Open::DoesNotSupportRequestedAmountOfPublishers
+                | Open::DoesNotSupportRequestedAmountOfSubscribers
+                | Open::DoesNotSupportRequestedAmountOfNodes
+                | Open::VersionMismatch),
+            ) => Self::Foreign(format!("{cause:?}")),
+            other => Self::Other(other.to_string()),
+        }
+    }
+}
+
+impl From<EventOpenOrCreateError> for Trouble {
+    fn from(error: EventOpenOrCreateError) -> Self {
+        use EventCreateError as Create;
+        use EventOpenError as Open;
+        use EventOpenOrCreateError as Either;
+        match error {
+            Either::EventOpenError(Open::HangsInCreation) => Self::HalfCreated,
+            Either::SystemInFlux
+            | Either::EventOpenError(Open::ServiceInCorruptedState | Open::IsMarkedForDestruction | Open::DoesNotExist)
+            | Either::EventCreateError(
+                Create::ServiceInCorruptedState | Create::AlreadyExists | Create::IsBeingCreatedByAnotherInstance,
+            ) => Self::InFlux,
+            Either::EventOpenError(
+                cause @ (Open::IncompatibleMessagingPattern
+                | Open::DoesNotSupportRequestedAmountOfListeners
+                | Open::DoesNotSupportRequestedAmountOfNotifiers
+                | Open::DoesNotSupportRequestedAmountOfNodes
+                | Open::VersionMismatch),
+            ) => Self::Foreign(format!("{cause:?}")),
+            other => Self::Other(other.to_string()),
+        }
+    }
+}
+
+impl From<PublisherCreateError> for Trouble {
+    fn from(error: PublisherCreateError) -> Self {
+        match error {
+            PublisherCreateError::ExceedsMaxSupportedPublishers => Self::Taken,
+            other => Self::Other(other.to_string()),
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! Files: tables and configurations in, results out.
+
+use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::CoefficientTable;
+use std::fmt;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, BufWriter, Read as _, Write};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// Tells one state of a file from the next.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct Identity {
+    device: u64,
+    inode: u64,
+    size: u64,
+    modified: (i64, i64),
+    changed: (i64, i64),
+}
+
+impl Identity {
+    /// Of the file that `path` leads to, symbolic links followed; `None` if there is none.
+    pub fn of(path: &Path) -> Option<Self> {
+        fs::metadata(path).ok().map(|metadata| Self::from(&metadata))
+    }
+}
+
+impl From<&Metadata> for Identity {
+    fn from(metadata: &Metadata) -> Self {
+        Self {
+            device: metadata.dev(),
+            inode: metadata.ino(),
+            size: metadata.size(),
+            modified: (metadata.mtime(), metadata.mtime_nsec()),
+            changed: (metadata.ctime(), metadata.ctime_nsec()),
+        }
+    }
+}
+
+/// Why a table or configuration could not be loaded.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub enum TableFileError {
+    /// It could not be read.
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        cause: String,
+    },
+    /// It is not a valid file of its kind.
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// All that is wrong with it.
+        faults: Faults,
+    },
+}
+
+/// One line a fault: `file:line: key: message`.
+impl fmt::Display for TableFileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io { path, cause } => write!(f, "reading {}: {cause}", path.display()),
+            Self::Refused { path, faults } => {
+                for (index, Fault { line, key, message }) in faults.0.iter().enumerate() {
+                    let (newline, colon) = (if index > 0 { "\n" } else { "" }, if key.is_empty() { "" } else { ": " });
+                    write!(f, "{newline}{}:{line}: {key}{colon}{message}", path.display())?;
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// The text of a table or configuration with the state of the file that it was read from.
+///
+/// # Errors
+/// If it cannot be read, is no regular file, over 1 MiB, not UTF-8, or changes while it is read.
+pub fn read_text(path: &Path) -> Result<(String, Identity), TableFileError> {
+    let io = |error: io::Error| TableFileError::Io { path: path.to_owned(), cause: error.to_string() };
+    let refused = |line, message: String| TableFileError::Refused {
+        path: path.to_owned(),
+        faults: Faults(vec![Fault { line, key: String::new(), message }]),
+    };
+    // Not blocking, so that a pipe in a table's place cannot hold anybody up.
+    let mut file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path).map_err(io)?;
+    let before = file.metadata().map_err(io)?;
+    if !before.is_file() {
+        return Err(refused(1, "not a regular file".to_owned()));
+    }
+    let mut bytes = Vec::new();
+    (&mut file).take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(refused(1, format!("over {MAX_BYTES} bytes; no table or configuration is that large")));
+    }
+    let identity = Identity::from(&before);
+    if identity != Identity::from(&file.metadata().map_err(io)?) {
+        return Err(refused(1, "changed while it was read; write it aside and rename it".to_owned()));
+    }
+    match String::from_utf8(bytes) {
+        Ok(text) => Ok((text, identity)),
+        Err(error) => {
+            let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+            let line = 1 + valid.iter().filter(|&&byte| byte == b'\n').count();
+            Err(refused(line, "not UTF-8; save it as UTF-8 text".to_owned()))
+        }
+    }
+}
+
+/// Loads a coefficient table; with `expected`, one for another IMU is refused.
+///
+/// # Errors
+/// Everything that is wrong with the file.
+pub fn load_table(path: &Path, expected: Option<&ImuId>) -> Result<(CoefficientTable, Identity), TableFileError> {
+    let (text, identity) = read_text(path)?;
+    let table = CoefficientTable::from_toml(&text, expected);
+    let table = table.map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })?;
+    Ok((table, identity))
+}
+
+/// Where a command writes its data: aside and renamed for regular files, straight for stdout, pipes and devices.
+pub enum Output {
+    /// Becomes `path` when it is complete.
+    Aside(BufWriter<NamedTempFile>, PathBuf),
+    /// As it is.
+    Straight(BufWriter<Box<dyn Write>>),
+}
+
+impl Output {
+    /// `None` or `-` is stdout.
+    ///
+    /// # Errors
+    /// If the file cannot be created.
+    pub fn create(path: Option<&Path>) -> io::Result<Self> {
+        let Some(path) = path.filter(|path| *path != Path::new("-")) else {
+            return Ok(Self::Straight(BufWriter::new(Box::new(io::stdout()))));
+        };
+        match fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() => Err(io::Error::from(io::ErrorKind::IsADirectory)),
+            Ok(metadata) if !metadata.is_file() => {
+                let direct = OpenOptions::new().write(true).open(path)?;
+                Ok(Self::Straight(BufWriter::new(Box::new(direct))))
+            }
+            existing => {
+                // Through a symbolic link it is the link's target that is replaced.
+                let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+                let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
+                let mut aside = tempfile::Builder::new();
+                aside.prefix(".isotherm-").permissions(permissions(existing.ok().as_ref()));
+                let aside = aside.tempfile_in(folder.unwrap_or(Path::new(".")))?;
+                Ok(Self::Aside(BufWriter::new(aside), target))
+            }
+        }
+    }
+
+    /// Makes the data visible and lasting.
+    ///
+    /// # Errors
+    /// If the last bytes cannot be written or the file not renamed; the old file is then whole.
+    pub fn finish(self) -> io::Result<()> {
+        match self {
+            Self::Aside(writer, path) => {
+                let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
+                file.as_file().sync_all()?;
+                file.persist(&path).map_err(|error| error.error)?;
+                Ok(())
+            }
+            Self::Straight(mut writer) => writer.flush(),
+        }
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Aside(writer, _) => writer.write(buffer),
+            Self::Straight(writer) => writer.write(buffer),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Aside(writer, _) => writer.flush(),
+            Self::Straight(writer) => writer.flush(),
+        }
+    }
+}
+
+/// Those of the file that is replaced, else the usual ones; the process's umask still applies.
+fn permissions(existing: Option<&Metadata>) -> fs::Permissions {
+    use std::os::unix::fs::PermissionsExt as _;
+    existing.map_or_else(|| fs::Permissions::from_mode(0o666), Metadata::permissions)
+}
+
+/// A recording to read; `-` is stdin.
+///
+/// # Errors
+/// If it cannot be opened.
+pub fn open_recording(path: &Path) -> io::Result<Box<dyn io::Read>> {
+    if path == Path::new("-") {
+        return Ok(Box::new(io::stdin()));
+    }
+    let file = File::open(path)?;
+    if file.metadata()?.is_dir() {
+        return Err(io::Error::from(io::ErrorKind::IsADirectory));
+    }
+    Ok(Box::new(file))
+}

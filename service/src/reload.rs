@@ -1,0 +1,173 @@
+//! Watching table files and deciding when one is to be loaded.
+//!
+//! The folder of each table is watched, which sees a file renamed over it, written in place, removed and created again,
+//! or a symbolic link switched; a look at the file every [`TICK`] sees the rest (a folder further up exchanged, a link's
+//! target written, a file system that does not notify). A file that was renamed or closed is loaded at once; one that is
+//! just seen to differ must have stayed the same for [`SETTLE`] first, since its writer may not be done.
+
+use crate::files::{Identity, TableFileError, load_table};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::CoefficientTable;
+use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
+use notify::{Event, RecommendedWatcher, RecursiveMode, Watcher as _};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How often every table file is looked at.
+pub const TICK: Duration = Duration::from_millis(50);
+/// How long a file that was not closed or renamed must stay the same.
+pub const SETTLE: Duration = Duration::from_millis(150);
+/// How long a file may be away before that is reported.
+pub const ABSENCE: Duration = Duration::from_secs(1);
+
+/// What an event says about the files of a folder.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Hint {
+    /// One was renamed or closed: it is complete.
+    Complete,
+    /// Something happens.
+    Changing,
+}
+
+/// Watches the folders of `paths` and tells `on_hint` of what happens there.
+///
+/// # Errors
+/// Why a folder cannot be watched; the look every [`TICK`] still works.
+pub fn watch(paths: &[PathBuf], on_hint: impl Fn(Hint) + Send + 'static) -> Result<RecommendedWatcher, String> {
+    let handler = move |event: notify::Result<Event>| {
+        let hint = match event.map(|event| event.kind) {
+            Ok(EventKind::Access(AccessKind::Close(AccessMode::Write)) | EventKind::Modify(ModifyKind::Name(_))) => {
+                Hint::Complete
+            }
+            Ok(EventKind::Access(_)) => return,
+            Ok(_) | Err(_) => Hint::Changing,
+        };
+        on_hint(hint);
+    };
+    let mut watcher = notify::recommended_watcher(handler).map_err(|error| error.to_string())?;
+    let folder = |path: &PathBuf| match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    for folder in paths.iter().map(folder).collect::<BTreeSet<_>>() {
+        let watched = watcher.watch(&folder, RecursiveMode::NonRecursive);
+        watched.map_err(|error| format!("{}: {error}", folder.display()))?;
+    }
+    Ok(watcher)
+}
+
+/// The file of one IMU's table.
+#[derive(Debug)]
+pub struct TableFile {
+    imu: ImuId,
+    path: PathBuf,
+    /// The state that was loaded or refused last.
+    seen: Option<Identity>,
+    /// A new state and since when it has been seen.
+    candidate: Option<(Option<Identity>, Instant)>,
+}
+
+/// What a look at a file found.
+#[derive(Debug)]
+pub enum Look {
+    /// Nothing new, or not yet complete.
+    Unchanged,
+    /// A valid table.
+    Loaded(Box<CoefficientTable>),
+    /// Something that is no table for this IMU, or nothing.
+    Refused(TableFileError),
+}
+
+impl TableFile {
+    /// The file of `imu`'s table, not looked at yet.
+    pub const fn new(imu: ImuId, path: PathBuf) -> Self {
+        Self { imu, path, seen: None, candidate: None }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Loads the file as it is.
+    pub fn load(&mut self) -> Look {
+        self.candidate = None;
+        self.seen = Identity::of(&self.path);
+        match load_table(&self.path, Some(&self.imu)) {
+            Ok((table, identity)) => {
+                self.seen = Some(identity);
+                Look::Loaded(Box::new(table))
+            }
+            Err(error) => Look::Refused(error),
+        }
+    }
+
+    /// Looks whether the file has changed, and loads it if it has and is complete.
+    pub fn look(&mut self, hint: Hint, now: Instant) -> Look {
+        let current = Identity::of(&self.path);
+        if current == self.seen {
+            self.candidate = None;
+            return Look::Unchanged;
+        }
+        let since = match self.candidate {
+            Some((candidate, since)) if candidate == current => since,
+            _ => now,
+        };
+        self.candidate = Some((current, since));
+        let patience = match current {
+            None => ABSENCE,
+            Some(_) if hint == Hint::Complete => Duration::ZERO,
+            Some(_) => SETTLE,
+        };
+        if now.duration_since(since) < patience { Look::Unchanged } else { self.load() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
+
+    fn file(folder: &tempfile::TempDir) -> TableFile {
+        let path = folder.path().join("imu-a.toml");
+        fs::write(&path, TABLE).unwrap();
+        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path);
+        assert!(matches!(file.load(), Look::Loaded(_)));
+        file
+    }
+
+    #[test]
+    fn a_change_without_a_close_must_settle() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = file(&folder);
+        let start = Instant::now();
+        assert!(matches!(file.look(Hint::Complete, start), Look::Unchanged));
+        fs::write(file.path(), TABLE.replace("9.8015", "9.8016")).unwrap();
+        assert!(matches!(file.look(Hint::Changing, start), Look::Unchanged));
+        fs::write(file.path(), TABLE.replace("9.8015", "9.80171")).unwrap();
+        assert!(matches!(file.look(Hint::Changing, start + SETTLE), Look::Unchanged), "it has changed again");
+        let Look::Loaded(table) = file.look(Hint::Changing, start + 2 * SETTLE) else { panic!("settled") };
+        assert_eq!(table.content().gravity, 9.80171);
+        assert!(matches!(file.look(Hint::Changing, start + 9 * SETTLE), Look::Unchanged));
+    }
+
+    #[test]
+    fn a_renamed_file_is_loaded_at_once_and_a_bad_one_reported_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = file(&folder);
+        let now = Instant::now();
+        fs::write(folder.path().join("new"), "format = 2\n").unwrap();
+        fs::rename(folder.path().join("new"), file.path()).unwrap();
+        assert!(matches!(file.look(Hint::Complete, now), Look::Refused(_)));
+        assert!(matches!(file.look(Hint::Complete, now + 9 * SETTLE), Look::Unchanged));
+        fs::remove_file(file.path()).unwrap();
+        assert!(matches!(file.look(Hint::Complete, now), Look::Unchanged), "it may come back");
+        assert!(matches!(file.look(Hint::Changing, now + ABSENCE), Look::Refused(TableFileError::Io { .. })));
+        assert!(matches!(file.look(Hint::Changing, now + 2 * ABSENCE), Look::Unchanged));
+        fs::write(file.path(), TABLE).unwrap();
+        assert!(matches!(file.look(Hint::Complete, now), Look::Loaded(_)));
+    }
+}

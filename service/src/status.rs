@@ -1,0 +1,197 @@
+//! What the service tells about itself: a JSON document, published ten times a second on `isotherm/status`.
+
+use crate::control::Served;
+use crate::create::create;
+use crate::failure::{Exit, Failure};
+use crate::worker::counters::{Counters, Summary};
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::prelude::{AllocationStrategy, PortFactory as _, ipc};
+use isotherm_client::{ConnectError, Options, join, monotonic_ns, publisher_of};
+use isotherm_shared::stream::{self, Domain, IpcNode};
+use isotherm_shared::wire::Flags;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+/// Room for the document before its memory has to grow.
+const INITIAL_BYTES: usize = 16 * 1024;
+/// A running service publishes ten times a second.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// The running service.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Status {
+    /// What another process needs to join.
+    pub domain: DomainStatus,
+    /// Process of the service.
+    pub pid: u32,
+    /// Version of the service.
+    pub version: String,
+    /// Seconds since it started.
+    pub uptime_s: f64,
+    /// `CLOCK_MONOTONIC` when this was written \[ns\].
+    pub taken_ns: u64,
+    /// How the worker waits.
+    pub wait: String,
+    /// Latency budget \[us\].
+    pub budget_us: f64,
+    /// Every IMU served.
+    pub imus: Vec<ImuStatus>,
+}
+
+/// A domain, as iceoryx2's configuration wants it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct DomainStatus {
+    /// Name, as for `--domain`.
+    pub name: String,
+    /// `global.prefix`.
+    pub prefix: String,
+    /// `global.root-path`.
+    pub root_path: String,
+}
+
+/// One IMU.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct ImuStatus {
+    /// Name.
+    pub id: String,
+    /// Digest of the table in force; null without one.
+    pub table: Option<String>,
+    /// The watched file.
+    pub table_file: String,
+    /// Raw samples received.
+    pub received: u64,
+    /// Increments published.
+    pub compensated: u64,
+    /// Samples before which others of their session were missing.
+    pub gaps: u64,
+    /// Samples missing in all.
+    pub missing: u64,
+    /// Samples that came again.
+    pub repeats: u64,
+    /// Acquisition sessions seen.
+    pub sessions: u64,
+    /// Failures of the transport.
+    pub transport_errors: u64,
+    /// Increments that carried each flag.
+    pub flagged: BTreeMap<String, u64>,
+    /// Tables taken over after the first.
+    pub reloads: u64,
+    /// Why the file as it is now is not in force; null if it is.
+    pub last_reload_error: Option<String>,
+    /// Latency since the start; null before the first sample.
+    pub latency_ns: Option<Summary>,
+    /// Whether an acquisition process is connected.
+    pub acquisition_connected: bool,
+    /// Processes that read the increments, the acquisition among them.
+    pub readers: usize,
+}
+
+impl ImuStatus {
+    /// From what is counted and known.
+    pub fn new(served: &Served) -> Self {
+        let counters: &Counters = &served.counters;
+        let count = |counter: &AtomicU64| counter.load(Relaxed);
+        let named = |(bit, name): (u32, &str)| (name.to_owned(), count(&counters.flagged[bit as usize]));
+        Self {
+            id: served.imu.id.to_string(),
+            table: served.digest_in_force().map(|digest| digest.to_string()),
+            table_file: served.file.path().display().to_string(),
+            received: count(&counters.received),
+            compensated: count(&counters.compensated),
+            gaps: count(&counters.gaps),
+            missing: count(&counters.missing),
+            repeats: count(&counters.repeats),
+            sessions: count(&counters.sessions),
+            transport_errors: count(&counters.transport_errors),
+            flagged: Flags::NAMES.into_iter().map(named).collect(),
+            reloads: served.reloads,
+            last_reload_error: served.last_error.clone(),
+            latency_ns: counters.latency.summary(),
+            acquisition_connected: served.raw.dynamic_config().number_of_publishers() > 0,
+            readers: served.increments.dynamic_config().number_of_subscribers(),
+        }
+    }
+}
+
+impl From<&Domain> for DomainStatus {
+    fn from(domain: &Domain) -> Self {
+        Self {
+            name: domain.name().to_owned(),
+            prefix: domain.prefix(),
+            root_path: domain.root_path().to_owned(),
+        }
+    }
+}
+
+/// The status stream's publisher. There can be only one: it is what keeps a second service out of a domain.
+pub struct StatusPublisher(Publisher<ipc::Service, [u8], ()>);
+
+impl StatusPublisher {
+    /// Takes the place.
+    ///
+    /// # Errors
+    /// If another service has it, or the stream cannot be created.
+    pub fn create(node: &IpcNode, domain: &Domain) -> Result<Self, Failure> {
+        let name = "the status stream";
+        let untaken = || Failure::new(Exit::Failed, format!("creating {name}: it is taken"));
+        let service = create(node, domain, name, untaken, || Ok(stream::status(node).open_or_create()?))?;
+        let taken = || {
+            let pid = publisher_of(&service).and_then(|(_, pid)| pid);
+            let pid = pid.map(|pid| format!(", pid {pid}")).unwrap_or_default();
+            Failure::new(
+                Exit::Failed,
+                format!("another service is running in domain {:?}{pid}; stop it, or give this one another --domain", domain.name()),
+            )
+        };
+        let publisher = create(node, domain, name, taken, || {
+            let publisher = service.publisher_builder().initial_max_slice_len(INITIAL_BYTES);
+            Ok(publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create()?)
+        })?;
+        Ok(Self(publisher))
+    }
+
+    /// Publishes a status.
+    ///
+    /// # Errors
+    /// What the transport says.
+    pub fn publish(&self, status: &Status) -> Result<(), String> {
+        let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
+        let sample = self.0.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
+        sample.write_from_slice(&document).send().map(|_| ()).map_err(|error| error.to_string())
+    }
+}
+
+/// Asks the running service of a domain for a status that is newer than this call.
+///
+/// # Errors
+/// If no service answers within two seconds.
+pub fn fetch(options: &Options) -> Result<Status, Failure> {
+    let asked_ns = monotonic_ns();
+    let unavailable = || Failure::from(ConnectError::NoService(options.domain.name().to_owned()));
+    let node = join(&options.domain)?;
+    let service = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
+    let service = service.map_err(|error| match error {
+        iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError::DoesNotExist => unavailable(),
+        other => Failure::new(Exit::Failed, format!("opening the status stream: {other}")),
+    })?;
+    let subscriber = service.subscriber_builder().history_request(1).create();
+    let subscriber = subscriber.map_err(|error| Failure::new(Exit::Failed, format!("subscribing to the status: {error}")))?;
+    let deadline = Instant::now() + PATIENCE;
+    while Instant::now() < deadline {
+        let sample = subscriber.receive();
+        let sample = sample.map_err(|error| Failure::new(Exit::Failed, format!("receiving the status: {error}")))?;
+        if let Some(sample) = sample {
+            let status: Status = serde_json::from_slice(&sample).map_err(|error| {
+                Failure::new(Exit::Failed, format!("reading the status: {error}; use the `isotherm` of the service's version"))
+            })?;
+            if status.taken_ns >= asked_ns {
+                return Ok(status);
+            }
+        } else {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+    Err(unavailable())
+}

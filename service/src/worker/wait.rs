@@ -1,0 +1,285 @@
+//! How the worker waits: a pure state machine, told when samples arrive and how late it woke.
+//!
+//! `anticipate` learns each IMU's period and sleeps until a guard before the next sample is due, then spins for a short,
+//! bounded time. The next arrival is predicted from the **earliest** phase seen lately, not from the last arrival: one
+//! late sample must not make the next prediction late. The guard follows the wake-up delays that are observed. Streams
+//! that have stopped or come irregularly are waited for asleep; when the rate leaves no time to sleep, it spins.
+
+use crate::config::Strategy;
+
+/// Longest sleep \[ns\]: what a lost or missing wake-up may cost.
+pub const BOUND_NS: u64 = 20_000_000;
+/// Arrivals near the prediction before a stream counts as periodic.
+const CONFIDENT: u32 = 8;
+/// How the period follows the observed ones, and the phase the later arrivals.
+const PERIOD_GAIN: f64 = 1.0 / 32.0;
+const PHASE_DRIFT: f64 = 1.0 / 256.0;
+/// Limits of the guard \[ns\].
+const GUARD_MIN: f64 = 30_000.0;
+const GUARD_MAX: f64 = 500_000.0;
+/// Shorter sleeps are not worth their system call \[ns\].
+const SHORTEST_SLEEP_NS: u64 = 20_000;
+/// Predictions that may be missed in a row before a stream counts as stopped.
+const MISSES: u32 = 3;
+
+/// What the worker does when there is nothing to serve.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Wait {
+    /// Look again at once.
+    Spin,
+    /// Sleep at most this long \[ns\]; a notification ends it early.
+    Sleep(u64),
+}
+
+/// The waiting of one worker with its streams.
+#[derive(Debug)]
+pub struct Waiter {
+    strategy: Strategy,
+    rhythms: Vec<Rhythm>,
+    guard: f64,
+}
+
+impl Waiter {
+    /// For `streams` streams.
+    pub fn new(strategy: Strategy, streams: usize) -> Self {
+        Self { strategy, rhythms: vec![Rhythm::default(); streams], guard: GUARD_MIN * 2.0 }
+    }
+
+    /// A sample of `stream` was served at `now`.
+    #[inline]
+    pub fn arrived(&mut self, stream: usize, now: u64) {
+        if self.strategy == Strategy::Anticipate {
+            self.rhythms[stream].arrived(now);
+        }
+    }
+
+    /// Nothing is there at `now`.
+    #[inline]
+    pub fn next(&mut self, now: u64) -> Wait {
+        match self.strategy {
+            Strategy::Spin => Wait::Spin,
+            Strategy::Block => Wait::Sleep(BOUND_NS),
+            Strategy::Anticipate => self.anticipate(now),
+        }
+    }
+
+    fn anticipate(&mut self, now: u64) -> Wait {
+        let guard = self.guard as u64;
+        let due = self.rhythms.iter_mut().filter_map(|rhythm| rhythm.due(now, 2 * guard)).min();
+        let Some(due) = due else { return Wait::Sleep(BOUND_NS) };
+        let sleep = due.saturating_sub(guard).saturating_sub(now);
+        if sleep < SHORTEST_SLEEP_NS { Wait::Spin } else { Wait::Sleep(sleep.min(BOUND_NS)) }
+    }
+
+    /// A sleep that was to end at `planned` ran its full time and ended at `now`.
+    pub fn overslept(&mut self, planned: u64, now: u64) {
+        let needed = now.saturating_sub(planned) as f64 * 1.25 + 10_000.0;
+        let next = if needed > self.guard { needed } else { self.guard + (needed - self.guard) / 64.0 };
+        self.guard = next.clamp(GUARD_MIN, GUARD_MAX);
+    }
+}
+
+/// The period and phase of one stream.
+#[derive(Clone, Debug, Default)]
+struct Rhythm {
+    last: u64,
+    /// \[ns\]; 0 until two samples have come.
+    period: f64,
+    due: u64,
+    confidence: u32,
+    misses: u32,
+}
+
+impl Rhythm {
+    fn arrived(&mut self, now: u64) {
+        let step = now.saturating_sub(self.last) as f64;
+        let first = self.last == 0;
+        self.last = now;
+        self.misses = 0;
+        if first {
+            return;
+        }
+        let off = (step - self.period).abs();
+        if off <= self.period / 2.0 {
+            self.period += (step - self.period) * PERIOD_GAIN;
+            let late = now.saturating_sub(self.due) as f64;
+            let phase = if now < self.due || self.confidence == 0 {
+                now
+            } else {
+                self.due + late.min(self.period * PHASE_DRIFT) as u64
+            };
+            self.due = phase + self.period as u64;
+            self.confidence = (self.confidence + 1).min(2 * CONFIDENT);
+        } else {
+            // One odd step costs some confidence; when it is used up, learn anew from here.
+            self.confidence = self.confidence.saturating_sub(CONFIDENT / 2);
+            if self.confidence == 0 {
+                self.period = step;
+            }
+            self.due = now + self.period as u64;
+        }
+    }
+
+    /// When the next sample is due, if the stream is periodic and has not stopped. A prediction that has passed by more
+    /// than `patience` was missed and gives way to the next.
+    fn due(&mut self, now: u64, patience: u64) -> Option<u64> {
+        if self.confidence < CONFIDENT {
+            return None;
+        }
+        while now > self.due + patience {
+            self.misses += 1;
+            if self.misses > MISSES {
+                self.confidence = 0;
+                return None;
+            }
+            self.due += (self.period as u64).max(1);
+        }
+        Some(self.due)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// Runs a waiter against arrivals and gives for each whether the worker was awake (spinning) when it came, and the
+    /// share of time spent spinning.
+    fn run(waiter: &mut Waiter, arrivals: &[(u64, usize)]) -> (Vec<bool>, f64) {
+        let (mut now, mut spinning, started) = (arrivals[0].0, 0, arrivals[0].0);
+        let mut awake = Vec::new();
+        for &(at, stream) in arrivals {
+            let mut hit = true;
+            while now < at {
+                match waiter.next(now) {
+                    Wait::Spin => {
+                        let step = 1_000.min(at - now);
+                        spinning += step;
+                        now += step;
+                        hit = true;
+                    }
+                    Wait::Sleep(time) => {
+                        hit = now + time < at;
+                        // A notification ends the sleep early; a full one wakes 20 us late.
+                        if hit {
+                            waiter.overslept(now + time, now + time + 20_000);
+                        }
+                        now = if hit { now + time + 20_000 } else { at };
+                    }
+                }
+            }
+            now = now.max(at);
+            awake.push(hit);
+            waiter.arrived(stream, now);
+        }
+        (awake, spinning as f64 / (now - started) as f64)
+    }
+
+    fn share(awake: &[bool]) -> f64 {
+        awake.iter().filter(|hit| **hit).count() as f64 / awake.len() as f64
+    }
+
+    fn periodic(start: u64, period: u64, count: u64, jitter: impl Fn(u64) -> u64) -> Vec<(u64, usize)> {
+        (0..count).map(|k| (start + k * period + jitter(k), 0)).collect()
+    }
+
+    fn pseudo_random(k: u64) -> u64 {
+        let mut x = k.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        x ^= x >> 29;
+        x.wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 20
+    }
+
+    #[test]
+    fn spin_never_sleeps_and_block_always_does() {
+        let mut spin = Waiter::new(Strategy::Spin, 1);
+        let mut block = Waiter::new(Strategy::Block, 1);
+        for now in 1..100 {
+            spin.arrived(0, now * MS);
+            block.arrived(0, now * MS);
+            assert_eq!(spin.next(now * MS + 5), Wait::Spin);
+            assert_eq!(block.next(now * MS + 5), Wait::Sleep(BOUND_NS));
+        }
+    }
+
+    #[test]
+    fn a_periodic_stream_is_met_awake_at_little_cost() {
+        for (period, most) in [(2_500_000, 0.06), (500_000, 0.25)] {
+            let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+            let (awake, spinning) = run(&mut waiter, &periodic(MS, period, 2000, |_| 0));
+            assert!(share(&awake[20..]) > 0.999, "{}", share(&awake[20..]));
+            assert!(spinning < most, "{spinning}");
+        }
+    }
+
+    #[test]
+    fn jitter_and_drift_are_followed() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        // 30 us of jitter and a clock that is 200 ppm fast.
+        let arrivals = periodic(MS, 2_500_500, 3000, |k| pseudo_random(k) % 30_000);
+        let (awake, spinning) = run(&mut waiter, &arrivals);
+        assert!(share(&awake[50..]) > 0.99 && spinning < 0.08, "{} {spinning}", share(&awake[50..]));
+    }
+
+    #[test]
+    fn one_late_sample_does_not_make_the_next_prediction_late() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        let late = |k| if k % 50 == 49 { 900_000 } else { 0 };
+        let (awake, _) = run(&mut waiter, &periodic(MS, 2_500_000, 2000, late));
+        let after: Vec<bool> = (51..2000).filter(|k| k % 50 == 0).map(|k| awake[k as usize]).collect();
+        assert!(share(&after) > 0.95, "{}", share(&after));
+    }
+
+    #[test]
+    fn a_pause_is_slept_through_and_a_doubled_rate_learned() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        run(&mut waiter, &periodic(MS, 2_500_000, 100, |_| 0));
+        let stopped = MS + 100 * 2_500_000 + 50 * MS;
+        assert_eq!(waiter.next(stopped), Wait::Sleep(BOUND_NS));
+        let (awake, spinning) = run(&mut waiter, &periodic(stopped + MS, 1_250_000, 500, |_| 0));
+        assert!(share(&awake[60..]) > 0.99 && spinning < 0.12, "{} {spinning}", share(&awake[60..]));
+    }
+
+    #[test]
+    fn irregular_samples_are_waited_for_asleep() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        let mut at = MS;
+        let arrivals: Vec<_> = (0..2000).map(|k| {
+            at += if pseudo_random(k) % 2 == 0 { 200_000 } else { 9 * MS };
+            (at, 0)
+        });
+        let arrivals: Vec<_> = arrivals.collect();
+        let (_, spinning) = run(&mut waiter, &arrivals);
+        assert!(spinning < 0.05, "{spinning}");
+    }
+
+    #[test]
+    fn a_rate_that_leaves_no_time_to_sleep_is_spun() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        let (awake, spinning) = run(&mut waiter, &periodic(MS, 50_000, 2000, |_| 0));
+        assert!(share(&awake[20..]) > 0.999 && spinning > 0.9);
+    }
+
+    #[test]
+    fn two_streams_are_both_met() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 2);
+        let mut arrivals = periodic(MS, 2_500_000, 2000, |_| 0);
+        arrivals.extend((0..1250).map(|k| (MS + 700_000 + k * 4_000_000, 1)));
+        arrivals.sort_unstable();
+        let (awake, spinning) = run(&mut waiter, &arrivals);
+        assert!(share(&awake[50..]) > 0.99 && spinning < 0.1, "{} {spinning}", share(&awake[50..]));
+    }
+
+    #[test]
+    fn the_guard_follows_the_delay_within_its_limits() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        waiter.overslept(0, 300_000);
+        assert!(waiter.guard > 300_000.0);
+        waiter.overslept(0, 100 * MS);
+        assert_eq!(waiter.guard, GUARD_MAX);
+        for _ in 0..2000 {
+            waiter.overslept(0, 1_000);
+        }
+        assert!(waiter.guard < GUARD_MIN * 1.1);
+    }
+}

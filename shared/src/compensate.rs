@@ -1,0 +1,160 @@
+//! The compensation kernel: equation (17) of the source paper, for one raw sample and one table.
+//!
+//! # Derivation, units and signs
+//! An accelerometer's charge-balance converter counts N+ pulses on its positive and N- on its negative channel during
+//! the control period Ts. With the scale factors K+ > 0 and K- < 0 \[pulse/(s*g0)\], the indicated specific force
+//! integrated over Ts is `N+/K+ + N-/K-` \[g0*s\]: the negative channel's term is negative because K- is. The bias A
+//! \[g0\] is what the sensor indicates without input, so it is subtracted:
+//!
+//! ```text
+//! dv = |g0| * ( N+/K+(U_board) + N-/K-(U_board) - A(U_head) * Ts )                 [m/s]
+//! ```
+//! with |g0| \[m/s2\] carried by the table. A(U) is equation (18), K+(U) and K-(U) are (19) and (20); the head's
+//! telemetry drives the bias, the board's both scale factors.
+//!
+//! # Arithmetic
+//! One exact expression in IEEE double, in the order written below, without fused multiply-add, so that the service, the
+//! replay and any other implementation agree bit for bit. A pure function of sample and table: no filter, no state, no
+//! clock, no allocation, no panic for any bit pattern. What is not finite at the end is NaN.
+
+use crate::polynomial::{Polynomial, Side};
+use crate::table::{Axis, CoefficientTable, OutOfRange};
+use crate::units::{Bias, NegativeScaleFactor, PositiveScaleFactor};
+use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample};
+
+/// What the kernel makes of a raw sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Compensation {
+    /// Velocity increment over Ts \[m/s\], NaN where it could not be computed.
+    pub velocity_increment: [f64; AXES],
+    /// Sample flags.
+    pub flags: Flags,
+}
+
+/// Compensates one sample; equation (17).
+#[must_use]
+pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
+    let table = table.content();
+    let mut flags = flags_without_table(raw);
+    let valid_interval = !flags.intersects(Flags::INTERVAL);
+    let ts = raw.interval_ns as f64 / 1e9;
+    let mut dv = [f64::NAN; AXES];
+    for (index, axis) in table.axes.iter().enumerate() {
+        let (head, board) = (raw.head_temperature[index], raw.board_temperature[index]);
+        let (positive, negative) = (raw.positive_pulses[index], raw.negative_pulses[index]);
+        if let Some(limit) = axis.max_rate
+            && valid_interval
+            && (f64::from(positive) + f64::from(negative)) / ts > limit
+        {
+            flags |= Flags::rate(index);
+        }
+        let outside = range_flags(index, axis, head, board);
+        flags |= outside;
+        let rejected = outside != Flags::default() && table.out_of_range == OutOfRange::Reject;
+        if !valid_interval || rejected || !head.is_finite() || !board.is_finite() {
+            continue;
+        }
+        let used = |polynomial: &Polynomial, telemetry: f64| match table.out_of_range {
+            OutOfRange::Clamp => polynomial.clamp(telemetry),
+            OutOfRange::Extrapolate | OutOfRange::Reject => telemetry,
+        };
+        dv[index] = increment(
+            (positive, axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board))),
+            (negative, axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board))),
+            axis.bias_at(used(&axis.bias, head)),
+            ts,
+            table.gravity,
+        );
+    }
+    if let Some(m) = &table.alignment {
+        let sensor = dv;
+        for (i, out) in dv.iter_mut().enumerate() {
+            *out = finite((m[(i, 0)] * sensor[0] + m[(i, 1)] * sensor[1]) + m[(i, 2)] * sensor[2]);
+        }
+    }
+    let age_ns = raw.timestamp_ns.saturating_sub(raw.telemetry_ns);
+    if let Some(limit) = table.max_age_s
+        && raw.telemetry_ns != 0
+        && age_ns as f64 / 1e9 > limit
+    {
+        flags |= Flags::TELEMETRY_STALE;
+    }
+    Compensation { velocity_increment: dv, flags }
+}
+
+/// What is said of a sample while its IMU has no table yet: NaN, flagged [`Flags::NO_TABLE`].
+#[must_use]
+pub fn uncompensated(raw: &RawSample) -> Compensation {
+    Compensation { velocity_increment: [f64::NAN; AXES], flags: flags_without_table(raw) | Flags::NO_TABLE }
+}
+
+/// Equation (17) for one axis \[m/s\].
+fn increment(
+    (positive, k_plus): (u32, PositiveScaleFactor),
+    (negative, k_minus): (u32, NegativeScaleFactor),
+    bias: Bias,
+    ts: f64,
+    gravity: f64,
+) -> f64 {
+    finite(gravity * ((f64::from(positive) / k_plus.0 + f64::from(negative) / k_minus.0) - bias.0 * ts))
+}
+
+/// Infinity, which only an extrapolation far outside can give, is no velocity.
+fn finite(value: f64) -> f64 {
+    if value.is_finite() { value } else { f64::NAN }
+}
+
+/// The flags that need no table.
+fn flags_without_table(raw: &RawSample) -> Flags {
+    let mut flags = Flags::default();
+    if raw.interval_ns == 0 || raw.interval_ns > MAX_INTERVAL_NS {
+        flags |= Flags::INTERVAL;
+    }
+    for index in 0..AXES {
+        if !(raw.head_temperature[index].is_finite() && raw.board_temperature[index].is_finite()) {
+            flags |= Flags::not_finite(index);
+        }
+    }
+    flags
+}
+
+/// The flags of telemetry outside its range; telemetry that is not finite is on no side.
+fn range_flags(index: usize, axis: &Axis, head: f64, board: f64) -> Flags {
+    let mut flags = Flags::default();
+    if head.is_finite() {
+        match axis.bias.side(head) {
+            Side::Below => flags |= Flags::head_below(index),
+            Side::Above => flags |= Flags::head_above(index),
+            Side::Inside => {}
+        }
+    }
+    if board.is_finite() {
+        for polynomial in [&axis.positive_scale_factor, &axis.negative_scale_factor] {
+            match polynomial.side(board) {
+                Side::Below => flags |= Flags::board_below(index),
+                Side::Above => flags |= Flags::board_above(index),
+                Side::Inside => {}
+            }
+        }
+    }
+    flags
+}
+
+/// The answer to a raw sample, all but its delivery: `latency_ns` is 0 and no delivery flag is set.
+#[must_use]
+pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {
+    let (compensation, id) = match table {
+        Some(table) => (compensate(table, raw), table.id()),
+        None => (uncompensated(raw), 0),
+    };
+    CompensatedIncrement {
+        session: raw.session,
+        sequence: raw.sequence,
+        timestamp_ns: raw.timestamp_ns,
+        interval_ns: raw.interval_ns,
+        velocity_increment: compensation.velocity_increment,
+        table: id,
+        flags: compensation.flags.0,
+        latency_ns: 0,
+    }
+}

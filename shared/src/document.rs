@@ -1,0 +1,407 @@
+//! Reading a TOML file so strictly that nothing in it goes unnoticed, and reporting everything at once.
+//!
+//! A [`Document`] hands out [`Section`]s; whatever is missing, of the wrong type or never asked for becomes a
+//! [`Fault`] with line and key, and reading goes on. Coefficient tables and service configurations are read by it.
+
+use core::cell::RefCell;
+use core::fmt;
+use core::ops::Range;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// Largest file that is read: 1 MiB.
+pub const MAX_BYTES: u64 = 1 << 20;
+
+/// One thing that is wrong with a file, and what would be right.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Fault {
+    /// Line, from 1.
+    pub line: usize,
+    /// The key as a path, for example `axis.A1.bias.c2`; empty where none is concerned.
+    pub key: String,
+    /// What is wrong and what would be right.
+    pub message: String,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.key.as_str() {
+            "" => write!(f, "line {}: {}", self.line, self.message),
+            key => write!(f, "line {}: {key}: {}", self.line, self.message),
+        }
+    }
+}
+
+/// All faults of a file, in the order of its lines.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub struct Faults(pub Vec<Fault>);
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, fault) in self.0.iter().enumerate() {
+            if index > 0 {
+                f.write_str("\n")?;
+            }
+            write!(f, "{fault}")?;
+        }
+        Ok(())
+    }
+}
+
+/// A parsed TOML file that collects faults while it is read.
+pub struct Document<'a> {
+    text: &'a str,
+    root: Spanned<DeTable<'a>>,
+    faults: RefCell<Vec<Fault>>,
+}
+
+impl<'a> Document<'a> {
+    /// Parses `text`.
+    ///
+    /// # Errors
+    /// All syntax errors that the parser could find, duplicate keys among them.
+    pub fn parse(text: &'a str) -> Result<Self, Faults> {
+        let (root, errors) = DeTable::parse_recoverable(text);
+        if errors.is_empty() {
+            return Ok(Self { text, root, faults: RefCell::default() });
+        }
+        let mut faults: Vec<_> = errors
+            .iter()
+            .map(|error| Fault {
+                line: line_of(text, error.span().map_or(0, |span| span.start)),
+                key: String::new(),
+                message: format!("not TOML: {}", error.message().replace('\n', ", ")),
+            })
+            .collect();
+        // A slip makes the parser stumble on; the first error of a line is the one that helps.
+        faults.sort_by_key(|fault| fault.line);
+        faults.dedup_by_key(|fault| fault.line);
+        Err(Faults(faults))
+    }
+
+    /// The top level.
+    pub fn root(&self) -> Section<'_, 'a> {
+        Section { document: self, table: self.root.get_ref(), path: String::new(), line: 1, asked: RefCell::default() }
+    }
+
+    /// Whether the top level has `key`, for telling kinds of files apart.
+    #[must_use]
+    pub fn has(&self, key: &str) -> bool {
+        self.root.get_ref().contains_key(key)
+    }
+
+    /// Whether `key` of the top level is an array of tables (`[[key]]`).
+    #[must_use]
+    pub fn is_list(&self, key: &str) -> bool {
+        self.root.get_ref().get(key).is_some_and(|value| value.get_ref().is_array())
+    }
+
+    /// Adds a fault at `line`.
+    pub fn fault(&self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.faults.borrow_mut().push(Fault { line, key: key.into(), message: message.into() });
+    }
+
+    /// `value`, if no fault was found on the way to it.
+    ///
+    /// # Errors
+    /// Every fault that reading has found.
+    pub fn finish<T>(self, value: Option<T>) -> Result<T, Faults> {
+        let mut faults = self.faults.into_inner();
+        faults.sort_by_key(|fault| fault.line);
+        match value {
+            Some(value) if faults.is_empty() => Ok(value),
+            _ => Err(Faults(faults)),
+        }
+    }
+
+    fn line(&self, span: &Range<usize>) -> usize {
+        line_of(self.text, span.start)
+    }
+}
+
+fn line_of(text: &str, offset: usize) -> usize {
+    let before = &text.as_bytes()[..offset.min(text.len())];
+    1 + before.iter().filter(|&&byte| byte == b'\n').count()
+}
+
+/// One table of a [`Document`]. Every key that is never asked for is reported by [`finish`](Self::finish).
+pub struct Section<'d, 'a> {
+    document: &'d Document<'a>,
+    table: &'d DeTable<'a>,
+    path: String,
+    line: usize,
+    asked: RefCell<Vec<&'static str>>,
+}
+
+impl<'d, 'a> Section<'d, 'a> {
+    /// Line where the section begins.
+    #[must_use]
+    pub const fn line(&self) -> usize {
+        self.line
+    }
+
+    /// Full name of one of its keys.
+    #[must_use]
+    pub fn key(&self, key: &str) -> String {
+        if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
+    }
+
+    /// Renames the section in later messages, for example from `axis.1` to `axis.A1`.
+    pub fn rename(&mut self, path: impl Into<String>) {
+        self.path = path.into();
+    }
+
+    /// Reports `message` about `key`, at its line if it is there.
+    pub fn fault(&self, key: &str, message: impl Into<String>) {
+        let line = self.table.get(key).map_or(self.line, |value| self.document.line(&value.span()));
+        let key = if key.is_empty() { self.path.clone() } else { self.key(key) };
+        self.document.fault(line, key, message);
+    }
+
+    /// As [`fault`](Self::fault), if there is one.
+    pub fn refuse(&self, key: &str, message: Option<String>) {
+        if let Some(message) = message {
+            self.fault(key, message);
+        }
+    }
+
+    /// Whether `key` is there, whatever it holds.
+    #[must_use]
+    pub fn has(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+
+    fn get(&self, key: &'static str) -> Option<&'d Spanned<DeValue<'a>>> {
+        self.asked.borrow_mut().push(key);
+        self.table.get(key)
+    }
+
+    fn required<T>(&self, key: &'static str, value: Option<T>, right: &str) -> Option<T> {
+        if value.is_none() && !self.table.contains_key(key) {
+            self.fault(key, format!("missing; give {right}"));
+        }
+        value
+    }
+
+    fn wrong(&self, key: &str, value: &DeValue<'_>, right: &str) {
+        self.fault(key, format!("is {}, give {right}", describe(value)));
+    }
+
+    /// A finite number, integers included.
+    pub fn optional_number(&self, key: &'static str) -> Option<f64> {
+        let value = self.get(key)?.get_ref();
+        let number = number_of(value);
+        if number.is_none() {
+            self.wrong(key, value, "a finite number");
+        }
+        number
+    }
+
+    /// A finite number that must be there; `right` says what it means.
+    pub fn number(&self, key: &'static str, right: &str) -> Option<f64> {
+        let number = self.optional_number(key);
+        self.required(key, number, right)
+    }
+
+    /// A whole number from `range`.
+    pub fn optional_integer(&self, key: &'static str, range: core::ops::RangeInclusive<i64>) -> Option<i64> {
+        let value = self.get(key)?.get_ref();
+        let integer = integer_of(value).filter(|integer| range.contains(integer));
+        if integer.is_none() {
+            self.wrong(key, value, &format!("a whole number from {} to {}", range.start(), range.end()));
+        }
+        integer
+    }
+
+    /// `true` or `false`.
+    pub fn optional_bool(&self, key: &'static str) -> Option<bool> {
+        let value = self.get(key)?.get_ref();
+        if value.as_bool().is_none() {
+            self.wrong(key, value, "true or false");
+        }
+        value.as_bool()
+    }
+
+    /// A string.
+    pub fn optional_string(&self, key: &'static str) -> Option<&'d str> {
+        let value = self.get(key)?.get_ref();
+        if value.as_str().is_none() {
+            self.wrong(key, value, "a string in quotation marks");
+        }
+        value.as_str()
+    }
+
+    /// A string that must be there; `right` says what it means.
+    pub fn string(&self, key: &'static str, right: &str) -> Option<&'d str> {
+        let string = self.optional_string(key);
+        self.required(key, string, right)
+    }
+
+    /// One of the named values.
+    pub fn optional_choice<T: Copy>(&self, key: &'static str, choices: &[(T, &str)]) -> Option<T> {
+        let name = self.optional_string(key)?;
+        let choice = choices.iter().find(|(_, n)| *n == name).map(|(value, _)| *value);
+        if choice.is_none() {
+            let names: Vec<_> = choices.iter().map(|(_, name)| format!("\"{name}\"")).collect();
+            self.fault(key, format!("is \"{name}\", give {}", names.join(" or ")));
+        }
+        choice
+    }
+
+    /// One of the named values; it must be there.
+    pub fn choice<T: Copy>(&self, key: &'static str, choices: &[(T, &str)]) -> Option<T> {
+        let choice = self.optional_choice(key, choices);
+        let names: Vec<_> = choices.iter().map(|(_, name)| format!("\"{name}\"")).collect();
+        self.required(key, choice, &names.join(" or "))
+    }
+
+    /// A list of finite numbers; `right` says how many and what they mean. The count is the caller's to check.
+    pub fn numbers(&self, key: &'static str, right: &str) -> Option<Vec<f64>> {
+        let numbers = self.get(key).and_then(|value| {
+            let list = numbers_of(value.get_ref());
+            if list.is_none() {
+                self.wrong(key, value.get_ref(), right);
+            }
+            list
+        });
+        self.required(key, numbers, right)
+    }
+
+    /// A list of lists of finite numbers.
+    pub fn matrix(&self, key: &'static str, right: &str) -> Option<Vec<Vec<f64>>> {
+        let rows = self.get(key).and_then(|value| {
+            let rows = value.get_ref().as_array().and_then(|rows| {
+                rows.iter().map(|row| numbers_of(row.get_ref())).collect::<Option<Vec<_>>>()
+            });
+            if rows.is_none() {
+                self.wrong(key, value.get_ref(), right);
+            }
+            rows
+        });
+        self.required(key, rows, right)
+    }
+
+    /// A sub-table, `[key]` or `key = { ... }`.
+    pub fn optional_section(&self, key: &'static str) -> Option<Section<'d, 'a>> {
+        let value = self.get(key)?;
+        let Some(table) = value.get_ref().as_table() else {
+            self.wrong(key, value.get_ref(), &format!("a section [{}]", self.key(key)));
+            return None;
+        };
+        Some(Section {
+            document: self.document,
+            table,
+            path: self.key(key),
+            line: self.document.line(&value.span()),
+            asked: RefCell::default(),
+        })
+    }
+
+    /// A sub-table that must be there.
+    pub fn section(&self, key: &'static str, right: &str) -> Option<Section<'d, 'a>> {
+        let section = self.optional_section(key);
+        self.required(key, section, right)
+    }
+
+    /// The tables of `[[key]]`; none if it is missing.
+    pub fn list(&self, key: &'static str) -> Vec<Section<'d, 'a>> {
+        let Some(value) = self.get(key) else { return Vec::new() };
+        let tables = value.get_ref().as_array().and_then(|array| {
+            let tables = array.iter().map(|item| Some((item.get_ref().as_table()?, item.span())));
+            tables.collect::<Option<Vec<_>>>()
+        });
+        let Some(tables) = tables else {
+            self.wrong(key, value.get_ref(), &format!("sections [[{}]]", self.key(key)));
+            return Vec::new();
+        };
+        let section = |(index, (table, span)): (usize, (&'d DeTable<'a>, Range<usize>))| Section {
+            document: self.document,
+            table,
+            path: format!("{}.{}", self.key(key), index + 1),
+            line: self.document.line(&span),
+            asked: RefCell::default(),
+        };
+        tables.into_iter().enumerate().map(section).collect()
+    }
+
+    /// Accepts `key` whatever it holds.
+    pub fn ignore(&self, key: &'static str) {
+        self.asked.borrow_mut().push(key);
+    }
+
+    /// Reports every key that was never asked for.
+    pub fn finish(self) {
+        let asked = self.asked.into_inner();
+        for (key, _) in self.table {
+            if !asked.contains(&key.get_ref().as_ref()) {
+                let name = key.get_ref();
+                let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
+                let message = format!("unknown key; known here: {}", asked.join(", "));
+                self.document.fault(self.document.line(&key.span()), path, message);
+            }
+        }
+    }
+}
+
+fn describe(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::String(text) if text.len() <= 40 => format!("the string {text:?}"),
+        DeValue::Integer(integer) => format!("the integer {}", integer.as_str()),
+        DeValue::Float(float) => format!("the number {}", float.as_str()),
+        other => format!("of type {}", other.type_str()),
+    }
+}
+
+fn integer_of(value: &DeValue<'_>) -> Option<i64> {
+    let integer = value.as_integer()?;
+    i64::from_str_radix(integer.as_str(), integer.radix()).ok()
+}
+
+fn number_of(value: &DeValue<'_>) -> Option<f64> {
+    let number = match value {
+        DeValue::Float(float) => float.as_str().parse().ok(),
+        DeValue::Integer(_) => integer_of(value).map(|integer| integer as f64),
+        _ => None,
+    };
+    number.filter(|number: &f64| number.is_finite())
+}
+
+fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
+    value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everything_wrong_is_reported_with_line_and_key() {
+        let text = "a = 1\nb = \"x\"\nnumber = \"y\"\n[s]\nlist = [1, \"2\"]\nextra = 3\nnan = nan\n";
+        let document = Document::parse(text).unwrap();
+        let root = document.root();
+        assert_eq!(root.number("a", "a number"), Some(1.0));
+        assert_eq!(root.string("b", "a string"), Some("x"));
+        assert_eq!(root.number("number", "a number"), None);
+        assert_eq!(root.number("absent", "the answer"), None);
+        let section = root.section("s", "a section").unwrap();
+        assert_eq!(section.numbers("list", "numbers"), None);
+        assert_eq!(section.optional_number("nan"), None);
+        section.finish();
+        root.finish();
+        let faults = document.finish(Some(())).unwrap_err();
+        assert_eq!(
+            faults.to_string(),
+            "line 1: absent: missing; give the answer\n\
+             line 3: number: is the string \"y\", give a finite number\n\
+             line 5: s.list: is of type array, give numbers\n\
+             line 6: s.extra: unknown key; known here: list, nan\n\
+             line 7: s.nan: is the number nan, give a finite number"
+        );
+    }
+
+    #[test]
+    fn syntax_errors_have_lines_too() {
+        let faults = Document::parse("a = 1\nb = = 2\na = 3\n").err().unwrap();
+        assert_eq!(faults.0.iter().map(|fault| fault.line).collect::<Vec<_>>(), [2, 3], "{faults}");
+    }
+}

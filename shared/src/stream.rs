@@ -1,0 +1,259 @@
+//! The streams: their names, who may be on them, how deep their queues are, and the domain that they live in. The one
+//! place that says how a stream is opened or created.
+//!
+//! | service name | payload | publishers | subscribers |
+//! |---|---|---|---|
+//! | `isotherm/<imu>/raw` | [`RawSample`](crate::wire::RawSample) | 1, the acquisition | the service, recorders |
+//! | `isotherm/<imu>/increment` | [`CompensatedIncrement`](crate::wire::CompensatedIncrement) | 1, the service | the acquisition, navigation, loggers |
+//! | `isotherm/<imu>/wake` | event | senders of raw samples | the service |
+//! | `isotherm/status` | UTF-8 JSON, `[u8]`, history 1 | 1, the service | anybody |
+//!
+//! Only the service creates them, so that depths and limits are its own; everybody else opens them.
+
+use core::fmt;
+use core::time::Duration;
+use crate::wire::{CompensatedIncrement, RawSample};
+use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ipc};
+use iceoryx2::service::builder::{event, publish_subscribe};
+
+/// Raw samples that a subscriber's queue holds. A full queue discards the newest; an acquisition keeps at most this many
+/// unanswered, so that the service's cannot overflow.
+pub const RAW_DEPTH: usize = 64;
+/// Subscribers of a raw stream: the service and recorders.
+pub const RAW_SUBSCRIBERS: usize = 8;
+/// Increments that a reader's queue holds; the oldest are overwritten.
+pub const INCREMENT_DEPTH: usize = 256;
+/// Subscribers of an increment stream.
+pub const INCREMENT_SUBSCRIBERS: usize = 16;
+/// Samples that a subscriber may hold on to at once.
+pub const BORROWED: usize = 2;
+/// Processes that may have one stream open at once.
+pub const NODES: usize = 64;
+/// Senders that may wake the service for one IMU.
+pub const NOTIFIERS: usize = 16;
+/// Readers of the status at once.
+pub const STATUS_SUBSCRIBERS: usize = 16;
+
+/// Name of the status stream.
+pub const STATUS: &str = "isotherm/status";
+
+/// How long an object of the transport may take to be created before it counts as left behind by a dead process.
+pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// Length limit of IMU and domain names.
+pub const MAX_NAME: usize = 32;
+
+/// A process's place in a domain.
+pub type IpcNode = Node<ipc::Service>;
+type PublishSubscribe<T> = publish_subscribe::Builder<T, (), ipc::Service>;
+
+/// The raw stream with its full settings, for `open_or_create` by the service.
+#[must_use]
+pub fn raw(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<RawSample> {
+    node.service_builder(&imu.raw())
+        .publish_subscribe()
+        .max_publishers(1)
+        .max_subscribers(RAW_SUBSCRIBERS)
+        .max_nodes(NODES)
+        .subscriber_max_buffer_size(RAW_DEPTH)
+        .subscriber_max_borrowed_samples(BORROWED)
+        .history_size(0)
+        .enable_safe_overflow(false)
+}
+
+/// The increment stream with its full settings, for `open_or_create` by the service.
+#[must_use]
+pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
+    node.service_builder(&imu.increment())
+        .publish_subscribe()
+        .max_publishers(1)
+        .max_subscribers(INCREMENT_SUBSCRIBERS)
+        .max_nodes(NODES)
+        .subscriber_max_buffer_size(INCREMENT_DEPTH)
+        .subscriber_max_borrowed_samples(BORROWED)
+        .history_size(0)
+        .enable_safe_overflow(true)
+}
+
+/// The wake-up event with its full settings, for `open_or_create` by the service.
+#[must_use]
+pub fn wake(node: &IpcNode, imu: &ImuId) -> event::Builder<ipc::Service> {
+    node.service_builder(&imu.wake()).event().max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES)
+}
+
+/// The status stream with its full settings, for `open_or_create` by the service.
+#[must_use]
+pub fn status(node: &IpcNode) -> PublishSubscribe<[u8]> {
+    node.service_builder(&service_name(STATUS))
+        .publish_subscribe()
+        .max_publishers(1)
+        .max_subscribers(STATUS_SUBSCRIBERS)
+        .max_nodes(NODES)
+        .subscriber_max_buffer_size(1)
+        .subscriber_max_borrowed_samples(BORROWED)
+        .history_size(1)
+        .enable_safe_overflow(true)
+}
+
+/// The name of an IMU: 1 to 32 of `a-z 0-9 - _`.
+#[derive(Clone, Debug, Eq, Hash, Ord, PartialEq, PartialOrd)]
+pub struct ImuId(String);
+
+impl ImuId {
+    /// `None` unless `name` is 1 to 32 of `a-z 0-9 - _`.
+    #[must_use]
+    pub fn new(name: &str) -> Option<Self> {
+        is_name(name).then(|| Self(name.to_owned()))
+    }
+
+    /// The name.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    /// `isotherm/<imu>/raw`.
+    #[must_use]
+    pub fn raw(&self) -> ServiceName {
+        service_name(&format!("isotherm/{self}/raw"))
+    }
+
+    /// `isotherm/<imu>/increment`.
+    #[must_use]
+    pub fn increment(&self) -> ServiceName {
+        service_name(&format!("isotherm/{self}/increment"))
+    }
+
+    /// `isotherm/<imu>/wake`.
+    #[must_use]
+    pub fn wake(&self) -> ServiceName {
+        service_name(&format!("isotherm/{self}/wake"))
+    }
+}
+
+impl fmt::Display for ImuId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl core::str::FromStr for ImuId {
+    type Err = InvalidName;
+    fn from_str(name: &str) -> Result<Self, InvalidName> {
+        Self::new(name).ok_or_else(|| InvalidName(name.to_owned()))
+    }
+}
+
+/// The name of the status stream.
+#[must_use]
+pub fn status_name() -> ServiceName {
+    service_name(STATUS)
+}
+
+#[expect(clippy::expect_used, reason = "built from checked names of at most 32 characters; the limit is 255")]
+fn service_name(name: &str) -> ServiceName {
+    ServiceName::new(name).expect("a short name")
+}
+
+/// A name that is not 1 to 32 of `a-z 0-9 - _`.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+#[error("{0:?} is no valid name; give 1 to 32 of a-z 0-9 - _")]
+pub struct InvalidName(pub String);
+
+fn is_name(name: &str) -> bool {
+    let valid = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-' || byte == b'_';
+    (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(valid)
+}
+
+/// A world of its own for a service and its clients: they meet only within one domain.
+///
+/// A domain is a prefix of all shared memory objects plus a folder for what the transport keeps in files. A peer that
+/// does not use this crate sets both in its iceoryx2 configuration; `isotherm status --json` tells them.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Domain {
+    name: String,
+    root: String,
+}
+
+/// Longest root folder: the paths of sockets in it are bounded by the operating system.
+pub const MAX_ROOT: usize = 55;
+
+impl Domain {
+    /// The domain's name unless another is asked for.
+    pub const DEFAULT: &'static str = "default";
+
+    /// `name` as for an IMU, `root` the folder for its files alone.
+    ///
+    /// # Errors
+    /// [`DomainError`] for an invalid name, or a folder that is not absolute or longer than [`MAX_ROOT`].
+    pub fn new(name: &str, root: &str) -> Result<Self, DomainError> {
+        if !is_name(name) {
+            return Err(DomainError::Name(InvalidName(name.to_owned())));
+        }
+        if !root.starts_with('/') || root.len() > MAX_ROOT || Path::new(root.as_bytes()).is_err() {
+            return Err(DomainError::Root(root.to_owned()));
+        }
+        Ok(Self { name: name.to_owned(), root: root.to_owned() })
+    }
+
+    /// The domain's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Prefix of everything of this domain in shared memory.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        format!("isotherm_{}_", self.name)
+    }
+
+    /// Folder of everything of this domain in the file system.
+    #[must_use]
+    pub fn root_path(&self) -> &str {
+        &self.root
+    }
+
+    /// The transport's configuration: explicit, so that no configuration file of iceoryx2 has a say.
+    ///
+    /// # Errors
+    /// Never for a valid domain.
+    pub fn config(&self) -> Result<Config, DomainError> {
+        let invalid = || DomainError::Root(self.root.clone());
+        let mut config = Config::default();
+        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|_| invalid())?;
+        config.global.set_root_path(&Path::new(self.root.as_bytes()).map_err(|_| invalid())?);
+        config.global.creation_timeout = CREATION_TIMEOUT;
+        Ok(config)
+    }
+}
+
+/// Why a domain cannot be used.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum DomainError {
+    /// The name is not 1 to 32 of `a-z 0-9 - _`.
+    #[error("domain: {0}")]
+    Name(InvalidName),
+    /// The folder cannot be used.
+    #[error("domain: the folder {0:?} must be absolute and at most {MAX_ROOT} characters; set ISOTHERM_ROOT to a shorter one")]
+    Root(String),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_checked() {
+        for name in ["a", "imu-a_2", "0123456789abcdefghijklmnopqrstuv"] {
+            assert_eq!(ImuId::new(name).unwrap().raw().as_str(), format!("isotherm/{name}/raw"));
+        }
+        for name in ["", "IMU", "a/b", "a b", "\u{e4}", "0123456789abcdefghijklmnopqrstuvw"] {
+            assert_eq!(ImuId::new(name), None, "{name}");
+            assert!(Domain::new(name, "/tmp").is_err());
+        }
+        assert!(matches!(Domain::new("x", "relative"), Err(DomainError::Root(_))));
+        assert!(matches!(Domain::new("x", &format!("/{}", "r".repeat(60))), Err(DomainError::Root(_))));
+        assert_eq!(Domain::new("x", "/tmp/x").unwrap().prefix(), "isotherm_x_");
+    }
+}

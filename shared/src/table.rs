@@ -1,0 +1,338 @@
+//! The coefficient table of one IMU. Only valid tables can exist: the one way to get one is [`CoefficientTable::new`],
+//! directly or through a file's text.
+
+mod toml;
+
+pub use toml::Seal;
+
+use crate::polynomial::{Polynomial, Violation};
+use crate::stream::ImuId;
+use crate::units::{Bias, BiasUnit, NegativeScaleFactor, PositiveScaleFactor, SCALE_FACTOR_UNIT};
+use crate::wire::AXES;
+use core::fmt;
+use nalgebra::Matrix3;
+use sha2::{Digest as _, Sha256};
+
+/// Names of the accelerometers, in order.
+pub const AXIS_NAMES: [&str; AXES] = ["A1", "A2", "A3"];
+
+/// Values of 1 g0 that are accepted \[m/s2\].
+pub const GRAVITY_RANGE: [f64; 2] = [9.7, 9.9];
+
+/// Smallest size of a scale factor anywhere in its range \[pulse/(s*g0)\].
+pub const MIN_SCALE_FACTOR: f64 = 1.0;
+
+/// Largest size of a bias anywhere in its range \[g0\].
+pub const MAX_BIAS_G0: f64 = 1.0;
+
+/// What happens with telemetry outside a polynomial's range. It is flagged under every policy.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum OutOfRange {
+    /// The range's nearest end is used.
+    Clamp,
+    /// The polynomial is evaluated where the telemetry is.
+    Extrapolate,
+    /// The axis becomes NaN.
+    Reject,
+}
+
+impl OutOfRange {
+    /// Every policy with the name that tables use.
+    pub const NAMES: [(Self, &'static str); 3] =
+        [(Self::Clamp, "clamp"), (Self::Extrapolate, "extrapolate"), (Self::Reject, "reject")];
+
+    /// The name that tables use.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Clamp => "clamp",
+            Self::Extrapolate => "extrapolate",
+            Self::Reject => "reject",
+        }
+    }
+}
+
+/// The coefficients of one accelerometer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// Unit of the bias polynomial's value.
+    pub bias_unit: BiasUnit,
+    /// Bias against head telemetry, in `bias_unit`; within +-1 g0 over its range.
+    pub bias: Polynomial,
+    /// K+ against board telemetry \[pulse/(s*g0)\]; at least 1 over its range.
+    pub positive_scale_factor: Polynomial,
+    /// K- against board telemetry \[pulse/(s*g0)\]; at most -1 over its range.
+    pub negative_scale_factor: Polynomial,
+    /// Plausibility limit on the pulses of both channels together \[pulse/s\]; more are flagged.
+    pub max_rate: Option<f64>,
+}
+
+impl Axis {
+    /// Bias at `head` telemetry.
+    #[must_use]
+    #[inline]
+    pub fn bias_at(&self, head: f64) -> Bias {
+        Bias(self.bias.at(head) * self.bias_unit.in_g0())
+    }
+
+    /// K+ at `board` telemetry.
+    #[must_use]
+    #[inline]
+    pub fn positive_scale_factor_at(&self, board: f64) -> PositiveScaleFactor {
+        PositiveScaleFactor(self.positive_scale_factor.at(board))
+    }
+
+    /// K- at `board` telemetry.
+    #[must_use]
+    #[inline]
+    pub fn negative_scale_factor_at(&self, board: f64) -> NegativeScaleFactor {
+        NegativeScaleFactor(self.negative_scale_factor.at(board))
+    }
+}
+
+/// Everything that a table says, before it has been checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Content {
+    /// Whose coefficients these are.
+    pub imu: ImuId,
+    /// Serial number, free text.
+    pub serial: Option<String>,
+    /// The value of 1 g0 \[m/s2\].
+    pub gravity: f64,
+    /// Unit of the telemetry, a label.
+    pub temperature_unit: String,
+    /// Policy for telemetry outside a range.
+    pub out_of_range: OutOfRange,
+    /// Telemetry older than this is flagged \[s\].
+    pub max_age_s: Option<f64>,
+    /// A1, A2, A3.
+    pub axes: [Axis; AXES],
+    /// Body-frame increment = matrix * sensor increment.
+    pub alignment: Option<Matrix3<f64>>,
+}
+
+/// A valid coefficient table with its digest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CoefficientTable {
+    content: Content,
+    digest: Digest,
+}
+
+/// Something in a [`Content`] that cannot be.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Refusal {
+    /// The key as in a table file, with `axis.A1.`.. for an axis.
+    pub key: String,
+    /// What is wrong and what would be right.
+    pub message: String,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.key, self.message)
+    }
+}
+
+impl CoefficientTable {
+    /// Checks `content` and seals it.
+    ///
+    /// # Errors
+    /// Every reason why it cannot be a table.
+    pub fn new(content: Content) -> Result<Self, Vec<Refusal>> {
+        let refusals = content.refusals();
+        if refusals.is_empty() {
+            let digest = content.digest();
+            Ok(Self { content, digest })
+        } else {
+            Err(refusals)
+        }
+    }
+
+    /// What the table says.
+    #[must_use]
+    pub const fn content(&self) -> &Content {
+        &self.content
+    }
+
+    /// SHA-256 over what matters to the numbers and to whom they belong; see [`Content::canonical`].
+    #[must_use]
+    pub const fn digest(&self) -> &Digest {
+        &self.digest
+    }
+
+    /// The first 8 bytes of the digest, big-endian: what an increment carries.
+    #[must_use]
+    pub fn id(&self) -> u64 {
+        self.digest.id()
+    }
+}
+
+impl Content {
+    fn refusals(&self) -> Vec<Refusal> {
+        let mut refusals = Vec::new();
+        let mut check = |key: String, fault: Option<String>| {
+            refusals.extend(fault.map(|message| Refusal { key, message }));
+        };
+        check("imu.gravity".to_owned(), gravity_fault(self.gravity));
+        check("temperature.max_age_s".to_owned(), self.max_age_s.and_then(max_age_fault));
+        for (name, axis) in AXIS_NAMES.iter().zip(&self.axes) {
+            check(format!("axis.{name}.bias"), bias_fault(&axis.bias, axis.bias_unit));
+            check(format!("axis.{name}.positive_scale_factor"), positive_scale_factor_fault(&axis.positive_scale_factor));
+            check(format!("axis.{name}.negative_scale_factor"), negative_scale_factor_fault(&axis.negative_scale_factor));
+            check(format!("axis.{name}.max_rate"), axis.max_rate.and_then(max_rate_fault));
+        }
+        check("alignment.matrix".to_owned(), self.alignment.as_ref().and_then(alignment_fault));
+        refusals
+    }
+
+    /// The bytes that the digest is taken over.
+    ///
+    /// UTF-8 text, lines that end with one LF, each `KEY VALUE`. A number is the 16 lower-case hexadecimal digits of its
+    /// IEEE 754 double, most significant first, with -0 as 0; a text is its UTF-8 bytes in lower-case hexadecimal. In
+    /// this order:
+    ///
+    /// ```text
+    /// isotherm-table 1
+    /// imu.id TEXT
+    /// imu.serial TEXT                          only if present
+    /// imu.gravity NUMBER
+    /// temperature.unit TEXT
+    /// temperature.out_of_range TEXT
+    /// temperature.max_age_s NUMBER             only if present
+    /// axis.A1.max_rate NUMBER                  only if present
+    /// axis.A1.bias.unit TEXT
+    /// axis.A1.bias.range NUMBER NUMBER
+    /// axis.A1.bias.center NUMBER               0 if absent
+    /// axis.A1.bias.scale NUMBER                1 if absent
+    /// axis.A1.bias.coefficients NUMBER ...     c0 first
+    /// axis.A1.positive_scale_factor.unit ...   as for the bias, then negative_scale_factor; then A2, A3
+    /// alignment.matrix NUMBER ...              nine, row by row, only if present
+    /// ```
+    #[must_use]
+    pub fn canonical(&self) -> String {
+        let mut lines = String::from("isotherm-table 1\n");
+        let mut line = |key: &str, value: String| {
+            lines.push_str(key);
+            lines.push_str(&value);
+            lines.push('\n');
+        };
+        line("imu.id", text(self.imu.as_str()));
+        if let Some(serial) = &self.serial {
+            line("imu.serial", text(serial));
+        }
+        line("imu.gravity", numbers(&[self.gravity]));
+        line("temperature.unit", text(&self.temperature_unit));
+        line("temperature.out_of_range", text(self.out_of_range.name()));
+        if let Some(age) = self.max_age_s {
+            line("temperature.max_age_s", numbers(&[age]));
+        }
+        for (name, axis) in AXIS_NAMES.iter().zip(&self.axes) {
+            if let Some(rate) = axis.max_rate {
+                line(&format!("axis.{name}.max_rate"), numbers(&[rate]));
+            }
+            for (quantity, polynomial, unit) in axis.polynomials() {
+                let mut part = |key: &str, value| line(&format!("axis.{name}.{quantity}.{key}"), value);
+                part("unit", text(unit));
+                part("range", numbers(&polynomial.range()));
+                part("center", numbers(&[polynomial.center()]));
+                part("scale", numbers(&[polynomial.scale()]));
+                part("coefficients", numbers(polynomial.coefficients()));
+            }
+        }
+        if let Some(matrix) = &self.alignment {
+            line("alignment.matrix", numbers(matrix.transpose().as_slice()));
+        }
+        lines
+    }
+
+    fn digest(&self) -> Digest {
+        Digest(Sha256::digest(self.canonical()).into())
+    }
+}
+
+impl Axis {
+    /// The three polynomials with the names and units that tables use.
+    fn polynomials(&self) -> [(&'static str, &Polynomial, &'static str); 3] {
+        [
+            ("bias", &self.bias, self.bias_unit.name()),
+            ("positive_scale_factor", &self.positive_scale_factor, SCALE_FACTOR_UNIT),
+            ("negative_scale_factor", &self.negative_scale_factor, SCALE_FACTOR_UNIT),
+        ]
+    }
+}
+
+// What each part of a table must satisfy; `Some` says what is wrong and what would be right.
+
+fn gravity_fault(gravity: f64) -> Option<String> {
+    let [low, high] = GRAVITY_RANGE;
+    (!(low..=high).contains(&gravity)).then(|| format!("is {gravity:?}, give the value of 1 g0, {low} to {high} m/s2"))
+}
+
+fn max_age_fault(age: f64) -> Option<String> {
+    (!(age.is_finite() && age > 0.0)).then(|| format!("is {age:?}, give a number of seconds over 0"))
+}
+
+fn max_rate_fault(rate: f64) -> Option<String> {
+    (!(rate.is_finite() && rate > 0.0)).then(|| format!("is {rate:?}, give a number of pulses per second over 0"))
+}
+
+fn bias_fault(bias: &Polynomial, unit: BiasUnit) -> Option<String> {
+    let limit = MAX_BIAS_G0 / unit.in_g0();
+    let violation = bias.above(limit).or_else(|| bias.below(-limit))?;
+    Some(format!("{}; it must stay within +-1 g0 over its range", describe(violation, unit.name())))
+}
+
+fn positive_scale_factor_fault(polynomial: &Polynomial) -> Option<String> {
+    let violation = polynomial.below(MIN_SCALE_FACTOR)?;
+    Some(format!("{}; it must be positive and at least 1 over its range", describe(violation, SCALE_FACTOR_UNIT)))
+}
+
+fn negative_scale_factor_fault(polynomial: &Polynomial) -> Option<String> {
+    let violation = polynomial.above(-MIN_SCALE_FACTOR)?;
+    Some(format!("{}; it must be negative and at most -1 over its range", describe(violation, SCALE_FACTOR_UNIT)))
+}
+
+fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {
+    let sizes = matrix.singular_values();
+    // Written so that NaN, from entries that overflow, counts as singular.
+    let invertible = sizes.max().is_finite() && sizes.min() > 1e-9 * sizes.max();
+    (!invertible).then(|| "is singular; give an invertible 3x3 matrix, close to a rotation".to_owned())
+}
+
+fn describe(violation: Violation, unit: &str) -> String {
+    format!("is {:.6} {unit} at telemetry {:.6}", violation.value, violation.at)
+}
+
+fn text(value: &str) -> String {
+    value.bytes().fold(String::from(" "), |line, byte| format!("{line}{byte:02x}"))
+}
+
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(|value| format!(" {:016x}", (value + 0.0).to_bits())).collect()
+}
+
+/// SHA-256 of a table's canonical form.
+#[derive(Clone, Copy, Eq, PartialEq)]
+pub struct Digest([u8; 32]);
+
+impl Digest {
+    /// The first 8 bytes, big-endian.
+    #[must_use]
+    pub fn id(&self) -> u64 {
+        self.0.iter().take(8).fold(0, |id, &byte| id << 8 | u64::from(byte))
+    }
+}
+
+/// `sha256:` and 64 hexadecimal digits.
+impl fmt::Display for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("sha256:")?;
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}

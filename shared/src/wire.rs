@@ -1,0 +1,358 @@
+//! The two payloads that travel through shared memory, and the flags of an increment.
+//!
+//! Both are plain C structures of integers and doubles, native-endian, without padding, so that a process in any
+//! language that speaks iceoryx2 can join. **Every bit pattern is a valid value**, and a raw sample's is treated as
+//! hostile input: nothing here may panic or be trusted because of its type.
+
+use core::mem::{align_of, offset_of, size_of};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Number of accelerometers of an IMU: A1, A2, A3, in this order wherever an array has three elements.
+pub const AXES: usize = 3;
+
+/// Longest control period that can be compensated: one hour. Longer ones, and 0, are flagged [`Flags::INTERVAL`].
+pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
+
+/// One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+#[type_name("isotherm.RawSample.v1")]
+pub struct RawSample {
+    /// Chosen at random by the acquisition each time it starts; a resend keeps it.
+    pub session: u64,
+    /// Rises by one with each sample of a session, from any start.
+    pub sequence: u64,
+    /// End of the control period on the acquisition's clock \[ns\].
+    pub timestamp_ns: u64,
+    /// Control period Ts, the measured gate length \[ns\], 1..=[`MAX_INTERVAL_NS`].
+    pub interval_ns: u64,
+    /// `CLOCK_MONOTONIC` when the sample was sent \[ns\]; 0 = unknown.
+    pub sent_ns: u64,
+    /// When the temperatures were read, on the acquisition's clock \[ns\]; 0 = unknown.
+    pub telemetry_ns: u64,
+    /// Pulses of the positive channel in Ts (N+).
+    pub positive_pulses: [u32; AXES],
+    /// Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
+    pub negative_pulses: [u32; AXES],
+    /// Telemetry of the sensor head, in the table's unit; it drives the bias.
+    pub head_temperature: [f64; AXES],
+    /// Telemetry of the converter board, in the table's unit; it drives both scale factors.
+    pub board_temperature: [f64; AXES],
+}
+
+/// The compensated answer to one [`RawSample`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+#[type_name("isotherm.CompensatedIncrement.v1")]
+pub struct CompensatedIncrement {
+    /// Copied from the raw sample.
+    pub session: u64,
+    /// Copied from the raw sample.
+    pub sequence: u64,
+    /// Copied from the raw sample \[ns\].
+    pub timestamp_ns: u64,
+    /// Copied from the raw sample \[ns\].
+    pub interval_ns: u64,
+    /// Velocity increment over Ts \[m/s\]; NaN where it could not be computed, never a guess.
+    pub velocity_increment: [f64; AXES],
+    /// Which coefficients were used: the first 8 bytes of the table's digest, big-endian; 0 without a table.
+    pub table: u64,
+    /// See [`Flags`].
+    pub flags: u32,
+    /// From the raw sample's `sent_ns` (from the service seeing it, where that is unknown) to just before publishing
+    /// \[ns\], saturating.
+    pub latency_ns: u32,
+}
+
+// The contract with every peer that does not use this crate.
+const _: () = {
+    assert!(size_of::<RawSample>() == 120 && align_of::<RawSample>() == 8);
+    assert!(offset_of!(RawSample, session) == 0);
+    assert!(offset_of!(RawSample, sequence) == 8);
+    assert!(offset_of!(RawSample, timestamp_ns) == 16);
+    assert!(offset_of!(RawSample, interval_ns) == 24);
+    assert!(offset_of!(RawSample, sent_ns) == 32);
+    assert!(offset_of!(RawSample, telemetry_ns) == 40);
+    assert!(offset_of!(RawSample, positive_pulses) == 48);
+    assert!(offset_of!(RawSample, negative_pulses) == 60);
+    assert!(offset_of!(RawSample, head_temperature) == 72);
+    assert!(offset_of!(RawSample, board_temperature) == 96);
+    assert!(size_of::<CompensatedIncrement>() == 72 && align_of::<CompensatedIncrement>() == 8);
+    assert!(offset_of!(CompensatedIncrement, session) == 0);
+    assert!(offset_of!(CompensatedIncrement, sequence) == 8);
+    assert!(offset_of!(CompensatedIncrement, timestamp_ns) == 16);
+    assert!(offset_of!(CompensatedIncrement, interval_ns) == 24);
+    assert!(offset_of!(CompensatedIncrement, velocity_increment) == 32);
+    assert!(offset_of!(CompensatedIncrement, table) == 56);
+    assert!(offset_of!(CompensatedIncrement, flags) == 64);
+    assert!(offset_of!(CompensatedIncrement, latency_ns) == 68);
+};
+
+/// Why two samples cannot be summed by [`RawSample::merge`]; neither has been changed.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum MergeError {
+    /// A channel's sum does not fit into 32 bits.
+    #[error("the summed pulses of a channel exceed 32 bits; send what you have first")]
+    Pulses,
+    /// The summed period is over [`MAX_INTERVAL_NS`].
+    #[error("the summed interval exceeds one hour; send what you have first")]
+    Interval,
+}
+
+impl RawSample {
+    /// Adds the next control period to this one: pulses and intervals are summed, timestamp and telemetry become the
+    /// later ones, session, sequence and `sent_ns` stay.
+    ///
+    /// The velocity increment is linear in pulses and interval, so no velocity is lost as long as the temperature has
+    /// not moved between the two. Use it for a sample that the service had no room for.
+    ///
+    /// # Errors
+    /// [`MergeError`] when a sum would overflow; `self` is then unchanged.
+    pub fn merge(&mut self, later: &Self) -> Result<(), MergeError> {
+        let sum = |a: [u32; AXES], b: [u32; AXES]| -> Result<[u32; AXES], MergeError> {
+            let mut total = a;
+            for (total, added) in total.iter_mut().zip(b) {
+                *total = total.checked_add(added).ok_or(MergeError::Pulses)?;
+            }
+            Ok(total)
+        };
+        let interval_ns = self
+            .interval_ns
+            .checked_add(later.interval_ns)
+            .filter(|&interval| interval <= MAX_INTERVAL_NS)
+            .ok_or(MergeError::Interval)?;
+        *self = Self {
+            session: self.session,
+            sequence: self.sequence,
+            sent_ns: self.sent_ns,
+            interval_ns,
+            positive_pulses: sum(self.positive_pulses, later.positive_pulses)?,
+            negative_pulses: sum(self.negative_pulses, later.negative_pulses)?,
+            ..*later
+        };
+        Ok(())
+    }
+}
+
+/// What was unusual about a sample or its delivery: the bits of [`CompensatedIncrement::flags`].
+///
+/// Bits 0 to 20 are **sample flags**, a pure function of raw sample and table; bits 24 and up are **delivery flags**,
+/// which the service adds.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+#[repr(transparent)]
+pub struct Flags(pub u32);
+
+impl Flags {
+    /// Interval 0 or over an hour; the increment is NaN.
+    pub const INTERVAL: Self = Self(1 << 18);
+    /// The IMU is served without a table (`--allow-uncalibrated`); the increment is NaN.
+    pub const NO_TABLE: Self = Self(1 << 19);
+    /// The telemetry is older than the table's `max_age_s`.
+    pub const TELEMETRY_STALE: Self = Self(1 << 20);
+    /// Samples of this session are missing before this one.
+    pub const GAP: Self = Self(1 << 24);
+    /// The latency was over the configured budget.
+    pub const LATE: Self = Self(1 << 25);
+
+    /// All sample flags.
+    pub const SAMPLE: Self = Self((1 << 21) - 1);
+    /// All delivery flags.
+    pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0);
+
+    /// Every flag that exists with its name, lowest bit first.
+    pub const NAMES: [(u32, &'static str); 23] = [
+        (0, "a1-head-below"),
+        (1, "a2-head-below"),
+        (2, "a3-head-below"),
+        (3, "a1-head-above"),
+        (4, "a2-head-above"),
+        (5, "a3-head-above"),
+        (6, "a1-board-below"),
+        (7, "a2-board-below"),
+        (8, "a3-board-below"),
+        (9, "a1-board-above"),
+        (10, "a2-board-above"),
+        (11, "a3-board-above"),
+        (12, "a1-not-finite"),
+        (13, "a2-not-finite"),
+        (14, "a3-not-finite"),
+        (15, "a1-rate"),
+        (16, "a2-rate"),
+        (17, "a3-rate"),
+        (18, "interval"),
+        (19, "no-table"),
+        (20, "telemetry-stale"),
+        (24, "gap"),
+        (25, "late"),
+    ];
+
+    /// Head telemetry of `axis` (0 to 2) below the bias range.
+    #[must_use]
+    pub const fn head_below(axis: usize) -> Self {
+        Self(1 << axis)
+    }
+    /// Head telemetry of `axis` (0 to 2) above the bias range.
+    #[must_use]
+    pub const fn head_above(axis: usize) -> Self {
+        Self(1 << (3 + axis))
+    }
+    /// Board telemetry of `axis` (0 to 2) below the range of K+ or K-.
+    #[must_use]
+    pub const fn board_below(axis: usize) -> Self {
+        Self(1 << (6 + axis))
+    }
+    /// Board telemetry of `axis` (0 to 2) above the range of K+ or K-.
+    #[must_use]
+    pub const fn board_above(axis: usize) -> Self {
+        Self(1 << (9 + axis))
+    }
+    /// Telemetry of `axis` (0 to 2) NaN or infinite; the increment is NaN under any policy.
+    #[must_use]
+    pub const fn not_finite(axis: usize) -> Self {
+        Self(1 << (12 + axis))
+    }
+    /// More pulses per second on `axis` (0 to 2) than the table's `max_rate`.
+    #[must_use]
+    pub const fn rate(axis: usize) -> Self {
+        Self(1 << (15 + axis))
+    }
+
+    /// Whether any bit of `other` is set.
+    #[must_use]
+    pub const fn intersects(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// The bits that are also in `mask`.
+    #[must_use]
+    pub const fn only(self, mask: Self) -> Self {
+        Self(self.0 & mask.0)
+    }
+}
+
+impl core::ops::BitOrAssign for Flags {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}
+
+impl core::ops::BitOr for Flags {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// `-`, or the names joined by `|`, lowest bit first; bits without a name are left out.
+impl core::fmt::Display for Flags {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let mut separator = "";
+        for (bit, name) in Self::NAMES {
+            if self.0 & (1 << bit) != 0 {
+                write!(f, "{separator}{name}")?;
+                separator = "|";
+            }
+        }
+        if separator.is_empty() {
+            f.write_str("-")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> RawSample {
+        RawSample {
+            session: 7,
+            sequence: 3,
+            timestamp_ns: 1_000,
+            interval_ns: 400,
+            sent_ns: 5,
+            telemetry_ns: 900,
+            positive_pulses: [1, 2, u32::MAX - 1],
+            negative_pulses: [4, 5, 6],
+            head_temperature: [1.0, 2.0, 3.0],
+            board_temperature: [4.0, 5.0, 6.0],
+        }
+    }
+
+    #[test]
+    fn merging_sums_pulses_and_intervals_and_takes_the_later_telemetry() {
+        let mut first = sample();
+        let later = RawSample {
+            session: 7,
+            sequence: 4,
+            timestamp_ns: 1_400,
+            interval_ns: 401,
+            sent_ns: 0,
+            telemetry_ns: 1_300,
+            positive_pulses: [10, 20, 1],
+            negative_pulses: [40, 50, 60],
+            head_temperature: [1.5, 2.5, 3.5],
+            board_temperature: [4.5, 5.5, 6.5],
+        };
+        first.merge(&later).unwrap();
+        assert_eq!(
+            first,
+            RawSample {
+                session: 7,
+                sequence: 3,
+                sent_ns: 5,
+                interval_ns: 801,
+                positive_pulses: [11, 22, u32::MAX],
+                negative_pulses: [44, 55, 66],
+                ..later
+            }
+        );
+    }
+
+    #[test]
+    fn a_merge_that_overflows_changes_nothing() {
+        let mut first = sample();
+        assert_eq!(first.merge(&sample()), Err(MergeError::Pulses));
+        assert_eq!(first, sample());
+        let mut later = sample();
+        later.positive_pulses = [0; AXES];
+        for interval_ns in [MAX_INTERVAL_NS - 399, u64::MAX] {
+            later.interval_ns = interval_ns;
+            assert_eq!(first.merge(&later), Err(MergeError::Interval));
+            assert_eq!(first, sample());
+        }
+        later.interval_ns = MAX_INTERVAL_NS - 400;
+        assert_eq!(first.merge(&later), Ok(()));
+    }
+
+    #[test]
+    fn flags_print_by_name_lowest_bit_first() {
+        assert_eq!(Flags::default().to_string(), "-");
+        let mut flags = Flags::LATE | Flags::GAP | Flags::INTERVAL;
+        flags |= Flags::head_below(0) | Flags::rate(2);
+        assert_eq!(flags.to_string(), "a1-head-below|a3-rate|interval|gap|late");
+        assert_eq!(flags.only(Flags::SAMPLE).to_string(), "a1-head-below|a3-rate|interval");
+        assert_eq!(flags.only(Flags::DELIVERY).to_string(), "gap|late");
+    }
+
+    #[test]
+    fn every_flag_has_the_bit_that_its_name_says() {
+        let named = |name: &str| {
+            Flags::NAMES.iter().find(|(_, n)| *n == name).map(|(bit, _)| Flags(1 << bit)).unwrap()
+        };
+        for axis in 0..AXES {
+            let n = axis + 1;
+            assert_eq!(named(&format!("a{n}-head-below")), Flags::head_below(axis));
+            assert_eq!(named(&format!("a{n}-head-above")), Flags::head_above(axis));
+            assert_eq!(named(&format!("a{n}-board-below")), Flags::board_below(axis));
+            assert_eq!(named(&format!("a{n}-board-above")), Flags::board_above(axis));
+            assert_eq!(named(&format!("a{n}-not-finite")), Flags::not_finite(axis));
+            assert_eq!(named(&format!("a{n}-rate")), Flags::rate(axis));
+        }
+        assert_eq!(named("interval"), Flags::INTERVAL);
+        assert_eq!(named("no-table"), Flags::NO_TABLE);
+        assert_eq!(named("telemetry-stale"), Flags::TELEMETRY_STALE);
+        assert_eq!(named("gap"), Flags::GAP);
+        assert_eq!(named("late"), Flags::LATE);
+    }
+}
