@@ -1,6 +1,6 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
-use crate::connect::{ConnectError, Options, absent, join, monotonic_ns, permission, until};
+use crate::connect::{ConnectError, Options, absent, join_existing, monotonic_ns, permission, until};
 use crate::pending::Pending;
 use core::fmt;
 use iceoryx2::port::notifier::Notifier;
@@ -126,7 +126,7 @@ impl Acquisition {
     /// What still stood in the way when the time-out of `options` had passed, or at once what waiting cannot mend.
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
         let deadline = Instant::now() + options.timeout;
-        let node = until(deadline, || join(&options.domain))?;
+        let node = until(deadline, || join_existing(&options.domain))?;
         until(deadline, || Self::attach(&node, imu, options)).map(|parts| parts(node))
     }
 

@@ -6,6 +6,7 @@ use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
 use rustix::time::{ClockId, clock_gettime};
 use std::fs;
+use std::io;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::thread;
@@ -116,6 +117,18 @@ pub enum ConnectError {
 impl ConnectError {
     pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
         Self::Transport { phase, cause: cause.to_string() }
+    }
+}
+
+/// As [`join`], but only if a service has been there: a client leaves no trace in a domain that does not exist.
+///
+/// # Errors
+/// [`ConnectError::NoService`] besides those of [`join`].
+pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
+    match fs::metadata(domain.root_path()) {
+        Ok(_) => join(domain),
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(permission(domain)),
+        Err(_) => Err(ConnectError::NoService(domain.name().to_owned())),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Reading increments beside the acquisition: navigation, loggers.
 
-use crate::connect::{ConnectError, Options, absent, join, permission};
+use crate::connect::{ConnectError, Options, absent, join_existing, permission};
 use crate::once::Once;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::ipc;
@@ -118,7 +118,7 @@ impl IncrementReader {
     fn attach(&mut self) -> Result<(), ConnectError> {
         let node = match &self.node {
             Some(node) => node,
-            None => self.node.insert(join(&self.domain)?),
+            None => self.node.insert(join_existing(&self.domain)?),
         };
         let stream = node.service_builder(&self.imu.increment()).publish_subscribe::<CompensatedIncrement>().open();
         let stream = stream.map_err(|error| match error {

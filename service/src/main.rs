@@ -1,5 +1,6 @@
 //! `isotherm`: the compensation service and the tools around it.
 
+mod clean;
 mod cli;
 mod config;
 mod control;

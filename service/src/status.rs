@@ -6,7 +6,7 @@ use crate::failure::{Exit, Failure};
 use crate::worker::counters::{Counters, Summary};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{AllocationStrategy, PortFactory as _, ipc};
-use isotherm_client::{ConnectError, Options, join, monotonic_ns, publisher_of};
+use isotherm_client::{ConnectError, Options, join_existing, monotonic_ns, publisher_of};
 use isotherm_shared::stream::{self, Domain, IpcNode};
 use isotherm_shared::wire::Flags;
 use serde::{Deserialize, Serialize};
@@ -170,7 +170,7 @@ impl StatusPublisher {
 pub fn fetch(options: &Options) -> Result<Status, Failure> {
     let asked_ns = monotonic_ns();
     let unavailable = || Failure::from(ConnectError::NoService(options.domain.name().to_owned()));
-    let node = join(&options.domain)?;
+    let node = join_existing(&options.domain)?;
     let service = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
     let service = service.map_err(|error| match error {
         iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError::DoesNotExist => unavailable(),

@@ -12,6 +12,9 @@ use toml::de::{DeTable, DeValue};
 /// Largest file that is read: 1 MiB.
 pub const MAX_BYTES: u64 = 1 << 20;
 
+/// A file that is no TOML at all has an error on every line; this many are reported.
+const MAX_SYNTAX_FAULTS: usize = 8;
+
 /// One thing that is wrong with a file, and what would be right.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Fault {
@@ -65,17 +68,22 @@ impl<'a> Document<'a> {
         if errors.is_empty() {
             return Ok(Self { text, root, faults: RefCell::default() });
         }
-        let mut faults: Vec<_> = errors
-            .iter()
-            .map(|error| Fault {
-                line: line_of(text, error.span().map_or(0, |span| span.start)),
-                key: String::new(),
-                message: format!("not TOML: {}", error.message().replace('\n', ", ")),
-            })
-            .collect();
+        let mut places: Vec<_> = errors.iter().map(|error| (error.span().map_or(0, |span| span.start), error)).collect();
+        places.sort_by_key(|(offset, _)| *offset);
+        let (mut line, mut counted) = (1, 0);
+        let located = |(offset, error): (usize, &toml::de::Error)| {
+            line += newlines(text, counted..offset);
+            counted = offset;
+            Fault { line, key: String::new(), message: format!("not TOML: {}", error.message().replace('\n', ", ")) }
+        };
+        let mut faults: Vec<_> = places.into_iter().map(located).collect();
         // A slip makes the parser stumble on; the first error of a line is the one that helps.
-        faults.sort_by_key(|fault| fault.line);
         faults.dedup_by_key(|fault| fault.line);
+        if let Some(rest) = faults.len().checked_sub(MAX_SYNTAX_FAULTS).filter(|rest| *rest > 0) {
+            faults.truncate(MAX_SYNTAX_FAULTS);
+            let line = faults.last().map_or(1, |fault| fault.line);
+            faults.push(Fault { line, key: String::new(), message: format!("and {rest} lines more like this") });
+        }
         Err(Faults(faults))
     }
 
@@ -115,13 +123,12 @@ impl<'a> Document<'a> {
     }
 
     fn line(&self, span: &Range<usize>) -> usize {
-        line_of(self.text, span.start)
+        1 + newlines(self.text, 0..span.start)
     }
 }
 
-fn line_of(text: &str, offset: usize) -> usize {
-    let before = &text.as_bytes()[..offset.min(text.len())];
-    1 + before.iter().filter(|&&byte| byte == b'\n').count()
+fn newlines(text: &str, range: Range<usize>) -> usize {
+    text.as_bytes().get(range).unwrap_or_default().iter().filter(|&&byte| byte == b'\n').count()
 }
 
 /// One table of a [`Document`]. Every key that is never asked for is reported by [`finish`](Self::finish).
@@ -403,5 +410,7 @@ mod tests {
     fn syntax_errors_have_lines_too() {
         let faults = Document::parse("a = 1\nb = = 2\na = 3\n").err().unwrap();
         assert_eq!(faults.0.iter().map(|fault| fault.line).collect::<Vec<_>>(), [2, 3], "{faults}");
+        let faults = Document::parse(&"no toml\n".repeat(1000)).err().unwrap();
+        assert_eq!((faults.0.len(), faults.0[8].message.as_str()), (9, "and 992 lines more like this"));
     }
 }

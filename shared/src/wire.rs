@@ -31,13 +31,13 @@ pub struct RawSample {
     /// When the temperatures were read, on the acquisition's clock \[ns\]; 0 = unknown.
     pub telemetry_ns: u64,
     /// Pulses of the positive channel in Ts (N+).
-    pub positive_pulses: [u32; AXES],
+    pub positive_pulses: [u32; 3],
     /// Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
-    pub negative_pulses: [u32; AXES],
+    pub negative_pulses: [u32; 3],
     /// Telemetry of the sensor head, in the table's unit; it drives the bias.
-    pub head_temperature: [f64; AXES],
+    pub head_temperature: [f64; 3],
     /// Telemetry of the converter board, in the table's unit; it drives both scale factors.
-    pub board_temperature: [f64; AXES],
+    pub board_temperature: [f64; 3],
 }
 
 /// The compensated answer to one [`RawSample`].
@@ -54,7 +54,7 @@ pub struct CompensatedIncrement {
     /// Copied from the raw sample \[ns\].
     pub interval_ns: u64,
     /// Velocity increment over Ts \[m/s\]; NaN where it could not be computed, never a guess.
-    pub velocity_increment: [f64; AXES],
+    pub velocity_increment: [f64; 3],
     /// Which coefficients were used: the first 8 bytes of the table's digest, big-endian; 0 without a table.
     pub table: u64,
     /// See [`Flags`].

@@ -1,0 +1,334 @@
+//! The harness of the end-to-end tests: a world of its own for each test, with real processes in it, a watchdog, and
+//! nothing left behind.
+#![allow(
+    clippy::expect_used,
+    clippy::missing_panics_doc,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::unwrap_used,
+    reason = "in a test the panic is the report"
+)]
+
+use isotherm_client::{Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Options, RawSample};
+use isotherm_shared::recording::RawReader;
+use isotherm_shared::table::CoefficientTable;
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Condvar, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// The coefficient table of the recording, for `imu-a`.
+pub const TABLE: &str = include_str!("../data/imu-a.toml");
+/// The recording.
+pub const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.csv");
+/// The exact increments of the recording under the table.
+pub const RUN_EXPECTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.expected.csv");
+
+/// How long anything that must happen may take. Generous: it bounds a failure, it is no expectation.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+/// No test runs longer.
+const WATCHDOG: Duration = Duration::from_secs(150);
+
+/// One test's domain and folder. Dropping it ends its processes and removes everything.
+pub struct World {
+    folder: TempDir,
+    domain: Domain,
+    alive: Arc<Mutex<Vec<u32>>>,
+    _watchdog: mpsc::Sender<()>,
+}
+
+impl Default for World {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl World {
+    /// A world that nothing else is in.
+    pub fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let folder = tempfile::Builder::new().prefix("iso-").tempdir().unwrap();
+        let name = format!("t{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let domain = Domain::new(&name, &format!("{}/{name}", folder.path().display())).unwrap();
+        let alive = Arc::<Mutex<Vec<u32>>>::default();
+        let (watchdog, bell) = mpsc::channel();
+        let (pids, prefix) = (Arc::clone(&alive), domain.prefix());
+        thread::spawn(move || {
+            if bell.recv_timeout(WATCHDOG) == Err(RecvTimeoutError::Timeout) {
+                eprintln!("watchdog: a test has hung for {} s", WATCHDOG.as_secs());
+                pids.lock().unwrap().iter().for_each(|pid| kill(*pid, Signal::KILL));
+                remove_shared_memory(&prefix);
+                std::process::abort();
+            }
+        });
+        Self { folder, domain, alive, _watchdog: watchdog }
+    }
+
+    /// The domain.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// A path in the world's folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes a file into the world's folder.
+    pub fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// Writes a file aside and renames it into place, as a careful editor does.
+    pub fn replace(&self, name: &str, text: &str) {
+        fs::rename(self.write(&format!("{name}.new"), text), self.path(name)).unwrap();
+    }
+
+    /// How the library's clients reach this world.
+    pub fn options(&self) -> Options {
+        Options { domain: self.domain.clone(), timeout: PATIENCE }
+    }
+
+    /// An acquisition in this process.
+    pub fn acquisition(&self, imu: &str) -> Acquisition {
+        Acquisition::connect(&id(imu), &self.options()).unwrap()
+    }
+
+    /// A connected reader in this process.
+    pub fn reader(&self, imu: &str) -> IncrementReader {
+        IncrementReader::connect(id(imu), &self.options()).unwrap()
+    }
+
+    /// `isotherm` with arguments, in this world.
+    pub fn isotherm(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(binary());
+        command.args(arguments).stdin(Stdio::null()).current_dir(self.folder.path());
+        command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
+        command.env_remove("ISOTHERM_LOG");
+        command
+    }
+
+    /// Runs `isotherm` to its end.
+    pub fn run(&self, arguments: &[&str]) -> Output {
+        let child = self.isotherm(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        self.alive.lock().unwrap().push(child.id());
+        let pid = child.id();
+        let output = child.wait_with_output().unwrap();
+        self.alive.lock().unwrap().retain(|alive| *alive != pid);
+        output
+    }
+
+    /// Runs `isotherm`, which must exit 0, and gives what it printed.
+    pub fn run_well(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}\n{}", output.status, text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    /// Starts a service and waits until it is ready.
+    pub fn serve(&self, arguments: &[&str]) -> Process {
+        let service = self.spawn(&[&["serve"], arguments].concat());
+        service.wait_for_log("ready");
+        service
+    }
+
+    /// Starts a service for `imu-a` with the table of the recording.
+    pub fn serve_recording(&self) -> Process {
+        self.write("imu-a.toml", TABLE);
+        self.serve(&["--imu", "imu-a=imu-a.toml"])
+    }
+
+    /// Starts `isotherm` in the background.
+    pub fn spawn(&self, arguments: &[&str]) -> Process {
+        let mut child = self.isotherm(arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        self.alive.lock().unwrap().push(child.id());
+        let alive = Arc::clone(&self.alive);
+        let log = Arc::<(Mutex<Vec<String>>, Condvar)>::default();
+        let (sink, stderr) = (Arc::clone(&log), BufReader::new(child.stderr.take().unwrap()));
+        thread::spawn(move || {
+            for line in stderr.lines().map_while(Result::ok) {
+                sink.0.lock().unwrap().push(line);
+                sink.1.notify_all();
+            }
+        });
+        Process { child, log, alive }
+    }
+
+    /// `isotherm status --json`.
+    pub fn status(&self) -> Value {
+        serde_json::from_str(&self.run_well(&["status", "--json"])).unwrap()
+    }
+
+    /// The status of the only IMU, or of the first.
+    pub fn imu_status(&self) -> Value {
+        self.status()["imus"][0].clone()
+    }
+}
+
+impl Drop for World {
+    fn drop(&mut self) {
+        for pid in self.alive.lock().unwrap().drain(..) {
+            kill(pid, Signal::KILL);
+        }
+        remove_shared_memory(&self.domain.prefix());
+    }
+}
+
+/// A running `isotherm`.
+pub struct Process {
+    child: Child,
+    log: Arc<(Mutex<Vec<String>>, Condvar)>,
+    alive: Arc<Mutex<Vec<u32>>>,
+}
+
+impl Process {
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// All log lines so far.
+    pub fn log(&self) -> String {
+        self.log.0.lock().unwrap().join("\n")
+    }
+
+    /// Log lines so far with `text` in them.
+    pub fn count_in_log(&self, text: &str) -> usize {
+        self.log.0.lock().unwrap().iter().filter(|line| line.contains(text)).count()
+    }
+
+    /// Waits until a log line has `text` in it.
+    pub fn wait_for_log(&self, text: &str) {
+        self.wait_for_log_lines(text, 1);
+    }
+
+    /// Waits until `count` log lines have `text` in them.
+    pub fn wait_for_log_lines(&self, text: &str, count: usize) {
+        let (lines, bell) = &*self.log;
+        let enough = |lines: &mut Vec<String>| lines.iter().filter(|line| line.contains(text)).count() < count;
+        let (lines, waited) = bell.wait_timeout_while(lines.lock().unwrap(), PATIENCE, enough).unwrap();
+        assert!(!waited.timed_out(), "{count} x {text:?} did not come into the log:\n{}", lines.join("\n"));
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill(self.child.id(), signal);
+    }
+
+    /// Kills it without notice, and waits until it is gone.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// SIGTERM; it must exit 0.
+    pub fn terminate(self) {
+        self.signal(Signal::TERM);
+        let (status, log) = self.wait();
+        assert!(status.success(), "{status}\n{log}");
+    }
+
+    /// Waits for its end; the exit status and all of its log.
+    pub fn wait(mut self) -> (ExitStatus, String) {
+        let deadline = Instant::now() + PATIENCE;
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(Instant::now() < deadline, "it does not end:\n{}", self.log());
+            thread::sleep(Duration::from_millis(2));
+        };
+        (status, self.log())
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // Fails if it has ended, as most have.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        self.alive.lock().unwrap().retain(|alive| *alive != self.child.id());
+    }
+}
+
+/// A process that is not ours to wait for, ended or signalled by its id.
+pub fn kill(pid: u32, signal: Signal) {
+    let pid = Pid::from_raw(pid.cast_signed()).unwrap();
+    // Fails if it has ended already.
+    let _ = kill_process(pid, signal);
+}
+
+fn remove_shared_memory(prefix: &str) {
+    for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(prefix) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// The `isotherm` that belongs to this build.
+pub fn binary() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let binary = test.parent().and_then(Path::parent).unwrap().join("isotherm");
+    assert!(binary.exists(), "{} is not built; run `cargo test --workspace`", binary.display());
+    binary
+}
+
+/// An IMU's id.
+pub fn id(name: &str) -> ImuId {
+    name.parse().unwrap()
+}
+
+/// Bytes as text.
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// A valid table.
+pub fn table(text: &str) -> CoefficientTable {
+    CoefficientTable::from_toml(text, None).unwrap()
+}
+
+/// The recording's samples.
+pub fn recording() -> Vec<RawSample> {
+    RawReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
+}
+
+/// The table of the recording with another gravity, and so with another digest and other increments.
+pub fn variant(number: u32) -> String {
+    TABLE.replace("9.8015", &format!("{:.4}", 9.8 + f64::from(number) * 1e-4))
+}
+
+/// Sends a sample, in the acquisition's own session and sequence, and waits for its increment.
+pub fn round_trip(acquisition: &mut Acquisition, sample: &RawSample) -> CompensatedIncrement {
+    let mut loan = acquisition.loan().unwrap();
+    *loan = RawSample { session: loan.session, sequence: loan.sequence, ..*sample };
+    acquisition.compensate(loan, PATIENCE).unwrap()
+}
+
+/// Whether two increments are the same to the bit, but for their delivery.
+pub fn same(a: &CompensatedIncrement, b: &CompensatedIncrement) -> bool {
+    let sample_flags = |increment: &CompensatedIncrement| increment.flags & Flags::SAMPLE.0;
+    let bits = |increment: &CompensatedIncrement| increment.velocity_increment.map(f64::to_bits);
+    (a.session, a.sequence, a.timestamp_ns, a.interval_ns) == (b.session, b.sequence, b.timestamp_ns, b.interval_ns)
+        && (a.table, sample_flags(a), bits(a)) == (b.table, sample_flags(b), bits(b))
+}
+
+/// Waits until `condition` holds.
+pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
+    let deadline = Instant::now() + PATIENCE;
+    while !condition() {
+        assert!(Instant::now() < deadline, "{what} did not come to be");
+        thread::sleep(Duration::from_millis(2));
+    }
+}

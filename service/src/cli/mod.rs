@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod check;
+mod clean;
 mod demo;
 mod feed;
 mod replay;
@@ -33,6 +34,7 @@ enum Command {
     Replay(replay::Replay),
     Check(check::Check),
     Status(status::Status),
+    Clean(clean::Clean),
 }
 
 impl Cli {
@@ -44,12 +46,13 @@ impl Cli {
         let domain = isotherm_client::domain(Some(&self.domain));
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
         match self.command {
-            Command::Demo(demo) => demo.run(),
+            Command::Demo(demo) => demo.run(domain),
             Command::Serve(serve) => serve.run(&domain),
             Command::Feed(feed) => feed.run(domain),
             Command::Replay(replay) => replay.run(),
             Command::Check(check) => check.run(),
             Command::Status(status) => status.run(domain),
+            Command::Clean(clean) => clean.run(&domain),
         }
     }
 }

@@ -13,12 +13,17 @@ pub const BOUND_NS: u64 = 20_000_000;
 const CONFIDENT: u32 = 8;
 /// How the period follows the observed ones, and the phase the later arrivals.
 const PERIOD_GAIN: f64 = 1.0 / 32.0;
+/// One step moves the period by no more than this part of itself, before the gain.
+const PERIOD_LIMIT: f64 = 0.02;
 const PHASE_DRIFT: f64 = 1.0 / 256.0;
 /// Limits of the guard \[ns\].
 const GUARD_MIN: f64 = 30_000.0;
 const GUARD_MAX: f64 = 500_000.0;
 /// Shorter sleeps are not worth their system call \[ns\].
 const SHORTEST_SLEEP_NS: u64 = 20_000;
+/// A stream without a known period is spun for this long after a sample \[ns\]: an acquisition that sends as soon as it
+/// has its answer is met awake, and its period can be seen at all.
+const LINGER_NS: u64 = 50_000;
 /// Predictions that may be missed in a row before a stream counts as stopped.
 const MISSES: u32 = 3;
 
@@ -37,18 +42,21 @@ pub struct Waiter {
     strategy: Strategy,
     rhythms: Vec<Rhythm>,
     guard: f64,
+    /// When any stream's sample was served last.
+    last: u64,
 }
 
 impl Waiter {
     /// For `streams` streams.
     pub fn new(strategy: Strategy, streams: usize) -> Self {
-        Self { strategy, rhythms: vec![Rhythm::default(); streams], guard: GUARD_MIN * 2.0 }
+        Self { strategy, rhythms: vec![Rhythm::default(); streams], guard: GUARD_MIN * 2.0, last: 0 }
     }
 
     /// A sample of `stream` was served at `now`.
     #[inline]
     pub fn arrived(&mut self, stream: usize, now: u64) {
         if self.strategy == Strategy::Anticipate {
+            self.last = now;
             self.rhythms[stream].arrived(now);
         }
     }
@@ -66,7 +74,9 @@ impl Waiter {
     fn anticipate(&mut self, now: u64) -> Wait {
         let guard = self.guard as u64;
         let due = self.rhythms.iter_mut().filter_map(|rhythm| rhythm.due(now, 2 * guard)).min();
-        let Some(due) = due else { return Wait::Sleep(BOUND_NS) };
+        let Some(due) = due else {
+            return if now.saturating_sub(self.last) < LINGER_NS { Wait::Spin } else { Wait::Sleep(BOUND_NS) };
+        };
         let sleep = due.saturating_sub(guard).saturating_sub(now);
         if sleep < SHORTEST_SLEEP_NS { Wait::Spin } else { Wait::Sleep(sleep.min(BOUND_NS)) }
     }
@@ -101,14 +111,18 @@ impl Rhythm {
         }
         let off = (step - self.period).abs();
         if off <= self.period / 2.0 {
-            self.period += (step - self.period) * PERIOD_GAIN;
-            let late = now.saturating_sub(self.due) as f64;
-            let phase = if now < self.due || self.confidence == 0 {
+            let limit = self.period * PERIOD_LIMIT;
+            self.period += (step - self.period).clamp(-limit, limit) * PERIOD_GAIN;
+            // A sample that comes well before the prediction is a late one of the prediction before.
+            let period = self.period as u64;
+            let expected = if now + period / 2 < self.due { self.due - period } else { self.due };
+            let late = now.saturating_sub(expected) as f64;
+            let phase = if now < expected || self.confidence == 0 {
                 now
             } else {
-                self.due + late.min(self.period * PHASE_DRIFT) as u64
+                expected + late.min(self.period * PHASE_DRIFT) as u64
             };
-            self.due = phase + self.period as u64;
+            self.due = phase + period;
             self.confidence = (self.confidence + 1).min(2 * CONFIDENT);
         } else {
             // One odd step costs some confidence; when it is used up, learn anew from here.
@@ -244,7 +258,7 @@ mod tests {
     fn irregular_samples_are_waited_for_asleep() {
         let mut waiter = Waiter::new(Strategy::Anticipate, 1);
         let mut at = MS;
-        let arrivals: Vec<_> = (0..2000).map(|k| {
+        let arrivals = (0..2000).map(|k| {
             at += if pseudo_random(k) % 2 == 0 { 200_000 } else { 9 * MS };
             (at, 0)
         });

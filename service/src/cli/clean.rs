@@ -1,0 +1,17 @@
+use super::written;
+use crate::clean::clean;
+use crate::failure::Failure;
+use clap::Args;
+use isotherm_client::Domain;
+use std::io::{self, Write as _};
+
+/// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
+#[derive(Debug, Args)]
+pub struct Clean {}
+
+impl Clean {
+    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+        let removed = clean(domain)?;
+        written(None, writeln!(io::stdout(), "domain {}: {removed} objects removed", domain.name()))
+    }
+}

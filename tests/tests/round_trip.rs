@@ -1,0 +1,317 @@
+//! Raw samples in, exact increments out, through real processes and real shared memory.
+
+use isotherm_client::{CompensateError, SendError};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::wire::{Flags, RawSample};
+use isotherm_tests::{
+    PATIENCE, RUN, RUN_EXPECTED, TABLE, World, recording, round_trip, same, table, text, variant, wait_until,
+};
+use std::collections::HashMap;
+use std::fs;
+use std::process::Stdio;
+use std::time::Duration;
+
+/// The columns of a CSV text by name.
+fn columns(text: &str) -> HashMap<String, Vec<String>> {
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let mut columns: HashMap<_, Vec<_>> = header.iter().map(|name| (name.clone(), Vec::new())).collect();
+    for fields in lines {
+        assert_eq!(fields.len(), header.len());
+        for (name, field) in header.iter().zip(fields) {
+            columns.get_mut(name).unwrap().push(field);
+        }
+    }
+    columns
+}
+
+#[test]
+fn the_recording_comes_back_exactly_and_replay_agrees_to_the_byte() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let fed = world.run_well(&["feed", "--imu", "imu-a", RUN]);
+    for window in ["1", "7", "1000"] {
+        world.run_well(&["feed", "--imu", "imu-a", "--window", window, RUN, "-o", "fed.csv"]);
+        assert!(fed == fs::read_to_string(world.path("fed.csv")).unwrap(), "window {window}");
+    }
+    assert!(fed == world.run_well(&["replay", "--table", "imu-a.toml", RUN]), "replay differs from feed");
+
+    let (fed, expected) = (columns(&fed), columns(&fs::read_to_string(RUN_EXPECTED).unwrap()));
+    let digest = table(TABLE).digest().to_string();
+    assert!(fed["table"].iter().all(|table| *table == digest["sha256:".len()..][..16]));
+    assert!(fed["flags"].iter().all(|flags| flags == "-"));
+    let mut worst = 0.0_f64;
+    for name in ["sequence", "timestamp_ns", "a1_dv", "a2_dv", "a3_dv"] {
+        assert_eq!(fed[name].len(), expected[name].len());
+        for (fed, expected) in fed[name].iter().zip(&expected[name]) {
+            worst = worst.max((fed.parse::<f64>().unwrap() - expected.parse::<f64>().unwrap()).abs());
+        }
+    }
+    assert!(worst <= 2e-16, "worst difference {worst:e} m/s");
+
+    let status = world.imu_status();
+    assert_eq!((&status["received"], &status["compensated"]), (&16_000.into(), &16_000.into()));
+    assert_eq!((&status["gaps"], &status["repeats"], &status["sessions"]), (&0.into(), &0.into(), &4.into()));
+    assert_eq!(status["table"], digest);
+    assert!(status["latency_ns"]["p50"].as_u64().unwrap() > 0);
+    service.terminate();
+}
+
+#[test]
+fn every_waiting_strategy_serves() {
+    for strategy in ["spin", "anticipate", "block"] {
+        let world = World::new();
+        world.write("imu-a.toml", TABLE);
+        let config = format!("[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[wait]\nstrategy = \"{strategy}\"\n");
+        world.write("service.toml", &config);
+        let service = world.serve(&["--config", "service.toml"]);
+        let samples = recording();
+        let short = fs::read_to_string(RUN).unwrap().lines().take(401).map(|line| format!("{line}\n")).collect::<String>();
+        world.write("short.csv", &short);
+        let fed = world.run_well(&["feed", "--imu", "imu-a", "--rate", "400", "short.csv"]);
+        assert_eq!(fed.lines().count(), 401);
+        assert_eq!(world.status()["wait"], strategy);
+        let mut acquisition = world.acquisition("imu-a");
+        for sample in &samples[..100] {
+            let increment = round_trip(&mut acquisition, sample);
+            let raw = RawSample { session: increment.session, sequence: increment.sequence, ..*sample };
+            assert!(same(&increment, &answer(Some(&table(TABLE)), &raw)));
+        }
+        service.terminate();
+    }
+}
+
+#[test]
+fn data_flow_through_pipes_and_words_go_to_stderr() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut feed = world.isotherm(&["feed", "--imu", "imu-a", "-", "-o", "-"]);
+    let feed = feed.stdin(fs::File::open(RUN).unwrap()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let output = feed.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stdout), world.run_well(&["replay", "--table", "imu-a.toml", RUN, "-o", "/dev/stdout"]));
+    service.terminate();
+}
+
+#[test]
+fn two_imus_do_not_mix() {
+    let world = World::new();
+    world.write("a.toml", TABLE);
+    world.write("b.toml", &variant(77).replace("imu-a", "imu-b"));
+    let service = world.serve(&["--imu", "imu-a=a.toml", "--imu", "imu-b=b.toml"]);
+    let feed = |imu: &str| {
+        let mut command = world.isotherm(&["feed", "--imu", imu, "--window", "5", RUN]);
+        command.stdout(Stdio::piped()).spawn().unwrap()
+    };
+    let (a, b) = (feed("imu-a"), feed("imu-b"));
+    let (a, b) = (a.wait_with_output().unwrap().stdout, b.wait_with_output().unwrap().stdout);
+    assert!(text(&a) == world.run_well(&["replay", "--table", "a.toml", RUN]), "imu-a");
+    assert!(text(&b) == world.run_well(&["replay", "--table", "b.toml", RUN]), "imu-b");
+    assert!(a != b);
+    let status = world.status();
+    assert_eq!((&status["imus"][0]["received"], &status["imus"][1]["received"]), (&4000.into(), &4000.into()));
+    service.terminate();
+}
+
+#[test]
+fn out_of_range_and_not_finite_telemetry_under_each_policy() {
+    let raw = |head: f64, board: f64| RawSample {
+        interval_ns: 10_000_000,
+        positive_pulses: [500; 3],
+        negative_pulses: [20; 3],
+        head_temperature: [head, 2.0, 2.0],
+        board_temperature: [2.0, board, 2.0],
+        ..RawSample::default()
+    };
+    let places = [2.0, 0.5, 5.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+    for policy in ["clamp", "extrapolate", "reject"] {
+        let world = World::new();
+        let text = TABLE.replace("\"clamp\"", &format!("{policy:?}"));
+        world.write("imu-a.toml", &text);
+        let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+        let mut acquisition = world.acquisition("imu-a");
+        let inside = round_trip(&mut acquisition, &raw(2.0, 2.0));
+        for head in places {
+            for board in places {
+                let increment = round_trip(&mut acquisition, &raw(head, board));
+                let flags = Flags(increment.flags).only(Flags::SAMPLE);
+                let mut expected = Flags::default();
+                for (value, axis, below, above) in [
+                    (head, 0, Flags::head_below(0), Flags::head_above(0)),
+                    (board, 1, Flags::board_below(1), Flags::board_above(1)),
+                ] {
+                    let (flag, outside) = match value {
+                        v if !v.is_finite() => (Flags::not_finite(axis), None),
+                        v if v < 0.9 => (below, Some(0.9)),
+                        v if v > 4.2 => (above, Some(4.2)),
+                        _ => (Flags::default(), Some(value)),
+                    };
+                    expected |= flag;
+                    let at = |value| if axis == 0 { raw(value, 2.0) } else { raw(2.0, value) };
+                    let dv = increment.velocity_increment[axis];
+                    let exact = |place| answer(Some(&table(&text.replace("[0.9, 4.2]", "[0.4, 5.1]"))), &at(place)).velocity_increment[axis];
+                    match outside {
+                        None => assert!(dv.is_nan(), "{policy} {value}"),
+                        Some(_) if flag == Flags::default() => assert_eq!(dv, inside.velocity_increment[axis]),
+                        Some(end) if policy == "clamp" => assert_eq!(dv, exact(end)),
+                        Some(_) if policy == "extrapolate" => assert_eq!(dv, exact(value)),
+                        Some(_) => assert!(dv.is_nan(), "{policy} {value}"),
+                    }
+                }
+                assert_eq!(flags, expected, "{policy} {head} {board}");
+                assert_eq!(increment.velocity_increment[2], inside.velocity_increment[2], "A3 is not concerned");
+            }
+        }
+        let bad_interval = round_trip(&mut acquisition, &RawSample { interval_ns: 0, ..raw(2.0, 2.0) });
+        assert!(bad_interval.velocity_increment.iter().all(|dv| dv.is_nan()));
+        assert_eq!(Flags(bad_interval.flags).only(Flags::SAMPLE), Flags::INTERVAL);
+        let status = world.imu_status();
+        assert_eq!(status["flagged"]["a1-head-below"], 6);
+        assert_eq!(status["flagged"]["a2-not-finite"], 18);
+        assert_eq!(status["flagged"]["interval"], 1);
+        service.terminate();
+    }
+}
+
+#[test]
+fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let samples = recording();
+    let mut acquisition = world.acquisition("imu-a");
+    service.signal(rustix::process::Signal::STOP);
+    let fill = |loan: &mut RawSample, sample: &RawSample| {
+        *loan = RawSample { session: loan.session, sequence: loan.sequence, ..*sample };
+    };
+    let mut sent = Vec::new();
+    let mut held = None;
+    for sample in &samples[..200] {
+        let mut loan = match held.take() {
+            None => {
+                let mut loan = acquisition.loan().unwrap();
+                fill(&mut loan, sample);
+                loan
+            }
+            Some(mut loan) => {
+                let waiting: &mut isotherm_client::Loan = &mut loan;
+                waiting.merge(sample).unwrap();
+                loan
+            }
+        };
+        loan.sent_ns = 0;
+        let copy = *loan;
+        match acquisition.send(loan) {
+            Ok(()) => sent.push(copy),
+            Err(SendError::Full(loan)) => held = Some(loan),
+            Err(other) => panic!("{other}"),
+        }
+    }
+    assert_eq!((sent.len(), acquisition.in_flight()), (acquisition.depth(), acquisition.depth()));
+    service.signal(rustix::process::Signal::CONT);
+    wait_until("the first answer", || match acquisition.receive().unwrap() {
+        Some(increment) => same(&increment, &answer(Some(&table(TABLE)), &sent[0])),
+        None => false,
+    });
+    let merged = held.take().unwrap();
+    sent.push(*merged);
+    acquisition.send(merged).unwrap();
+    for raw in &sent[1..] {
+        let increment = acquisition.receive_timeout(PATIENCE).unwrap().unwrap();
+        assert!(same(&increment, &answer(Some(&table(TABLE)), raw)), "{}", raw.sequence);
+        assert_eq!(increment.flags & Flags::GAP.0, 0, "a merged sample leaves no gap");
+    }
+    let pulses = |samples: &[RawSample]| samples.iter().map(|s| u64::from(s.positive_pulses[0])).sum::<u64>();
+    assert_eq!(pulses(&sent), pulses(&samples[..200]), "every pulse was sent once");
+    service.terminate();
+}
+
+#[test]
+fn missing_samples_are_flagged_and_counted() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let lines: Vec<_> = fs::read_to_string(RUN).unwrap().lines().map(str::to_owned).collect();
+    let kept = |k: &usize| *k != 100 && !(200..203).contains(k);
+    let text: String = (0..301).filter(kept).map(|k| lines[k].clone() + "\n").collect();
+    world.write("gaps.csv", &text);
+    let fed = columns(&world.run_well(&["feed", "--imu", "imu-a", "--delivery", "gaps.csv"]));
+    let flagged: Vec<_> = (0..fed["sequence"].len()).filter(|&k| fed["delivery"][k].contains("gap")).collect();
+    let sequences: Vec<_> = flagged.iter().map(|&k| fed["sequence"][k].as_str()).collect();
+    assert_eq!(sequences, ["100", "202"], "the samples after the gaps");
+    let status = world.imu_status();
+    assert_eq!((&status["gaps"], &status["missing"], &status["flagged"]["gap"]), (&2.into(), &4.into(), &2.into()));
+    service.wait_for_log("4 samples were missing");
+    service.terminate();
+}
+
+#[test]
+fn an_uncalibrated_imu_is_served_nan_until_its_table_appears() {
+    let world = World::new();
+    let refused = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(refused.status.code(), Some(74), "{}", text(&refused.stderr));
+    let service = world.serve(&["--imu", "imu-a=imu-a.toml", "--allow-uncalibrated"]);
+    let mut acquisition = world.acquisition("imu-a");
+    let sample = recording()[0];
+    let increment = round_trip(&mut acquisition, &sample);
+    assert!(increment.velocity_increment.iter().all(|dv| dv.is_nan()));
+    assert_eq!((Flags(increment.flags).only(Flags::SAMPLE), increment.table), (Flags::NO_TABLE, 0));
+    assert_eq!(world.imu_status()["table"], serde_json::Value::Null);
+    world.replace("imu-a.toml", TABLE);
+    wait_until("the first table", || round_trip(&mut acquisition, &sample).table == table(TABLE).id());
+    let increment = round_trip(&mut acquisition, &sample);
+    assert_eq!(Flags(increment.flags).only(Flags::SAMPLE), Flags::default());
+    assert_eq!(increment.velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
+    service.terminate();
+}
+
+#[test]
+fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_passed_over() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut acquisition = world.acquisition("imu-a");
+    let sample = recording()[7];
+    service.signal(rustix::process::Signal::STOP);
+    let loan = acquisition.loan().unwrap();
+    let outcome = acquisition.compensate(loan, Duration::from_millis(30));
+    assert!(matches!(outcome, Err(CompensateError::Timeout)), "{outcome:?}");
+    service.signal(rustix::process::Signal::CONT);
+    let increment = round_trip(&mut acquisition, &sample);
+    assert_eq!(increment.velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
+    assert_eq!(acquisition.in_flight(), 0);
+    service.terminate();
+}
+
+#[test]
+fn a_sequence_that_does_not_rise_is_handed_back() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut acquisition = world.acquisition("imu-a");
+    let mut loan = acquisition.loan().unwrap();
+    loan.sequence = 10;
+    acquisition.compensate(loan, PATIENCE).unwrap();
+    let mut loan = acquisition.loan().unwrap();
+    assert_eq!(loan.sequence, 11);
+    loan.sequence = 10;
+    let Err(SendError::Sequence(mut loan)) = acquisition.send(loan) else { panic!("sent") };
+    loan.sequence = 12;
+    assert_ne!(acquisition.compensate(loan, PATIENCE).unwrap().flags & Flags::GAP.0, 0);
+    let old = acquisition.session();
+    acquisition.begin_session();
+    let loan = acquisition.loan().unwrap();
+    assert!(loan.sequence == 0 && loan.session != old);
+    assert_eq!(acquisition.compensate(loan, PATIENCE).unwrap().flags & Flags::GAP.0, 0);
+    service.terminate();
+}
+
+#[test]
+fn demo_tells_its_story_and_leaves_only_its_report() {
+    let world = World::new();
+    let story = world.run_well(&["demo"]);
+    for word in ["Output stability", "1 reload", "0 lost, 0 out of order", "round trip", "p99.9"] {
+        assert!(story.contains(word), "{word:?} is missing in:\n{story}");
+    }
+    let left: Vec<_> = fs::read_dir(world.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["isotherm-demo-report.txt"]);
+    let shared: Vec<_> = fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert!(!shared.iter().any(|name| name.to_string_lossy().contains("isotherm_demo-")), "{shared:?}");
+}
