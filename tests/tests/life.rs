@@ -1,0 +1,200 @@
+//! Start-up, shutdown, signals, kills.
+
+use isotherm_client::{Acquisition, ConnectError, Options};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::stream::CREATION_TIMEOUT;
+use isotherm_tests::{PATIENCE, RUN, TABLE, World, id, recording, round_trip, table, text, wait_until};
+use rustix::process::Signal;
+use std::fs::{self, File, Permissions};
+use std::os::unix::fs::PermissionsExt as _;
+use std::thread;
+use std::time::{Duration, SystemTime};
+
+#[test]
+fn a_second_service_is_refused_and_the_first_goes_on() {
+    let world = World::new();
+    let first = world.serve_recording();
+    let mut acquisition = world.acquisition("imu-a");
+    let second = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let message = text(&second.stderr);
+    assert_eq!(second.status.code(), Some(1), "{message}");
+    assert!(message.contains(&format!("another service is running in domain {:?}, pid {}", world.domain().name(), first.pid())), "{message}");
+    let other_imu = world.run(&["serve", "--imu", "imu-b=imu-a.toml"]);
+    assert_ne!(other_imu.status.code(), Some(0));
+    round_trip(&mut acquisition, &recording()[0]);
+    first.terminate();
+}
+
+#[test]
+fn of_two_services_started_at_once_one_serves() {
+    for _ in 0..10 {
+        let world = World::new();
+        world.write("imu-a.toml", TABLE);
+        let both = [(); 2].map(|()| world.spawn(&["serve", "--imu", "imu-a=imu-a.toml"]));
+        wait_until("one ready, one refused", || {
+            let count = |text: &str| both.iter().filter(|process| process.count_in_log(text) > 0).count();
+            count("ready") == 1 && count("another service is running") == 1
+        });
+        round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    }
+}
+
+#[test]
+fn sigterm_and_sigint_drain_and_exit_0() {
+    for signal in [Signal::TERM, Signal::INT] {
+        let world = World::new();
+        let service = world.serve_recording();
+        let mut acquisition = world.acquisition("imu-a");
+        service.signal(Signal::STOP);
+        for _ in 0..50 {
+            let loan = acquisition.loan().unwrap();
+            acquisition.send(loan).unwrap();
+        }
+        service.signal(signal);
+        service.signal(Signal::CONT);
+        let (status, log) = service.wait();
+        assert!(status.success(), "{status}\n{log}");
+        assert!(log.contains("received=50 compensated=50"), "{log}");
+        for _ in 0..50 {
+            assert!(acquisition.receive().unwrap().is_some(), "what had arrived was answered");
+        }
+    }
+}
+
+#[test]
+fn a_service_killed_under_a_feed_costs_nothing() {
+    let world = World::new();
+    let mut service = world.serve_recording();
+    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "2000", "--window", "32", RUN, "-o", "fed.csv"]);
+    for received in [500, 300, 300] {
+        wait_until("some samples", || world.imu_status()["received"].as_u64().unwrap() > received);
+        service.kill();
+        service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    }
+    let (status, log) = feed.wait();
+    assert!(status.success(), "{log}");
+    let replayed = world.run_well(&["replay", "--table", "imu-a.toml", RUN]);
+    assert!(fs::read_to_string(world.path("fed.csv")).unwrap() == replayed, "each once, in order");
+    service.terminate();
+}
+
+#[test]
+fn a_feed_without_a_service_gives_up_in_time_and_leaves_no_file() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", "--timeout", "0.5", RUN, "-o", "fed.csv"]);
+    wait_until("some samples", || world.imu_status()["received"].as_u64().unwrap() > 100);
+    service.kill();
+    let (status, log) = feed.wait();
+    assert_eq!(status.code(), Some(69), "{log}");
+    assert!(log.contains("no answer from the service for 0.5 s"), "{log}");
+    let files: Vec<_> = fs::read_dir(world.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert!(files.iter().all(|name| !name.to_string_lossy().contains("fed") && !name.to_string_lossy().starts_with(".iso")), "{files:?}");
+}
+
+#[test]
+fn a_killed_acquisition_is_replaced_at_once_and_a_living_one_never() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let options = Options { timeout: Duration::from_millis(300), ..world.options() };
+    for _ in 0..5 {
+        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
+        wait_until("the feed", || world.imu_status()["acquisition_connected"] == true);
+        match Acquisition::connect(&id("imu-a"), &options) {
+            Err(ConnectError::Occupied { pid, .. }) => assert_eq!(pid, Some(feed.pid().cast_signed())),
+            other => panic!("{other:?}"),
+        }
+        feed.kill();
+        let mut next = world.acquisition("imu-a");
+        let sample = recording()[3];
+        assert_eq!(round_trip(&mut next, &sample).velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
+    }
+    wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
+    service.terminate();
+}
+
+#[test]
+fn an_imu_that_is_not_served_is_named() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let output = world.run(&["feed", "--imu", "imu-z", RUN]);
+    assert_eq!(output.status.code(), Some(69));
+    assert!(text(&output.stderr).contains("does not serve IMU imu-z"), "{}", text(&output.stderr));
+    service.terminate();
+}
+
+/// What a process leaves that is killed while it creates something, old enough to be recognised and just begun.
+#[test]
+fn half_created_leftovers_do_not_keep_a_service_from_starting() {
+    for age in [Duration::from_secs(60), Duration::ZERO] {
+        let world = World::new();
+        world.serve_recording().kill();
+        let modified = SystemTime::now() - age;
+        let half_create = |path: &std::path::Path, mode: u32| {
+            let file = File::options().write(true).create(true).truncate(mode == 0o200).open(path).unwrap();
+            file.set_modified(modified).unwrap();
+            fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
+        };
+        let services = world.domain().root_path().to_owned() + "/services";
+        for entry in fs::read_dir(services).unwrap() {
+            let path = entry.unwrap().path();
+            fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
+            half_create(&path, 0o600);
+        }
+        let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(&world.domain().prefix());
+        for entry in fs::read_dir("/dev/shm").unwrap().map(Result::unwrap).filter(ours) {
+            if entry.file_name().to_string_lossy().ends_with(".global_mgmt") {
+                half_create(&entry.path(), 0o200);
+            }
+        }
+        let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+        round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+        service.terminate();
+    }
+    assert!(CREATION_TIMEOUT < PATIENCE / 4);
+}
+
+#[test]
+fn killed_at_any_moment_of_its_start_the_next_one_starts() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    for attempt in 0..40 {
+        let service = world.spawn(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        thread::sleep(Duration::from_micros(attempt * 500));
+        service.kill();
+    }
+    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    service.terminate();
+}
+
+#[test]
+fn clean_removes_what_is_left_but_not_under_a_running_service() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let refused = world.run(&["clean"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains(&format!("pid {} is using it", service.pid())), "{}", text(&refused.stderr));
+    service.kill();
+    let left = || {
+        let entries = fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name());
+        entries.filter(|name| name.to_string_lossy().starts_with(&world.domain().prefix())).count()
+    };
+    assert!(left() > 0 && fs::exists(world.domain().root_path()).unwrap());
+    world.run_well(&["clean"]);
+    assert!(left() == 0 && !fs::exists(world.domain().root_path()).unwrap());
+    assert_eq!(world.run(&["status"]).status.code(), Some(69));
+}
+
+#[test]
+fn logs_are_json_on_request_and_silent_about_samples() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    let service = world.serve(&["--imu", "imu-a=imu-a.toml", "--log-format", "json"]);
+    world.run_well(&["feed", "--imu", "imu-a", RUN]);
+    service.signal(Signal::TERM);
+    let (_, log) = service.wait();
+    let lines: Vec<serde_json::Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!((3..10).contains(&lines.len()), "{log}");
+    assert_eq!(lines[0]["fields"]["imu"], "imu-a");
+}

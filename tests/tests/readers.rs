@@ -1,0 +1,214 @@
+//! Readers beside the acquisition, and peers that use the streams in their own way.
+
+use iceoryx2::prelude::ipc;
+use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::stream::{self, INCREMENT_DEPTH, IpcNode, RAW_DEPTH};
+use isotherm_tests::{PATIENCE, RUN, TABLE, World, id, recording, round_trip, same, table, wait_until};
+use std::collections::BTreeSet;
+use std::fs;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Everything that a reader has for now.
+fn drain(reader: &mut IncrementReader) -> Vec<CompensatedIncrement> {
+    std::iter::from_fn(|| reader.receive().unwrap()).collect()
+}
+
+#[test]
+fn a_reader_may_start_before_the_service_or_late() {
+    let world = World::new();
+    let mut early = IncrementReader::new(id("imu-a"), &world.options());
+    assert_eq!(early.receive().unwrap(), None);
+    assert!(!early.is_connected());
+    let service = world.serve_recording();
+    wait_until("the early reader's connection", || early.receive().unwrap().is_none() && early.is_connected());
+
+    let mut acquisition = world.acquisition("imu-a");
+    let sample = recording()[0];
+    for _ in 0..100 {
+        round_trip(&mut acquisition, &sample);
+    }
+    let mut late = world.reader("imu-a");
+    for _ in 0..50 {
+        round_trip(&mut acquisition, &sample);
+    }
+    let sequences = |reader: &mut IncrementReader| drain(reader).iter().map(|i| i.sequence).collect::<Vec<_>>();
+    assert_eq!(sequences(&mut early), (0..150).collect::<Vec<_>>());
+    assert_eq!(sequences(&mut late), (100..150).collect::<Vec<_>>());
+    assert_eq!(world.imu_status()["readers"], 3);
+    service.terminate();
+}
+
+#[test]
+fn a_reader_that_sleeps_sees_a_gap_and_disturbs_nobody() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut sleeper = world.reader("imu-a");
+    let fed = world.run_well(&["feed", "--imu", "imu-a", RUN]);
+    assert!(fed == world.run_well(&["replay", "--table", "imu-a.toml", RUN]));
+    let read = drain(&mut sleeper);
+    let last: Vec<_> = (4000 - INCREMENT_DEPTH as u64..4000).collect();
+    assert_eq!(read.iter().map(|i| i.sequence).collect::<Vec<_>>(), last, "the newest, in order; the rest is the gap");
+    let status = world.imu_status();
+    assert_eq!((&status["compensated"], &status["transport_errors"]), (&4000.into(), &0.into()));
+    service.terminate();
+}
+
+fn subscribe(node: &IpcNode) -> iceoryx2::port::subscriber::Subscriber<ipc::Service, RawSample, ()> {
+    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    raw.subscriber_builder().create().unwrap()
+}
+
+#[test]
+fn a_stalled_recorder_loses_its_own_copies_only() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let node = join(world.domain()).unwrap();
+    let recorder = subscribe(&node);
+    let mut acquisition = world.acquisition("imu-a");
+    let (samples, exact) = (recording(), table(TABLE));
+    for sample in &samples[..1000] {
+        let increment = round_trip(&mut acquisition, sample);
+        let raw = RawSample { session: increment.session, sequence: increment.sequence, ..*sample };
+        assert!(same(&increment, &answer(Some(&exact), &raw)));
+    }
+    let recorded: Vec<_> = std::iter::from_fn(|| recorder.receive().unwrap()).map(|sample| sample.sequence).collect();
+    assert_eq!(recorded, (0..RAW_DEPTH as u64).collect::<Vec<_>>(), "its queue was full with the first ones");
+    let status = world.imu_status();
+    assert_eq!((&status["received"], &status["gaps"]), (&1000.into(), &0.into()));
+    service.terminate();
+}
+
+#[test]
+fn a_reader_gets_everything_once_across_restarts_of_service_and_acquisition() {
+    let world = World::new();
+    let mut service = world.serve_recording();
+    let mut reader = world.reader("imu-a");
+    let mut read: Vec<CompensatedIncrement> = Vec::new();
+    let short: String = fs::read_to_string(RUN).unwrap().lines().take(1001).map(|line| format!("{line}\n")).collect();
+    world.write("short.csv", &short);
+    for run in 0..3 {
+        let out = format!("fed-{run}.csv");
+        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "1000", "--window", "20", "short.csv", "-o", &out]);
+        let begun = read.len();
+        let deadline = Instant::now() + PATIENCE;
+        while read.len() < begun + 300 {
+            assert!(Instant::now() < deadline, "the feed does not arrive");
+            read.extend(drain(&mut reader));
+        }
+        service.kill();
+        service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+        let mut feed = Some(feed);
+        while let Some(running) = feed.take() {
+            read.extend(drain(&mut reader));
+            assert!(Instant::now() < deadline + PATIENCE, "the feed does not end");
+            if world.path(&out).exists() {
+                let (status, log) = running.wait();
+                assert!(status.success(), "{log}");
+            } else {
+                thread::sleep(Duration::from_millis(1));
+                feed = Some(running);
+            }
+        }
+        read.extend(drain(&mut reader));
+        world.run_well(&["replay", "--table", "imu-a.toml", "short.csv", "-o", "replayed.csv"]);
+        let text = |name: &str| fs::read_to_string(world.path(name)).unwrap();
+        assert!(text(&out) == text("replayed.csv"), "the feed wrote each increment once, in order");
+    }
+    let pairs: BTreeSet<_> = read.iter().map(|i| (i.session, i.sequence)).collect();
+    assert_eq!(pairs.len(), read.len(), "each once");
+    assert_eq!(pairs.len(), 3000, "all of them");
+    let sessions: BTreeSet<_> = pairs.iter().map(|(session, _)| session).collect();
+    assert_eq!(sessions.len(), 3);
+    service.terminate();
+}
+
+/// What a process in another language does that knows iceoryx2 but not our library.
+#[test]
+fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut reader = world.reader("imu-a");
+    let node = join(world.domain()).unwrap();
+    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let publisher = raw.publisher_builder().create().unwrap();
+    let sample = RawSample { session: 9, ..recording()[0] };
+    for sequence in [5, 6, 7, 5, 6, 100, 99, 8, 100] {
+        publisher.send_copy(RawSample { sequence, ..sample }).unwrap();
+    }
+    let mut read = Vec::new();
+    while read.len() < 6 {
+        read.push(reader.receive_timeout(PATIENCE).unwrap().expect("an increment"));
+    }
+    assert_eq!(read.iter().map(|i| i.sequence).collect::<Vec<_>>(), [5, 6, 7, 100, 99, 8]);
+    assert!(read.iter().all(|i| i.latency_ns < u32::MAX), "from seeing the sample, since it was not said when it was sent");
+    wait_until("the counters", || world.imu_status()["received"] == 9);
+    assert_eq!((reader.receive().unwrap(), reader.repeats()), (None, 3));
+    let status = world.imu_status();
+    assert_eq!((&status["gaps"], &status["missing"], &status["repeats"]), (&1.into(), &92.into(), &5.into()));
+    service.terminate();
+}
+
+#[test]
+fn any_bit_pattern_is_survived() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let node = join(world.domain()).unwrap();
+    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let publisher = raw.publisher_builder().create().unwrap();
+    // Not our reader, which hands nothing out twice: these sessions and sequences repeat.
+    let increments = stream::increment(&node, &id("imu-a")).open().unwrap();
+    let subscriber = increments.subscriber_builder().create().unwrap();
+    let notifier = stream::wake(&node, &id("imu-a")).open().unwrap().notifier_builder().create().unwrap();
+    let (exact, mut state) = (table(TABLE), 42u64);
+    let mut next = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        [0, u64::MAX, state ^ (state >> 31)][(state >> 60) as usize % 3]
+    };
+    for number in 0..2000 {
+        let doubles = [(); 6].map(|()| f64::from_bits(next()));
+        let hostile = RawSample {
+            session: next(),
+            sequence: next(),
+            timestamp_ns: next(),
+            interval_ns: if number % 2 == 0 { next() } else { next() % 10_000_000_000 },
+            sent_ns: next(),
+            telemetry_ns: next(),
+            positive_pulses: [(); 3].map(|()| next() as u32),
+            negative_pulses: [(); 3].map(|()| next() as u32),
+            head_temperature: [doubles[0], doubles[1], doubles[2]],
+            board_temperature: [doubles[3], doubles[4], doubles[5]],
+        };
+        publisher.send_copy(hostile).unwrap();
+        notifier.notify().unwrap();
+        let mut answered = None;
+        wait_until("an answer", || {
+            answered = subscriber.receive().unwrap().map(|sample| *sample);
+            answered.is_some()
+        });
+        let increment = answered.unwrap();
+        assert!(same(&increment, &answer(Some(&exact), &hostile)), "{hostile:?}");
+        assert!(increment.velocity_increment.iter().all(|dv| !dv.is_infinite()));
+    }
+    service.terminate();
+}
+
+#[test]
+fn a_foreign_creator_of_our_stream_is_named() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    let node = join(world.domain()).unwrap();
+    let name = id("imu-a").raw();
+    let foreign = node.service_builder(&name).publish_subscribe::<RawSample>().create().unwrap();
+    let output = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let message = isotherm_tests::text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("the raw stream of IMU imu-a: another process has created it with other settings"), "{message}");
+    drop(foreign);
+    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    // Ours, as a peer sees it.
+    let ours = stream::raw(&node, &id("imu-a")).open().unwrap();
+    assert_eq!(iceoryx2::prelude::PortFactory::static_config(&ours).subscriber_max_buffer_size(), RAW_DEPTH);
+    service.terminate();
+}

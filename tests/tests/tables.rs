@@ -1,0 +1,187 @@
+//! Table files: everything that must be refused, everything at once, and the seal.
+
+use isotherm_tests::{TABLE, World, table, text, variant};
+use std::fs;
+use std::os::unix::fs::symlink;
+
+/// Kinds of bad tables: what is replaced by what, and the line and key that the message must name.
+const BAD: [(&str, &str, &str, &str); 52] = [
+    ("format missing", "format = 1\n", "", ":1: format: "),
+    ("format unknown", "format = 1", "format = 2", ":1: format: "),
+    ("format of the wrong type", "format = 1", "format = \"1\"", ":1: format: "),
+    ("key unknown at the top", "format = 1", "format = 1\nformt = 1", ":2: formt: "),
+    ("key unknown in imu", "[imu]", "[imu]\nserail = \"x\"", ":3: imu.serail: "),
+    ("key unknown in temperature", "unit = \"V\"", "unit = \"V\"\nmax_age = 3.0", ":7: temperature.max_age: "),
+    ("key unknown in an axis", "name = \"A2\"", "name = \"A2\"\nrate = 1.0", ":15: axis.A2.rate: "),
+    ("key unknown in a polynomial", "c3 = -53.712", "c3 = -53.712, c8 = 1.0", ":10: axis.A1.bias.c8: "),
+    ("section unknown", "[temperature]", "[notes]\na = 1\n[temperature]", ":5: notes: "),
+    ("imu missing", "[imu]\nid = \"imu-a\"\ngravity = 9.8015\n", "", ":1: imu: "),
+    ("temperature missing", "[temperature]\nunit = \"V\"\nout_of_range = \"clamp\"\n", "", ":1: temperature: "),
+    ("an axis missing", "[[axis]]\nname = \"A3\"", "[axes]\nname = \"A3\"", ": axis: 2 of them"),
+    ("axes in the wrong order", "name = \"A2\"", "name = \"A3\"", ":14: axis.2.name: "),
+    ("axis of another name", "name = \"A1\"", "name = \"X\"", ":9: axis.1.name: "),
+    ("axis without a name", "name = \"A1\"\n", "", ":8: axis.1.name: "),
+    ("id missing", "id = \"imu-a\"\n", "", ":2: imu.id: "),
+    ("id in capitals", "imu-a", "IMU-A", ":3: imu.id: "),
+    ("id too long", "imu-a", "imu-aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa", ":3: imu.id: "),
+    ("id empty", "\"imu-a\"", "\"\"", ":3: imu.id: "),
+    ("number not finite", "c0 = 793.55", "c0 = nan", ":10: axis.A1.bias.c0: "),
+    ("number infinite", "c2 = 646.83", "c2 = inf", ":11: axis.A1.positive_scale_factor.c2: "),
+    ("number that overflows", "c2 = 646.83", "c2 = 1e999", ":11: axis.A1.positive_scale_factor.c2: "),
+    ("number in quotation marks", "c0 = 793.55", "c0 = \"793.55\"", ":10: axis.A1.bias.c0: "),
+    ("coefficients as a list", "c0 = 793.55", "c0 = [793.55]", ":10: axis.A1.bias.c0: "),
+    ("coefficient left out", "c1 = -1074.70, ", "", ":10: axis.A1.bias.c1: "),
+    ("no coefficient", "c0 = 793.55, c1 = -1074.70, c2 = 420.81, c3 = -53.712", "center = 1.0", ":10: axis.A1.bias.c0: "),
+    ("gravity too small", "9.8015", "9.6", ":4: imu.gravity: "),
+    ("gravity too large", "9.8015", "9.91", ":4: imu.gravity: "),
+    ("gravity missing", "gravity = 9.8015\n", "", ":2: imu.gravity: "),
+    ("range empty", "bias = { unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72", "bias = { unit = \"ug0\", range = [0.9, 0.9], c0 = 118.72", ":15: axis.A2.bias.range: "),
+    ("range reversed", "range = [0.9, 4.2], c0 = 118.72", "range = [4.2, 0.9], c0 = 118.72", ":15: axis.A2.bias.range: "),
+    ("range missing", "range = [0.9, 4.2], c0 = 118.72", "c0 = 118.72", ":15: axis.A2.bias.range: "),
+    ("range of three", "range = [0.9, 4.2], c0 = 118.72", "range = [0.9, 2.0, 4.2], c0 = 118.72", ":15: axis.A2.bias.range: "),
+    ("bias beyond 1 g0", "unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72", "unit = \"g0\", range = [0.9, 4.2], c0 = 118.72", ":15: axis.A2.bias: "),
+    ("bias beyond 1 g0 inside its range only", "c0 = 118.72, c1 = -201.30, c2 = 101.35, c3 = -14.823", "c0 = -10500000.0, c1 = 9000000.0, c2 = -1760000.0", ":15: axis.A2.bias: "),
+    ("K+ negative", "c0 = 91733.0", "c0 = -91733.0", ":11: axis.A1.positive_scale_factor: "),
+    ("K- positive", "c0 = -90072.0", "c0 = 90072.0", ":12: axis.A1.negative_scale_factor: "),
+    ("K+ zero inside its range only", "c0 = 91042.0, c1 = 262.28, c2 = -46.73, c3 = 6.220", "c0 = 650250.0, c1 = -510000.0, c2 = 100000.0", ":16: axis.A2.positive_scale_factor: "),
+    ("K+ below 1 in a notch of the seventh order", "c0 = 91042.0, c1 = 262.28, c2 = -46.73, c3 = 6.220", "center = 2.345, scale = 1.0, c0 = 0.5, c1 = 0.0, c2 = 1e9, c3 = 0.0, c4 = 1e9, c5 = 0.0, c6 = 1e9, c7 = 1.0", ":16: axis.A2.positive_scale_factor: "),
+    ("K- smaller than 1", "c0 = -90546.0, c1 = -651.79, c2 = 182.9, c3 = -19.534", "c0 = -0.5", ":17: axis.A2.negative_scale_factor: "),
+    ("scale of 0", "c3 = -53.712", "c3 = -53.712, scale = 0.0", ":10: axis.A1.bias.scale: "),
+    ("order over 7", "c3 = -53.712", "c3 = -53.712, c4 = 0.0, c5 = 0.0, c6 = 0.0, c7 = 0.0, c8 = 0.0", ":10: axis.A1.bias.c8: "),
+    ("unit missing", "unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72", "range = [0.9, 4.2], c0 = 118.72", ":15: axis.A2.bias.unit: "),
+    ("unit unknown", "\"ug0\", range = [0.9, 4.2], c0 = 118.72", "\"ugal\", range = [0.9, 4.2], c0 = 118.72", ":15: axis.A2.bias.unit: "),
+    ("unit misplaced", "unit = \"pulse/(s*g0)\", range = [0.9, 4.2], c0 = 91733.0", "unit = \"ug0\", range = [0.9, 4.2], c0 = 91733.0", ":11: axis.A1.positive_scale_factor.unit: "),
+    ("policy unknown", "\"clamp\"", "\"hold\"", ":7: temperature.out_of_range: "),
+    ("alignment not 3x3", "format = 1", "format = 1\n[alignment]\nmatrix = [[1, 0], [0, 1]]\n", ":3: alignment.matrix: "),
+    ("alignment singular", "format = 1", "format = 1\n[alignment]\nmatrix = [[1, 2, 3], [2, 4, 6], [0, 0, 1]]\n", ":3: alignment.matrix: "),
+    ("digest wrong", "format = 1", "format = 1\ndigest = \"sha256:00\"", ":2: digest: "),
+    ("max_rate of 0", "name = \"A1\"", "name = \"A1\"\nmax_rate = 0.0", ":10: axis.A1.max_rate: "),
+    ("max_age_s negative", "unit = \"V\"", "unit = \"V\"\nmax_age_s = -1", ":7: temperature.max_age_s: "),
+    ("no TOML", "[imu]", "[imu", ":2: "),
+];
+
+#[test]
+fn every_kind_of_bad_table_is_refused_with_line_and_key() {
+    let world = World::new();
+    for (kind, from, to, place) in BAD {
+        assert!(TABLE.contains(from), "{kind}: {from:?} is not in the table");
+        world.write("bad.toml", &TABLE.replacen(from, to, 1));
+        let output = world.run(&["check", "bad.toml"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{kind}: {message}");
+        assert!(message.contains(&format!("bad.toml{place}")) || message.contains(place), "{kind}: no {place:?} in\n{message}");
+        assert!(output.stdout.is_empty(), "{kind}");
+    }
+}
+
+#[test]
+fn bad_files_are_refused_too() {
+    let world = World::new();
+    fs::write(world.path("latin1.toml"), TABLE.replacen("[imu]", "# \u{e9}\n[imu]", 1).replace('\u{e9}', "E").into_bytes().iter().map(|&byte| if byte == b'E' { 0xe9 } else { byte }).collect::<Vec<_>>()).unwrap();
+    world.write("large.toml", &format!("{TABLE}# {}\n", "x".repeat(1 << 20)));
+    fs::create_dir(world.path("folder.toml")).unwrap();
+    mkfifo(&world, "pipe.toml");
+    world.write("empty.toml", "");
+    for (file, message) in [
+        ("latin1.toml", "latin1.toml:2: not UTF-8"),
+        ("large.toml", "over 1048576 bytes"),
+        ("folder.toml", "not a regular file"),
+        ("pipe.toml", "not a regular file"),
+        ("/dev/zero", "not a regular file"),
+        ("empty.toml", "neither a coefficient table"),
+    ] {
+        let output = world.run(&["check", file]);
+        assert_eq!(output.status.code(), Some(78), "{file}");
+        assert!(text(&output.stderr).contains(message), "{file}: {}", text(&output.stderr));
+    }
+    assert_eq!(world.run(&["check", "absent.toml"]).status.code(), Some(74));
+}
+
+fn mkfifo(world: &World, name: &str) {
+    let status = std::process::Command::new("mkfifo").arg(world.path(name)).status().unwrap();
+    assert!(status.success());
+}
+
+#[test]
+fn all_faults_of_all_files_come_in_one_go() {
+    let world = World::new();
+    let bad = TABLE
+        .replace("format = 1", "format = 3")
+        .replace("gravity = 9.8015", "gravity = 98.015")
+        .replace("c0 = 91733.0", "c0 = 0.0, c9 = 1.0")
+        .replace("unit = \"ug0\", range = [0.9, 4.2], c0 = 84.70", "unit = \"ug0\", range = [4.2, 0.9], c0 = \"84.70\"");
+    world.write("bad.toml", &bad);
+    world.write("worse.toml", "[[imu]]\nid = \"A\"\n");
+    world.write("good.toml", TABLE);
+    let output = world.run(&["check", "bad.toml", "good.toml", "worse.toml"]);
+    assert_eq!(output.status.code(), Some(78));
+    let message = text(&output.stderr);
+    for place in [
+        "bad.toml:1: format: ",
+        "bad.toml:4: imu.gravity: ",
+        "bad.toml:11: axis.A1.positive_scale_factor: ",
+        "bad.toml:11: axis.A1.positive_scale_factor.c9: ",
+        "bad.toml:20: axis.A3.bias.range: ",
+        "bad.toml:20: axis.A3.bias.c0: ",
+        "worse.toml:2: imu.1.id: ",
+        "worse.toml:1: imu.1.table: ",
+    ] {
+        assert!(message.contains(place), "no {place:?} in\n{message}");
+    }
+    assert!(text(&output.stdout).starts_with("good.toml: table of imu-a, sha256:"));
+    world.write("service.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"bad.toml\"\n[[imu]]\nid = \"imu-b\"\ntable = \"good.toml\"\n");
+    for command in [&["check", "service.toml"][..], &["serve", "--config", "service.toml"]] {
+        let output = world.run(command);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{message}");
+        assert!(message.contains("bad.toml:20: ") && message.contains("belongs to imu-a, not to imu-b"), "{message}");
+    }
+}
+
+#[test]
+fn a_seal_is_written_checked_and_survives_what_does_not_matter() {
+    let world = World::new();
+    let path = world.write("imu-a.toml", &format!("# a comment\n{TABLE}\n[provenance]\nby = \"hand\"\n"));
+    assert!(world.run_well(&["check", "imu-a.toml"]).contains("not sealed"));
+    symlink("imu-a.toml", world.path("link.toml")).unwrap();
+    assert!(world.run_well(&["check", "--seal", "link.toml"]).contains("sealed"));
+    assert!(fs::symlink_metadata(world.path("link.toml")).unwrap().is_symlink());
+    let sealed = fs::read_to_string(&path).unwrap();
+    let digest = table(TABLE).digest().to_string();
+    assert_eq!(sealed, format!("# a comment\n{TABLE}\n[provenance]\nby = \"hand\"\n").replacen("format = 1\n", &format!("format = 1\ndigest = \"{digest}\"\n"), 1));
+    for unimportant in [
+        sealed.replace("# a comment\n", ""),
+        sealed.replace("by = \"hand\"", "by = \"machine\""),
+        sealed.replace("c0 = 91733.0", "c0 = 9.1733e4"),
+        sealed.replace("c0 = 793.55, c1 = -1074.70", "c1 = -1074.7, c0 = 793.55, center = 0, scale = 1"),
+    ] {
+        world.write("imu-a.toml", &unimportant);
+        assert!(world.run_well(&["check", "imu-a.toml"]).contains("seal intact"), "{unimportant}");
+    }
+    for important in [
+        sealed.replace("91733.0", "91733.1"),
+        sealed.replace("imu-a", "imu-b"),
+        sealed.replace("\"clamp\"", "\"reject\""),
+        sealed.replace("\"V\"", "\"mV\""),
+        sealed.replace("gravity = 9.8015", "gravity = 9.8015\nserial = \"S\""),
+        format!("{sealed}[alignment]\nmatrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"),
+    ] {
+        world.write("imu-a.toml", &important);
+        let output = world.run(&["check", "imu-a.toml"]);
+        assert_eq!(output.status.code(), Some(78), "{important}");
+        assert!(text(&output.stderr).contains("digest"), "{}", text(&output.stderr));
+        world.run_well(&["check", "--seal", "imu-a.toml"]);
+        assert!(world.run_well(&["check", "imu-a.toml"]).contains("seal intact"));
+    }
+    world.write("bad.toml", &TABLE.replace("91733.0", "-1.0"));
+    assert_eq!(world.run(&["check", "--seal", "bad.toml"]).status.code(), Some(78));
+    assert!(!fs::read_to_string(world.path("bad.toml")).unwrap().contains("digest"));
+}
+
+#[test]
+fn a_table_written_by_the_program_is_the_same_table() {
+    for number in [0, 3, 50] {
+        let original = table(&variant(number));
+        assert_eq!(table(&original.to_toml()), original);
+    }
+}
