@@ -1,0 +1,41 @@
+//! `isotherm`: the compensation service and the tools around it.
+//!
+//! A library only so that a bench can be the service in one of its processes; the program is [`main`].
+
+mod clean;
+mod cli;
+mod config;
+mod control;
+mod create;
+mod failure;
+mod files;
+mod logging;
+mod realtime;
+mod reload;
+mod status;
+mod worker;
+
+use clap::Parser as _;
+use failure::Exit;
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// The program: does what the process's command line asks for.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = match cli::Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version go to stdout and are no failure; a closed pipe is nobody's either.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { Exit::Usage as u8 } else { 0 });
+        }
+    };
+    match cli.run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            let _ = writeln!(std::io::stderr(), "isotherm: {failure}");
+            ExitCode::from(failure.exit as u8)
+        }
+    }
+}
