@@ -16,8 +16,10 @@ use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often a silent service is looked after while samples are unanswered.
+/// How often a silent service is looked after while samples are unanswered, and after how many empty looks at the
+/// stream the clock is read to find out.
 const LOOK_NS: u64 = 5_000_000;
+const EMPTY_LOOKS: u32 = 16;
 /// After this long without any answer the unanswered samples are sent again even to the same service.
 const RESEND_NS: u64 = 1_000_000_000;
 /// Samples that may be in the caller's hands, loaned and not sent yet.
@@ -112,6 +114,7 @@ pub struct Acquisition {
 #[derive(Debug)]
 struct Recovery {
     service: u128,
+    empty_looks: u32,
     looked_ns: u64,
     /// Since when the service has been silent although something is unanswered, as far as is known.
     silent_since_ns: u64,
@@ -130,7 +133,11 @@ impl Acquisition {
         until(deadline, || Self::attach(&node, imu, options)).map(|parts| parts(node))
     }
 
-    fn attach(node: &IpcNode, imu: &ImuId, options: &Options) -> Result<impl FnOnce(IpcNode) -> Self + use<>, ConnectError> {
+    fn attach(
+        node: &IpcNode,
+        imu: &ImuId,
+        options: &Options,
+    ) -> Result<impl FnOnce(IpcNode) -> Self + use<>, ConnectError> {
         let open = |error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(node, &options.domain, imu),
             PublishSubscribeOpenError::InsufficientPermissions => permission(&options.domain),
@@ -166,7 +173,7 @@ impl Acquisition {
             session: random(),
             next_sequence: 0,
             pending: Pending::new(depth),
-            recovery: Recovery { service, looked_ns: 0, silent_since_ns: 0, heard: false },
+            recovery: Recovery { service, empty_looks: 0, looked_ns: 0, silent_since_ns: 0, heard: false },
             spare: None,
             publisher,
             subscriber,
@@ -257,7 +264,7 @@ impl Acquisition {
 
     /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
     ///
-    /// While something is unanswered this also looks, every 5 ms, whether the service has been replaced, and sends the
+    /// While something is unanswered this also looks, about every 5 ms, whether the service has been replaced, and sends the
     /// unanswered samples again if so.
     ///
     /// # Errors
@@ -276,7 +283,8 @@ impl Acquisition {
                 self.recovery.heard = true;
             }
         }
-        if self.pending.len() > 0 {
+        self.recovery.empty_looks = self.recovery.empty_looks.wrapping_add(1);
+        if self.pending.len() > 0 && self.recovery.empty_looks.is_multiple_of(EMPTY_LOOKS) {
             self.look_after_the_service()?;
         }
         Ok(None)

@@ -72,7 +72,9 @@ pub fn monotonic_ns() -> u64 {
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum ConnectError {
     /// Nothing serves this domain.
-    #[error("no service is running in domain {0:?}; start one with `isotherm serve --domain {0}`, or name its domain with --domain or ISOTHERM_DOMAIN")]
+    #[error(
+        "no service is running in domain {0:?}; start one with `isotherm serve --domain {0}`, or name its domain with --domain or ISOTHERM_DOMAIN"
+    )]
     NoService(String),
     /// The service runs, but not for this IMU.
     #[error("the service of domain {domain:?} does not serve IMU {imu}; `isotherm status` lists those that it serves")]
@@ -94,7 +96,9 @@ pub enum ConnectError {
     #[error("IMU {0}: all reader places are taken; stop one of the readers")]
     NoRoom(ImuId),
     /// The domain belongs to another user.
-    #[error("domain {domain:?} belongs to another user ({root} or its shared memory cannot be opened); run as the service's user")]
+    #[error(
+        "domain {domain:?} belongs to another user ({root} or its shared memory cannot be opened); run as the service's user"
+    )]
     Permission {
         /// The domain.
         domain: String,
@@ -105,7 +109,10 @@ pub enum ConnectError {
     #[error(transparent)]
     Domain(#[from] DomainError),
     /// Anything else that the transport says.
-    #[error("transport: {phase}: {cause}; {remedy}", remedy = "if it persists, stop all processes of the domain and start the service anew")]
+    #[error(
+        "transport: {phase}: {cause}; {remedy}",
+        remedy = "if it persists, stop all processes of the domain and start the service anew"
+    )]
     Transport {
         /// What was being done.
         phase: &'static str,

@@ -77,7 +77,8 @@ impl IncrementReader {
             return self.try_attach().map(|()| None);
         };
         loop {
-            let sample = subscriber.receive().map_err(|error| ConnectError::transport("receiving an increment", error))?;
+            let sample =
+                subscriber.receive().map_err(|error| ConnectError::transport("receiving an increment", error))?;
             let Some(sample) = sample else { return Ok(None) };
             let increment = *sample;
             if self.once.first_time(increment.session, increment.sequence) {

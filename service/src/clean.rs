@@ -18,7 +18,9 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
     let mut alive = None;
     let listed = Node::<ipc::Service>::list(&config, |node| {
         match &node {
-            NodeState::Alive(view) => alive = Some(view.id().pid::<ipc::Service>().map(|pid| pid.value()).unwrap_or_default()),
+            NodeState::Alive(view) => {
+                alive = Some(view.id().pid::<ipc::Service>().map(|pid| pid.value()).unwrap_or_default());
+            }
             NodeState::Dead(_) | NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
         }
         CallbackProgression::Continue
@@ -27,7 +29,9 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
         let message = format!("cleaning domain {:?}: pid {pid} is using it; stop it first", domain.name());
         return Err(Failure::new(Exit::Failed, message));
     }
-    listed.map_err(|error| Failure::new(Exit::Failed, format!("listing the processes of domain {:?}: {error}", domain.name())))?;
+    listed.map_err(|error| {
+        Failure::new(Exit::Failed, format!("listing the processes of domain {:?}: {error}", domain.name()))
+    })?;
 
     let mut removed = 0;
     let prefix = domain.prefix();

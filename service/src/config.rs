@@ -115,7 +115,10 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
     let mut config = Config::default();
     let sections = root.list("imu");
     if sections.is_empty() || sections.len() > MAX_IMUS {
-        root.fault("imu", format!("{} of them; give one to {MAX_IMUS} [[imu]], each with id and table", sections.len()));
+        root.fault(
+            "imu",
+            format!("{} of them; give one to {MAX_IMUS} [[imu]], each with id and table", sections.len()),
+        );
     }
     let mut known = BTreeSet::new();
     for section in sections {
@@ -160,7 +163,8 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         if let Some(listen) = metrics.optional_string("listen") {
             config.metrics = listen.parse().ok();
             if config.metrics.is_none() {
-                metrics.fault("listen", format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464"));
+                metrics
+                    .fault("listen", format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464"));
             }
         }
         metrics.finish();

@@ -169,18 +169,22 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
         wirings.push(Wiring { imu: imu.clone(), tables, counters });
     }
     // The first tables are on their way before the streams exist, so that no sample meets an empty channel.
-    let tables: Vec<_> = queues.into_iter().zip(first_tables).map(|((queue, counters), look)| {
-        let mut tables = Tables { alive: Vec::new(), unsent: None, queue };
-        if let Look::Loaded(table) = look {
-            tables.send(Arc::from(table));
-            return (tables, counters, None);
-        }
-        let error = match look {
-            Look::Refused(error) => Some(error.to_string()),
-            _ => None,
-        };
-        (tables, counters, error)
-    }).collect();
+    let tables: Vec<_> = queues
+        .into_iter()
+        .zip(first_tables)
+        .map(|((queue, counters), look)| {
+            let mut tables = Tables { alive: Vec::new(), unsent: None, queue };
+            if let Look::Loaded(table) = look {
+                tables.send(Arc::from(table));
+                return (tables, counters, None);
+            }
+            let error = match look {
+                Look::Refused(error) => Some(error.to_string()),
+                _ => None,
+            };
+            (tables, counters, error)
+        })
+        .collect();
     let worker = Worker::start(domain, config, wirings)?;
 
     let mut served = Vec::new();
@@ -199,7 +203,13 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
     }
 
     let service = Service { domain, config, started, node, publisher, worker };
-    info!(domain = domain.name(), imus = config.imus.len(), wait = config.strategy.name(), pid = std::process::id(), "ready");
+    info!(
+        domain = domain.name(),
+        imus = config.imus.len(),
+        wait = config.strategy.name(),
+        pid = std::process::id(),
+        "ready"
+    );
     service.run(&mut served, &inbox)
 }
 
@@ -318,7 +328,9 @@ fn load_tables(config: &Config, allow_uncalibrated: bool) -> Result<(Vec<TableFi
                 warn!(imu = %imu.id, "no table yet, serving NaN: {error}");
             }
             Look::Refused(error) => failures.push(Failure::from(error.clone())),
-            Look::Loaded(table) => info!(imu = %imu.id, table = %table.digest(), file = %imu.table.display(), "table loaded"),
+            Look::Loaded(table) => {
+                info!(imu = %imu.id, table = %table.digest(), file = %imu.table.display(), "table loaded");
+            }
             Look::Unchanged => {}
         }
     }

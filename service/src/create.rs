@@ -67,7 +67,10 @@ pub fn create<T>(
             Trouble::Foreign(cause) => {
                 return Err(Failure::new(
                     Exit::Failed,
-                    format!("creating {name}: another process has created it with other settings ({cause}); stop all processes of domain {:?} and start the service first", domain.name()),
+                    format!(
+                        "creating {name}: another process has created it with other settings ({cause}); stop all processes of domain {:?} and start the service first",
+                        domain.name()
+                    ),
                 ));
             }
             Trouble::HalfCreated => return Err(failed(name, domain, "it stays half-created")),
@@ -82,7 +85,10 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     let (root, prefix) = (domain.root_path(), domain.prefix());
     Failure::new(
         Exit::Failed,
-        format!("creating {name}: {cause}; if nothing of domain {:?} runs, remove {root} and /dev/shm/{prefix}* and start again", domain.name()),
+        format!(
+            "creating {name}: {cause}; if nothing of domain {:?} runs, remove {root} and /dev/shm/{prefix}* and start again",
+            domain.name()
+        ),
     )
 }
 
@@ -103,9 +109,8 @@ impl From<PublishSubscribeOpenOrCreateError> for Trouble {
         use PublishSubscribeOpenError as Open;
         use PublishSubscribeOpenOrCreateError as Either;
         match error {
-            Either::PublishSubscribeOpenError(Open::HangsInCreation) | Either::PublishSubscribeCreateError(Create::HangsInCreation) => {
-                Self::HalfCreated
-            }
+            Either::PublishSubscribeOpenError(Open::HangsInCreation)
+            | Either::PublishSubscribeCreateError(Create::HangsInCreation) => Self::HalfCreated,
             Either::SystemInFlux
             | Either::PublishSubscribeOpenError(
                 Open::ServiceInCorruptedState | Open::IsMarkedForDestruction | Open::DoesNotExist,
@@ -138,7 +143,9 @@ impl From<EventOpenOrCreateError> for Trouble {
         match error {
             Either::EventOpenError(Open::HangsInCreation) => Self::HalfCreated,
             Either::SystemInFlux
-            | Either::EventOpenError(Open::ServiceInCorruptedState | Open::IsMarkedForDestruction | Open::DoesNotExist)
+            | Either::EventOpenError(
+                Open::ServiceInCorruptedState | Open::IsMarkedForDestruction | Open::DoesNotExist,
+            )
             | Either::EventCreateError(
                 Create::ServiceInCorruptedState | Create::AlreadyExists | Create::IsBeingCreatedByAnotherInstance,
             ) => Self::InFlux,

@@ -17,9 +17,10 @@ pub enum LogFormat {
 
 /// Starts logging. `ISOTHERM_LOG` filters it, `info` by default, as in `ISOTHERM_LOG=debug,iceoryx2_bb_loggers=warn`.
 pub fn start(format: LogFormat) {
-    // What the transport finds worth an `info` is not worth an operator's attention.
-    let filter = EnvFilter::try_from_env("ISOTHERM_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
-    set_log_level(LogLevel::Error);
+    let asked = EnvFilter::try_from_env("ISOTHERM_LOG");
+    // The transport decides by a level of its own what it hands over at all.
+    set_log_level(if asked.is_ok() { LogLevel::Trace } else { LogLevel::Warn });
+    let filter = asked.unwrap_or_else(|_| EnvFilter::new("info"));
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
     // Fails only if logging has been started before, and then it runs.
     let _ = match format {

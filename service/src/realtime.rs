@@ -1,7 +1,10 @@
 //! What the worker asks of the operating system: a core, a priority, resident memory, precise and interruptible sleep.
 //!
 //! The only unsafe code of the service. Each setting is optional and fails with the reason and the remedy.
-#![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding, and iceoryx2 gives a listener's descriptor as a number")]
+#![expect(
+    unsafe_code,
+    reason = "SCHED_FIFO has no safe binding, and iceoryx2 gives a listener's descriptor as a number"
+)]
 
 use crate::config::Realtime;
 use iceoryx2::port::listener::Listener;
@@ -26,7 +29,9 @@ pub fn apply(settings: &Realtime) -> Result<(), String> {
         let mut set = CpuSet::new();
         set.set(core);
         sched_setaffinity(None, &set).map_err(|error| {
-            format!("realtime.core: binding to core {core}: {error}; give a core that exists and that this process may use")
+            format!(
+                "realtime.core: binding to core {core}: {error}; give a core that exists and that this process may use"
+            )
         })?;
     }
     if let Some(priority) = settings.priority {
@@ -37,9 +42,8 @@ pub fn apply(settings: &Realtime) -> Result<(), String> {
         })?;
     }
     if settings.lock_memory {
-        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|error| {
-            format!("realtime.lock_memory: {error}; grant CAP_IPC_LOCK or LimitMEMLOCK=infinity")
-        })?;
+        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
+            .map_err(|error| format!("realtime.lock_memory: {error}; grant CAP_IPC_LOCK or LimitMEMLOCK=infinity"))?;
     }
     Ok(())
 }

@@ -117,11 +117,7 @@ impl ImuStatus {
 
 impl From<&Domain> for DomainStatus {
     fn from(domain: &Domain) -> Self {
-        Self {
-            name: domain.name().to_owned(),
-            prefix: domain.prefix(),
-            root_path: domain.root_path().to_owned(),
-        }
+        Self { name: domain.name().to_owned(), prefix: domain.prefix(), root_path: domain.root_path().to_owned() }
     }
 }
 
@@ -142,7 +138,10 @@ impl StatusPublisher {
             let pid = pid.map(|pid| format!(", pid {pid}")).unwrap_or_default();
             Failure::new(
                 Exit::Failed,
-                format!("another service is running in domain {:?}{pid}; stop it, or give this one another --domain", domain.name()),
+                format!(
+                    "another service is running in domain {:?}{pid}; stop it, or give this one another --domain",
+                    domain.name()
+                ),
             )
         };
         let publisher = create(node, domain, name, taken, || {
@@ -177,14 +176,18 @@ pub fn fetch(options: &Options) -> Result<Status, Failure> {
         other => Failure::new(Exit::Failed, format!("opening the status stream: {other}")),
     })?;
     let subscriber = service.subscriber_builder().history_request(1).create();
-    let subscriber = subscriber.map_err(|error| Failure::new(Exit::Failed, format!("subscribing to the status: {error}")))?;
+    let subscriber =
+        subscriber.map_err(|error| Failure::new(Exit::Failed, format!("subscribing to the status: {error}")))?;
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
         let sample = subscriber.receive();
         let sample = sample.map_err(|error| Failure::new(Exit::Failed, format!("receiving the status: {error}")))?;
         if let Some(sample) = sample {
             let status: Status = serde_json::from_slice(&sample).map_err(|error| {
-                Failure::new(Exit::Failed, format!("reading the status: {error}; use the `isotherm` of the service's version"))
+                Failure::new(
+                    Exit::Failed,
+                    format!("reading the status: {error}; use the `isotherm` of the service's version"),
+                )
             })?;
             if status.taken_ns >= asked_ns {
                 return Ok(status);

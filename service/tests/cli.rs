@@ -1,4 +1,5 @@
 //! The command line's own behaviour: exit codes, where words and data go.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use std::process::{Command, Output};
 
@@ -36,7 +37,11 @@ fn exit_codes_are_those_of_sysexits() {
         let output = isotherm(arguments);
         let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
         assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
-        assert_eq!(code == 0, err.is_empty(), "{arguments:?}: words go to stderr, and only if something is wrong\n{err}");
+        assert_eq!(
+            code == 0,
+            err.is_empty(),
+            "{arguments:?}: words go to stderr, and only if something is wrong\n{err}"
+        );
         assert_eq!(code == 0, !out.is_empty(), "{arguments:?}: nothing but data goes to stdout\n{out}");
     }
 }

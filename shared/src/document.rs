@@ -68,7 +68,8 @@ impl<'a> Document<'a> {
         if errors.is_empty() {
             return Ok(Self { text, root, faults: RefCell::default() });
         }
-        let mut places: Vec<_> = errors.iter().map(|error| (error.span().map_or(0, |span| span.start), error)).collect();
+        let mut places: Vec<_> =
+            errors.iter().map(|error| (error.span().map_or(0, |span| span.start), error)).collect();
         places.sort_by_key(|(offset, _)| *offset);
         let (mut line, mut counted) = (1, 0);
         let located = |(offset, error): (usize, &toml::de::Error)| {
@@ -277,9 +278,10 @@ impl<'d, 'a> Section<'d, 'a> {
     /// A list of lists of finite numbers.
     pub fn matrix(&self, key: &'static str, right: &str) -> Option<Vec<Vec<f64>>> {
         let rows = self.get(key).and_then(|value| {
-            let rows = value.get_ref().as_array().and_then(|rows| {
-                rows.iter().map(|row| numbers_of(row.get_ref())).collect::<Option<Vec<_>>>()
-            });
+            let rows = value
+                .get_ref()
+                .as_array()
+                .and_then(|rows| rows.iter().map(|row| numbers_of(row.get_ref())).collect::<Option<Vec<_>>>());
             if rows.is_none() {
                 self.wrong(key, value.get_ref(), right);
             }

@@ -110,11 +110,8 @@ impl Polynomial {
     #[inline]
     pub fn at(&self, telemetry: f64) -> f64 {
         // (U - 0) / 1 is U to the last bit; the test spares the hot loop nine divisions.
-        let x = if self.center == 0.0 && self.scale == 1.0 {
-            telemetry
-        } else {
-            (telemetry - self.center) / self.scale
-        };
+        let x =
+            if self.center == 0.0 && self.scale == 1.0 { telemetry } else { (telemetry - self.center) / self.scale };
         let (last, lower) = self.coefficients().split_last().unwrap_or((&0.0, &[]));
         lower.iter().rev().fold(*last, |r, c| r * x + c)
     }
@@ -205,8 +202,8 @@ fn halve(b: &[f64]) -> ([f64; MAX_ORDER + 1], [f64; MAX_ORDER + 1]) {
     let mut left = [0.0; MAX_ORDER + 1];
     let mut right = [0.0; MAX_ORDER + 1];
     right[..=n].copy_from_slice(b);
-    for level in 0..=n {
-        left[level] = right[0];
+    for (level, end) in left.iter_mut().enumerate().take(n + 1) {
+        *end = right[0];
         for k in 0..n - level {
             right[k] = 0.5 * right[k] + 0.5 * right[k + 1];
         }

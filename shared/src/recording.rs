@@ -90,7 +90,9 @@ impl<R: Read> RawReader<R> {
             && session == sample.session
             && sequence >= sample.sequence
         {
-            return Err(row.error(format!("sequence {} after {sequence}; it must rise from row to row", sample.sequence)));
+            return Err(
+                row.error(format!("sequence {} after {sequence}; it must rise from row to row", sample.sequence))
+            );
         }
         self.previous = Some((sample.session, sample.sequence));
         Ok(Some(sample))
@@ -160,7 +162,13 @@ impl Row<'_> {
         RecordingError::Data { line: self.line, message }
     }
 
-    fn field<T>(&self, column: usize, what: &str, right: &str, parse: impl Fn(&str) -> Option<T>) -> Result<T, RecordingError> {
+    fn field<T>(
+        &self,
+        column: usize,
+        what: &str,
+        right: &str,
+        parse: impl Fn(&str) -> Option<T>,
+    ) -> Result<T, RecordingError> {
         let field = self.record.get(column).unwrap_or_default();
         let value = core::str::from_utf8(field).ok().and_then(parse);
         value.ok_or_else(|| self.error(format!("{what} is {:?}, give {right}", String::from_utf8_lossy(field))))
@@ -260,7 +268,9 @@ mod tests {
 
     #[test]
     fn errors_name_the_line() {
-        let row = |sequence: &str, pulses: &str, head: &str| format!("1,1,0,0,1,1,0,0,1,{head},0,{pulses},x,1,1,{sequence}\n");
+        let row = |sequence: &str, pulses: &str, head: &str| {
+            format!("1,1,0,0,1,1,0,0,1,{head},0,{pulses},x,1,1,{sequence}\n")
+        };
         let good = row("5", "0", "1");
         let read_rows = |rows: &[String]| read(&format!("{HEADER}\n{}", rows.concat())).unwrap_err();
         assert!(read_rows(&[good.clone(), good.clone()]).starts_with("line 3: sequence 5 after 5"));

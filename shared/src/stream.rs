@@ -10,9 +10,9 @@
 //!
 //! Only the service creates them, so that depths and limits are its own; everybody else opens them.
 
+use crate::wire::{CompensatedIncrement, RawSample};
 use core::fmt;
 use core::time::Duration;
-use crate::wire::{CompensatedIncrement, RawSample};
 use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ipc};
 use iceoryx2::service::builder::{event, publish_subscribe};
 
@@ -235,7 +235,9 @@ pub enum DomainError {
     #[error("domain: {0}")]
     Name(InvalidName),
     /// The folder cannot be used.
-    #[error("domain: the folder {0:?} must be absolute and at most {MAX_ROOT} characters; set ISOTHERM_ROOT to a shorter one")]
+    #[error(
+        "domain: the folder {0:?} must be absolute and at most {MAX_ROOT} characters; set ISOTHERM_ROOT to a shorter one"
+    )]
     Root(String),
 }
 

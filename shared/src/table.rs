@@ -177,8 +177,14 @@ impl Content {
         check("temperature.max_age_s".to_owned(), self.max_age_s.and_then(max_age_fault));
         for (name, axis) in AXIS_NAMES.iter().zip(&self.axes) {
             check(format!("axis.{name}.bias"), bias_fault(&axis.bias, axis.bias_unit));
-            check(format!("axis.{name}.positive_scale_factor"), positive_scale_factor_fault(&axis.positive_scale_factor));
-            check(format!("axis.{name}.negative_scale_factor"), negative_scale_factor_fault(&axis.negative_scale_factor));
+            check(
+                format!("axis.{name}.positive_scale_factor"),
+                positive_scale_factor_fault(&axis.positive_scale_factor),
+            );
+            check(
+                format!("axis.{name}.negative_scale_factor"),
+                negative_scale_factor_fault(&axis.negative_scale_factor),
+            );
             check(format!("axis.{name}.max_rate"), axis.max_rate.and_then(max_rate_fault));
         }
         check("alignment.matrix".to_owned(), self.alignment.as_ref().and_then(alignment_fault));

@@ -337,9 +337,7 @@ mod tests {
 
     #[test]
     fn every_flag_has_the_bit_that_its_name_says() {
-        let named = |name: &str| {
-            Flags::NAMES.iter().find(|(_, n)| *n == name).map(|(bit, _)| Flags(1 << bit)).unwrap()
-        };
+        let named = |name: &str| Flags::NAMES.iter().find(|(_, n)| *n == name).map(|(bit, _)| Flags(1 << bit)).unwrap();
         for axis in 0..AXES {
             let n = axis + 1;
             assert_eq!(named(&format!("a{n}-head-below")), Flags::head_below(axis));

@@ -1,4 +1,5 @@
 //! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, policies.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_shared::compensate::{answer, compensate, uncompensated};
 use isotherm_shared::polynomial::Polynomial;
@@ -15,12 +16,14 @@ use proptest::prelude::*;
 fn polynomial(size: f64) -> impl Strategy<Value = Polynomial> {
     let part = size.abs() * 0.02;
     let higher = prop::collection::vec(-part..part, 0..=7);
-    (higher, prop::bool::ANY, 0.5..1.5f64, 3.0..4.5f64, 0.6..0.9f64).prop_map(move |(higher, centred, low, high, scale)| {
-        let coefficients: Vec<_> = std::iter::once(size).chain(higher).collect();
-        // |x| stays at or below 1 or so, so that the first coefficient keeps its sign.
-        let (center, scale) = if centred { (2.5, 2.5 / scale) } else { (0.0, 5.0) };
-        Polynomial::new(&coefficients, center, scale, [low, high]).unwrap()
-    })
+    (higher, prop::bool::ANY, 0.5..1.5f64, 3.0..4.5f64, 0.6..0.9f64).prop_map(
+        move |(higher, centred, low, high, scale)| {
+            let coefficients: Vec<_> = std::iter::once(size).chain(higher).collect();
+            // |x| stays at or below 1 or so, so that the first coefficient keeps its sign.
+            let (center, scale) = if centred { (2.5, 2.5 / scale) } else { (0.0, 5.0) };
+            Polynomial::new(&coefficients, center, scale, [low, high]).unwrap()
+        },
+    )
 }
 
 prop_compose! {

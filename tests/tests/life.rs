@@ -1,4 +1,5 @@
 //! Start-up, shutdown, signals, kills.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Acquisition, ConnectError, Options};
 use isotherm_shared::compensate::answer;
@@ -18,7 +19,14 @@ fn a_second_service_is_refused_and_the_first_goes_on() {
     let second = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     let message = text(&second.stderr);
     assert_eq!(second.status.code(), Some(1), "{message}");
-    assert!(message.contains(&format!("another service is running in domain {:?}, pid {}", world.domain().name(), first.pid())), "{message}");
+    assert!(
+        message.contains(&format!(
+            "another service is running in domain {:?}, pid {}",
+            world.domain().name(),
+            first.pid()
+        )),
+        "{message}"
+    );
     let other_imu = world.run(&["serve", "--imu", "imu-b=imu-a.toml"]);
     assert_ne!(other_imu.status.code(), Some(0));
     round_trip(&mut acquisition, &recording()[0]);
@@ -89,7 +97,10 @@ fn a_feed_without_a_service_gives_up_in_time_and_leaves_no_file() {
     assert_eq!(status.code(), Some(69), "{log}");
     assert!(log.contains("no answer from the service for 0.5 s"), "{log}");
     let files: Vec<_> = fs::read_dir(world.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-    assert!(files.iter().all(|name| !name.to_string_lossy().contains("fed") && !name.to_string_lossy().starts_with(".iso")), "{files:?}");
+    assert!(
+        files.iter().all(|name| !name.to_string_lossy().contains("fed") && !name.to_string_lossy().starts_with(".iso")),
+        "{files:?}"
+    );
 }
 
 #[test]
@@ -107,7 +118,10 @@ fn a_killed_acquisition_is_replaced_at_once_and_a_living_one_never() {
         feed.kill();
         let mut next = world.acquisition("imu-a");
         let sample = recording()[3];
-        assert_eq!(round_trip(&mut next, &sample).velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
+        assert_eq!(
+            round_trip(&mut next, &sample).velocity_increment,
+            answer(Some(&table(TABLE)), &sample).velocity_increment
+        );
     }
     wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
     service.terminate();

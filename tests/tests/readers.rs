@@ -1,4 +1,5 @@
 //! Readers beside the acquisition, and peers that use the streams in their own way.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use iceoryx2::prelude::ipc;
 use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
@@ -90,7 +91,8 @@ fn a_reader_gets_everything_once_across_restarts_of_service_and_acquisition() {
     world.write("short.csv", &short);
     for run in 0..3 {
         let out = format!("fed-{run}.csv");
-        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "1000", "--window", "20", "short.csv", "-o", &out]);
+        let feed =
+            world.spawn(&["feed", "--imu", "imu-a", "--rate", "1000", "--window", "20", "short.csv", "-o", &out]);
         let begun = read.len();
         let deadline = Instant::now() + PATIENCE;
         while read.len() < begun + 300 {
@@ -142,7 +144,10 @@ fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
         read.push(reader.receive_timeout(PATIENCE).unwrap().expect("an increment"));
     }
     assert_eq!(read.iter().map(|i| i.sequence).collect::<Vec<_>>(), [5, 6, 7, 100, 99, 8]);
-    assert!(read.iter().all(|i| i.latency_ns < u32::MAX), "from seeing the sample, since it was not said when it was sent");
+    assert!(
+        read.iter().all(|i| i.latency_ns < u32::MAX),
+        "from seeing the sample, since it was not said when it was sent"
+    );
     wait_until("the counters", || world.imu_status()["received"] == 9);
     assert_eq!((reader.receive().unwrap(), reader.repeats()), (None, 3));
     let status = world.imu_status();
@@ -204,7 +209,10 @@ fn a_foreign_creator_of_our_stream_is_named() {
     let output = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     let message = isotherm_tests::text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(message.contains("the raw stream of IMU imu-a: another process has created it with other settings"), "{message}");
+    assert!(
+        message.contains("the raw stream of IMU imu-a: another process has created it with other settings"),
+        "{message}"
+    );
     drop(foreign);
     let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
     // Ours, as a peer sees it.

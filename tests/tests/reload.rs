@@ -1,4 +1,5 @@
 //! Tables replaced under a running service, in every way that files are replaced.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Acquisition, CompensatedIncrement, RawSample};
 use isotherm_shared::compensate::answer;
@@ -142,7 +143,10 @@ fn a_bad_file_is_reported_once_and_the_next_good_one_taken() {
         (TABLE.replace("91733.0", "-91733.0"), "positive_scale_factor"),
         (TABLE.replace("imu-a", "imu-b"), "belongs to imu-b"),
         (variant(6)[..300].to_owned(), "not TOML"),
-        (TABLE.replacen("format = 1", &format!("format = 1\ndigest = \"{}\"", table(&variant(9)).digest()), 1), "digest"),
+        (
+            TABLE.replacen("format = 1", &format!("format = 1\ndigest = \"{}\"", table(&variant(9)).digest()), 1),
+            "digest",
+        ),
     ];
     for (number, (text, _)) in (1..).zip(&bad) {
         bench.world.replace("imu-a.toml", text);

@@ -1,4 +1,5 @@
 //! Raw samples in, exact increments out, through real processes and real shared memory.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{CompensateError, SendError};
 use isotherm_shared::compensate::answer;
@@ -66,7 +67,8 @@ fn every_waiting_strategy_serves() {
         world.write("service.toml", &config);
         let service = world.serve(&["--config", "service.toml"]);
         let samples = recording();
-        let short = fs::read_to_string(RUN).unwrap().lines().take(401).map(|line| format!("{line}\n")).collect::<String>();
+        let short =
+            fs::read_to_string(RUN).unwrap().lines().take(401).map(|line| format!("{line}\n")).collect::<String>();
         world.write("short.csv", &short);
         let fed = world.run_well(&["feed", "--imu", "imu-a", "--rate", "400", "short.csv"]);
         assert_eq!(fed.lines().count(), 401);
@@ -150,7 +152,10 @@ fn out_of_range_and_not_finite_telemetry_under_each_policy() {
                     expected |= flag;
                     let at = |value| if axis == 0 { raw(value, 2.0) } else { raw(2.0, value) };
                     let dv = increment.velocity_increment[axis];
-                    let exact = |place| answer(Some(&table(&text.replace("[0.9, 4.2]", "[0.4, 5.1]"))), &at(place)).velocity_increment[axis];
+                    let exact = |place| {
+                        answer(Some(&table(&text.replace("[0.9, 4.2]", "[0.4, 5.1]"))), &at(place)).velocity_increment
+                            [axis]
+                    };
                     match outside {
                         None => assert!(dv.is_nan(), "{policy} {value}"),
                         Some(_) if flag == Flags::default() => assert_eq!(dv, inside.velocity_increment[axis]),

@@ -1,4 +1,5 @@
 //! Table files: everything that must be refused, everything at once, and the seal.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_tests::{TABLE, World, table, text, variant};
 use std::fs;
@@ -31,29 +32,104 @@ const BAD: [(&str, &str, &str, &str); 52] = [
     ("number in quotation marks", "c0 = 793.55", "c0 = \"793.55\"", ":10: axis.A1.bias.c0: "),
     ("coefficients as a list", "c0 = 793.55", "c0 = [793.55]", ":10: axis.A1.bias.c0: "),
     ("coefficient left out", "c1 = -1074.70, ", "", ":10: axis.A1.bias.c1: "),
-    ("no coefficient", "c0 = 793.55, c1 = -1074.70, c2 = 420.81, c3 = -53.712", "center = 1.0", ":10: axis.A1.bias.c0: "),
+    (
+        "no coefficient",
+        "c0 = 793.55, c1 = -1074.70, c2 = 420.81, c3 = -53.712",
+        "center = 1.0",
+        ":10: axis.A1.bias.c0: ",
+    ),
     ("gravity too small", "9.8015", "9.6", ":4: imu.gravity: "),
     ("gravity too large", "9.8015", "9.91", ":4: imu.gravity: "),
     ("gravity missing", "gravity = 9.8015\n", "", ":2: imu.gravity: "),
-    ("range empty", "bias = { unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72", "bias = { unit = \"ug0\", range = [0.9, 0.9], c0 = 118.72", ":15: axis.A2.bias.range: "),
-    ("range reversed", "range = [0.9, 4.2], c0 = 118.72", "range = [4.2, 0.9], c0 = 118.72", ":15: axis.A2.bias.range: "),
+    (
+        "range empty",
+        "bias = { unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72",
+        "bias = { unit = \"ug0\", range = [0.9, 0.9], c0 = 118.72",
+        ":15: axis.A2.bias.range: ",
+    ),
+    (
+        "range reversed",
+        "range = [0.9, 4.2], c0 = 118.72",
+        "range = [4.2, 0.9], c0 = 118.72",
+        ":15: axis.A2.bias.range: ",
+    ),
     ("range missing", "range = [0.9, 4.2], c0 = 118.72", "c0 = 118.72", ":15: axis.A2.bias.range: "),
-    ("range of three", "range = [0.9, 4.2], c0 = 118.72", "range = [0.9, 2.0, 4.2], c0 = 118.72", ":15: axis.A2.bias.range: "),
-    ("bias beyond 1 g0", "unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72", "unit = \"g0\", range = [0.9, 4.2], c0 = 118.72", ":15: axis.A2.bias: "),
-    ("bias beyond 1 g0 inside its range only", "c0 = 118.72, c1 = -201.30, c2 = 101.35, c3 = -14.823", "c0 = -10500000.0, c1 = 9000000.0, c2 = -1760000.0", ":15: axis.A2.bias: "),
+    (
+        "range of three",
+        "range = [0.9, 4.2], c0 = 118.72",
+        "range = [0.9, 2.0, 4.2], c0 = 118.72",
+        ":15: axis.A2.bias.range: ",
+    ),
+    (
+        "bias beyond 1 g0",
+        "unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72",
+        "unit = \"g0\", range = [0.9, 4.2], c0 = 118.72",
+        ":15: axis.A2.bias: ",
+    ),
+    (
+        "bias beyond 1 g0 inside its range only",
+        "c0 = 118.72, c1 = -201.30, c2 = 101.35, c3 = -14.823",
+        "c0 = -10500000.0, c1 = 9000000.0, c2 = -1760000.0",
+        ":15: axis.A2.bias: ",
+    ),
     ("K+ negative", "c0 = 91733.0", "c0 = -91733.0", ":11: axis.A1.positive_scale_factor: "),
     ("K- positive", "c0 = -90072.0", "c0 = 90072.0", ":12: axis.A1.negative_scale_factor: "),
-    ("K+ zero inside its range only", "c0 = 91042.0, c1 = 262.28, c2 = -46.73, c3 = 6.220", "c0 = 650250.0, c1 = -510000.0, c2 = 100000.0", ":16: axis.A2.positive_scale_factor: "),
-    ("K+ below 1 in a notch of the seventh order", "c0 = 91042.0, c1 = 262.28, c2 = -46.73, c3 = 6.220", "center = 2.345, scale = 1.0, c0 = 0.5, c1 = 0.0, c2 = 1e9, c3 = 0.0, c4 = 1e9, c5 = 0.0, c6 = 1e9, c7 = 1.0", ":16: axis.A2.positive_scale_factor: "),
-    ("K- smaller than 1", "c0 = -90546.0, c1 = -651.79, c2 = 182.9, c3 = -19.534", "c0 = -0.5", ":17: axis.A2.negative_scale_factor: "),
+    (
+        "K+ zero inside its range only",
+        "c0 = 91042.0, c1 = 262.28, c2 = -46.73, c3 = 6.220",
+        "c0 = 650250.0, c1 = -510000.0, c2 = 100000.0",
+        ":16: axis.A2.positive_scale_factor: ",
+    ),
+    (
+        "K+ below 1 in a notch of the seventh order",
+        "c0 = 91042.0, c1 = 262.28, c2 = -46.73, c3 = 6.220",
+        "center = 2.345, scale = 1.0, c0 = 0.5, c1 = 0.0, c2 = 1e9, c3 = 0.0, c4 = 1e9, c5 = 0.0, c6 = 1e9, c7 = 1.0",
+        ":16: axis.A2.positive_scale_factor: ",
+    ),
+    (
+        "K- smaller than 1",
+        "c0 = -90546.0, c1 = -651.79, c2 = 182.9, c3 = -19.534",
+        "c0 = -0.5",
+        ":17: axis.A2.negative_scale_factor: ",
+    ),
     ("scale of 0", "c3 = -53.712", "c3 = -53.712, scale = 0.0", ":10: axis.A1.bias.scale: "),
-    ("order over 7", "c3 = -53.712", "c3 = -53.712, c4 = 0.0, c5 = 0.0, c6 = 0.0, c7 = 0.0, c8 = 0.0", ":10: axis.A1.bias.c8: "),
-    ("unit missing", "unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72", "range = [0.9, 4.2], c0 = 118.72", ":15: axis.A2.bias.unit: "),
-    ("unit unknown", "\"ug0\", range = [0.9, 4.2], c0 = 118.72", "\"ugal\", range = [0.9, 4.2], c0 = 118.72", ":15: axis.A2.bias.unit: "),
-    ("unit misplaced", "unit = \"pulse/(s*g0)\", range = [0.9, 4.2], c0 = 91733.0", "unit = \"ug0\", range = [0.9, 4.2], c0 = 91733.0", ":11: axis.A1.positive_scale_factor.unit: "),
+    (
+        "order over 7",
+        "c3 = -53.712",
+        "c3 = -53.712, c4 = 0.0, c5 = 0.0, c6 = 0.0, c7 = 0.0, c8 = 0.0",
+        ":10: axis.A1.bias.c8: ",
+    ),
+    (
+        "unit missing",
+        "unit = \"ug0\", range = [0.9, 4.2], c0 = 118.72",
+        "range = [0.9, 4.2], c0 = 118.72",
+        ":15: axis.A2.bias.unit: ",
+    ),
+    (
+        "unit unknown",
+        "\"ug0\", range = [0.9, 4.2], c0 = 118.72",
+        "\"ugal\", range = [0.9, 4.2], c0 = 118.72",
+        ":15: axis.A2.bias.unit: ",
+    ),
+    (
+        "unit misplaced",
+        "unit = \"pulse/(s*g0)\", range = [0.9, 4.2], c0 = 91733.0",
+        "unit = \"ug0\", range = [0.9, 4.2], c0 = 91733.0",
+        ":11: axis.A1.positive_scale_factor.unit: ",
+    ),
     ("policy unknown", "\"clamp\"", "\"hold\"", ":7: temperature.out_of_range: "),
-    ("alignment not 3x3", "format = 1", "format = 1\n[alignment]\nmatrix = [[1, 0], [0, 1]]\n", ":3: alignment.matrix: "),
-    ("alignment singular", "format = 1", "format = 1\n[alignment]\nmatrix = [[1, 2, 3], [2, 4, 6], [0, 0, 1]]\n", ":3: alignment.matrix: "),
+    (
+        "alignment not 3x3",
+        "format = 1",
+        "format = 1\n[alignment]\nmatrix = [[1, 0], [0, 1]]\n",
+        ":3: alignment.matrix: ",
+    ),
+    (
+        "alignment singular",
+        "format = 1",
+        "format = 1\n[alignment]\nmatrix = [[1, 2, 3], [2, 4, 6], [0, 0, 1]]\n",
+        ":3: alignment.matrix: ",
+    ),
     ("digest wrong", "format = 1", "format = 1\ndigest = \"sha256:00\"", ":2: digest: "),
     ("max_rate of 0", "name = \"A1\"", "name = \"A1\"\nmax_rate = 0.0", ":10: axis.A1.max_rate: "),
     ("max_age_s negative", "unit = \"V\"", "unit = \"V\"\nmax_age_s = -1", ":7: temperature.max_age_s: "),
@@ -69,7 +145,10 @@ fn every_kind_of_bad_table_is_refused_with_line_and_key() {
         let output = world.run(&["check", "bad.toml"]);
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(78), "{kind}: {message}");
-        assert!(message.contains(&format!("bad.toml{place}")) || message.contains(place), "{kind}: no {place:?} in\n{message}");
+        assert!(
+            message.contains(&format!("bad.toml{place}")) || message.contains(place),
+            "{kind}: no {place:?} in\n{message}"
+        );
         assert!(output.stdout.is_empty(), "{kind}");
     }
 }
@@ -77,7 +156,17 @@ fn every_kind_of_bad_table_is_refused_with_line_and_key() {
 #[test]
 fn bad_files_are_refused_too() {
     let world = World::new();
-    fs::write(world.path("latin1.toml"), TABLE.replacen("[imu]", "# \u{e9}\n[imu]", 1).replace('\u{e9}', "E").into_bytes().iter().map(|&byte| if byte == b'E' { 0xe9 } else { byte }).collect::<Vec<_>>()).unwrap();
+    fs::write(
+        world.path("latin1.toml"),
+        TABLE
+            .replacen("[imu]", "# \u{e9}\n[imu]", 1)
+            .replace('\u{e9}', "E")
+            .into_bytes()
+            .iter()
+            .map(|&byte| if byte == b'E' { 0xe9 } else { byte })
+            .collect::<Vec<_>>(),
+    )
+    .unwrap();
     world.write("large.toml", &format!("{TABLE}# {}\n", "x".repeat(1 << 20)));
     fs::create_dir(world.path("folder.toml")).unwrap();
     mkfifo(&world, "pipe.toml");
@@ -109,7 +198,10 @@ fn all_faults_of_all_files_come_in_one_go() {
         .replace("format = 1", "format = 3")
         .replace("gravity = 9.8015", "gravity = 98.015")
         .replace("c0 = 91733.0", "c0 = 0.0, c9 = 1.0")
-        .replace("unit = \"ug0\", range = [0.9, 4.2], c0 = 84.70", "unit = \"ug0\", range = [4.2, 0.9], c0 = \"84.70\"");
+        .replace(
+            "unit = \"ug0\", range = [0.9, 4.2], c0 = 84.70",
+            "unit = \"ug0\", range = [4.2, 0.9], c0 = \"84.70\"",
+        );
     world.write("bad.toml", &bad);
     world.write("worse.toml", "[[imu]]\nid = \"A\"\n");
     world.write("good.toml", TABLE);
@@ -129,7 +221,10 @@ fn all_faults_of_all_files_come_in_one_go() {
         assert!(message.contains(place), "no {place:?} in\n{message}");
     }
     assert!(text(&output.stdout).starts_with("good.toml: table of imu-a, sha256:"));
-    world.write("service.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"bad.toml\"\n[[imu]]\nid = \"imu-b\"\ntable = \"good.toml\"\n");
+    world.write(
+        "service.toml",
+        "[[imu]]\nid = \"imu-a\"\ntable = \"bad.toml\"\n[[imu]]\nid = \"imu-b\"\ntable = \"good.toml\"\n",
+    );
     for command in [&["check", "service.toml"][..], &["serve", "--config", "service.toml"]] {
         let output = world.run(command);
         let message = text(&output.stderr);
@@ -148,7 +243,14 @@ fn a_seal_is_written_checked_and_survives_what_does_not_matter() {
     assert!(fs::symlink_metadata(world.path("link.toml")).unwrap().is_symlink());
     let sealed = fs::read_to_string(&path).unwrap();
     let digest = table(TABLE).digest().to_string();
-    assert_eq!(sealed, format!("# a comment\n{TABLE}\n[provenance]\nby = \"hand\"\n").replacen("format = 1\n", &format!("format = 1\ndigest = \"{digest}\"\n"), 1));
+    assert_eq!(
+        sealed,
+        format!("# a comment\n{TABLE}\n[provenance]\nby = \"hand\"\n").replacen(
+            "format = 1\n",
+            &format!("format = 1\ndigest = \"{digest}\"\n"),
+            1
+        )
+    );
     for unimportant in [
         sealed.replace("# a comment\n", ""),
         sealed.replace("by = \"hand\"", "by = \"machine\""),

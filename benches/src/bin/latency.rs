@@ -14,25 +14,20 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{BackpressureStrategy, IceoryxSend, ZeroCopySend, ipc};
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::Builder;
-use isotherm_client::{Acquisition, CompensatedIncrement, Domain, Options, RawSample, join};
+use isotherm_benches::{IMU, Outcome, PATIENCE, TABLE, World, cores, pin};
+use isotherm_client::{Acquisition, CompensatedIncrement, Domain, RawSample, join};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::IpcNode;
 use isotherm_shared::table::CoefficientTable;
-use rustix::process::{Pid, Signal, kill_process};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use rustix::process::Signal;
 use serde_json::{Value, json};
-use std::error::Error;
 use std::fs;
 use std::hint::{black_box, spin_loop};
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
-const IMU: &str = "imu-paper";
 /// Uncounted round trips at the start of each block, while caches and the child's core wake up.
 const WARM_UP: usize = 500;
-/// No answer takes longer, or something is broken.
-const PATIENCE: Duration = Duration::from_secs(5);
 /// A percentile with fewer samples beyond it is not given.
 const BEYOND: usize = 20;
 
@@ -52,8 +47,6 @@ struct Arguments {
     #[arg(long)]
     smoke: bool,
 }
-
-type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn main() -> ExitCode {
     // The children are this very program: the service as its users run it, and the echo.
@@ -141,7 +134,7 @@ impl Spin {
     fn go_on(&self) -> Outcome<()> {
         spin_loop();
         self.0.set(self.0.get().wrapping_add(1));
-        if self.0.get() % (1 << 16) == 0 {
+        if self.0.get().is_multiple_of(1 << 16) {
             let started = self.1.get().unwrap_or_else(Instant::now);
             self.1.set(Some(started));
             if started.elapsed() > PATIENCE {
@@ -175,28 +168,11 @@ fn echo(words: &[String]) -> Outcome<()> {
             loan.write_payload(increment).send()?;
             drop(sample);
             spare = Some(answers.loan_uninit()?);
-        } else if turn % (1 << 20) == 0 && rustix::process::getppid() != parent {
+        } else if turn.is_multiple_of(1 << 20) && rustix::process::getppid() != parent {
             break; // the bench has gone
         }
     }
     Ok(())
-}
-
-/// A child that is stopped while it is not measured, and does not outlive the bench.
-struct Partner(Child);
-
-impl Partner {
-    fn signal(&self, signal: Signal) {
-        // Fails only if it has died, which the missing answers will tell.
-        let _ = kill_process(Pid::from_child(&self.0), signal);
-    }
-}
-
-impl Drop for Partner {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 /// What the blocks of one path have measured.
@@ -206,32 +182,19 @@ struct Blocks {
 }
 
 fn bench(arguments: &Arguments) -> Outcome<()> {
-    let (blocks, round_trips) = if arguments.smoke { (4, 2_000) } else { (arguments.blocks.max(2), arguments.round_trips) };
+    let (blocks, round_trips) =
+        if arguments.smoke { (4, 2_000) } else { (arguments.blocks.max(2), arguments.round_trips) };
     let cores = cores();
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));
 
-    let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
-    let name = format!("bench-{}", std::process::id());
-    let domain = Domain::new(&name, &format!("{}/{name}", folder.path().display()))?;
-    let _cleaner = Cleaner(domain.prefix());
-    fs::write(folder.path().join("table.toml"), TABLE)?;
-    let core = theirs.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
-    let config = format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n[wait]\nstrategy = \"spin\"\n{core}");
-    fs::write(folder.path().join("service.toml"), config)?;
-
-    let spawn = |words: &[&str]| -> Outcome<Partner> {
-        let mut command = Command::new(std::env::current_exe()?);
-        command.args(words).env("ISOTHERM_DOMAIN", &name).env("ISOTHERM_ROOT", folder.path());
-        Ok(Partner(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()?))
-    };
-    let config = folder.path().join("service.toml");
-    let service = spawn(&["serve", "--config", config.to_str().ok_or("the temporary folder's name is not UTF-8")?])?;
-    let options = Options { domain: domain.clone(), timeout: PATIENCE };
-    let mut isotherm = Isotherm(Acquisition::connect(&IMU.parse()?, &options)?);
+    let world = World::new()?;
+    let service = world.serve("spin", theirs)?;
+    let mut isotherm = Isotherm(Acquisition::connect(&IMU.parse()?, &world.options())?);
     service.signal(Signal::STOP);
-    let echo = spawn(&["echo", &name, domain.root_path(), &theirs.map(|core| core.to_string()).unwrap_or_default()])?;
-    let mut bare = connect_bare(&domain)?;
+    let core = theirs.map(|core| core.to_string()).unwrap_or_default();
+    let echo = world.spawn(&["echo", world.domain().name(), world.domain().root_path(), &core])?;
+    let mut bare = connect_bare(world.domain())?;
     echo.signal(Signal::STOP);
     let mut in_process = InProcess(CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?);
 
@@ -247,7 +210,7 @@ fn bench(arguments: &Arguments) -> Outcome<()> {
         service.signal(Signal::STOP);
         measured[2].sorted.push(block(&mut in_process, round_trips)?);
     }
-    report(arguments.json, &measured, started.elapsed(), theirs.is_some());
+    report(arguments.json, &measured, started.elapsed(), &cores);
     Ok(())
 }
 
@@ -303,7 +266,7 @@ fn percentile(sorted: &[u32], part: f64) -> Option<f64> {
 
 const PARTS: [(&str, f64); 4] = [("p50", 0.5), ("p99", 0.99), ("p999", 0.999), ("p9999", 0.9999)];
 
-fn report(as_json: bool, measured: &[Blocks; 3], elapsed: Duration, pinned: bool) {
+fn report(as_json: bool, measured: &[Blocks; 3], elapsed: Duration, cores: &[usize]) {
     let [iceoryx2, isotherm, _] = measured;
     let path = |blocks: &Blocks| {
         let mut all = blocks.sorted.concat();
@@ -316,7 +279,11 @@ fn report(as_json: bool, measured: &[Blocks; 3], elapsed: Duration, pinned: bool
     };
     let paths: serde_json::Map<_, _> = measured.iter().map(path).collect();
     let ratios = |of: &dyn Fn(f64) -> Option<f64>| -> Value {
-        PARTS[..3].iter().map(|(name, part)| (format!("{name}"), json!(of(*part)))).collect::<serde_json::Map<_, _>>().into()
+        PARTS[..3]
+            .iter()
+            .map(|(name, part)| ((*name).to_owned(), json!(of(*part))))
+            .collect::<serde_json::Map<_, _>>()
+            .into()
     };
     // Each block against the baseline's block just before it; the baseline against its own next block.
     let against = |part| median(iceoryx2.sorted.iter().zip(&isotherm.sorted), part);
@@ -326,8 +293,8 @@ fn report(as_json: bool, measured: &[Blocks; 3], elapsed: Duration, pinned: bool
         "ratios": {"isotherm/iceoryx2": ratios(&against), "iceoryx2/iceoryx2": ratios(&itself)},
         "machine": {
             "cpu": cpu(),
-            "cores": cores().len(),
-            "pinned": pinned,
+            "cores": cores.len(),
+            "pinned": cores.len() > 1,
             "clock_source": first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
             "governor": first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         },
@@ -360,7 +327,8 @@ fn print_table(document: &Value) {
     }
     println!("\nratio, median over blocks  p50     p99   p99.9");
     for name in ["isotherm/iceoryx2", "iceoryx2/iceoryx2"] {
-        let ratio = |part: &str| document["ratios"][name][part].as_f64().map_or_else(|| "-".to_owned(), |r| format!("{r:.2}"));
+        let ratio =
+            |part: &str| document["ratios"][name][part].as_f64().map_or_else(|| "-".to_owned(), |r| format!("{r:.2}"));
         println!("{name:<22} {:>7} {:>7} {:>7}", ratio("p50"), ratio("p99"), ratio("p999"));
     }
     let machine = &document["machine"];
@@ -395,21 +363,6 @@ fn disturbed(blocks: &Blocks) -> usize {
     medians.iter().filter(|median| **median > usual + usual / 2).count()
 }
 
-/// The cores that this process may use.
-fn cores() -> Vec<usize> {
-    let set = sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new());
-    (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()
-}
-
-fn pin(core: Option<usize>) {
-    if let Some(core) = core {
-        let mut set = CpuSet::new();
-        set.set(core);
-        // Where it is not allowed the figures are only noisier.
-        let _ = sched_setaffinity(None, &set);
-    }
-}
-
 fn first_line(path: &str) -> Option<String> {
     fs::read_to_string(path).ok().and_then(|text| text.lines().next().map(str::to_owned))
 }
@@ -418,17 +371,4 @@ fn cpu() -> Option<String> {
     let text = fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     line.split_once(": ").map(|(_, name)| name.to_owned())
-}
-
-/// Removes what the bench's domain leaves in shared memory.
-struct Cleaner(String);
-
-impl Drop for Cleaner {
-    fn drop(&mut self) {
-        for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&self.0) {
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-    }
 }

@@ -12,7 +12,9 @@ use std::path::{Path, PathBuf};
 ///
 /// What a file is, its content tells. All faults of all files are reported, each with line and key.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml")]
+#[command(
+    after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml"
+)]
 pub struct Check {
     /// Write a table's digest into it, so that a later change or a half-written copy is noticed
     #[arg(long)]
@@ -61,9 +63,10 @@ fn check(path: &Path, seal: bool) -> Result<String, Failure> {
             };
             Ok(format!("table of {}, {}, {sealed}", table.content().imu, table.digest()))
         }
-        Kind::Config if seal => {
-            Err(Failure::new(Exit::Config, format!("{}: a service configuration; only tables are sealed", path.display())))
-        }
+        Kind::Config if seal => Err(Failure::new(
+            Exit::Config,
+            format!("{}: a service configuration; only tables are sealed", path.display()),
+        )),
         Kind::Config => {
             let config = Config::load(path)?;
             let mut failures = Vec::new();
@@ -103,7 +106,10 @@ fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(),
     let sealed = document.to_string();
     // Read back before anything is replaced: the result must be the same table, with a seal that holds.
     if CoefficientTable::from_toml(&sealed, None).as_ref() != Ok(table) {
-        return Err(Failure::new(Exit::Failed, format!("{}: could not be sealed as it is laid out; put digest below format by hand", path.display())));
+        return Err(Failure::new(
+            Exit::Failed,
+            format!("{}: could not be sealed as it is laid out; put digest below format by hand", path.display()),
+        ));
     }
     let mut output = Output::create(Some(path)).map_err(|error| Failure::io("writing", path, &error))?;
     let result = output.write_all(sealed.as_bytes()).and_then(|()| output.finish());

@@ -13,7 +13,9 @@ use std::time::{Duration, Instant};
 /// Survives a service that dies and returns: what was unanswered is sent again, and each increment is written once, in
 /// order.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv")]
+#[command(
+    after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv"
+)]
 pub struct Feed {
     /// The IMU whose acquisition this is
     #[arg(long, value_name = "ID")]

@@ -10,7 +10,9 @@ use std::path::PathBuf;
 ///
 /// The output equals that of `feed`, byte for byte.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head")]
+#[command(
+    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head"
+)]
 pub struct Replay {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]

@@ -10,7 +10,9 @@ use std::path::PathBuf;
 ///
 /// SIGHUP loads all tables anew; a table file that changes is loaded by itself.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  isotherm serve --imu imu-a=tables/imu-a.toml\n  isotherm serve --config /etc/isotherm/service.toml --log-format json")]
+#[command(
+    after_help = "Examples:\n  isotherm serve --imu imu-a=tables/imu-a.toml\n  isotherm serve --config /etc/isotherm/service.toml --log-format json"
+)]
 pub struct Serve {
     /// Configuration file
     #[arg(long, value_name = "FILE")]
@@ -40,7 +42,10 @@ impl Serve {
             config.imus.push(imu);
         }
         if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
-            let message = format!("{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE", config.imus.len());
+            let message = format!(
+                "{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE",
+                config.imus.len()
+            );
             return Err(Failure::new(Exit::Usage, message));
         }
         control::run(domain, &config, self.allow_uncalibrated)

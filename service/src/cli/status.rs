@@ -44,7 +44,13 @@ fn describe(status: &Document) -> String {
 fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
     writeln!(text, "\n{}", imu.id)?;
-    writeln!(text, "  table        {} ({}), {} reloads", imu.table.as_deref().unwrap_or("none"), imu.table_file, imu.reloads)?;
+    writeln!(
+        text,
+        "  table        {} ({}), {} reloads",
+        imu.table.as_deref().unwrap_or("none"),
+        imu.table_file,
+        imu.reloads
+    )?;
     if let Some(error) = &imu.last_reload_error {
         writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
     }
@@ -54,7 +60,8 @@ fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
         "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",
         imu.received, imu.compensated, imu.missing, imu.gaps, imu.repeats
     )?;
-    let flagged: Vec<_> = imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+    let flagged: Vec<_> =
+        imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
     writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;
     match &imu.latency_ns {
         Some(latency) => {

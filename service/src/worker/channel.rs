@@ -6,9 +6,9 @@ use crate::failure::{Exit, Failure};
 use crate::worker::counters::{Counters, add, bump};
 use core::mem::MaybeUninit;
 use iceoryx2::port::listener::Listener;
+use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use isotherm_client::monotonic_ns;
@@ -57,7 +57,10 @@ impl Channel {
         let taken = || {
             Failure::new(
                 Exit::Failed,
-                format!("IMU {id} is already served in domain {:?}; stop the other service or use another --domain", domain.name()),
+                format!(
+                    "IMU {id} is already served in domain {:?}; stop the other service or use another --domain",
+                    domain.name()
+                ),
             )
         };
         let name = |stream: &str| format!("the {stream} of IMU {id}");
@@ -65,7 +68,8 @@ impl Channel {
         let increments = create(node, domain, &name("increment stream"), taken, || {
             Ok(stream::increment(node, &id).open_or_create()?)
         })?;
-        let wake = create(node, domain, &name("wake-up event"), taken, || Ok(stream::wake(node, &id).open_or_create()?))?;
+        let wake =
+            create(node, domain, &name("wake-up event"), taken, || Ok(stream::wake(node, &id).open_or_create()?))?;
         let listener = create(node, domain, &name("listener"), taken, || {
             wake.listener_builder().create().map_err(|error| match error {
                 ListenerCreateError::ExceedsMaxSupportedListeners => Trouble::Taken,

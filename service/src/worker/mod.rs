@@ -44,7 +44,8 @@ impl Worker {
             move || run(&domain, &config, wirings, &stop, &ready)
         };
         let thread = thread::Builder::new().name("worker".to_owned()).spawn(body);
-        let thread = thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
+        let thread =
+            thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
         match started.recv() {
             Ok(Ok(())) => Ok(Self { stop, thread }),
             Ok(Err(failure)) => Err(failure),
@@ -66,7 +67,10 @@ impl Worker {
         self.thread.join().map_err(|panic| {
             let cause = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
             let cause = cause.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
-            Failure::new(Exit::Failed, format!("the worker thread panicked ({cause}); restart the service and report this"))
+            Failure::new(
+                Exit::Failed,
+                format!("the worker thread panicked ({cause}); restart the service and report this"),
+            )
         })
     }
 }

@@ -259,7 +259,7 @@ mod tests {
         let mut waiter = Waiter::new(Strategy::Anticipate, 1);
         let mut at = MS;
         let arrivals = (0..2000).map(|k| {
-            at += if pseudo_random(k) % 2 == 0 { 200_000 } else { 9 * MS };
+            at += if pseudo_random(k).is_multiple_of(2) { 200_000 } else { 9 * MS };
             (at, 0)
         });
         let arrivals: Vec<_> = arrivals.collect();

@@ -153,7 +153,10 @@ fn temperature(section: Section<'_, '_>) -> Option<(String, OutOfRange, Option<f
 fn axes(root: &Section<'_, '_>) -> Option<[Axis; AXES]> {
     let sections = root.list("axis");
     if sections.len() != AXES {
-        root.fault("axis", format!("{} of them; give exactly three [[axis]], A1, A2, A3 in this order", sections.len()));
+        root.fault(
+            "axis",
+            format!("{} of them; give exactly three [[axis]], A1, A2, A3 in this order", sections.len()),
+        );
     }
     let axes: Vec<_> = sections.into_iter().zip(0..).map(|(section, index)| axis(section, index)).collect();
     let axes: Option<Vec<_>> = axes.into_iter().collect();
@@ -233,9 +236,10 @@ fn polynomial(section: Section<'_, '_>) -> Option<Polynomial> {
 fn alignment(section: Section<'_, '_>) -> Option<Matrix3<f64>> {
     const MATRIX: &str = "a 3x3 matrix, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] for none";
     let rows = section.matrix("matrix", MATRIX);
-    let matrix = rows.as_ref().filter(|rows| rows.len() == 3 && rows.iter().all(|row| row.len() == 3)).map(|rows| {
-        Matrix3::from_row_iterator(rows.iter().flatten().copied())
-    });
+    let matrix = rows
+        .as_ref()
+        .filter(|rows| rows.len() == 3 && rows.iter().all(|row| row.len() == 3))
+        .map(|rows| Matrix3::from_row_iterator(rows.iter().flatten().copied()));
     if rows.is_some() && matrix.is_none() {
         section.fault("matrix", format!("not 3x3; give {MATRIX}"));
     }

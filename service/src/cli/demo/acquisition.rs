@@ -24,7 +24,7 @@ pub enum Message {
     /// At the hot end, samples going on: time for the new table.
     Turning,
     /// The end.
-    Outcome(Outcome),
+    Outcome(Box<Outcome>),
 }
 
 /// What came of the run.
@@ -76,7 +76,7 @@ pub fn run(imu: &ImuId, truth: &CoefficientTable, options: &Options) -> Result<(
     bench.turn()?;
     bench.outcome.after = bench.leg(Chamber::Cooling, 0.5)?;
     bench.outcome.round_trips_ns.sort_unstable();
-    tell(&Message::Outcome(bench.outcome))
+    tell(&Message::Outcome(Box::new(bench.outcome)))
 }
 
 struct Bench<'a> {

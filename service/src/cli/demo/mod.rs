@@ -83,8 +83,10 @@ impl Demo {
 fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String, Failure> {
     let started = Instant::now();
     let io = |phase: &'static str| move |error: io::Error| Failure::new(Exit::Io, format!("{phase}: {error}"));
-    let folder = tempfile::Builder::new().prefix("isotherm-demo-").tempdir().map_err(io("creating a temporary folder"))?;
-    let (table, next, log) = (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
+    let folder =
+        tempfile::Builder::new().prefix("isotherm-demo-").tempdir().map_err(io("creating a temporary folder"))?;
+    let (table, next, log) =
+        (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
     let frozen = frozen(truth)?;
     fs::write(&table, frozen.to_toml()).and_then(|()| fs::write(&next, TABLE)).map_err(io("writing the tables"))?;
 
@@ -105,7 +107,13 @@ fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String
     service.terminate().map_err(|failure| with_log(failure, &log))?;
 
     if outcome.tables != [frozen.id(), truth.id()] || outcome.out_of_order > 0 || outcome.flagged > 0 {
-        return Err(Failure::new(Exit::Failed, format!("the increments are not what they should be: {} out of order, {} flagged, tables {:016x?}", outcome.out_of_order, outcome.flagged, outcome.tables)));
+        return Err(Failure::new(
+            Exit::Failed,
+            format!(
+                "the increments are not what they should be: {} out of order, {} flagged, tables {:016x?}",
+                outcome.out_of_order, outcome.flagged, outcome.tables
+            ),
+        ));
     }
     Ok(tell(&outcome, &status, &frozen, truth, started.elapsed()))
 }
@@ -130,7 +138,8 @@ fn frozen(truth: &CoefficientTable) -> Result<CoefficientTable, Failure> {
 fn follow(acquisition: &mut Guard, reload: impl Fn() -> Result<(), Failure>) -> Result<Outcome, Failure> {
     let failed = |cause: &str| Failure::new(Exit::Failed, format!("the demonstration's acquisition process {cause}"));
     // Draws on stderr, and only if that is a terminal.
-    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}").unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style =
+        ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}").unwrap_or_else(|_| ProgressStyle::default_bar());
     let bar = ProgressBar::new(1000).with_style(style).with_message("heating, frozen table");
     let stdout = acquisition.0.stdout.take().ok_or_else(|| failed("has no output"))?;
     let mut outcome = None;
@@ -142,7 +151,7 @@ fn follow(acquisition: &mut Guard, reload: impl Fn() -> Result<(), Failure>) -> 
                 reload()?;
                 bar.set_message("cooling, full model");
             }
-            Message::Outcome(result) => outcome = Some(result),
+            Message::Outcome(result) => outcome = Some(*result),
         }
     }
     bar.finish_and_clear();
@@ -208,7 +217,10 @@ fn write_story(
     writeln!(text, "Isotherm {}: {}.", status.version, imu::DESCRIPTION)?;
     writeln!(text, "\nOutput stability: 10 s means of output minus specific force [1e-6 g0]")?;
     writeln!(text, "        table frozen at mid temperature      full model")?;
-    writeln!(text, "        std. deviation   rms about zero      std. deviation   rms about zero      factor (std. dev.)")?;
+    writeln!(
+        text,
+        "        std. deviation   rms about zero      std. deviation   rms about zero      factor (std. dev.)"
+    )?;
     for (name, (before, after)) in AXIS_NAMES.iter().zip(outcome.before.iter().zip(&outcome.after)) {
         let Stability { deviation, rms, .. } = before;
         writeln!(
@@ -221,7 +233,11 @@ fn write_story(
             deviation / after.deviation
         )?;
     }
-    writeln!(text, "  ({} and {} means. This IMU obeys its table but for the noise; a real one keeps what no", outcome.before[0].means, outcome.after[0].means)?;
+    writeln!(
+        text,
+        "  ({} and {} means. This IMU obeys its table but for the noise; a real one keeps what no",
+        outcome.before[0].means, outcome.after[0].means
+    )?;
     writeln!(text, "  polynomial knows: the source paper reports factors of 10 to 16.)")?;
     let reloads = status.imus.first().map_or(0, |imu| imu.reloads);
     writeln!(text, "\nHot reload in flight: {} reload, table {:016x} -> {:016x}", reloads, frozen.id(), truth.id())?;
@@ -231,12 +247,22 @@ fn write_story(
         outcome.reload_ns as f64 / 1e6,
         outcome.during_reload
     )?;
-    writeln!(text, "  {} samples in all, {} lost, {} out of order", outcome.samples, outcome.samples - outcome.round_trips_ns.len() as u64, outcome.out_of_order)?;
+    writeln!(
+        text,
+        "  {} samples in all, {} lost, {} out of order",
+        outcome.samples,
+        outcome.samples - outcome.round_trips_ns.len() as u64,
+        outcome.out_of_order
+    )?;
     let percentile = |part: f64| {
-        let rank = ((outcome.round_trips_ns.len() as f64 * part).ceil() as usize).clamp(1, outcome.round_trips_ns.len().max(1));
+        let rank = ((outcome.round_trips_ns.len() as f64 * part).ceil() as usize)
+            .clamp(1, outcome.round_trips_ns.len().max(1));
         f64::from(outcome.round_trips_ns.get(rank - 1).copied().unwrap_or_default()) / 1e3
     };
-    writeln!(text, "\nLatency, one sample in flight, as fast as answered [us]        p50       p99     p99.9       max")?;
+    writeln!(
+        text,
+        "\nLatency, one sample in flight, as fast as answered [us]        p50       p99     p99.9       max"
+    )?;
     writeln!(
         text,
         "  round trip, seen by the acquisition                     {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
