@@ -1,6 +1,6 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
-use crate::connect::{ConnectError, Options, absent, join_existing, monotonic_ns, permission, until};
+use crate::connect::{ConnectError, Options, absent, deadline, join_existing, monotonic_ns, permission, until};
 use crate::pending::Pending;
 use core::fmt;
 use iceoryx2::port::notifier::Notifier;
@@ -20,8 +20,11 @@ use std::time::{Duration, Instant};
 /// stream the clock is read to find out.
 const LOOK_NS: u64 = 5_000_000;
 const EMPTY_LOOKS: u32 = 16;
-/// After this long without any answer the unanswered samples are sent again even to the same service.
-const RESEND_NS: u64 = 1_000_000_000;
+/// After this long without the oldest answer its sample is sent once more, even to the same service; then after twice as
+/// long, and so on. It costs a service that is merely stopped no more than a few places in its queue.
+const SILENCE_NS: u64 = 1_000_000_000;
+/// Pause before samples that others have overtaken are sent again once more.
+const OVERTAKEN_NS: u64 = 100_000_000;
 /// Samples that may be in the caller's hands, loaned and not sent yet.
 const LOANS: usize = 4;
 
@@ -116,11 +119,20 @@ struct Recovery {
     service: u128,
     empty_looks: u32,
     looked_ns: u64,
-    /// Since when the service has been silent although something is unanswered, as far as is known.
+    /// Since when the oldest sample has been waiting without another being answered, as far as is known.
     silent_since_ns: u64,
-    /// Whether an answer has come since the last look.
-    heard: bool,
+    /// How long that may last before the oldest sample is sent again.
+    patience_ns: u64,
+    /// When samples that others had overtaken were last sent again.
+    resent_ns: u64,
+    /// Whether an answer has been handed out since the last look.
+    progress: bool,
 }
+
+/// Samples of the old session are unanswered, this many.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
+#[error("{0} samples of this session are unanswered; receive their answers first")]
+pub struct InFlight(pub usize);
 
 impl Acquisition {
     /// Connects as the acquisition of `imu`, waiting for the service if need be.
@@ -128,7 +140,7 @@ impl Acquisition {
     /// # Errors
     /// What still stood in the way when the time-out of `options` had passed, or at once what waiting cannot mend.
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
-        let deadline = Instant::now() + options.timeout;
+        let deadline = deadline(options.timeout);
         let node = until(deadline, || join_existing(&options.domain))?;
         until(deadline, || Self::attach(&node, imu, options)).map(|parts| parts(node))
     }
@@ -151,7 +163,7 @@ impl Acquisition {
         // The service creates its increment publisher last: with that it is ready.
         let service = publisher_of(&increments).ok_or_else(|| absent(node, &options.domain, imu))?.0;
 
-        let publisher = raw.publisher_builder().max_loaned_samples(LOANS);
+        let publisher = raw.publisher_builder().max_loaned_samples(LOANS + 2);
         let publisher = publisher.backpressure_strategy(BackpressureStrategy::DiscardData).create();
         let publisher = publisher.map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
@@ -173,7 +185,15 @@ impl Acquisition {
             session: random(),
             next_sequence: 0,
             pending: Pending::new(depth),
-            recovery: Recovery { service, empty_looks: 0, looked_ns: 0, silent_since_ns: 0, heard: false },
+            recovery: Recovery {
+                service,
+                empty_looks: 0,
+                looked_ns: 0,
+                silent_since_ns: 0,
+                patience_ns: SILENCE_NS,
+                resent_ns: 0,
+                progress: false,
+            },
             spare: None,
             publisher,
             subscriber,
@@ -195,13 +215,19 @@ impl Acquisition {
         self.session
     }
 
-    /// Begins a new session: the next sample may have any sequence. What is unanswered stays with the old one and is
-    /// forgotten.
-    pub fn begin_session(&mut self) {
-        self.session = random();
-        self.next_sequence = 0;
-        self.pending = Pending::new(self.depth());
-        self.spare = None;
+    /// Begins a new session: the next sample may have any sequence.
+    ///
+    /// # Errors
+    /// While samples are unanswered.
+    pub fn begin_session(&mut self) -> Result<(), InFlight> {
+        match self.in_flight() {
+            0 => {
+                self.session = random();
+                self.next_sequence = 0;
+                Ok(())
+            }
+            unanswered => Err(InFlight(unanswered)),
+        }
     }
 
     /// The most samples that can be unanswered at once: the depth of the service's queue.
@@ -241,15 +267,15 @@ impl Acquisition {
         if self.pending.is_full() {
             return Err(SendError::Full(sample));
         }
-        if sample.sequence < self.next_sequence {
+        let Some(next_sequence) = sample.sequence.checked_add(1).filter(|next| *next > self.next_sequence) else {
             return Err(SendError::Sequence(sample));
-        }
+        };
         sample.session = self.session;
         sample.sent_ns = monotonic_ns();
         if self.pending.len() == 0 {
             self.recovery.silent_since_ns = sample.sent_ns;
+            self.recovery.patience_ns = SILENCE_NS;
         }
-        let next_sequence = sample.sequence.saturating_add(1);
         self.pending.push(*sample);
         if let Err(error) = sample.0.send() {
             self.pending.pop_newest();
@@ -272,6 +298,7 @@ impl Acquisition {
     pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
         loop {
             if let Some(answer) = self.pending.pop_answered() {
+                self.recovery.progress = true;
                 return Ok(Some(answer));
             }
             let sample = self.subscriber.receive().map_err(|error| transport("receiving an increment", error))?;
@@ -280,7 +307,6 @@ impl Acquisition {
             drop(sample);
             if answer.session == self.session {
                 self.pending.accept(&answer);
-                self.recovery.heard = true;
             }
         }
         self.recovery.empty_looks = self.recovery.empty_looks.wrapping_add(1);
@@ -321,11 +347,15 @@ impl Acquisition {
     /// [`CompensateError`].
     pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
         let sequence = sample.sequence;
+        // Makes room, and looks after the service, even if nobody else calls `receive`.
+        while self.pending.is_full() && self.receive()?.is_some() {}
+        if self.pending.is_full() {
+            self.look_after_the_service()?;
+        }
         self.send(sample)?;
-        let deadline = Instant::now() + timeout;
+        let started = Instant::now();
         loop {
-            let left = deadline.saturating_duration_since(Instant::now());
-            match self.receive_timeout(left)? {
+            match self.receive_timeout(timeout.saturating_sub(started.elapsed()))? {
                 Some(answer) if answer.sequence == sequence => return Ok(answer),
                 Some(_) => {}
                 None => return Err(CompensateError::Timeout),
@@ -347,20 +377,37 @@ impl Acquisition {
         self.recovery.looked_ns = now;
         // A dead service stays listed until it is cleaned away, which its successor does before it takes the place.
         let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
-        let replaced = service != self.recovery.service;
-        if core::mem::take(&mut self.recovery.heard) {
+        if core::mem::take(&mut self.recovery.progress) {
             self.recovery.silent_since_ns = now;
+            self.recovery.patience_ns = SILENCE_NS;
         }
-        if replaced || now.saturating_sub(self.recovery.silent_since_ns) > RESEND_NS {
+        if service != self.recovery.service {
+            self.send_again(self.pending.unanswered_count())?;
             self.recovery.service = service;
             self.recovery.silent_since_ns = now;
-            for sample in self.pending.unanswered() {
-                let mut copy = self.fresh()?;
-                *copy.payload_mut() = *sample;
-                copy.send().map_err(|error| transport("sending a raw sample again", error))?;
-            }
-            let _ = self.notifier.notify();
+        } else if self.pending.overtaken() > 0 && now.saturating_sub(self.recovery.resent_ns) > OVERTAKEN_NS {
+            // The service answers in order: what an answered sample has overtaken never reached it.
+            self.recovery.resent_ns = now;
+            self.send_again(self.pending.overtaken())?;
+        } else if now.saturating_sub(self.recovery.silent_since_ns) > self.recovery.patience_ns {
+            self.recovery.silent_since_ns = now;
+            self.recovery.patience_ns = self.recovery.patience_ns.saturating_mul(2);
+            self.send_again(1)?;
         }
+        Ok(())
+    }
+
+    /// Sends the oldest unanswered samples once more, as they were.
+    fn send_again(&mut self, count: usize) -> Result<(), TransportError> {
+        for sample in self.pending.unanswered().take(count) {
+            let mut copy = match self.spare.take() {
+                Some(spare) => spare,
+                None => self.fresh()?,
+            };
+            *copy.payload_mut() = *sample;
+            copy.send().map_err(|error| transport("sending a raw sample again", error))?;
+        }
+        let _ = self.notifier.notify();
         Ok(())
     }
 }

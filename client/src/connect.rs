@@ -5,10 +5,11 @@ use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
 use rustix::time::{ClockId, clock_gettime};
+use std::collections::HashMap;
 use std::fs;
 use std::io;
-use std::os::unix::fs::PermissionsExt as _;
-use std::path::Path;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -21,8 +22,9 @@ const SYSTEM_ROOT: &str = "/run/isotherm";
 
 /// Pause between two attempts to join.
 const RETRY: Duration = Duration::from_millis(5);
-/// A running service that does not serve an IMU for this long will not start to.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// A running service that does not serve an IMU for this long will not start to. One that finds leftovers of a killed
+/// predecessor needs a second or two between its first stream and its last.
+const PATIENCE: Duration = Duration::from_secs(3);
 
 /// How to reach a service.
 #[derive(Clone, Debug)]
@@ -132,10 +134,9 @@ impl ConnectError {
 /// # Errors
 /// [`ConnectError::NoService`] besides those of [`join`].
 pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
-    match fs::metadata(domain.root_path()) {
-        Ok(_) => join(domain),
-        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(permission(domain)),
-        Err(_) => Err(ConnectError::NoService(domain.name().to_owned())),
+    match fs::exists(domain.root_path()) {
+        Ok(false) => Err(ConnectError::NoService(domain.name().to_owned())),
+        Ok(true) | Err(_) => join(domain),
     }
 }
 
@@ -144,6 +145,7 @@ pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
 /// # Errors
 /// [`ConnectError::Permission`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
 pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
+    check_owner(domain)?;
     sweep_half_created(domain);
     let config = domain.config()?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
@@ -151,6 +153,18 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
         NodeCreationFailure::InsufficientPermissions => permission(domain),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })
+}
+
+/// Whether the domain, if it exists, belongs to this process's user. Even root gets nothing out of another user's.
+///
+/// # Errors
+/// [`ConnectError::Permission`] if not.
+pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
+    match fs::metadata(domain.root_path()) {
+        Ok(metadata) if metadata.uid() != rustix::process::geteuid().as_raw() => Err(permission(domain)),
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(permission(domain)),
+        _ => Ok(()),
+    }
 }
 
 pub(crate) fn permission(domain: &Domain) -> ConnectError {
@@ -163,12 +177,13 @@ pub(crate) fn permission(domain: &Domain) -> ConnectError {
 /// when it is older than twice the transport's creation time-out; for younger ones this waits that long.
 pub fn sweep_half_created(domain: &Domain) {
     let limit = 2 * CREATION_TIMEOUT;
-    let started = Instant::now();
+    let mut seen: HashMap<PathBuf, Instant> = HashMap::new();
     loop {
         let mut waiting = false;
         for (path, age) in in_mode("/dev/shm", &domain.prefix(), 0o200) {
             // An age from a clock that was stepped says nothing; having watched it for the limit does.
-            if age.is_some_and(|age| age > limit) || started.elapsed() > limit {
+            let watched = seen.entry(path.clone()).or_insert_with(Instant::now).elapsed();
+            if age.is_some_and(|age| age > limit) || watched > limit {
                 let _ = fs::remove_file(path);
             } else {
                 waiting = true;
@@ -182,7 +197,7 @@ pub fn sweep_half_created(domain: &Domain) {
 }
 
 /// The files of `folder` with `prefix` whose permissions are exactly `mode`, with their ages.
-pub fn in_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(std::path::PathBuf, Option<Duration>)> {
+pub fn in_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(PathBuf, Option<Duration>)> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let ours = entries.filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()));
     ours.filter_map(|entry| {
@@ -191,6 +206,12 @@ pub fn in_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(std::path::PathBuf
         (metadata.permissions().mode() & 0o777 == mode).then(|| (entry.path(), age))
     })
     .collect()
+}
+
+/// The moment after which `timeout` has passed; far away if it is too long for the clock.
+pub(crate) fn deadline(timeout: Duration) -> Instant {
+    let now = Instant::now();
+    now.checked_add(timeout).unwrap_or(now + Duration::from_secs(1 << 30))
 }
 
 /// Tries until it works, the error is final, or the deadline has passed.

@@ -1,6 +1,6 @@
 //! Reading increments beside the acquisition: navigation, loggers.
 
-use crate::connect::{ConnectError, Options, absent, join_existing, permission};
+use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
 use crate::once::Once;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::ipc;
@@ -19,6 +19,9 @@ const RETRY: Duration = Duration::from_millis(20);
 /// when it sleeps for more than the queue's depth
 /// ([`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH)), the oldest increments are overwritten, which
 /// shows as a gap in `sequence`.
+///
+/// Sequences rise, but for one case: after a restart of the service a sample sent just then may come before those that are
+/// sent again.
 #[derive(Debug)]
 pub struct IncrementReader {
     domain: Domain,
@@ -52,7 +55,7 @@ impl IncrementReader {
     /// If it could not connect within the time-out of `options`.
     pub fn connect(imu: ImuId, options: &Options) -> Result<Self, ConnectError> {
         let mut reader = Self::new(imu, options);
-        crate::connect::until(Instant::now() + options.timeout, || reader.attach())?;
+        until(deadline(options.timeout), || reader.attach())?;
         Ok(reader)
     }
 
@@ -93,12 +96,12 @@ impl IncrementReader {
     /// # Errors
     /// As [`receive`](Self::receive).
     pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<CompensatedIncrement>, ConnectError> {
-        let deadline = Instant::now() + timeout;
+        let started = Instant::now();
         loop {
             if let Some(increment) = self.receive()? {
                 return Ok(Some(increment));
             }
-            if Instant::now() >= deadline {
+            if started.elapsed() >= timeout {
                 return Ok(None);
             }
             std::thread::sleep(Duration::from_micros(200));

@@ -48,10 +48,10 @@ mod increments;
 mod once;
 mod pending;
 
-pub use acquisition::{Acquisition, CompensateError, Loan, SendError, TransportError, publisher_of};
+pub use acquisition::{Acquisition, CompensateError, InFlight, Loan, SendError, TransportError, publisher_of};
 pub use connect::{
-    ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, domain, in_mode, join, join_existing, monotonic_ns,
-    sweep_half_created,
+    ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing,
+    monotonic_ns, sweep_half_created,
 };
 pub use increments::IncrementReader;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};

@@ -61,6 +61,16 @@ impl Pending {
     pub(crate) fn unanswered(&self) -> impl Iterator<Item = &RawSample> {
         self.entries.iter().filter(|(_, answer)| answer.is_none()).map(|(sample, _)| sample)
     }
+
+    pub(crate) fn unanswered_count(&self) -> usize {
+        self.unanswered().count()
+    }
+
+    /// How many unanswered samples have an answered one behind them.
+    pub(crate) fn overtaken(&self) -> usize {
+        let last = self.entries.iter().rposition(|(_, answer)| answer.is_some()).unwrap_or(0);
+        self.entries.iter().take(last).filter(|(_, answer)| answer.is_none()).count()
+    }
 }
 
 #[cfg(test)]
@@ -88,6 +98,7 @@ mod tests {
             assert!(pending.pop_answered().is_none());
         }
         assert_eq!(pending.unanswered().map(|s| s.sequence).collect::<Vec<_>>(), [10]);
+        assert_eq!((pending.unanswered_count(), pending.overtaken()), (1, 1));
         pending.accept(&answer(10));
         let order: Vec<_> = std::iter::from_fn(|| pending.pop_answered()).map(|a| a.sequence).collect();
         assert_eq!(order, [10, 11, 20]);

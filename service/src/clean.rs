@@ -3,49 +3,90 @@
 use crate::failure::{Exit, Failure};
 use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState, ipc};
-use isotherm_client::{Domain, sweep_half_created};
+use isotherm_client::{Domain, check_owner, sweep_half_created};
 use std::fs;
 use std::io;
 use std::path::Path;
+
+/// The folders that the transport makes in a domain's.
+const FOLDERS: [&str; 2] = ["nodes", "services"];
 
 /// Removes everything of `domain` from shared memory and its folder. Says how many objects there were.
 ///
 /// # Errors
 /// If a process of the domain is alive, or something cannot be removed.
 pub fn clean(domain: &Domain) -> Result<usize, Failure> {
+    check_owner(domain)?;
     sweep_half_created(domain);
-    let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-    let mut alive = None;
-    let listed = Node::<ipc::Service>::list(&config, |node| {
-        match &node {
-            NodeState::Alive(view) => {
-                alive = Some(view.id().pid::<ipc::Service>().map(|pid| pid.value()).unwrap_or_default());
-            }
-            NodeState::Dead(_) | NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
-        }
-        CallbackProgression::Continue
-    });
-    if let Some(pid) = alive {
-        let message = format!("cleaning domain {:?}: pid {pid} is using it; stop it first", domain.name());
+    if let Some(user) = user_of(domain)? {
+        let message = format!("cleaning domain {:?}: {user} is using it; stop it first", domain.name());
         return Err(Failure::new(Exit::Failed, message));
     }
-    listed.map_err(|error| {
-        Failure::new(Exit::Failed, format!("listing the processes of domain {:?}: {error}", domain.name()))
-    })?;
+    let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
+    let mut removed = remove_prefixed(Path::new("/dev/shm"), &prefix)?;
+    // Nothing but what the transport has made: the folder is one that a user has named.
+    for folder in FOLDERS.map(|folder| root.join(folder)) {
+        removed += remove_prefixed(&folder, &prefix)?;
+        for inner in fs::read_dir(&folder).into_iter().flatten().flatten() {
+            if inner.path().is_dir() {
+                removed += remove_prefixed(&inner.path(), &prefix)?;
+                remove_empty(&inner.path())?;
+            }
+        }
+        remove_empty(&folder)?;
+    }
+    removed += remove_prefixed(root, &prefix)?;
+    remove_empty(root)?;
+    Ok(removed)
+}
 
+/// A process that uses the domain: one that the transport knows, or one that has its memory mapped.
+fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
+    let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
+    let mut user = None;
+    let listed = Node::<ipc::Service>::list(&config, |node| {
+        user = match &node {
+            NodeState::Alive(view) => match view.id().pid::<ipc::Service>() {
+                Ok(pid) => Some(format!("pid {}", pid.value())),
+                Err(_) => Some("a process".to_owned()),
+            },
+            NodeState::Inaccessible(_) | NodeState::Undefined(_) => {
+                Some("a process that cannot be identified".to_owned())
+            }
+            NodeState::Dead(_) => return CallbackProgression::Continue,
+        };
+        CallbackProgression::Stop
+    });
+    let failed = |error| format!("listing the processes of domain {:?}: {error}", domain.name());
+    listed.map_err(|error| Failure::new(Exit::Failed, failed(error)))?;
+    let needle = format!("/dev/shm/{}", domain.prefix());
+    let mapped = || {
+        let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+        let mut pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+        pids.find(|pid| fs::read_to_string(format!("/proc/{pid}/maps")).is_ok_and(|maps| maps.contains(&needle)))
+    };
+    Ok(user.or_else(|| mapped().map(|pid| format!("pid {pid}"))))
+}
+
+/// Removes the files of `folder` whose names begin with `prefix`.
+fn remove_prefixed(folder: &Path, prefix: &str) -> Result<usize, Failure> {
     let mut removed = 0;
-    let prefix = domain.prefix();
-    for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-        if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let ours = entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes());
+        if ours && !entry.path().is_dir() {
             fs::remove_file(entry.path()).map_err(|error| Failure::io("removing", &entry.path(), &error))?;
             removed += 1;
         }
     }
-    let root = Path::new(domain.root_path());
-    match fs::remove_dir_all(root) {
-        Ok(()) => removed += 1,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-        Err(error) => return Err(Failure::io("removing", root, &error)),
-    }
     Ok(removed)
+}
+
+/// Removes a folder that has become empty; one that has not stays.
+fn remove_empty(folder: &Path) -> Result<(), Failure> {
+    match fs::remove_dir(folder) {
+        Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => {
+            Err(Failure::io("removing", folder, &error))
+        }
+        _ => Ok(()),
+    }
 }

@@ -130,6 +130,7 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
             id
         });
         let table = section.string("table", "the path of the IMU's coefficient table");
+        section.refuse("table", table.filter(|table| table.is_empty()).map(|_| "is empty, give a path".to_owned()));
         if let Some(id) = &id
             && !known.insert(id.clone())
         {

@@ -5,7 +5,7 @@
 
 use crate::config::{Config, Imu};
 use crate::failure::{Exit, Failure};
-use crate::reload::{self, Hint, Look, TICK, TableFile};
+use crate::reload::{self, Look, TICK, TableFile};
 use crate::status::{ImuStatus, Status, StatusPublisher};
 use crate::worker::Worker;
 use crate::worker::channel::Wiring;
@@ -19,6 +19,7 @@ use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rtrb::{Producer, RingBuffer};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
+use std::ffi::OsString;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -36,7 +37,8 @@ const HOUSEKEEPING: Duration = Duration::from_secs(1);
 /// What the control thread is woken for.
 enum Event {
     Signal(i32),
-    File(Hint),
+    /// A table's file, by its name, was renamed or closed.
+    File(OsString),
 }
 
 /// One IMU as the control thread sees it.
@@ -123,7 +125,7 @@ impl Served {
                 self.tables.send(Arc::from(table));
             }
             Look::Refused(error) => {
-                let error = error.to_string();
+                let error = cut(error.to_string());
                 if self.last_error.as_ref() != Some(&error) {
                     warn!(imu = %id, "table refused, the one in force stays: {error}");
                     self.last_error = Some(error);
@@ -185,7 +187,14 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
             (tables, counters, error)
         })
         .collect();
-    let worker = Worker::start(domain, config, wirings)?;
+    let stopped = || matches!(inbox.try_recv(), Ok(Event::Signal(SIGTERM | SIGINT)));
+    let Some(worker) = Worker::start(domain, config, wirings, stopped)? else {
+        info!("stopped while starting");
+        return Ok(());
+    };
+    if let Some(address) = config.metrics {
+        warn!("metrics.listen = {address}: this version serves no metrics");
+    }
 
     let mut served = Vec::new();
     for ((imu, file), (tables, counters, last_error)) in config.imus.iter().zip(files.drain(..)).zip(tables) {
@@ -194,12 +203,12 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
         served.push(Served { imu: imu.clone(), file, counters, reloads, last_error, raw, increments, tables, told });
     }
     let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
-    let watcher = reload::watch(&paths, move |hint| {
+    let (_watcher, failures) = reload::watch(&paths, move |name| {
         // The loop has ended when nobody listens any more.
-        let _ = events.send(Event::File(hint));
+        let _ = events.send(Event::File(name));
     });
-    if let Err(cause) = &watcher {
-        warn!("watching the tables' folders: {cause}; looking at the files every {} ms instead", TICK.as_millis());
+    for cause in failures {
+        warn!("watching a table's folder: {cause}; its files are looked at every {} ms instead", TICK.as_millis());
     }
 
     let service = Service { domain, config, started, node, publisher, worker };
@@ -239,7 +248,12 @@ impl Service<'_> {
                     info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
                     return self.stop(served);
                 }
-                Ok(Event::File(hint)) => look_at_all(served, hint),
+                Ok(Event::File(name)) => {
+                    for imu in served.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
+                        let look = imu.file.load_complete(Instant::now());
+                        imu.take(look, false);
+                    }
+                }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Failure::new(Exit::Failed, "the signal thread ended; restart the service"));
@@ -248,7 +262,7 @@ impl Service<'_> {
             let now = Instant::now();
             if now >= next_tick {
                 next_tick = now + TICK;
-                look_at_all(served, Hint::Changing);
+                look_at_all(served);
             }
             if self.worker.is_finished() {
                 return self.worker.stop().and(Err(Failure::new(Exit::Failed, "the worker thread ended by itself")));
@@ -296,12 +310,23 @@ impl Service<'_> {
     }
 }
 
-fn look_at_all(served: &mut [Served], hint: Hint) {
+fn look_at_all(served: &mut [Served]) {
     for imu in served {
-        let look = imu.file.look(hint, Instant::now());
+        let look = imu.file.look(Instant::now());
         imu.take(look, false);
         imu.tables.flush();
     }
+}
+
+/// What the status has room for; a file can be wrong in many places.
+fn cut(mut text: String) -> String {
+    const MAX: usize = 4096;
+    if text.len() > MAX {
+        let end = (0..=MAX).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        text.truncate(end);
+        text.push_str(" ..");
+    }
+    text
 }
 
 fn forward_signals(events: mpsc::Sender<Event>) -> Result<(), Failure> {
@@ -334,9 +359,11 @@ fn load_tables(config: &Config, allow_uncalibrated: bool) -> Result<(Vec<TableFi
             Look::Unchanged => {}
         }
     }
-    let Some(first) = failures.first() else { return Ok((files, looks)) };
+    let Some(worst) = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8) else {
+        return Ok((files, looks));
+    };
     let messages: Vec<_> = failures.iter().map(|failure| failure.message.as_str()).collect();
-    Err(Failure::new(first.exit, messages.join("\n")))
+    Err(Failure::new(worst, messages.join("\n")))
 }
 
 type Streams = (PortFactory<ipc::Service, RawSample, ()>, PortFactory<ipc::Service, CompensatedIncrement, ()>);

@@ -6,7 +6,7 @@ use isotherm_shared::table::CoefficientTable;
 use std::fmt;
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Read as _, Write};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -145,11 +145,18 @@ impl Output {
             }
             existing => {
                 // Through a symbolic link it is the link's target that is replaced.
-                let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+                let target = fs::canonicalize(path)
+                    .or_else(|_| fs::read_link(path).map(|link| path.parent().unwrap_or(Path::new("")).join(link)));
+                let target = target.unwrap_or_else(|_| path.to_owned());
+                let existing = existing.ok();
                 let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
                 let mut aside = tempfile::Builder::new();
-                aside.prefix(".isotherm-").permissions(permissions(existing.ok().as_ref()));
+                aside.prefix(".isotherm-").permissions(permissions(existing.as_ref()));
                 let aside = aside.tempfile_in(folder.unwrap_or(Path::new(".")))?;
+                if let Some(existing) = &existing {
+                    // The new file belongs to whom the old one did, where that is allowed.
+                    let _ = fchown(aside.as_file(), Some(existing.uid()), Some(existing.gid()));
+                }
                 Ok(Self::Aside(BufWriter::new(aside), target))
             }
         }

@@ -21,7 +21,8 @@ pub fn start(format: LogFormat) {
     // The transport decides by a level of its own what it hands over at all.
     set_log_level(if asked.is_ok() { LogLevel::Trace } else { LogLevel::Warn });
     let filter = asked.unwrap_or_else(|_| EnvFilter::new("info"));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
+    // A log that cannot be written, on a full disk or into a pipe that nobody reads, is lost; the service goes on.
+    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).log_internal_errors(false);
     // Fails only if logging has been started before, and then it runs.
     let _ = match format {
         LogFormat::Human => builder.with_ansi(io::stderr().is_terminal()).try_init(),

@@ -60,13 +60,13 @@ pub struct Bells<'a>(Vec<PollFd<'a>>);
 
 impl<'a> Bells<'a> {
     /// Borrows the listeners.
-    pub fn new(listeners: impl Iterator<Item = &'a Listener<ipc::Service>>) -> Self {
+    pub fn new(listeners: &'a [Listener<ipc::Service>]) -> Self {
         let poll_fd = |listener: &'a Listener<ipc::Service>| {
             // SAFETY: the descriptor stays open as long as the listener, which is borrowed for 'a, and is only polled.
             let descriptor = unsafe { BorrowedFd::borrow_raw(listener.file_descriptor().native_handle()) };
             PollFd::from_borrowed_fd(descriptor, PollFlags::IN)
         };
-        Self(listeners.map(poll_fd).collect())
+        Self(listeners.iter().map(poll_fd).collect())
     }
 
     /// Sleeps until one of them is notified, but at most `time` \[ns\]. Whether the time ran out.

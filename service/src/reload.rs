@@ -3,7 +3,7 @@
 //! The folder of each table is watched, which sees a file renamed over it, written in place, removed and created again,
 //! or a symbolic link switched; a look at the file every [`TICK`] sees the rest (a folder further up exchanged, a link's
 //! target written, a file system that does not notify). A file that was renamed or closed is loaded at once; one that is
-//! just seen to differ must have stayed the same for [`SETTLE`] first, since its writer may not be done.
+//! just seen to differ, or that is not good, must have stayed the same for [`SETTLE`] first: its writer may not be done.
 
 use crate::files::{Identity, TableFileError, load_table};
 use isotherm_shared::stream::ImuId;
@@ -11,6 +11,7 @@ use isotherm_shared::table::CoefficientTable;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
 use notify::{Event, RecommendedWatcher, RecursiveMode, Watcher as _};
 use std::collections::BTreeSet;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -21,40 +22,38 @@ pub const SETTLE: Duration = Duration::from_millis(150);
 /// How long a file may be away before that is reported.
 pub const ABSENCE: Duration = Duration::from_secs(1);
 
-/// What an event says about the files of a folder.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Hint {
-    /// One was renamed or closed: it is complete.
-    Complete,
-    /// Something happens.
-    Changing,
-}
-
-/// Watches the folders of `paths` and tells `on_hint` of what happens there.
-///
-/// # Errors
-/// Why a folder cannot be watched; the look every [`TICK`] still works.
-pub fn watch(paths: &[PathBuf], on_hint: impl Fn(Hint) + Send + 'static) -> Result<RecommendedWatcher, String> {
+/// Watches the folders of `paths` and tells `on_complete` the name of every file of theirs that was renamed or closed after
+/// writing. The second part of the result says which folders could not be watched; the look every [`TICK`] still works.
+pub fn watch(
+    paths: &[PathBuf],
+    on_complete: impl Fn(OsString) + Send + 'static,
+) -> (Option<RecommendedWatcher>, Vec<String>) {
+    let names: BTreeSet<OsString> = paths.iter().filter_map(|path| path.file_name()).map(OsStr::to_owned).collect();
     let handler = move |event: notify::Result<Event>| {
-        let hint = match event.map(|event| event.kind) {
-            Ok(EventKind::Access(AccessKind::Close(AccessMode::Write)) | EventKind::Modify(ModifyKind::Name(_))) => {
-                Hint::Complete
-            }
-            Ok(EventKind::Access(_)) => return,
-            Ok(_) | Err(_) => Hint::Changing,
-        };
-        on_hint(hint);
+        let Ok(event) = event else { return };
+        if matches!(
+            event.kind,
+            EventKind::Access(AccessKind::Close(AccessMode::Write)) | EventKind::Modify(ModifyKind::Name(_))
+        ) {
+            let touched = event.paths.iter().filter_map(|path| path.file_name());
+            touched.filter(|name| names.contains(*name)).for_each(|name| on_complete(name.to_owned()));
+        }
     };
-    let mut watcher = notify::recommended_watcher(handler).map_err(|error| error.to_string())?;
+    let mut watcher = match notify::recommended_watcher(handler) {
+        Ok(watcher) => watcher,
+        Err(error) => return (None, vec![error.to_string()]),
+    };
     let folder = |path: &PathBuf| match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
         _ => PathBuf::from("."),
     };
+    let mut failures = Vec::new();
     for folder in paths.iter().map(folder).collect::<BTreeSet<_>>() {
-        let watched = watcher.watch(&folder, RecursiveMode::NonRecursive);
-        watched.map_err(|error| format!("{}: {error}", folder.display()))?;
+        if let Err(error) = watcher.watch(&folder, RecursiveMode::NonRecursive) {
+            failures.push(format!("{}: {error}", folder.display()));
+        }
     }
-    Ok(watcher)
+    (Some(watcher), failures)
 }
 
 /// The file of one IMU's table.
@@ -103,8 +102,22 @@ impl TableFile {
         }
     }
 
-    /// Looks whether the file has changed, and loads it if it has and is complete.
-    pub fn look(&mut self, hint: Hint, now: Instant) -> Look {
+    /// Loads the file because it is said to be complete. If it is not good after all, another writer may be at it: that is
+    /// for [`look`](Self::look) to find out.
+    pub fn load_complete(&mut self, now: Instant) -> Look {
+        let (seen, current) = (self.seen, Identity::of(&self.path));
+        match self.load() {
+            Look::Refused(_) => {
+                self.seen = seen;
+                self.candidate = Some((current, now));
+                Look::Unchanged
+            }
+            look => look,
+        }
+    }
+
+    /// Looks whether the file has changed, and loads it if it has and is at rest.
+    pub fn look(&mut self, now: Instant) -> Look {
         let current = Identity::of(&self.path);
         if current == self.seen {
             self.candidate = None;
@@ -115,11 +128,7 @@ impl TableFile {
             _ => now,
         };
         self.candidate = Some((current, since));
-        let patience = match current {
-            None => ABSENCE,
-            Some(_) if hint == Hint::Complete => Duration::ZERO,
-            Some(_) => SETTLE,
-        };
+        let patience = if current.is_none() { ABSENCE } else { SETTLE };
         if now.duration_since(since) < patience { Look::Unchanged } else { self.load() }
     }
 }
@@ -144,30 +153,31 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut file = file(&folder);
         let start = Instant::now();
-        assert!(matches!(file.look(Hint::Complete, start), Look::Unchanged));
+        assert!(matches!(file.look(start), Look::Unchanged));
         fs::write(file.path(), TABLE.replace("9.8015", "9.8016")).unwrap();
-        assert!(matches!(file.look(Hint::Changing, start), Look::Unchanged));
+        assert!(matches!(file.look(start), Look::Unchanged));
         fs::write(file.path(), TABLE.replace("9.8015", "9.80171")).unwrap();
-        assert!(matches!(file.look(Hint::Changing, start + SETTLE), Look::Unchanged), "it has changed again");
-        let Look::Loaded(table) = file.look(Hint::Changing, start + 2 * SETTLE) else { panic!("settled") };
+        assert!(matches!(file.look(start + SETTLE), Look::Unchanged), "it has changed again");
+        let Look::Loaded(table) = file.look(start + 2 * SETTLE) else { panic!("settled") };
         assert_eq!(table.content().gravity, 9.80171);
-        assert!(matches!(file.look(Hint::Changing, start + 9 * SETTLE), Look::Unchanged));
+        assert!(matches!(file.look(start + 9 * SETTLE), Look::Unchanged));
     }
 
     #[test]
-    fn a_renamed_file_is_loaded_at_once_and_a_bad_one_reported_once() {
+    fn a_complete_file_is_loaded_at_once_and_a_bad_one_reported_once_when_at_rest() {
         let folder = tempfile::tempdir().unwrap();
         let mut file = file(&folder);
         let now = Instant::now();
         fs::write(folder.path().join("new"), "format = 2\n").unwrap();
         fs::rename(folder.path().join("new"), file.path()).unwrap();
-        assert!(matches!(file.look(Hint::Complete, now), Look::Refused(_)));
-        assert!(matches!(file.look(Hint::Complete, now + 9 * SETTLE), Look::Unchanged));
+        assert!(matches!(file.load_complete(now), Look::Unchanged), "somebody may still be writing");
+        assert!(matches!(file.look(now + SETTLE), Look::Refused(_)));
+        assert!(matches!(file.look(now + 9 * SETTLE), Look::Unchanged));
         fs::remove_file(file.path()).unwrap();
-        assert!(matches!(file.look(Hint::Complete, now), Look::Unchanged), "it may come back");
-        assert!(matches!(file.look(Hint::Changing, now + ABSENCE), Look::Refused(TableFileError::Io { .. })));
-        assert!(matches!(file.look(Hint::Changing, now + 2 * ABSENCE), Look::Unchanged));
+        assert!(matches!(file.look(now), Look::Unchanged), "it may come back");
+        assert!(matches!(file.look(now + ABSENCE), Look::Refused(TableFileError::Io { .. })));
+        assert!(matches!(file.look(now + 2 * ABSENCE), Look::Unchanged));
         fs::write(file.path(), TABLE).unwrap();
-        assert!(matches!(file.look(Hint::Complete, now), Look::Loaded(_)));
+        assert!(matches!(file.load_complete(now), Look::Loaded(_)));
     }
 }

@@ -196,5 +196,13 @@ pub fn fetch(options: &Options) -> Result<Status, Failure> {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
-    Err(unavailable())
+    match publisher_of(&service) {
+        Some((_, pid)) => {
+            let pid = pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default();
+            let message =
+                format!("the service{pid} does not tell its status; it is stopped, or hangs: continue or restart it");
+            Err(Failure::new(Exit::Unavailable, message))
+        }
+        None => Err(unavailable()),
+    }
 }

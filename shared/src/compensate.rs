@@ -15,7 +15,8 @@
 //! # Arithmetic
 //! One exact expression in IEEE double, in the order written below, without fused multiply-add, so that the service, the
 //! replay and any other implementation agree bit for bit. A pure function of sample and table: no filter, no state, no
-//! clock, no allocation, no panic for any bit pattern. What is not finite at the end is NaN.
+//! clock, no allocation, no panic for any bit pattern. What is not finite, which only an extrapolation far outside can make
+//! it, becomes NaN.
 
 use crate::polynomial::{Polynomial, Side};
 use crate::table::{Axis, CoefficientTable, OutOfRange};
@@ -96,6 +97,9 @@ fn increment(
     ts: f64,
     gravity: f64,
 ) -> f64 {
+    if !(k_plus.0.is_finite() && k_minus.0.is_finite()) {
+        return f64::NAN;
+    }
     finite(gravity * ((f64::from(positive) / k_plus.0 + f64::from(negative) / k_minus.0) - bias.0 * ts))
 }
 

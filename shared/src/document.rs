@@ -14,6 +14,8 @@ pub const MAX_BYTES: u64 = 1 << 20;
 
 /// A file that is no TOML at all has an error on every line; this many are reported.
 const MAX_SYNTAX_FAULTS: usize = 8;
+/// More faults than this are not collected: nobody reads them, and a file can hold a hundred thousand.
+const MAX_FAULTS: usize = 100;
 
 /// One thing that is wrong with a file, and what would be right.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -107,7 +109,10 @@ impl<'a> Document<'a> {
 
     /// Adds a fault at `line`.
     pub fn fault(&self, line: usize, key: impl Into<String>, message: impl Into<String>) {
-        self.faults.borrow_mut().push(Fault { line, key: key.into(), message: message.into() });
+        let mut faults = self.faults.borrow_mut();
+        if faults.len() < MAX_FAULTS {
+            faults.push(Fault { line, key: key.into(), message: message.into() });
+        }
     }
 
     /// `value`, if no fault was found on the way to it.
@@ -121,6 +126,12 @@ impl<'a> Document<'a> {
             Some(value) if faults.is_empty() => Ok(value),
             _ => Err(Faults(faults)),
         }
+    }
+
+    /// Where the value of a top-level key stands in the text, for replacing it.
+    #[must_use]
+    pub fn span(&self, key: &str) -> Option<Range<usize>> {
+        self.root.get_ref().get(key).map(Spanned::span)
     }
 
     fn line(&self, span: &Range<usize>) -> usize {
@@ -342,6 +353,9 @@ impl<'d, 'a> Section<'d, 'a> {
     pub fn finish(self) {
         let asked = self.asked.into_inner();
         for (key, _) in self.table {
+            if self.document.faults.borrow().len() >= MAX_FAULTS {
+                return;
+            }
             if !asked.contains(&key.get_ref().as_ref()) {
                 let name = key.get_ref();
                 let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
@@ -412,6 +426,10 @@ mod tests {
     fn syntax_errors_have_lines_too() {
         let faults = Document::parse("a = 1\nb = = 2\na = 3\n").err().unwrap();
         assert_eq!(faults.0.iter().map(|fault| fault.line).collect::<Vec<_>>(), [2, 3], "{faults}");
+        let unknown: String = (0..5000).map(|n| format!("k{n} = 1\n")).collect();
+        let document = Document::parse(&unknown).unwrap();
+        document.root().finish();
+        assert_eq!(document.finish(Some(())).unwrap_err().0.len(), MAX_FAULTS);
         let faults = Document::parse(&"no toml\n".repeat(1000)).err().unwrap();
         assert_eq!((faults.0.len(), faults.0[8].message.as_str()), (9, "and 992 lines more like this"));
     }

@@ -141,7 +141,8 @@ impl Polynomial {
         let mut open = vec![(bernstein, 0.0, 1.0)];
         while let Some((b, start, width)) = open.pop() {
             let b = &b[..self.len];
-            let clear = |v: f64| v >= limit; // NaN, from overflow, is not clear
+            // What has overflowed is not clear either.
+            let clear = |v: f64| v >= limit && v.is_finite();
             if b.iter().copied().all(clear) {
                 continue;
             }
@@ -277,6 +278,7 @@ mod tests {
         assert!(p.below(1.0).is_some() || p.above(1e308).is_some());
         let p = polynomial(&[1e308, -1e308, 1e308, -1e308], [-1e300, 1e300]);
         assert!(p.below(1.0).is_some());
+        assert!(polynomial(&[100.0, 0.0, 1e308], [0.0, 1e5]).below(1.0).is_some());
     }
 
     proptest! {

@@ -9,8 +9,7 @@
 
 use crate::wire::{AXES, CompensatedIncrement, Flags, RawSample};
 use core::str::FromStr;
-use csv::ByteRecord;
-use std::io::{self, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 
 /// Why a recording cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -30,23 +29,26 @@ pub enum RecordingError {
 
 /// Reads raw samples one by one; an [`Iterator`] that ends at the first error.
 pub struct RawReader<R> {
-    reader: csv::Reader<R>,
+    rows: Rows<R>,
     columns: Columns,
-    record: ByteRecord,
     previous: Option<(u64, u64)>,
     failed: bool,
 }
 
+/// A column of the recording: its name and its place in a row.
+type Column = (String, usize);
+
 struct Columns {
-    sequence: usize,
-    timestamp_ns: usize,
-    interval_ns: usize,
-    positive: [usize; AXES],
-    negative: [usize; AXES],
-    head: [usize; AXES],
-    board: [usize; AXES],
-    session: Option<usize>,
-    telemetry_ns: Option<usize>,
+    count: usize,
+    sequence: Column,
+    timestamp_ns: Column,
+    interval_ns: Column,
+    positive: [Column; AXES],
+    negative: [Column; AXES],
+    head: [Column; AXES],
+    board: [Column; AXES],
+    session: Option<Column>,
+    telemetry_ns: Option<Column>,
 }
 
 impl<R: Read> RawReader<R> {
@@ -55,36 +57,38 @@ impl<R: Read> RawReader<R> {
     /// # Errors
     /// [`RecordingError::Data`] if a column is missing or there twice.
     pub fn new(source: R) -> Result<Self, RecordingError> {
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source);
-        let columns = Columns::find(reader.byte_headers().map_err(error)?)?;
-        Ok(Self { reader, columns, record: ByteRecord::new(), previous: None, failed: false })
-    }
-
-    /// The line of the sample that was read last, from 1.
-    #[must_use]
-    pub fn line(&self) -> u64 {
-        self.record.position().map_or(1, csv::Position::line)
+        let mut rows = Rows::new(source);
+        rows.next_row()?;
+        let columns = Columns::find(&rows)?;
+        Ok(Self { rows, columns, previous: None, failed: false })
     }
 
     fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
-        if !self.reader.read_byte_record(&mut self.record).map_err(error)? {
+        if !self.rows.next_row()? {
             return Ok(None);
         }
-        let row = Row { record: &self.record, line: self.line() };
-        let columns = &self.columns;
+        let (row, columns) = (&self.rows, &self.columns);
+        if row.len() != columns.count {
+            return Err(row.error(format!(
+                "{} fields, but the header has {}; is the row cut?",
+                row.len(),
+                columns.count
+            )));
+        }
+        let optional = |column: &Option<Column>| column.as_ref().map_or(Ok(0), |column| row.integer(column));
         let mut sample = RawSample {
-            session: columns.session.map_or(Ok(0), |column| row.integer(column, "session"))?,
-            sequence: row.integer(columns.sequence, "sequence")?,
-            timestamp_ns: row.integer(columns.timestamp_ns, "timestamp_ns")?,
-            interval_ns: row.integer(columns.interval_ns, "interval_ns")?,
-            telemetry_ns: columns.telemetry_ns.map_or(Ok(0), |column| row.integer(column, "telemetry_ns"))?,
+            session: optional(&columns.session)?,
+            sequence: row.integer(&columns.sequence)?,
+            timestamp_ns: row.integer(&columns.timestamp_ns)?,
+            interval_ns: row.integer(&columns.interval_ns)?,
+            telemetry_ns: optional(&columns.telemetry_ns)?,
             ..RawSample::default()
         };
         for axis in 0..AXES {
-            sample.positive_pulses[axis] = row.integer(columns.positive[axis], "positive pulses")?;
-            sample.negative_pulses[axis] = row.integer(columns.negative[axis], "negative pulses")?;
-            sample.head_temperature[axis] = row.float(columns.head[axis], "head telemetry")?;
-            sample.board_temperature[axis] = row.float(columns.board[axis], "board telemetry")?;
+            sample.positive_pulses[axis] = row.integer(&columns.positive[axis])?;
+            sample.negative_pulses[axis] = row.integer(&columns.negative[axis])?;
+            sample.head_temperature[axis] = row.float(&columns.head[axis])?;
+            sample.board_temperature[axis] = row.float(&columns.board[axis])?;
         }
         if let Some((session, sequence)) = self.previous
             && session == sample.session
@@ -113,89 +117,133 @@ impl<R: Read> Iterator for RawReader<R> {
 }
 
 impl Columns {
-    fn find(header: &ByteRecord) -> Result<Self, RecordingError> {
-        let fail = |message| RecordingError::Data { line: 1, message };
-        let optional = |name: &str| {
-            let mut places = header.iter().enumerate().filter(|(index, field)| {
-                let field = if *index == 0 { field.strip_prefix(b"\xef\xbb\xbf").unwrap_or(field) } else { field };
-                field == name.as_bytes()
-            });
+    fn find<R: Read>(header: &Rows<R>) -> Result<Self, RecordingError> {
+        let names: Vec<_> = (0..header.len()).map(|index| header.field(index)).collect();
+        let optional = |name: String| {
+            let mut places = (0..names.len()).filter(|&index| names[index] == name.as_bytes());
             match (places.next(), places.next()) {
-                (_, Some(_)) => Err(fail(format!("the column {name} is there twice"))),
-                (place, None) => Ok(place.map(|(index, _)| index)),
+                (_, Some(_)) => Err(header.error(format!("the column {name} is there twice"))),
+                (place, None) => Ok(place.map(|place| (name, place))),
             }
         };
         let mut missing = Vec::new();
-        let mut required = |name: String| -> Result<usize, RecordingError> {
-            Ok(optional(&name)?.unwrap_or_else(|| {
-                missing.push(name);
-                usize::MAX
+        let mut required = |name: &str| -> Result<Column, RecordingError> {
+            Ok(optional(name.to_owned())?.unwrap_or_else(|| {
+                missing.push(name.to_owned());
+                Column::default()
             }))
         };
-        let mut triple = |name: &str| -> Result<[usize; AXES], RecordingError> {
-            Ok([required(format!("a1_{name}"))?, required(format!("a2_{name}"))?, required(format!("a3_{name}"))?])
+        let (sequence, timestamp_ns) = (required("sequence")?, required("timestamp_ns")?);
+        let interval_ns = required("interval_ns")?;
+        let mut triple = |name: &str| -> Result<[Column; AXES], RecordingError> {
+            Ok([required(&format!("a1_{name}"))?, required(&format!("a2_{name}"))?, required(&format!("a3_{name}"))?])
         };
         let (positive, negative) = (triple("positive")?, triple("negative")?);
         let (head, board) = (triple("head")?, triple("board")?);
-        let columns = Self {
-            positive,
-            negative,
-            head,
-            board,
-            sequence: required("sequence".to_owned())?,
-            timestamp_ns: required("timestamp_ns".to_owned())?,
-            interval_ns: required("interval_ns".to_owned())?,
-            session: optional("session")?,
-            telemetry_ns: optional("telemetry_ns")?,
-        };
-        if missing.is_empty() { Ok(columns) } else { Err(fail(format!("missing columns: {}", missing.join(", ")))) }
+        let (session, telemetry_ns) = (optional("session".to_owned())?, optional("telemetry_ns".to_owned())?);
+        if !missing.is_empty() {
+            let hint = "is this a comma-separated recording of raw samples with a header row?";
+            return Err(header.error(format!("missing columns: {}; {hint}", missing.join(", "))));
+        }
+        let count = names.len();
+        Ok(Self { count, sequence, timestamp_ns, interval_ns, positive, negative, head, board, session, telemetry_ns })
     }
 }
 
-struct Row<'a> {
-    record: &'a ByteRecord,
+/// The rows of a CSV text, one a line, blank lines left out, with the number of their line.
+struct Rows<R> {
+    source: BufReader<R>,
+    parser: csv_core::Reader,
+    text: Vec<u8>,
     line: u64,
+    /// The fields of the row one after the other, and where each ends.
+    fields: Vec<u8>,
+    ends: Vec<usize>,
+    count: usize,
 }
 
-impl Row<'_> {
+impl<R: Read> Rows<R> {
+    fn new(source: R) -> Self {
+        let (fields, ends) = (vec![0; 256], vec![0; 32]);
+        Self {
+            source: BufReader::new(source),
+            parser: csv_core::Reader::new(),
+            text: Vec::new(),
+            line: 0,
+            fields,
+            ends,
+            count: 0,
+        }
+    }
+
+    /// Parses the next row; false at the end.
+    fn next_row(&mut self) -> Result<bool, RecordingError> {
+        self.count = 0;
+        loop {
+            self.text.clear();
+            self.line += 1;
+            if self.source.read_until(b'\n', &mut self.text)? == 0 {
+                return Ok(false);
+            }
+            if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
+                self.text.drain(..3);
+            }
+            if !self.text.trim_ascii().is_empty() {
+                break;
+            }
+        }
+        // No line needs more room than this, so that parsing it is one call.
+        self.fields.resize(self.fields.len().max(self.text.len() + 1), 0);
+        self.ends.resize(self.ends.len().max(self.text.len() + 1), 0);
+        if !self.text.ends_with(b"\n") {
+            self.text.push(b'\n');
+        }
+        self.parser.reset();
+        let (result, _, _, count) = self.parser.read_record(&self.text, &mut self.fields, &mut self.ends);
+        self.count = count;
+        match result {
+            csv_core::ReadRecordResult::Record => Ok(true),
+            _ => Err(self.error("a quotation mark is not closed".to_owned())),
+        }
+    }
+
+    const fn len(&self) -> usize {
+        self.count
+    }
+
+    fn field(&self, index: usize) -> &[u8] {
+        let start = if index == 0 { 0 } else { self.ends[index - 1] };
+        self.fields[start..self.ends[index]].trim_ascii()
+    }
+
     fn error(&self, message: String) -> RecordingError {
         RecordingError::Data { line: self.line, message }
     }
 
-    fn field<T>(
+    fn parse<T>(
         &self,
-        column: usize,
-        what: &str,
+        (name, index): &Column,
         right: &str,
         parse: impl Fn(&str) -> Option<T>,
     ) -> Result<T, RecordingError> {
-        let field = self.record.get(column).unwrap_or_default();
-        let value = core::str::from_utf8(field).ok().and_then(parse);
-        value.ok_or_else(|| self.error(format!("{what} is {:?}, give {right}", String::from_utf8_lossy(field))))
+        let field = self.field(*index);
+        core::str::from_utf8(field).ok().and_then(parse).ok_or_else(|| {
+            let shown: String = String::from_utf8_lossy(field).chars().take(40).collect();
+            self.error(format!("{name} is {shown:?}, give {right}"))
+        })
     }
 
-    fn integer<T: FromStr>(&self, column: usize, what: &str) -> Result<T, RecordingError> {
-        let right = format!("a whole number from 0 to 2^{}-1", 8 * size_of::<T>());
-        self.field(column, what, &right, |text| text.parse().ok())
+    fn integer<T: FromStr>(&self, column: &Column) -> Result<T, RecordingError> {
+        const RIGHT: [&str; 2] =
+            ["a whole number from 0 to 4294967295", "a whole number from 0 to 18446744073709551615"];
+        self.parse(column, RIGHT[size_of::<T>() / 8], |text| text.parse().ok())
     }
 
     /// NaN and infinities are telemetry too, if they are written as such; a number that overflows is a slip.
-    fn float(&self, column: usize, what: &str) -> Result<f64, RecordingError> {
-        self.field(column, what, "a number", |text| {
+    fn float(&self, column: &Column) -> Result<f64, RecordingError> {
+        self.parse(column, "a number", |text| {
             text.parse().ok().filter(|value: &f64| !value.is_infinite() || !text.contains(|c: char| c.is_ascii_digit()))
         })
-    }
-}
-
-fn error(error: csv::Error) -> RecordingError {
-    let line = error.position().map_or(1, csv::Position::line);
-    match error.into_kind() {
-        csv::ErrorKind::Io(error) => RecordingError::Io(error),
-        csv::ErrorKind::UnequalLengths { expected_len, len, pos } => RecordingError::Data {
-            line: pos.map_or(line, |pos| pos.line()),
-            message: format!("{len} fields, but the header has {expected_len}"),
-        },
-        other => RecordingError::Data { line, message: format!("not CSV: {other:?}") },
     }
 }
 
@@ -230,6 +278,14 @@ impl<W: Write> IncrementWriter<W> {
             write!(self.sink, ",{}", flags.only(Flags::DELIVERY))?;
         }
         self.sink.write_all(b"\n")
+    }
+
+    /// Hands on what has been written so far.
+    ///
+    /// # Errors
+    /// As the sink gives them.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.sink.flush()
     }
 
     /// The sink, flushed.
@@ -275,16 +331,29 @@ mod tests {
         let read_rows = |rows: &[String]| read(&format!("{HEADER}\n{}", rows.concat())).unwrap_err();
         assert!(read_rows(&[good.clone(), good.clone()]).starts_with("line 3: sequence 5 after 5"));
         assert!(read_rows(&[good.clone(), row("4", "0", "1")]).starts_with("line 3: sequence 4 after 5"));
-        assert!(read_rows(&[good.clone(), row("6", "-1", "1")]).starts_with("line 3: positive pulses is \"-1\""));
-        assert!(read_rows(&[good.clone(), row("6", "1.5", "1")]).starts_with("line 3: positive pulses"));
-        assert!(read_rows(&[good.clone(), row("6", "4294967296", "1")]).starts_with("line 3: positive pulses"));
-        assert!(read_rows(&[good.clone(), row("6", "0", "warm")]).starts_with("line 3: head telemetry is \"warm\""));
-        assert!(read_rows(&[good.clone(), row("6", "0", "1e999")]).starts_with("line 3: head telemetry"));
+        assert!(read_rows(&[good.clone(), row("6", "-1", "1")]).starts_with("line 3: a1_positive is \"-1\""));
+        assert!(read_rows(&[good.clone(), row("6", "1.5", "1")]).starts_with("line 3: a1_positive"));
+        assert!(read_rows(&[good.clone(), row("6", "4294967296", "1")]).starts_with("line 3: a1_positive"));
+        assert!(read_rows(&[good.clone(), row("6", "0", "warm")]).starts_with("line 3: a1_head is \"warm\""));
+        assert!(read_rows(&[good.clone(), row("6", "0", "1e999")]).starts_with("line 3: a1_head"));
         assert!(read_rows(&[row("", "0", "1")]).starts_with("line 2: sequence is \"\""));
-        assert_eq!(read_rows(&[good, "1,2\n".to_owned()]), "line 3: 2 fields, but the header has 16");
-        assert_eq!(read("").unwrap_err().split(':').nth(1), Some(" missing columns"));
-        assert!(read(&HEADER.replace(",a1_positive", "")).unwrap_err().ends_with("missing columns: a1_positive"));
+        assert!(read_rows(&[good.clone(), "1,2\n".to_owned()]).starts_with("line 3: 2 fields, but the header has 16"));
+        assert!(read_rows(&[good.clone(), "\n\n  \n".to_owned(), good.clone()]).starts_with("line 6: sequence 5"));
+        assert!(read_rows(&[good.clone(), "\"1".to_owned()]).starts_with("line 3: a quotation mark"));
+        let windows = format!("{HEADER}\n{good}{good}").replace('\n', "\r\n");
+        assert!(read(&windows).unwrap_err().starts_with("line 3: sequence 5 after 5"));
+        assert!(read("").unwrap_err().starts_with("line 1: missing columns: sequence, "));
+        assert!(read(&HEADER.replace(",a1_positive", "")).unwrap_err().contains("missing columns: a1_positive;"));
         assert!(read(&format!("{HEADER},a1_head")).unwrap_err().contains("a1_head is there twice"));
+    }
+
+    #[test]
+    fn quoted_fields_windows_lines_and_a_missing_last_line_end_are_read() {
+        let quoted = HEADER.split(',').map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(",");
+        let text =
+            format!("{quoted}\r\n1,1,0,0,1,1,0,0,1,1,0,7, x ,1,1, 3 \r\n\r\n1,1,0,0,1,1,0,0,1,1,0,8,x,1,1,\"4\"");
+        let samples = read(&text).unwrap();
+        assert_eq!(samples.iter().map(|s| (s.sequence, s.positive_pulses[0])).collect::<Vec<_>>(), [(3, 7), (4, 8)]);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //!
 //! | service name | payload | publishers | subscribers |
 //! |---|---|---|---|
-//! | `isotherm/<imu>/raw` | [`RawSample`](crate::wire::RawSample) | 1, the acquisition | the service, recorders |
-//! | `isotherm/<imu>/increment` | [`CompensatedIncrement`](crate::wire::CompensatedIncrement) | 1, the service | the acquisition, navigation, loggers |
+//! | `isotherm/<imu>/raw` | [`RawSample`] | 1, the acquisition | the service, recorders |
+//! | `isotherm/<imu>/increment` | [`CompensatedIncrement`] | 1, the service | the acquisition, navigation, loggers |
 //! | `isotherm/<imu>/wake` | event | senders of raw samples | the service |
 //! | `isotherm/status` | UTF-8 JSON, `[u8]`, history 1 | 1, the service | anybody |
 //!
@@ -15,6 +15,7 @@ use core::fmt;
 use core::time::Duration;
 use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ipc};
 use iceoryx2::service::builder::{event, publish_subscribe};
+use sha2::{Digest as _, Sha256};
 
 /// Raw samples that a subscriber's queue holds. A full queue discards the newest; an acquisition keeps at most this many
 /// unanswered, so that the service's cannot overflow.
@@ -176,7 +177,7 @@ pub struct Domain {
 }
 
 /// Longest root folder: the paths of sockets in it are bounded by the operating system.
-pub const MAX_ROOT: usize = 55;
+pub const MAX_ROOT: usize = 52;
 
 impl Domain {
     /// The domain's name unless another is asked for.
@@ -202,10 +203,14 @@ impl Domain {
         &self.name
     }
 
-    /// Prefix of everything of this domain in shared memory.
+    /// Prefix of everything of this domain in shared memory: `isotherm_` and 8 hexadecimal digits, the beginning of the
+    /// SHA-256 of the folder's path. Short whatever the name, no beginning of another domain's, and another one for the
+    /// same name under another folder.
     #[must_use]
     pub fn prefix(&self) -> String {
-        format!("isotherm_{}_", self.name)
+        let digest = Sha256::digest(&self.root);
+        let digits: String = digest.iter().take(4).map(|byte| format!("{byte:02x}")).collect();
+        format!("isotherm_{digits}_")
     }
 
     /// Folder of everything of this domain in the file system.
@@ -256,6 +261,9 @@ mod tests {
         }
         assert!(matches!(Domain::new("x", "relative"), Err(DomainError::Root(_))));
         assert!(matches!(Domain::new("x", &format!("/{}", "r".repeat(60))), Err(DomainError::Root(_))));
-        assert_eq!(Domain::new("x", "/tmp/x").unwrap().prefix(), "isotherm_x_");
+        let prefix = |name: &str, root: &str| Domain::new(name, root).unwrap().prefix();
+        assert_eq!(prefix("x", "/tmp/x").len(), "isotherm_01234567_".len());
+        assert_ne!(prefix("x", "/tmp/x"), prefix("x", "/run/x"));
+        assert_ne!(prefix("x", "/tmp/x"), prefix("x_y", "/tmp/x_y"));
     }
 }

@@ -306,7 +306,7 @@ fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {
 }
 
 fn describe(violation: Violation, unit: &str) -> String {
-    format!("is {:.6} {unit} at telemetry {:.6}", violation.value, violation.at)
+    format!("is {} {unit} at telemetry {}", violation.value, violation.at)
 }
 
 fn text(value: &str) -> String {

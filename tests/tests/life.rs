@@ -212,3 +212,75 @@ fn logs_are_json_on_request_and_silent_about_samples() {
     assert!((3..10).contains(&lines.len()), "{log}");
     assert_eq!(lines[0]["fields"]["imu"], "imu-a");
 }
+
+#[test]
+fn a_log_that_cannot_be_written_does_not_stop_the_service() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let mut service = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]).stderr(full).spawn().unwrap();
+    let mut acquisition = world.acquisition("imu-a");
+    world.replace("imu-a.toml", &isotherm_tests::variant(1));
+    let next = table(&isotherm_tests::variant(1)).id();
+    wait_until("the reload, which is logged", || round_trip(&mut acquisition, &recording()[0]).table == next);
+    isotherm_tests::kill(service.id(), Signal::TERM);
+    assert!(service.wait().unwrap().success());
+}
+
+#[test]
+fn clean_touches_no_other_domain_and_nothing_that_is_not_ours() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let name = world.domain().name();
+    let (shorter, _) = name.split_at(name.len() - 1);
+    for other in [shorter.to_owned(), format!("{name}x")] {
+        world.run_well(&["--domain", &other, "clean"]);
+    }
+    // The same name under another folder, with somebody's data in it.
+    let elsewhere = world.path("elsewhere");
+    fs::create_dir_all(elsewhere.join(name).join("precious")).unwrap();
+    let cleaned = world.isotherm(&["clean"]).env("ISOTHERM_ROOT", &elsewhere).output().unwrap();
+    assert!(cleaned.status.success(), "{}", text(&cleaned.stderr));
+    assert!(elsewhere.join(name).join("precious").exists());
+    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    // With the folder gone the transport knows nobody, but the service has its memory mapped.
+    fs::remove_dir_all(world.domain().root_path()).unwrap();
+    let refused = world.run(&["clean"]);
+    assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stderr));
+    drop(service);
+}
+
+#[test]
+fn a_slow_feed_gives_up_in_time_too() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "5", "--timeout", "1", RUN, "-o", "fed.csv"]);
+    wait_until("a sample", || world.imu_status()["received"].as_u64().unwrap() > 0);
+    service.kill();
+    let (status, log) = feed.wait();
+    assert_eq!(status.code(), Some(69), "{log}");
+    assert!(log.contains(" samples unanswered"), "{log}");
+}
+
+#[test]
+fn an_interrupted_feed_leaves_no_half_of_a_file() {
+    for signal in [Signal::TERM, Signal::INT] {
+        let world = World::new();
+        let service = world.serve_recording();
+        world.write("fed.csv", "old\n");
+        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
+        wait_until("some samples", || world.imu_status()["received"].as_u64().unwrap() > 10);
+        feed.signal(signal);
+        let (status, log) = feed.wait();
+        assert_eq!(status.code(), Some(1), "{log}");
+        assert_eq!(fs::read_to_string(world.path("fed.csv")).unwrap(), "old\n");
+        assert!(
+            !fs::read_dir(world.path("")).unwrap().any(|entry| entry
+                .unwrap()
+                .file_name()
+                .to_string_lossy()
+                .starts_with(".iso"))
+        );
+        service.terminate();
+    }
+}

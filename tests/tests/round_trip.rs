@@ -1,7 +1,7 @@
 //! Raw samples in, exact increments out, through real processes and real shared memory.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_client::{CompensateError, SendError};
+use isotherm_client::{CompensateError, Domain, InFlight, SendError};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{Flags, RawSample};
 use isotherm_tests::{
@@ -301,7 +301,11 @@ fn a_sequence_that_does_not_rise_is_handed_back() {
     loan.sequence = 12;
     assert_ne!(acquisition.compensate(loan, PATIENCE).unwrap().flags & Flags::GAP.0, 0);
     let old = acquisition.session();
-    acquisition.begin_session();
+    let loan = acquisition.loan().unwrap();
+    acquisition.send(loan).unwrap();
+    assert_eq!(acquisition.begin_session(), Err(InFlight(1)));
+    assert!(acquisition.receive_timeout(PATIENCE).unwrap().is_some());
+    acquisition.begin_session().unwrap();
     let loan = acquisition.loan().unwrap();
     assert!(loan.sequence == 0 && loan.session != old);
     assert_eq!(acquisition.compensate(loan, PATIENCE).unwrap().flags & Flags::GAP.0, 0);
@@ -311,12 +315,82 @@ fn a_sequence_that_does_not_rise_is_handed_back() {
 #[test]
 fn demo_tells_its_story_and_leaves_only_its_report() {
     let world = World::new();
-    let story = world.run_well(&["demo"]);
+    let demo = world.isotherm(&["demo"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let name = format!("demo-{}", demo.id());
+    let output = demo.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let story = text(&output.stdout);
     for word in ["Output stability", "1 reload", "0 lost, 0 out of order", "round trip", "p99.9"] {
         assert!(story.contains(word), "{word:?} is missing in:\n{story}");
     }
     let left: Vec<_> = fs::read_dir(world.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["isotherm-demo-report.txt"]);
+    let domain = Domain::new(&name, &world.path(&name).display().to_string()).unwrap();
     let shared: Vec<_> = fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name()).collect();
-    assert!(!shared.iter().any(|name| name.to_string_lossy().contains("isotherm_demo-")), "{shared:?}");
+    assert!(!shared.iter().any(|name| name.to_string_lossy().starts_with(&domain.prefix())), "{shared:?}");
+}
+
+/// A caller that knows nothing but `compensate` gets over a service that was away for long.
+#[test]
+fn compensate_alone_recovers_from_a_full_queue() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut acquisition = world.acquisition("imu-a");
+    service.kill();
+    let mut attempts = 0;
+    loop {
+        let loan = acquisition.loan().unwrap();
+        attempts += 1;
+        match acquisition.compensate(loan, Duration::from_micros(100)) {
+            Err(CompensateError::Timeout) => {}
+            Err(CompensateError::Send(SendError::Full(_))) => break,
+            other => panic!("{other:?}"),
+        }
+        assert!(attempts < 1000);
+    }
+    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let sample = recording()[9];
+    let exact = answer(Some(&table(TABLE)), &sample).velocity_increment;
+    wait_until("an answer", || {
+        let mut loan = acquisition.loan().unwrap();
+        *loan = RawSample { session: loan.session, sequence: loan.sequence, ..sample };
+        acquisition
+            .compensate(loan, Duration::from_millis(20))
+            .is_ok_and(|increment| increment.velocity_increment == exact)
+    });
+    service.terminate();
+}
+
+#[test]
+fn the_longest_names_work() {
+    let world = World::new();
+    let (domain, imu) = ("d".repeat(32), "i".repeat(32));
+    world.write("t.toml", &TABLE.replace("imu-a", &imu));
+    // As a user has it who sets nothing: the folder is /tmp/isotherm-NAME.
+    let isotherm = |arguments: &[&str]| {
+        let mut command = world.isotherm(arguments);
+        command.env("ISOTHERM_DOMAIN", &domain).env("ISOTHERM_ROOT", world.path("").join("r".repeat(3)));
+        command
+    };
+    let root = world.path("").join("r".repeat(3)).join(&domain).display().to_string();
+    assert!(root.len() <= 52, "{root}");
+    let mut service = isotherm(&["serve", "--imu", &format!("{imu}=t.toml")]).stderr(Stdio::null()).spawn().unwrap();
+    let fed = isotherm(&["feed", "--imu", &imu, RUN]).output().unwrap();
+    assert!(fed.status.success(), "{}", text(&fed.stderr));
+    assert!(text(&fed.stdout) == world.run_well(&["replay", "--table", "t.toml", RUN]));
+    isotherm_tests::kill(service.id(), rustix::process::Signal::TERM);
+    assert!(service.wait().unwrap().success());
+    assert!(isotherm(&["clean"]).status().unwrap().success());
+}
+
+#[test]
+fn a_recording_is_never_overwritten_by_its_increments() {
+    let world = World::new();
+    fs::copy(RUN, world.path("run.csv")).unwrap();
+    world.write("imu-a.toml", TABLE);
+    for command in [&["replay", "--table", "imu-a.toml"][..], &["feed", "--imu", "imu-a"]] {
+        let output = world.run(&[command, &["run.csv", "-o", "run.csv"]].concat());
+        assert_eq!(output.status.code(), Some(64), "{}", text(&output.stderr));
+    }
+    assert_eq!(fs::read(world.path("run.csv")).unwrap(), fs::read(RUN).unwrap());
 }

@@ -76,7 +76,9 @@ fn check(path: &Path, seal: bool) -> Result<String, Failure> {
                 }
             }
             let Some(worst) = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8) else {
-                return Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()));
+                let metrics =
+                    if config.metrics.is_some() { "; [metrics] is read, but this version serves none" } else { "" };
+                return Ok(format!("service configuration of {} IMUs, their tables valid{metrics}", config.imus.len()));
             };
             let messages: Vec<_> = failures.into_iter().map(|failure| failure.message).collect();
             Err(Failure::new(worst, messages.join("\n")))
@@ -98,20 +100,52 @@ fn kind(text: &str) -> Result<Kind, Faults> {
     }
 }
 
-/// Sets `digest` and leaves everything else as the user wrote it.
+/// Sets `digest` and leaves every other byte as the user wrote it.
 fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(), Failure> {
-    let document = text.parse::<toml_edit::DocumentMut>();
-    let mut document = document.map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
-    document.insert("digest", toml_edit::value(table.digest().to_string()));
-    let sealed = document.to_string();
+    let sealed = with_digest(text, &format!("\"{}\"", table.digest()));
     // Read back before anything is replaced: the result must be the same table, with a seal that holds.
-    if CoefficientTable::from_toml(&sealed, None).as_ref() != Ok(table) {
-        return Err(Failure::new(
-            Exit::Failed,
-            format!("{}: could not be sealed as it is laid out; put digest below format by hand", path.display()),
-        ));
+    let sealed = sealed.filter(|sealed| CoefficientTable::from_toml(sealed, None).as_ref() == Ok(table));
+    let sealed = sealed.ok_or_else(|| {
+        let message = format!(
+            "{}: cannot be sealed as it is laid out; put digest = {:?} below format by hand",
+            path.display(),
+            table.digest().to_string()
+        );
+        Failure::new(Exit::Failed, message)
+    })?;
+    let failed = |error: io::Error| Failure::io("writing", path, &error);
+    let mut output = Output::create(Some(path)).map_err(failed)?;
+    output.write_all(sealed.as_bytes()).and_then(|()| output.finish()).map_err(failed)
+}
+
+/// The text with another digest, or with one in a line of its own below `format`.
+fn with_digest(text: &str, digest: &str) -> Option<String> {
+    let document = Document::parse(text).ok()?;
+    if let Some(span) = document.span("digest") {
+        return Some(format!("{}{digest}{}", text.get(..span.start)?, text.get(span.end..)?));
     }
-    let mut output = Output::create(Some(path)).map_err(|error| Failure::io("writing", path, &error))?;
-    let result = output.write_all(sealed.as_bytes()).and_then(|()| output.finish());
-    result.map_err(|error| Failure::io("writing", path, &error))
+    let format = document.span("format")?;
+    let end = format.end + text.get(format.end..)?.find('\n').map_or(text.len() - format.end, |newline| newline + 1);
+    let (above, below) = text.split_at_checked(end)?;
+    let newline = if above.ends_with("\r\n") { "\r\n" } else { "\n" };
+    let gap = if above.ends_with('\n') { "" } else { newline };
+    Some(format!("{above}{gap}digest = {digest}{newline}{below}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_digest;
+
+    #[test]
+    fn the_digest_is_set_and_nothing_else_touched() {
+        for (before, after) in [
+            ("# c\nformat = 1 # f\n\n[imu]\n", "# c\nformat = 1 # f\ndigest = NEW\n\n[imu]\n"),
+            ("format = 1\r\n[imu]\r\n", "format = 1\r\ndigest = NEW\r\n[imu]\r\n"),
+            ("# above\n\n\"digest\" = \"x\"   # why\nformat = 1", "# above\n\n\"digest\" = NEW   # why\nformat = 1"),
+            ("digest = 5\nformat = 1\n", "digest = NEW\nformat = 1\n"),
+            ("format = 1", "format = 1\ndigest = NEW\n"),
+        ] {
+            assert_eq!(with_digest(before, "NEW").as_deref(), Some(after));
+        }
+    }
 }

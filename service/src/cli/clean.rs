@@ -12,6 +12,6 @@ pub struct Clean {}
 impl Clean {
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         let removed = clean(domain)?;
-        written(None, writeln!(io::stdout(), "domain {}: {removed} objects removed", domain.name()))
+        written(None, writeln!(io::stdout(), "domain {}: {removed} files removed", domain.name()))
     }
 }

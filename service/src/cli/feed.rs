@@ -1,12 +1,18 @@
-use super::{options, seconds, written};
+use super::{not_the_same, options, seconds, written};
 use crate::failure::{Exit, Failure};
 use crate::files::{Output, open_recording};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use isotherm_client::{Acquisition, Domain, ImuId, Loan, RawSample, SendError};
+use isotherm_client::{Acquisition, Domain, ImuId, Loan, RawSample};
 use isotherm_shared::recording::{IncrementWriter, RawReader};
-use std::path::PathBuf;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+/// How long to wait at a time.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// Send a recording through the running service, as an acquisition process does
 ///
@@ -43,33 +49,38 @@ pub struct Feed {
 impl Feed {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let path = self.output.as_deref();
+        not_the_same(&self.recording, path)?;
         let progress = progress(&self.recording, path.is_some());
         let source = open_recording(&self.recording);
         let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
         let failed = |error| Failure::recording(&self.recording, &error);
         let reader = RawReader::new(progress.wrap_read(source)).map_err(failed)?;
+        // Before anything is sent it must be sure that the answers can be written.
+        let sink = Output::create(path)
+            .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
         let acquisition = Acquisition::connect(&self.imu, &options(domain, self.timeout))?;
-        let sink = Output::create(path);
-        let writer = match sink.and_then(|sink| IncrementWriter::new(sink, self.delivery)) {
+        let writer = match IncrementWriter::new(sink, self.delivery) {
             Ok(writer) => writer,
             Err(error) => return written(path, Err(error)),
         };
         let window = self.window.map_or(acquisition.depth(), |window| acquisition.depth().min(window as usize));
-        let mut line = Line { acquisition, writer, window, timeout: self.timeout, heard: Instant::now() };
-        let (started, mut session, mut count) = (Instant::now(), None, 0u32);
+        let (heard, interrupted) = (Instant::now(), interrupted());
+        let mut line = Line { acquisition, writer, window, timeout: self.timeout, heard, flushed: heard, interrupted };
+        let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
+        let (mut due, mut session) = (heard, None);
         let result = (|| {
             for sample in reader {
                 let sample = sample.map_err(failed)?;
                 if session.is_some_and(|session| session != sample.session) {
                     line.drain()?;
-                    line.acquisition.begin_session();
+                    line.acquisition.begin_session().map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
                 }
                 session = Some(sample.session);
-                if let Some(rate) = self.rate {
-                    line.receive_until(started + Duration::from_secs_f64(f64::from(count) / rate))?;
+                if let Some(period) = period {
+                    line.receive_until(due)?;
+                    due += period;
                 }
                 line.send(&sample)?;
-                count += 1;
             }
             line.drain()
         })();
@@ -100,64 +111,82 @@ struct Line {
     writer: IncrementWriter<Output>,
     window: usize,
     timeout: Duration,
+    /// When the last increment came, or the first unanswered sample was sent.
     heard: Instant,
+    flushed: Instant,
+    interrupted: Arc<AtomicBool>,
 }
 
 impl Line {
     fn send(&mut self, sample: &RawSample) -> Result<(), Interrupted> {
-        self.receive_while(|line| line.acquisition.in_flight() >= line.window)?;
+        while self.acquisition.in_flight() >= self.window {
+            self.receive(PAUSE)?;
+        }
         let mut loan: Loan = self.acquisition.loan()?;
         let session = loan.session;
         *loan = RawSample { session, sent_ns: 0, ..*sample };
         if self.acquisition.in_flight() == 0 {
             self.heard = Instant::now();
         }
-        match self.acquisition.send(loan) {
-            Ok(()) => Ok(()),
-            Err(error @ (SendError::Full(_) | SendError::Sequence(_) | SendError::Transport(_))) => {
-                Err(Failure::new(Exit::Failed, format!("sending sample {}: {error}", sample.sequence)).into())
-            }
-        }
+        let sent = self.acquisition.send(loan);
+        sent.map_err(|error| Failure::new(Exit::Failed, format!("sending sample {}: {error}", sample.sequence)).into())
     }
 
     fn drain(&mut self) -> Result<(), Interrupted> {
-        self.receive_while(|line| line.acquisition.in_flight() > 0)
+        while self.acquisition.in_flight() > 0 {
+            self.receive(PAUSE)?;
+        }
+        Ok(())
     }
 
     fn receive_until(&mut self, due: Instant) -> Result<(), Interrupted> {
         loop {
             let left = due.saturating_duration_since(Instant::now());
-            if !self.receive(left)? && left.is_zero() {
+            if !self.receive(left.min(PAUSE))? && left.is_zero() {
                 return Ok(());
             }
         }
     }
 
-    fn receive_while(&mut self, condition: impl Fn(&Self) -> bool) -> Result<(), Interrupted> {
-        while condition(self) {
-            if !self.receive(Duration::from_millis(50))? && self.heard.elapsed() > self.timeout {
-                let message = format!(
-                    "no answer from the service for {} s, {} samples unanswered; start it again, or give it longer with --timeout",
-                    self.timeout.as_secs_f64(),
-                    self.acquisition.in_flight()
-                );
-                return Err(Failure::new(Exit::Unavailable, message).into());
-            }
-        }
-        Ok(())
-    }
-
     /// Writes the next increment, waiting up to `timeout` for it. Whether one came.
     fn receive(&mut self, timeout: Duration) -> Result<bool, Interrupted> {
-        let Some(increment) = self.acquisition.receive_timeout(timeout)? else { return Ok(false) };
-        self.heard = Instant::now();
-        self.writer.write(&increment).map_err(Interrupted::Write)?;
+        if let Some(increment) = self.acquisition.receive_timeout(timeout)? {
+            self.heard = Instant::now();
+            self.writer.write(&increment).map_err(Interrupted::Write)?;
+        } else if self.acquisition.in_flight() > 0 && self.heard.elapsed() > self.timeout {
+            let message = format!(
+                "no answer from the service for {} s, {} samples unanswered; start it again, or give it longer with --timeout",
+                self.timeout.as_secs_f64(),
+                self.acquisition.in_flight()
+            );
+            return Err(Failure::new(Exit::Unavailable, message).into());
+        } else {
+            // Whoever reads along gets what there is.
+            if self.flushed.elapsed() > PAUSE {
+                self.writer.flush().map_err(Interrupted::Write)?;
+                self.flushed = Instant::now();
+            }
+            if self.interrupted.load(Ordering::Relaxed) {
+                return Err(Failure::new(Exit::Failed, "interrupted; nothing was written").into());
+            }
+            return Ok(false);
+        }
         Ok(true)
     }
 }
 
+/// Set by SIGINT and SIGTERM, so that no half of a file is left behind.
+fn interrupted() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // Without a handler the signal ends the process as usual.
+        let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
+    }
+    flag
+}
+
 /// A bar over the recording's bytes, on a terminal that the increments do not go to.
-fn progress(recording: &std::path::Path, to_file: bool) -> ProgressBar {
+fn progress(recording: &Path, to_file: bool) -> ProgressBar {
     let size = std::fs::metadata(recording).ok().filter(std::fs::Metadata::is_file).map(|metadata| metadata.len());
     match size {
         // Draws on stderr, and only if that is a terminal.
@@ -171,5 +200,5 @@ fn progress(recording: &std::path::Path, to_file: bool) -> ProgressBar {
 
 fn rate(text: &str) -> Result<f64, String> {
     let rate: f64 = text.parse().map_err(|_| "give a number of samples per second".to_owned())?;
-    if rate > 0.0 && rate <= 1e6 { Ok(rate) } else { Err("give a rate over 0 and up to 1000000 Hz".to_owned()) }
+    if (1e-3..=1e6).contains(&rate) { Ok(rate) } else { Err("give a rate from 0.001 to 1000000 Hz".to_owned()) }
 }

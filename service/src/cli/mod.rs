@@ -20,8 +20,10 @@ use std::time::Duration;
 #[command(version, propagate_version = true, arg_required_else_help = true)]
 pub struct Cli {
     /// The world of service and clients; two domains never meet
-    #[arg(long, global = true, env = "ISOTHERM_DOMAIN", default_value = Domain::DEFAULT, value_name = "NAME")]
-    domain: String,
+    ///
+    /// The one that ISOTHERM_DOMAIN names, or "default", unless given
+    #[arg(long, global = true, value_name = "NAME")]
+    domain: Option<String>,
     #[command(subcommand)]
     command: Command,
 }
@@ -43,7 +45,7 @@ impl Cli {
     /// # Errors
     /// Phase, cause and remedy, with the exit code.
     pub fn run(self) -> Result<(), Failure> {
-        let domain = isotherm_client::domain(Some(&self.domain));
+        let domain = isotherm_client::domain(self.domain.as_deref());
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
         match self.command {
             Command::Demo(demo) => demo.run(domain),
@@ -67,6 +69,18 @@ fn written(path: Option<&Path>, result: io::Result<()>) -> Result<(), Failure> {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         Err(error) => Err(Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error)),
         Ok(()) => Ok(()),
+    }
+}
+
+/// Refuses to write increments over the recording that they come from.
+fn not_the_same(input: &Path, output: Option<&Path>) -> Result<(), Failure> {
+    let regular = |path: &Path| std::fs::canonicalize(path).ok().filter(|path| path.is_file());
+    match (regular(input), output.and_then(regular)) {
+        (Some(input), Some(output)) if input == output => {
+            let message = format!("{} is the recording itself; write the increments to another file", output.display());
+            Err(Failure::new(Exit::Usage, message))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -38,21 +38,26 @@ pub struct Channel {
     table: Option<Arc<CoefficientTable>>,
     counters: Arc<Counters>,
     budget_ns: u64,
-    session: u64,
-    last_sequence: u64,
+    /// Session and highest sequence of the last samples.
+    last: Option<(u64, u64)>,
     /// Loaned ahead, so that loaning costs the answer no time.
     spare: Option<Answer>,
     publisher: Publisher<ipc::Service, CompensatedIncrement, ()>,
     raw: Subscriber<ipc::Service, RawSample, ()>,
-    listener: Listener<ipc::Service>,
 }
 
 impl Channel {
-    /// Creates the streams of an IMU. The increment publisher comes last: clients take it for readiness.
+    /// Creates the streams of an IMU, and the listener that wakes the worker for it. The increment publisher comes last:
+    /// clients take it for readiness.
     ///
     /// # Errors
     /// What stands in the way, for the operator.
-    pub fn open(node: &IpcNode, domain: &Domain, wiring: Wiring, budget_ns: u64) -> Result<Self, Failure> {
+    pub fn open(
+        node: &IpcNode,
+        domain: &Domain,
+        wiring: Wiring,
+        budget_ns: u64,
+    ) -> Result<(Self, Listener<ipc::Service>), Failure> {
         let id = wiring.imu.id;
         let taken = || {
             Failure::new(
@@ -85,28 +90,17 @@ impl Channel {
         let publisher = create(node, domain, &name("increment publisher"), taken, || {
             Ok(increments.publisher_builder().max_loaned_samples(2).create()?)
         })?;
-        Ok(Self {
+        let channel = Self {
             tables: wiring.tables,
             table: None,
             counters: wiring.counters,
             budget_ns,
-            session: 0,
-            last_sequence: 0,
+            last: None,
             spare: publisher.loan_uninit().ok(),
             publisher,
             raw: subscriber,
-            listener,
-        })
-    }
-
-    /// What wakes the worker for this IMU.
-    pub const fn listener(&self) -> &Listener<ipc::Service> {
-        &self.listener
-    }
-
-    /// Forgets the notifications so far. To be called after every sleep: one that was lost would suppress all others.
-    pub fn drain_notifications(&self) {
-        let _ = self.listener.try_wait(|_| {});
+        };
+        Ok((channel, listener))
     }
 
     /// Takes over the newest table, if there is a new one. The control thread keeps every table until this side has let
@@ -137,7 +131,7 @@ impl Channel {
         self.take_table();
 
         let mut increment = answer(self.table.as_deref(), &raw);
-        let missing = self.missing_before(&raw);
+        let missing = self.note(&raw);
         let now = monotonic_ns();
         let latency = now.saturating_sub(since);
         increment.latency_ns = u32::try_from(latency).unwrap_or(u32::MAX);
@@ -150,7 +144,6 @@ impl Channel {
 
         // Published; the rest is off the answer's path.
         self.spare = self.publisher.loan_uninit().ok();
-        self.note(&raw);
         let counters = &*self.counters;
         bump(&counters.received);
         bump(if published { &counters.compensated } else { &counters.transport_errors });
@@ -164,20 +157,21 @@ impl Channel {
     }
 
     /// How many samples of its session are missing before this one.
-    fn missing_before(&self, raw: &RawSample) -> u64 {
-        let known = raw.session == self.session && self.counters.sessions.load(Relaxed) > 0;
-        if known { raw.sequence.saturating_sub(self.last_sequence).saturating_sub(1) } else { 0 }
-    }
-
-    fn note(&mut self, raw: &RawSample) {
-        if raw.session != self.session || self.counters.sessions.load(Relaxed) == 0 {
-            bump(&self.counters.sessions);
-            self.session = raw.session;
-            self.last_sequence = raw.sequence;
-        } else if raw.sequence > self.last_sequence {
-            self.last_sequence = raw.sequence;
-        } else {
-            bump(&self.counters.repeats);
-        }
+    #[inline]
+    fn note(&mut self, raw: &RawSample) -> u64 {
+        let (missing, highest) = match self.last {
+            Some((session, highest)) if session == raw.session => {
+                if raw.sequence <= highest {
+                    bump(&self.counters.repeats);
+                }
+                (raw.sequence.saturating_sub(highest).saturating_sub(1), highest.max(raw.sequence))
+            }
+            _ => {
+                bump(&self.counters.sessions);
+                (0, raw.sequence)
+            }
+        };
+        self.last = Some((raw.session, highest));
+        missing
     }
 }

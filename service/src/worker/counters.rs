@@ -12,7 +12,7 @@ pub fn bump(counter: &AtomicU64) {
 /// Adds to a counter that only the calling thread writes.
 #[inline]
 pub fn add(counter: &AtomicU64, by: u64) {
-    counter.store(counter.load(Relaxed).wrapping_add(by), Relaxed);
+    counter.store(counter.load(Relaxed).saturating_add(by), Relaxed);
 }
 
 /// The counters of one IMU since the start of the service.

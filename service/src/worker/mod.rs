@@ -17,12 +17,15 @@ use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
 use crate::realtime::{self, Bells};
 use channel::{Channel, Wiring};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::prelude::ipc;
 use isotherm_client::{join, monotonic_ns};
 use isotherm_shared::stream::{Domain, RAW_DEPTH};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::mpsc;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 use wait::{Wait, Waiter};
 
 /// A running worker.
@@ -32,11 +35,16 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the worker and waits until its streams are there.
+    /// Starts the worker and waits until its streams are there; `None` if `give_up` says so first.
     ///
     /// # Errors
     /// What kept it from starting.
-    pub fn start(domain: &Domain, config: &Config, wirings: Vec<Wiring>) -> Result<Self, Failure> {
+    pub fn start(
+        domain: &Domain,
+        config: &Config,
+        wirings: Vec<Wiring>,
+        mut give_up: impl FnMut() -> bool,
+    ) -> Result<Option<Self>, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
@@ -46,10 +54,16 @@ impl Worker {
         let thread = thread::Builder::new().name("worker".to_owned()).spawn(body);
         let thread =
             thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
-        match started.recv() {
-            Ok(Ok(())) => Ok(Self { stop, thread }),
-            Ok(Err(failure)) => Err(failure),
-            Err(_) => Err(Failure::new(Exit::Failed, "the worker thread died while it started")),
+        loop {
+            match started.recv_timeout(Duration::from_millis(20)) {
+                Ok(Ok(())) => return Ok(Some(Self { stop, thread })),
+                Ok(Err(failure)) => return Err(failure),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
+                }
+                Err(RecvTimeoutError::Timeout) if give_up() => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
         }
     }
 
@@ -82,33 +96,39 @@ fn run(
     stop: &AtomicBool,
     ready: &mpsc::SyncSender<Result<(), Failure>>,
 ) {
-    let mut channels = match open(domain, config, wirings) {
-        Ok(channels) => channels,
+    let (mut channels, listeners) = match open(domain, config, wirings) {
+        Ok(opened) => opened,
         Err(failure) => {
             let _ = ready.send(Err(failure));
             return;
         }
     };
     let _ = ready.send(Ok(()));
-    serve(&mut channels, config, stop);
+    serve(&mut channels, &listeners, config, stop);
 }
 
-fn open(domain: &Domain, config: &Config, wirings: Vec<Wiring>) -> Result<Vec<Channel>, Failure> {
-    realtime::apply(&config.realtime).map_err(|message| Failure::new(Exit::Failed, message))?;
+fn open(
+    domain: &Domain,
+    config: &Config,
+    wirings: Vec<Wiring>,
+) -> Result<(Vec<Channel>, Vec<Listener<ipc::Service>>), Failure> {
+    realtime::apply(&config.realtime).map_err(|message| Failure::new(Exit::Config, message))?;
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
-    let mut channels = Vec::with_capacity(wirings.len());
+    let (mut channels, mut listeners) = (Vec::with_capacity(wirings.len()), Vec::with_capacity(wirings.len()));
     for wiring in wirings {
-        let mut channel = Channel::open(&node, domain, wiring, budget_ns)?;
+        let (mut channel, listener) = Channel::open(&node, domain, wiring, budget_ns)?;
         channel.take_table();
         channels.push(channel);
+        listeners.push(listener);
     }
-    Ok(channels)
+    Ok((channels, listeners))
 }
 
 /// The hot loop.
-fn serve(channels: &mut [Channel], config: &Config, stop: &AtomicBool) {
+fn serve(channels: &mut [Channel], listeners: &[Listener<ipc::Service>], config: &Config, stop: &AtomicBool) {
     let mut waiter = Waiter::new(config.strategy, channels.len());
+    let mut bells = Bells::new(listeners);
     loop {
         let mut served = false;
         for (index, channel) in channels.iter_mut().enumerate() {
@@ -137,11 +157,14 @@ fn serve(channels: &mut [Channel], config: &Config, stop: &AtomicBool) {
         match waiter.next(now) {
             Wait::Spin => core::hint::spin_loop(),
             Wait::Sleep(time) => {
-                let timed_out = Bells::new(channels.iter().map(Channel::listener)).sleep(time);
+                let timed_out = bells.sleep(time);
                 if timed_out && time < wait::BOUND_NS {
                     waiter.overslept(now + time, monotonic_ns());
                 }
-                channels.iter().for_each(Channel::drain_notifications);
+                // After every sleep: a notification that was lost would suppress all later ones.
+                for listener in listeners {
+                    let _ = listener.try_wait(|_| {});
+                }
             }
         }
     }

@@ -13,8 +13,6 @@ pub const BOUND_NS: u64 = 20_000_000;
 const CONFIDENT: u32 = 8;
 /// How the period follows the observed ones, and the phase the later arrivals.
 const PERIOD_GAIN: f64 = 1.0 / 32.0;
-/// One step moves the period by no more than this part of itself, before the gain.
-const PERIOD_LIMIT: f64 = 0.02;
 const PHASE_DRIFT: f64 = 1.0 / 256.0;
 /// Limits of the guard \[ns\].
 const GUARD_MIN: f64 = 30_000.0;
@@ -57,6 +55,9 @@ impl Waiter {
     pub fn arrived(&mut self, stream: usize, now: u64) {
         if self.strategy == Strategy::Anticipate {
             self.last = now;
+            // Only sleeps that run their time tell how long the guard has to be. One that leaves no time to sleep must
+            // not stay for ever.
+            self.guard -= (self.guard - GUARD_MIN) / 4096.0;
             self.rhythms[stream].arrived(now);
         }
     }
@@ -72,13 +73,18 @@ impl Waiter {
     }
 
     fn anticipate(&mut self, now: u64) -> Wait {
+        let shortest = self.rhythms.iter().filter_map(Rhythm::known_period).fold(f64::INFINITY, f64::min);
         let guard = self.guard as u64;
         let due = self.rhythms.iter_mut().filter_map(|rhythm| rhythm.due(now, 2 * guard)).min();
         let Some(due) = due else {
             return if now.saturating_sub(self.last) < LINGER_NS { Wait::Spin } else { Wait::Sleep(BOUND_NS) };
         };
         let sleep = due.saturating_sub(guard).saturating_sub(now);
-        if sleep < SHORTEST_SLEEP_NS { Wait::Spin } else { Wait::Sleep(sleep.min(BOUND_NS)) }
+        if sleep < SHORTEST_SLEEP_NS || self.guard > shortest / 3.0 {
+            Wait::Spin
+        } else {
+            Wait::Sleep(sleep.min(BOUND_NS))
+        }
     }
 
     /// A sleep that was to end at `planned` ran its full time and ended at `now`.
@@ -98,6 +104,8 @@ struct Rhythm {
     due: u64,
     confidence: u32,
     misses: u32,
+    /// How late samples come after the earliest phase, a maximum that decays \[ns\].
+    lateness: f64,
 }
 
 impl Rhythm {
@@ -110,9 +118,10 @@ impl Rhythm {
             return;
         }
         let off = (step - self.period).abs();
-        if off <= self.period / 2.0 {
-            let limit = self.period * PERIOD_LIMIT;
-            self.period += (step - self.period).clamp(-limit, limit) * PERIOD_GAIN;
+        // While it is being learned a period must fit more closely, or twice the period would pass for it.
+        let gate = if self.confidence < CONFIDENT { 4.0 } else { 2.0 };
+        if off <= self.period / gate {
+            self.period += (step - self.period) * PERIOD_GAIN;
             // A sample that comes well before the prediction is a late one of the prediction before.
             let period = self.period as u64;
             let expected = if now + period / 2 < self.due { self.due - period } else { self.due };
@@ -123,6 +132,7 @@ impl Rhythm {
                 expected + late.min(self.period * PHASE_DRIFT) as u64
             };
             self.due = phase + period;
+            self.lateness = late.max(self.lateness - self.lateness / 256.0);
             self.confidence = (self.confidence + 1).min(2 * CONFIDENT);
         } else {
             // One odd step costs some confidence; when it is used up, learn anew from here.
@@ -134,12 +144,19 @@ impl Rhythm {
         }
     }
 
+    /// The period, once the stream counts as periodic.
+    fn known_period(&self) -> Option<f64> {
+        (self.confidence >= CONFIDENT).then_some(self.period)
+    }
+
     /// When the next sample is due, if the stream is periodic and has not stopped. A prediction that has passed by more
-    /// than `patience` was missed and gives way to the next.
+    /// than `patience`, or what samples are usually late, was missed and gives way to the next.
     fn due(&mut self, now: u64, patience: u64) -> Option<u64> {
         if self.confidence < CONFIDENT {
             return None;
         }
+        let usual = (self.lateness * 1.25).min(self.period / 8.0);
+        let patience = patience.max(usual as u64);
         while now > self.due + patience {
             self.misses += 1;
             if self.misses > MISSES {
@@ -233,6 +250,39 @@ mod tests {
         let arrivals = periodic(MS, 2_500_500, 3000, |k| pseudo_random(k) % 30_000);
         let (awake, spinning) = run(&mut waiter, &arrivals);
         assert!(share(&awake[50..]) > 0.99 && spinning < 0.08, "{} {spinning}", share(&awake[50..]));
+    }
+
+    #[test]
+    fn jitter_that_is_not_symmetric_is_followed_too() {
+        for period in [500_000, 2_500_000] {
+            for jitter in [|k| k % 25 * 2_000, |k| 48_000 - k % 25 * 2_000, |k| pseudo_random(k) % 60_000] {
+                let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+                let (awake, spinning) = run(&mut waiter, &periodic(MS, period, 4000, jitter));
+                assert!(share(&awake[200..]) > 0.95, "{period}: {}", share(&awake[200..]));
+                assert!(spinning < 0.4, "{spinning}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_long_oversleep_does_not_make_it_spin_for_ever() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+        run(&mut waiter, &periodic(MS, 500_000, 200, |_| 0));
+        waiter.overslept(0, 450_000);
+        run(&mut waiter, &periodic(MS + 200 * 500_000, 500_000, 10_000, |_| 0));
+        let (awake, spinning) = run(&mut waiter, &periodic(MS + 10_200 * 500_000, 500_000, 4000, |_| 0));
+        assert!(share(&awake) > 0.99 && spinning < 0.25, "{} {spinning}", share(&awake));
+    }
+
+    #[test]
+    fn a_first_step_that_is_too_long_is_soon_forgotten() {
+        for first in [3_750_000, 4_975_000] {
+            let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+            let mut arrivals = vec![(MS, 0)];
+            arrivals.extend(periodic(MS + first, 2_500_000, 1000, |_| 0));
+            let (awake, _) = run(&mut waiter, &arrivals);
+            assert!(share(&awake[150..]) > 0.99, "{}", share(&awake[150..]));
+        }
     }
 
     #[test]

@@ -85,7 +85,13 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     if format.is_some_and(|format| format != 1.0) {
         root.fault("format", "unknown; this version reads format = 1");
     }
-    let digest = root.optional_string("digest");
+    let digest = match seal {
+        Seal::Checked => root.optional_string("digest"),
+        Seal::Renewed => {
+            root.ignore("digest");
+            None
+        }
+    };
     root.ignore("provenance");
     let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
@@ -109,7 +115,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     };
     // Each part was checked where it stands, with its line, so this cannot fail any more.
     let table = CoefficientTable::new(content).ok()?;
-    if let Some(digest) = digest.filter(|digest| seal == Seal::Checked && **digest != table.digest().to_string()) {
+    if let Some(digest) = digest.filter(|digest| **digest != table.digest().to_string()) {
         root.fault(
             "digest",
             format!(
@@ -206,7 +212,7 @@ fn scale_factor(
 }
 
 fn polynomial(section: Section<'_, '_>) -> Option<Polynomial> {
-    const RANGE: &str = "range = [lowest, highest] calibrated telemetry";
+    const RANGE: &str = "range = [lowest, highest] calibrated telemetry, both finite numbers";
     let range = section.numbers("range", RANGE).and_then(|range| {
         let range = <[f64; 2]>::try_from(range).ok().filter(|range| range[0] < range[1]);
         if range.is_none() {
@@ -234,7 +240,7 @@ fn polynomial(section: Section<'_, '_>) -> Option<Polynomial> {
 }
 
 fn alignment(section: Section<'_, '_>) -> Option<Matrix3<f64>> {
-    const MATRIX: &str = "a 3x3 matrix, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] for none";
+    const MATRIX: &str = "a 3x3 matrix of finite numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] for none";
     let rows = section.matrix("matrix", MATRIX);
     let matrix = rows
         .as_ref()
