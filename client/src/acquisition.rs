@@ -63,7 +63,7 @@ pub enum SendError {
     /// The sequence is not above the last one sent in this session.
     #[error("the sequence does not rise above the last one sent")]
     Sequence(Loan),
-    /// The transport failed.
+    /// The transport failed. The sample is lost, and the service will flag the gap.
     #[error("transport: sending a raw sample: {0}")]
     Transport(String),
 }
@@ -276,12 +276,13 @@ impl Acquisition {
             self.recovery.silent_since_ns = sample.sent_ns;
             self.recovery.patience_ns = SILENCE_NS;
         }
+        // Even if sending fails, for some of its receivers it may not have: no other sample gets this sequence.
+        self.next_sequence = next_sequence;
         self.pending.push(*sample);
         if let Err(error) = sample.0.send() {
             self.pending.pop_newest();
             return Err(SendError::Transport(error.to_string()));
         }
-        self.next_sequence = next_sequence;
         // Without a listener in need this costs nothing; if it fails, the service's bounded wait still finds the sample.
         let _ = self.notifier.notify();
         self.spare = self.fresh().ok();

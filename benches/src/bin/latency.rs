@@ -235,7 +235,7 @@ fn connect_bare(domain: &Domain) -> Outcome<Bare> {
     Ok(Bare { spare: Some(publisher.loan()?), publisher, subscriber, _node: node })
 }
 
-/// Times a block's round trips [ns], sorted.
+/// Times a block's round trips \[ns\], sorted.
 fn block(path: &mut impl Path, round_trips: usize) -> Outcome<Vec<u32>> {
     let sample = RawSample {
         interval_ns: 2_500_000,

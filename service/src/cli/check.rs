@@ -3,9 +3,9 @@ use crate::config::Config;
 use crate::failure::{Exit, Failure};
 use crate::files::{Output, TableFileError, load_table, read_text};
 use clap::Args;
-use isotherm_shared::document::{Document, Fault, Faults};
+use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::table::{CoefficientTable, Seal};
-use std::io::{self, Write as _};
+use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Validate coefficient tables and service configurations with the code that loads them
@@ -19,7 +19,7 @@ pub struct Check {
     /// Write a table's digest into it, so that a later change or a half-written copy is noticed
     #[arg(long)]
     seal: bool,
-    /// Tables and configurations
+    /// Tables and configurations; - is stdin
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 }
@@ -47,9 +47,12 @@ impl Check {
 }
 
 fn check(path: &Path, seal: bool) -> Result<String, Failure> {
-    let (text, _) = read_text(path)?;
+    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path)?.0 };
     let refuse = |faults| Failure::from(TableFileError::Refused { path: path.to_owned(), faults });
     match kind(&text).map_err(refuse)? {
+        Kind::Table if seal && path == Path::new("-") => {
+            Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
+        }
         Kind::Table => {
             let policy = if seal { Seal::Renewed } else { Seal::Checked };
             let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
@@ -68,7 +71,7 @@ fn check(path: &Path, seal: bool) -> Result<String, Failure> {
             format!("{}: a service configuration; only tables are sealed", path.display()),
         )),
         Kind::Config => {
-            let config = Config::load(path)?;
+            let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let mut failures = Vec::new();
             for imu in &config.imus {
                 if let Err(error) = load_table(&imu.table, Some(&imu.id)) {
@@ -84,6 +87,19 @@ fn check(path: &Path, seal: bool) -> Result<String, Failure> {
             Err(Failure::new(worst, messages.join("\n")))
         }
     }
+}
+
+fn read_stdin() -> Result<String, Failure> {
+    let mut text = String::new();
+    let read = io::stdin().take(MAX_BYTES + 1).read_to_string(&mut text);
+    read.map_err(|error| Failure::io("reading", Path::new("stdin"), &error))?;
+    if text.len() as u64 > MAX_BYTES {
+        return Err(Failure::new(
+            Exit::Config,
+            format!("stdin: over {MAX_BYTES} bytes; no table or configuration is that large"),
+        ));
+    }
+    Ok(text)
 }
 
 /// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`.
