@@ -225,6 +225,23 @@ impl Process {
         kill(self.child.id(), signal);
     }
 
+    /// SIGSTOP, and waits until every thread has stopped.
+    pub fn stop(&self) {
+        self.signal(Signal::STOP);
+        wait_until("the stop", || {
+            let threads = fs::read_dir(format!("/proc/{}/task", self.pid())).unwrap();
+            threads.flatten().all(|thread| {
+                let stat = fs::read_to_string(thread.path().join("stat")).unwrap_or_default();
+                stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T'))
+            })
+        });
+    }
+
+    /// SIGCONT.
+    pub fn go_on(&self) {
+        self.signal(Signal::CONT);
+    }
+
     /// Kills it without notice, and waits until it is gone.
     pub fn kill(mut self) {
         self.child.kill().unwrap();

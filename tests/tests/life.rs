@@ -53,13 +53,13 @@ fn sigterm_and_sigint_drain_and_exit_0() {
         let world = World::new();
         let service = world.serve_recording();
         let mut acquisition = world.acquisition("imu-a");
-        service.signal(Signal::STOP);
+        service.stop();
         for _ in 0..50 {
             let loan = acquisition.loan().unwrap();
             acquisition.send(loan).unwrap();
         }
         service.signal(signal);
-        service.signal(Signal::CONT);
+        service.go_on();
         let (status, log) = service.wait();
         assert!(status.success(), "{status}\n{log}");
         assert!(log.contains("received=50 compensated=50"), "{log}");

@@ -185,7 +185,7 @@ fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
     let service = world.serve_recording();
     let samples = recording();
     let mut acquisition = world.acquisition("imu-a");
-    service.signal(rustix::process::Signal::STOP);
+    service.stop();
     let fill = |loan: &mut RawSample, sample: &RawSample| {
         *loan = RawSample { session: loan.session, sequence: loan.sequence, ..*sample };
     };
@@ -213,7 +213,7 @@ fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
         }
     }
     assert_eq!((sent.len(), acquisition.in_flight()), (acquisition.depth(), acquisition.depth()));
-    service.signal(rustix::process::Signal::CONT);
+    service.go_on();
     wait_until("the first answer", || match acquisition.receive().unwrap() {
         Some(increment) => same(&increment, &answer(Some(&table(TABLE)), &sent[0])),
         None => false,
@@ -275,11 +275,11 @@ fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_passed_over()
     let service = world.serve_recording();
     let mut acquisition = world.acquisition("imu-a");
     let sample = recording()[7];
-    service.signal(rustix::process::Signal::STOP);
+    service.stop();
     let loan = acquisition.loan().unwrap();
     let outcome = acquisition.compensate(loan, Duration::from_millis(30));
     assert!(matches!(outcome, Err(CompensateError::Timeout)), "{outcome:?}");
-    service.signal(rustix::process::Signal::CONT);
+    service.go_on();
     let increment = round_trip(&mut acquisition, &sample);
     assert_eq!(increment.velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
     assert_eq!(acquisition.in_flight(), 0);
