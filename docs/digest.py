@@ -45,6 +45,6 @@ def canonical(table):
 
 
 for path in sys.argv[1:]:
-    with open(path, "rb") as file:
-        table = tomllib.load(file)
+    with open(path, encoding="utf-8-sig") as file:
+        table = tomllib.loads(file.read())
     print("sha256:" + hashlib.sha256(canonical(table).encode()).hexdigest(), path)

@@ -56,7 +56,11 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
     let from_environment = std::env::var(DOMAIN_VARIABLE).ok().filter(|name| !name.is_empty());
     let name = name.map(str::to_owned).or(from_environment).unwrap_or_else(|| Domain::DEFAULT.to_owned());
     let root = match std::env::var(ROOT_VARIABLE) {
-        Ok(root) if !root.is_empty() => format!("{}/{name}", root.trim_end_matches('/')),
+        Ok(root) if !root.is_empty() => {
+            // Two spellings of a folder are one folder, and one domain.
+            let canonical = fs::canonicalize(&root).ok().and_then(|path| path.into_os_string().into_string().ok());
+            format!("{}/{name}", canonical.unwrap_or(root).trim_end_matches('/'))
+        }
         _ if Path::new(SYSTEM_ROOT).is_dir() => format!("{SYSTEM_ROOT}/{name}"),
         _ => format!("/tmp/isotherm-{name}"),
     };
@@ -75,7 +79,7 @@ pub fn monotonic_ns() -> u64 {
 pub enum ConnectError {
     /// Nothing serves this domain.
     #[error(
-        "no service is running in domain {0:?}; start one with `isotherm serve --domain {0}`, or name its domain with --domain or ISOTHERM_DOMAIN"
+        "no service is running in domain {0:?}; start one with `isotherm serve --domain {0} --imu ID=TABLE`, or name its domain with --domain or ISOTHERM_DOMAIN"
     )]
     NoService(String),
     /// The service runs, but not for this IMU.
@@ -134,7 +138,8 @@ impl ConnectError {
 /// # Errors
 /// [`ConnectError::NoService`] besides those of [`join`].
 pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
-    match fs::exists(domain.root_path()) {
+    check_owner(domain)?;
+    match fs::exists(format!("{}/services", domain.root_path())) {
         Ok(false) => Err(ConnectError::NoService(domain.name().to_owned())),
         Ok(true) | Err(_) => join(domain),
     }
@@ -161,6 +166,10 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
 /// [`ConnectError::Permission`] if not.
 pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     match fs::metadata(domain.root_path()) {
+        Ok(metadata) if !metadata.is_dir() => {
+            let cause = format!("{} is not a folder; remove it, or use another --domain", domain.root_path());
+            Err(ConnectError::transport("joining the domain", cause))
+        }
         Ok(metadata) if metadata.uid() != rustix::process::geteuid().as_raw() => Err(permission(domain)),
         Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(permission(domain)),
         _ => Ok(()),

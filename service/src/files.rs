@@ -152,7 +152,10 @@ impl Output {
                 let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
                 let mut aside = tempfile::Builder::new();
                 aside.prefix(".isotherm-").permissions(permissions(existing.as_ref()));
-                let aside = aside.tempfile_in(folder.unwrap_or(Path::new(".")))?;
+                // The name of the file aside is none of the user's business.
+                let aside = aside
+                    .tempfile_in(folder.unwrap_or(Path::new(".")))
+                    .map_err(|error| io::Error::from(error.kind()))?;
                 if let Some(existing) = &existing {
                     // The new file belongs to whom the old one did, where that is allowed.
                     let _ = fchown(aside.as_file(), Some(existing.uid()), Some(existing.gid()));

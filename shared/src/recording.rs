@@ -192,6 +192,12 @@ impl<R: Read> Rows<R> {
                 break;
             }
         }
+        let content = self.text.strip_suffix(b"\n").unwrap_or(&self.text);
+        if content.strip_suffix(b"\r").unwrap_or(content).contains(&b'\r') {
+            return Err(
+                self.error("a carriage return inside a row; save the file with LF or CR LF line ends".to_owned())
+            );
+        }
         // No line needs more room than this, so that parsing it is one call.
         self.fields.resize(self.fields.len().max(self.text.len() + 1), 0);
         self.ends.resize(self.ends.len().max(self.text.len() + 1), 0);
@@ -203,7 +209,7 @@ impl<R: Read> Rows<R> {
         self.count = count;
         match result {
             csv_core::ReadRecordResult::Record => Ok(true),
-            _ => Err(self.error("a quotation mark is not closed".to_owned())),
+            _ => Err(self.error("a quotation mark is not closed; a field may not span lines".to_owned())),
         }
     }
 
@@ -342,6 +348,8 @@ mod tests {
         assert!(read_rows(&[good.clone(), "\"1".to_owned()]).starts_with("line 3: a quotation mark"));
         let windows = format!("{HEADER}\n{good}{good}").replace('\n', "\r\n");
         assert!(read(&windows).unwrap_err().starts_with("line 3: sequence 5 after 5"));
+        let old_mac = format!("{HEADER}\n{}", [good.clone(), good.clone()].concat().replacen('\n', "\r", 1));
+        assert!(read(&old_mac).unwrap_err().starts_with("line 2: a carriage return"));
         assert!(read("").unwrap_err().starts_with("line 1: missing columns: sequence, "));
         assert!(read(&HEADER.replace(",a1_positive", "")).unwrap_err().contains("missing columns: a1_positive;"));
         assert!(read(&format!("{HEADER},a1_head")).unwrap_err().contains("a1_head is there twice"));

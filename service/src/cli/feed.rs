@@ -167,7 +167,7 @@ impl Line {
                 self.flushed = Instant::now();
             }
             if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::new(Exit::Failed, "interrupted; nothing was written").into());
+                return Err(Failure::new(Exit::Failed, "interrupted").into());
             }
             return Ok(false);
         }

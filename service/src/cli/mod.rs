@@ -17,7 +17,7 @@ use std::time::Duration;
 
 /// Compensates accelerometer pulses for temperature, live over shared memory and offline.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true, arg_required_else_help = true)]
+#[command(name = "isotherm", version, propagate_version = true, arg_required_else_help = true)]
 pub struct Cli {
     /// The world of service and clients; two domains never meet
     ///

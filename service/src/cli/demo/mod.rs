@@ -52,6 +52,9 @@ impl Demo {
         if self.acquisition {
             return acquisition::run(&imu, &truth, &options(domain, STOP));
         }
+        let failed = |error: io::Error| Failure::io("writing the report", &self.report, &error);
+        let report =
+            (self.report != Path::new("-")).then(|| Output::create(Some(&self.report))).transpose().map_err(failed)?;
         let interrupted = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // Without a handler the signal ends us as usual, only without cleaning up.
@@ -67,12 +70,8 @@ impl Demo {
         let text = result?;
         cleaned?;
         written(None, io::stdout().write_all(text.as_bytes()))?;
-        if self.report != Path::new("-") {
-            let report = Output::create(Some(&self.report)).and_then(|mut report| {
-                report.write_all(text.as_bytes())?;
-                report.finish()
-            });
-            report.map_err(|error| Failure::io("writing the report", &self.report, &error))?;
+        if let Some(mut report) = report {
+            report.write_all(text.as_bytes()).and_then(|()| report.finish()).map_err(failed)?;
             written(None, writeln!(io::stdout(), "\nThe same in {}.", self.report.display()))?;
         }
         Ok(())
