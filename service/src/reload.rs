@@ -180,4 +180,24 @@ mod tests {
         fs::write(file.path(), TABLE).unwrap();
         assert!(matches!(file.load_complete(now), Look::Loaded(_)));
     }
+
+    #[test]
+    fn only_a_tables_own_file_is_said_to_be_complete() {
+        let folder = tempfile::tempdir().unwrap();
+        let table = folder.path().join("imu-a.toml");
+        let (sender, told) = std::sync::mpsc::channel();
+        let absent = folder.path().join("absent").join("imu-b.toml");
+        let (_watcher, failures) = watch(&[absent, table.clone()], move |name| sender.send(name).unwrap());
+        assert_eq!(failures.len(), 1, "one folder is missing, the other is watched all the same: {failures:?}");
+        let mut half = fs::File::create(&table).unwrap();
+        std::io::Write::write_all(&mut half, TABLE.as_bytes()).unwrap();
+        fs::write(folder.path().join("other.toml"), TABLE).unwrap();
+        fs::rename(folder.path().join("other.toml"), folder.path().join("third.toml")).unwrap();
+        let marker = folder.path().join("marker");
+        fs::write(&marker, TABLE).unwrap();
+        fs::rename(&marker, &table).unwrap();
+        // Events come in order: had another file's been passed on, it would be first.
+        assert_eq!(told.recv_timeout(Duration::from_secs(20)).unwrap(), "imu-a.toml");
+        drop(half);
+    }
 }

@@ -36,8 +36,10 @@ pub struct Outcome {
     pub after: [Stability; AXES],
     /// Tables that increments named, in order.
     pub tables: Vec<u64>,
+    /// Samples sent.
+    pub sent: u64,
     /// Increments that came back.
-    pub samples: u64,
+    pub answered: u64,
     /// Increments whose sequence was not the one expected.
     pub out_of_order: u64,
     /// Increments with any sample flag or a gap.
@@ -130,15 +132,16 @@ impl Bench<'_> {
     fn round_trip(&mut self, chamber: Chamber) -> Result<CompensatedIncrement, Failure> {
         let mut raw = self.acquisition.loan()?;
         self.imu.step(chamber, &mut raw);
+        self.outcome.sent += 1;
         let sent = Instant::now();
         let increment = self.acquisition.compensate(raw, PATIENCE);
         let round_trip = sent.elapsed();
         let increment = increment.map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
         let outcome = &mut self.outcome;
         outcome.round_trips_ns.push(u32::try_from(round_trip.as_nanos()).unwrap_or(u32::MAX));
-        outcome.out_of_order += u64::from(increment.sequence != outcome.samples);
+        outcome.out_of_order += u64::from(increment.sequence != outcome.answered);
         outcome.flagged += u64::from(increment.flags & !isotherm_shared::wire::Flags::LATE.0 != 0);
-        outcome.samples += 1;
+        outcome.answered += 1;
         if outcome.tables.last() != Some(&increment.table) {
             outcome.tables.push(increment.table);
         }

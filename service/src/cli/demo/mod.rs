@@ -105,16 +105,25 @@ fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String
     let status = status::fetch(&options(domain.clone(), STOP)).map_err(|failure| with_log(failure, &log))?;
     service.terminate().map_err(|failure| with_log(failure, &log))?;
 
-    if outcome.tables != [frozen.id(), truth.id()] || outcome.out_of_order > 0 || outcome.flagged > 0 {
+    let wrong = lost(&outcome, &status) + outcome.out_of_order + outcome.flagged;
+    if outcome.tables != [frozen.id(), truth.id()] || wrong > 0 {
         return Err(Failure::new(
             Exit::Failed,
             format!(
-                "the increments are not what they should be: {} out of order, {} flagged, tables {:016x?}",
-                outcome.out_of_order, outcome.flagged, outcome.tables
+                "the increments are not what they should be: {} lost, {} out of order, {} flagged, tables {:016x?}",
+                lost(&outcome, &status),
+                outcome.out_of_order,
+                outcome.flagged,
+                outcome.tables
             ),
         ));
     }
     Ok(tell(&outcome, &status, &frozen, truth, started.elapsed()))
+}
+
+/// Samples without an answer, as the acquisition counts, and samples that the service missed, as it counts.
+fn lost(outcome: &Outcome, status: &status::Status) -> u64 {
+    outcome.sent - outcome.answered + status.imus.iter().map(|imu| imu.missing).sum::<u64>()
 }
 
 /// The table that knows no temperature: every polynomial frozen at its value in the middle of the run.
@@ -249,8 +258,8 @@ fn write_story(
     writeln!(
         text,
         "  {} samples in all, {} lost, {} out of order",
-        outcome.samples,
-        outcome.samples - outcome.round_trips_ns.len() as u64,
+        outcome.sent,
+        lost(outcome, status),
         outcome.out_of_order
     )?;
     let percentile = |part: f64| {
