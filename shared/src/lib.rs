@@ -20,6 +20,7 @@
 //! This crate opens no file, reads no clock and starts no thread.
 
 pub mod compensate;
+pub mod csv;
 pub mod document;
 pub mod polynomial;
 pub mod recording;

@@ -4,28 +4,16 @@
 //! Columns are found by name, in any order; others are ignored:
 //! ```text
 //! raw:        sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_..,a3_..   [session, telemetry_ns]
+//! campaign:   set_point_c,position, then the raw columns
 //! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags                         [delivery]
 //! ```
 
+use crate::csv::{Column, Rows};
 use crate::wire::{AXES, CompensatedIncrement, Flags, RawSample};
-use core::str::FromStr;
-use std::io::{self, BufRead, BufReader, Read, Write};
+use core::fmt::Display;
+use std::io::{self, Read, Write};
 
-/// Why a recording cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// Something in the data is wrong.
-    #[error("line {line}: {message}")]
-    Data {
-        /// Line, from 1.
-        line: u64,
-        /// What is wrong and what would be right.
-        message: String,
-    },
-    /// The source could not be read.
-    #[error(transparent)]
-    Io(#[from] io::Error),
-}
+pub use crate::csv::RecordingError;
 
 /// Reads raw samples one by one; an [`Iterator`] that ends at the first error.
 pub struct RawReader<R> {
@@ -34,9 +22,6 @@ pub struct RawReader<R> {
     previous: Option<(u64, u64)>,
     failed: bool,
 }
-
-/// A column of the recording: its name and its place in a row.
-type Column = (String, usize);
 
 struct Columns {
     count: usize,
@@ -68,13 +53,7 @@ impl<R: Read> RawReader<R> {
             return Ok(None);
         }
         let (row, columns) = (&self.rows, &self.columns);
-        if row.len() != columns.count {
-            return Err(row.error(format!(
-                "{} fields, but the header has {}; is the row cut?",
-                row.len(),
-                columns.count
-            )));
-        }
+        row.expect_len(columns.count)?;
         let optional = |column: &Option<Column>| column.as_ref().map_or(Ok(0), |column| row.integer(column));
         let mut sample = RawSample {
             session: optional(&columns.session)?,
@@ -118,138 +97,142 @@ impl<R: Read> Iterator for RawReader<R> {
 
 impl Columns {
     fn find<R: Read>(header: &Rows<R>) -> Result<Self, RecordingError> {
-        let names: Vec<_> = (0..header.len()).map(|index| header.field(index)).collect();
-        let optional = |name: String| {
-            let mut places = (0..names.len()).filter(|&index| names[index] == name.as_bytes());
-            match (places.next(), places.next()) {
-                (_, Some(_)) => Err(header.error(format!("the column {name} is there twice"))),
-                (place, None) => Ok(place.map(|place| (name, place))),
-            }
-        };
-        let mut missing = Vec::new();
-        let mut required = |name: &str| -> Result<Column, RecordingError> {
-            Ok(optional(name.to_owned())?.unwrap_or_else(|| {
-                missing.push(name.to_owned());
-                Column::default()
-            }))
-        };
-        let (sequence, timestamp_ns) = (required("sequence")?, required("timestamp_ns")?);
-        let interval_ns = required("interval_ns")?;
-        let mut triple = |name: &str| -> Result<[Column; AXES], RecordingError> {
-            Ok([required(&format!("a1_{name}"))?, required(&format!("a2_{name}"))?, required(&format!("a3_{name}"))?])
-        };
-        let (positive, negative) = (triple("positive")?, triple("negative")?);
-        let (head, board) = (triple("head")?, triple("board")?);
-        let (session, telemetry_ns) = (optional("session".to_owned())?, optional("telemetry_ns".to_owned())?);
-        if !missing.is_empty() {
-            let hint = "is this a comma-separated recording of raw samples with a header row?";
-            return Err(header.error(format!("missing columns: {}; {hint}", missing.join(", "))));
-        }
-        let count = names.len();
+        let axis = |name: &str| [format!("a1_{name}"), format!("a2_{name}"), format!("a3_{name}")];
+        let names = [axis("positive"), axis("negative"), axis("head"), axis("board")];
+        let mut required = vec!["sequence", "timestamp_ns", "interval_ns"];
+        required.extend(names.iter().flatten().map(String::as_str));
+        let hint = "is this a comma-separated recording of raw samples with a header row?";
+        let mut found = header.columns(&required, hint)?.into_iter();
+        // As many come back as were asked for.
+        let mut next = || found.next().unwrap_or_default();
+        let mut triple = || [next(), next(), next()];
+        let [sequence, timestamp_ns, interval_ns] = triple();
+        let (positive, negative, head, board) = (triple(), triple(), triple(), triple());
+        let (session, telemetry_ns) = (header.optional_column("session")?, header.optional_column("telemetry_ns")?);
+        let count = header.len();
         Ok(Self { count, sequence, timestamp_ns, interval_ns, positive, negative, head, board, session, telemetry_ns })
     }
 }
 
-/// The rows of a CSV text, one a line, blank lines left out, with the number of their line.
-struct Rows<R> {
-    source: BufReader<R>,
-    parser: csv_core::Reader,
-    text: Vec<u8>,
-    line: u64,
-    /// The fields of the row one after the other, and where each ends.
-    fields: Vec<u8>,
-    ends: Vec<usize>,
-    count: usize,
+/// One row of a campaign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CampaignRow {
+    /// Line in the file, from 1.
+    pub line: u64,
+    /// What the chamber was set to \[degC\]: a label that tells set points apart.
+    pub set_point_c: f64,
+    /// Number of the turntable's position; `None` while it moves.
+    pub position: Option<u32>,
+    /// What the acquisition latched.
+    pub sample: RawSample,
 }
 
-impl<R: Read> Rows<R> {
-    fn new(source: R) -> Self {
-        let (fields, ends) = (vec![0; 256], vec![0; 32]);
-        Self {
-            source: BufReader::new(source),
-            parser: csv_core::Reader::new(),
-            text: Vec::new(),
-            line: 0,
-            fields,
-            ends,
-            count: 0,
-        }
+/// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`, which is empty in rows that
+/// were taken while the table moved. An [`Iterator`] that ends at the first error.
+pub struct CampaignReader<R> {
+    samples: RawReader<R>,
+    set_point: Column,
+    position: Column,
+}
+
+impl<R: Read> CampaignReader<R> {
+    /// Reads the header row.
+    ///
+    /// # Errors
+    /// [`RecordingError::Data`] if a column is missing or there twice.
+    pub fn new(source: R) -> Result<Self, RecordingError> {
+        let samples = RawReader::new(source)?;
+        let hint = "a campaign's rows are raw samples with the set point and the number of the position";
+        let [set_point, position] = samples
+            .rows
+            .columns(&["set_point_c", "position"], hint)?
+            .try_into()
+            .unwrap_or_else(|_| [Column::default(), Column::default()]);
+        Ok(Self { samples, set_point, position })
     }
 
-    /// Parses the next row; false at the end.
-    fn next_row(&mut self) -> Result<bool, RecordingError> {
-        self.count = 0;
-        loop {
-            self.text.clear();
-            self.line += 1;
-            if self.source.read_until(b'\n', &mut self.text)? == 0 {
-                return Ok(false);
-            }
-            if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
-                self.text.drain(..3);
-            }
-            if !self.text.trim_ascii().is_empty() {
-                break;
-            }
-        }
-        let content = self.text.strip_suffix(b"\n").unwrap_or(&self.text);
-        if content.strip_suffix(b"\r").unwrap_or(content).contains(&b'\r') {
-            return Err(
-                self.error("a carriage return inside a row; save the file with LF or CR LF line ends".to_owned())
-            );
-        }
-        // No line needs more room than this, so that parsing it is one call.
-        self.fields.resize(self.fields.len().max(self.text.len() + 1), 0);
-        self.ends.resize(self.ends.len().max(self.text.len() + 1), 0);
-        if !self.text.ends_with(b"\n") {
-            self.text.push(b'\n');
-        }
-        self.parser.reset();
-        let (result, _, _, count) = self.parser.read_record(&self.text, &mut self.fields, &mut self.ends);
-        self.count = count;
-        match result {
-            csv_core::ReadRecordResult::Record => Ok(true),
-            _ => Err(self.error("a quotation mark is not closed; a field may not span lines".to_owned())),
-        }
-    }
-
-    const fn len(&self) -> usize {
-        self.count
-    }
-
-    fn field(&self, index: usize) -> &[u8] {
-        let start = if index == 0 { 0 } else { self.ends[index - 1] };
-        self.fields[start..self.ends[index]].trim_ascii()
-    }
-
-    fn error(&self, message: String) -> RecordingError {
-        RecordingError::Data { line: self.line, message }
-    }
-
-    fn parse<T>(
-        &self,
-        (name, index): &Column,
-        right: &str,
-        parse: impl Fn(&str) -> Option<T>,
-    ) -> Result<T, RecordingError> {
-        let field = self.field(*index);
-        core::str::from_utf8(field).ok().and_then(parse).ok_or_else(|| {
-            let shown: String = String::from_utf8_lossy(field).chars().take(40).collect();
-            self.error(format!("{name} is {shown:?}, give {right}"))
+    fn row(&self, sample: RawSample) -> Result<CampaignRow, RecordingError> {
+        let rows = &self.samples.rows;
+        let finite = |text: &str| text.parse().ok().filter(|value: &f64| value.is_finite());
+        let number = |text: &str| if text.is_empty() { Some(None) } else { text.parse().ok().map(Some) };
+        Ok(CampaignRow {
+            line: rows.line(),
+            set_point_c: rows.parse(&self.set_point, "the chamber's set point in degC", finite)?,
+            position: rows.parse(
+                &self.position,
+                "the number of a position, or nothing while the table moves",
+                number,
+            )?,
+            sample,
         })
     }
+}
 
-    fn integer<T: FromStr>(&self, column: &Column) -> Result<T, RecordingError> {
-        const RIGHT: [&str; 2] =
-            ["a whole number from 0 to 4294967295", "a whole number from 0 to 18446744073709551615"];
-        self.parse(column, RIGHT[size_of::<T>() / 8], |text| text.parse().ok())
+impl<R: Read> Iterator for CampaignReader<R> {
+    type Item = Result<CampaignRow, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let row = self.samples.next()?.and_then(|sample| self.row(sample));
+        self.samples.failed |= row.is_err();
+        Some(row)
+    }
+}
+
+/// Writes raw samples as CSV, floats in the shortest form that reads back to the same double. Sessions are not written.
+pub struct RawWriter<W> {
+    sink: W,
+    leading: bool,
+    telemetry_ns: bool,
+    row: Vec<u8>,
+}
+
+impl<W: Write> RawWriter<W> {
+    /// Writes the header row: `leading` are the names of columns of the caller's own, comma-separated, which come first;
+    /// empty for none. With `telemetry_ns` the time of the telemetry is the last column.
+    ///
+    /// # Errors
+    /// As the sink gives them.
+    pub fn new(mut sink: W, leading: &str, telemetry_ns: bool) -> io::Result<Self> {
+        let comma = if leading.is_empty() { "" } else { "," };
+        write!(sink, "{leading}{comma}sequence,timestamp_ns,interval_ns")?;
+        for axis in 1..=AXES {
+            write!(sink, ",a{axis}_positive,a{axis}_negative,a{axis}_head,a{axis}_board")?;
+        }
+        sink.write_all(if telemetry_ns { b",telemetry_ns\n" } else { b"\n" })?;
+        Ok(Self { sink, leading: !leading.is_empty(), telemetry_ns, row: Vec::new() })
     }
 
-    /// NaN and infinities are telemetry too, if they are written as such; a number that overflows is a slip.
-    fn float(&self, column: &Column) -> Result<f64, RecordingError> {
-        self.parse(column, "a number", |text| {
-            text.parse().ok().filter(|value: &f64| !value.is_infinite() || !text.contains(|c: char| c.is_ascii_digit()))
-        })
+    /// Writes one row; `leading` are the values of the caller's columns, comma-separated.
+    ///
+    /// # Errors
+    /// As the sink gives them.
+    pub fn write(&mut self, leading: impl Display, raw: &RawSample) -> io::Result<()> {
+        let row = &mut self.row;
+        row.clear();
+        if self.leading {
+            write!(row, "{leading},")?;
+        }
+        let RawSample { sequence, timestamp_ns, interval_ns, telemetry_ns, .. } = raw;
+        write!(row, "{sequence},{timestamp_ns},{interval_ns}")?;
+        for axis in 0..AXES {
+            let (positive, negative) = (raw.positive_pulses[axis], raw.negative_pulses[axis]);
+            let (head, board) = (raw.head_temperature[axis], raw.board_temperature[axis]);
+            write!(row, ",{positive},{negative},{head:?},{board:?}")?;
+        }
+        if self.telemetry_ns {
+            write!(row, ",{telemetry_ns}")?;
+        }
+        row.push(b'\n');
+        self.sink.write_all(row)
+    }
+
+    /// The sink, flushed.
+    ///
+    /// # Errors
+    /// As the sink gives them.
+    pub fn finish(mut self) -> io::Result<W> {
+        self.sink.flush()?;
+        Ok(self.sink)
     }
 }
 
@@ -362,6 +345,34 @@ mod tests {
             format!("{quoted}\r\n1,1,0,0,1,1,0,0,1,1,0,7, x ,1,1, 3 \r\n\r\n1,1,0,0,1,1,0,0,1,1,0,8,x,1,1,\"4\"");
         let samples = read(&text).unwrap();
         assert_eq!(samples.iter().map(|s| (s.sequence, s.positive_pulses[0])).collect::<Vec<_>>(), [(3, 7), (4, 8)]);
+    }
+
+    #[test]
+    fn raw_samples_read_back_as_they_were() {
+        let first = RawSample {
+            sequence: 3,
+            timestamp_ns: 20,
+            interval_ns: 10,
+            telemetry_ns: 15,
+            positive_pulses: [1, 2, u32::MAX],
+            negative_pulses: [4, 5, 6],
+            head_temperature: [0.1 + 0.2, -1e-7, f64::INFINITY],
+            board_temperature: [1.0, 1.24155, 3e20],
+            ..RawSample::default()
+        };
+        let second = RawSample { sequence: 4, ..first };
+        for (leading, values) in [("", ""), ("set_point_c,position", "-25,1")] {
+            for telemetry_ns in [false, true] {
+                let mut writer = RawWriter::new(Vec::new(), leading, telemetry_ns).unwrap();
+                writer.write(values, &first).and_then(|()| writer.write(values, &second)).unwrap();
+                let text = String::from_utf8(writer.finish().unwrap()).unwrap();
+                assert_eq!(text.starts_with("set_point_c,position,sequence,"), !leading.is_empty());
+                assert_eq!(text.contains("\n-25,1,3,20,10,1,4,0.30000000000000004,1.0,2,5,"), !leading.is_empty());
+                let right =
+                    [first, second].map(|raw| RawSample { telemetry_ns: if telemetry_ns { 15 } else { 0 }, ..raw });
+                assert_eq!(read(&text).unwrap(), right);
+            }
+        }
     }
 
     #[test]

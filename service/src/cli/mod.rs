@@ -1,12 +1,17 @@
 //! The command line: one file a command.
 
+mod calibrate;
 mod check;
 mod clean;
 mod demo;
 mod feed;
+mod parse;
+mod regress;
 mod replay;
 mod serve;
+mod simulate;
 mod status;
+mod verify;
 
 use crate::failure::{Exit, Failure};
 use clap::{Parser, Subcommand};
@@ -14,6 +19,9 @@ use isotherm_client::{Domain, Options};
 use std::io;
 use std::path::Path;
 use std::time::Duration;
+
+/// The published tables of the source paper.
+const PAPER: &str = include_str!("../../../examples/tables/imu-paper.toml");
 
 /// Compensates accelerometer pulses for temperature, live over shared memory and offline.
 #[derive(Debug, Parser)]
@@ -34,7 +42,11 @@ enum Command {
     Serve(serve::Serve),
     Feed(feed::Feed),
     Replay(replay::Replay),
+    Calibrate(calibrate::Calibrate),
+    Regress(regress::Regress),
+    Verify(verify::Verify),
     Check(check::Check),
+    Simulate(simulate::Simulate),
     Status(status::Status),
     Clean(clean::Clean),
 }
@@ -52,7 +64,11 @@ impl Cli {
             Command::Serve(serve) => serve.run(&domain),
             Command::Feed(feed) => feed.run(domain),
             Command::Replay(replay) => replay.run(),
+            Command::Calibrate(calibrate) => calibrate.run(),
+            Command::Verify(verify) => verify.run(),
+            Command::Regress(regress) => regress.run(),
             Command::Check(check) => check.run(),
+            Command::Simulate(simulate) => simulate.run(),
             Command::Status(status) => status.run(domain),
             Command::Clean(clean) => clean.run(&domain),
         }

@@ -81,14 +81,14 @@ pub fn run(imu: &ImuId, truth: &CoefficientTable, options: &Options) -> Result<(
     tell(&Message::Outcome(Box::new(bench.outcome)))
 }
 
-struct Bench<'a> {
+struct Bench {
     acquisition: Acquisition,
-    imu: Imu<'a>,
+    imu: Imu,
     outcome: Outcome,
     gravity: f64,
 }
 
-impl Bench<'_> {
+impl Bench {
     /// Heats or cools until the IMU has arrived.
     fn leg(&mut self, chamber: Chamber, done: f64) -> Result<[Stability; AXES], Failure> {
         let mut means = [const { Vec::new() }; AXES];

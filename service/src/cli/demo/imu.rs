@@ -1,25 +1,16 @@
-//! A simulated IMU at rest, for the demonstration: it obeys a coefficient table, plus noise.
+//! The demonstration's IMU: simulated, at rest, and it obeys a coefficient table, plus noise.
 
+use isotherm_calibration::simulate::{self, Noise, Truth};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
 
 /// Control period \[ns\]: 10 samples a second.
 pub const INTERVAL_NS: u64 = 100_000_000;
-/// Temperatures at the ends of the run \[degC\], and the telemetry there \[V\].
-const COLD: (f64, f64) = (-25.0, 1.1);
-const HOT: (f64, f64) = (45.0, 3.9);
+/// Temperatures at the ends of the run \[degC\].
+const COLD: f64 = -25.0;
+const HOT: f64 = 45.0;
 /// Chamber ramp \[degC/s\]: the range in one hour.
-const RAMP: f64 = (HOT.0 - COLD.0) / 3600.0;
-/// Time constants of sensor head and converter board behind the chamber \[s\].
-const HEAD_LAG: f64 = 120.0;
-const BOARD_LAG: f64 = 240.0;
-/// White noise of a sensor over one period, one sigma \[g0\].
-const SENSOR_NOISE: f64 = 10e-6;
-/// White noise of a telemetry reading, one sigma \[V\], and its resolution (16 bits over 5 V).
-const TELEMETRY_NOISE: f64 = 0.1e-3;
-const TELEMETRY_LSB: f64 = 5.0 / 65536.0;
-/// A telemetry reading is taken every so many periods.
-const TELEMETRY_EVERY: u64 = 10;
+const RAMP: f64 = (HOT - COLD) / 3600.0;
 
 /// Specific force along A1, A2, A3 \[g0\]: at rest, tilted so that every axis carries a part of gravity, A2 a negative one.
 pub const SPECIFIC_FORCE: [f64; AXES] = [0.6, -0.48, 0.64];
@@ -36,109 +27,53 @@ pub enum Chamber {
     Cooling,
 }
 
-/// The IMU with everything that it remembers.
-pub struct Imu<'a> {
-    truth: &'a CoefficientTable,
-    chamber: f64,
-    head: f64,
-    board: f64,
-    /// Charge that has not made a whole pulse yet, by axis.
-    residue: [f64; AXES],
-    telemetry: ([f64; AXES], [f64; AXES]),
-    count: u64,
-    noise: Noise,
-}
+/// The IMU in its chamber.
+pub struct Imu(simulate::Imu);
 
-impl<'a> Imu<'a> {
+impl Imu {
     /// At the cold end, in equilibrium.
-    pub fn new(truth: &'a CoefficientTable, seed: u64) -> Self {
-        let (chamber, head, board) = (COLD.0, COLD.0, COLD.0);
-        Self {
-            truth,
-            chamber,
-            head,
-            board,
-            residue: [0.0; AXES],
-            telemetry: ([0.0; AXES], [0.0; AXES]),
-            count: 0,
-            noise: Noise(seed),
-        }
+    pub fn new(truth: &CoefficientTable, seed: u64) -> Self {
+        // 10 ug0 in 0.1 s.
+        let noise = Noise { sensor_g0: 10e-6 * 0.1_f64.sqrt(), ..Noise::default() };
+        Self(simulate::Imu::new(&Truth::of(truth.clone()), &chain(), &noise, COLD, seed))
     }
 
     /// Whether the sensor head has come within 0.5 degC of the end that the chamber is going to.
     pub fn has_arrived(&self, chamber: Chamber) -> bool {
         match chamber {
-            Chamber::Heating => self.head > HOT.0 - 0.5,
-            Chamber::Cooling => self.head < COLD.0 + 0.5,
+            Chamber::Heating => self.0.head_c() > HOT - 0.5,
+            Chamber::Cooling => self.0.head_c() < COLD + 0.5,
             Chamber::Holding => true,
         }
     }
 
     /// Lets one control period pass and fills in what the acquisition would latch.
     pub fn step(&mut self, chamber: Chamber, raw: &mut RawSample) {
-        let ts = INTERVAL_NS as f64 / 1e9;
-        self.count += 1;
-        self.chamber = match chamber {
-            Chamber::Heating => (self.chamber + RAMP * ts).min(HOT.0),
-            Chamber::Holding => self.chamber,
-            Chamber::Cooling => (self.chamber - RAMP * ts).max(COLD.0),
+        let target = match chamber {
+            Chamber::Heating => HOT,
+            Chamber::Holding => self.0.chamber_c(),
+            Chamber::Cooling => COLD,
         };
-        self.head += (self.chamber - self.head) * ts / HEAD_LAG;
-        self.board += (self.chamber - self.board) * ts / BOARD_LAG;
-        if self.count % TELEMETRY_EVERY == 1 {
-            self.telemetry = ([(); AXES].map(|()| self.read(self.head)), [(); AXES].map(|()| self.read(self.board)));
-        }
-        raw.timestamp_ns = self.count * INTERVAL_NS;
-        raw.interval_ns = INTERVAL_NS;
-        raw.telemetry_ns = (self.count - (self.count - 1) % TELEMETRY_EVERY) * INTERVAL_NS;
-        (raw.head_temperature, raw.board_temperature) = self.telemetry;
-        (raw.positive_pulses, raw.negative_pulses) = ([0; AXES], [0; AXES]);
-        for (index, force) in SPECIFIC_FORCE.into_iter().enumerate() {
-            // Equation (17) the other way round: the bias is part of what the sensor indicates.
-            let axis = &self.truth.content().axes[index];
-            let indicated = force + axis.bias_at(volts(self.head)).0 + SENSOR_NOISE * self.noise.normal();
-            let scale_factor = if indicated > 0.0 {
-                axis.positive_scale_factor_at(volts(self.board)).0
-            } else {
-                axis.negative_scale_factor_at(volts(self.board)).0
-            };
-            self.residue[index] += scale_factor.abs() * indicated * ts;
-            let whole = self.residue[index].trunc();
-            self.residue[index] -= whole;
-            let pulses = if whole > 0.0 { &mut raw.positive_pulses } else { &mut raw.negative_pulses };
-            pulses[index] = whole.abs() as u32;
-        }
-    }
-
-    fn read(&mut self, temperature: f64) -> f64 {
-        let volts = volts(temperature) + TELEMETRY_NOISE * self.noise.normal();
-        (volts / TELEMETRY_LSB).round() * TELEMETRY_LSB
+        self.0.go_to(target, RAMP);
+        let RawSample { session, sequence, sent_ns, .. } = *raw;
+        *raw = RawSample { session, sequence, sent_ns, ..self.0.step(&SPECIFIC_FORCE, INTERVAL_NS) };
     }
 }
 
-fn volts(temperature: f64) -> f64 {
-    COLD.1 + (temperature - COLD.0) * (HOT.1 - COLD.1) / (HOT.0 - COLD.0)
+/// Faster than in a laboratory; all parts of the IMU have the same temperature, which is read once a second.
+fn chain() -> simulate::Chain {
+    simulate::Chain {
+        head_lag_s: 120.0,
+        board_lag_s: 240.0,
+        head_offset_c: [0.0; AXES],
+        board_offset_c: [0.0; AXES],
+        oscillation_c: 0.0,
+        telemetry_s: 1.0,
+        ..simulate::Chain::default()
+    }
 }
 
 /// Telemetry in the middle of the run \[V\].
 pub fn middle() -> f64 {
-    (COLD.1 + HOT.1) / 2.0
-}
-
-/// SplitMix64 and the Box-Muller transform: reproducible from a seed, and good enough for noise.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (core::f64::consts::TAU * self.uniform()).cos()
-    }
+    chain().telemetry((COLD + HOT) / 2.0)
 }

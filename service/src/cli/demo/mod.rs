@@ -4,7 +4,7 @@
 mod acquisition;
 mod imu;
 
-use super::{options, written};
+use super::{PAPER as TABLE, options, written};
 use crate::clean::clean;
 use crate::failure::{Exit, Failure};
 use crate::files::Output;
@@ -25,8 +25,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// The published tables of the source paper.
-const TABLE: &str = include_str!("../../../../examples/tables/imu-paper.toml");
 const IMU: &str = "imu-paper";
 /// How long the service may take to end.
 const STOP: Duration = Duration::from_secs(5);

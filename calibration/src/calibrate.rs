@@ -1,0 +1,431 @@
+//! A campaign's dwells become a coefficient table: checks, set points, orders, fit, outliers.
+
+use crate::campaign::{Campaign, Dwell, range};
+use crate::checks::{Finding, SetPoint, Severity, check, set_points};
+use crate::curve::Curve;
+use crate::diagnostics::{Diagnostics, median, robust_sd};
+use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
+use crate::order::{Choice, Rule, choose};
+use crate::positions::Observability;
+use crate::reduce::{Reduced, reduce};
+use crate::regression::{Point, Regression, RegressionError};
+use isotherm_shared::polynomial::MAX_ORDER;
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
+use isotherm_shared::units::BiasUnit;
+use isotherm_shared::wire::AXES;
+use nalgebra::Matrix3;
+
+/// Names of the three curves, as tables have them.
+pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
+/// Highest order that `auto` looks at.
+const AUTO_ORDER: usize = 5;
+/// Smallest change of the bias that is worth another order \[g0\].
+const BIAS_EFFECT: f64 = 0.1e-6;
+/// Smallest relative change of a scale factor that is worth another order.
+const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
+/// A dwell is out of proportion beyond so many standard deviations of the others.
+const OUTLIER: f64 = 6.0;
+/// And beyond this \[g0\]; less does not matter.
+const OUTLIER_FLOOR: f64 = 1e-6;
+/// More outlying dwells than this part are no outliers.
+const MAX_OUTLIERS: f64 = 0.1;
+
+/// How the coefficients are estimated.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum Method {
+    /// All dwells at once, each with its own telemetry.
+    #[default]
+    OneStage,
+    /// Each set point first, then polynomials through their values; the paper's way.
+    TwoStage,
+}
+
+/// What the user asks for.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Options {
+    /// How the coefficients are estimated.
+    pub method: Method,
+    /// The order of every polynomial; chosen from the data if `None`.
+    pub order: Option<usize>,
+    /// Whether the table gets an alignment matrix.
+    pub alignment: bool,
+    /// Dwells that are left out: set point \[degC\] and number of the position.
+    pub exclude: Vec<(f64, u32)>,
+}
+
+/// Why a campaign does not become a table.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CalibrationError {
+    /// The list of positions cannot tell all parameters apart.
+    #[error("{}", .0.join("\n"))]
+    Positions(Vec<String>),
+    /// What the checks found.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Faults(Vec<Finding>),
+    /// A dwell to leave out that is not there.
+    #[error("there is no dwell at set point {0} degC in position {1} to leave out")]
+    NothingToExclude(f64, u32),
+    /// A set point whose dwells, less those left out, cannot tell its parameters apart.
+    #[error(
+        "set point {set_point_c} degC: its positions do not tell the parameters of {axis} apart; measure the missing ones"
+    )]
+    SetPoint {
+        /// \[degC\]
+        set_point_c: f64,
+        /// A1, A2 or A3.
+        axis: &'static str,
+    },
+    /// Too few set points for an order.
+    #[error("{axis} {quantity}: {error}; take a lower order, or more set points")]
+    Order {
+        /// A1, A2 or A3.
+        axis: &'static str,
+        /// As in the table.
+        quantity: &'static str,
+        /// What is missing.
+        error: RegressionError,
+    },
+    /// The joint fit failed.
+    #[error(transparent)]
+    Fit(#[from] OneStageError),
+    /// The result cannot be a table.
+    #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Table(Vec<Refusal>),
+}
+
+/// The orders of one curve side by side.
+#[derive(Clone, Debug)]
+pub struct OrderTable {
+    /// Through the set points' values, in g0 and pulse/(s*g0).
+    pub regression: Regression,
+    /// The chosen order and why.
+    pub choice: Choice,
+    /// What speaks against it.
+    pub diagnostics: Diagnostics,
+}
+
+/// Everything that came out of a campaign.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// The result.
+    pub table: CoefficientTable,
+    /// What was asked for.
+    pub options: Options,
+    /// The dwells that counted.
+    pub dwells: Vec<Dwell>,
+    /// The stays at set points.
+    pub set_points: Vec<SetPoint>,
+    /// Warnings of the checks, and what came up later.
+    pub findings: Vec<Finding>,
+    /// What the positions can tell, by axis.
+    pub observability: [Observability; AXES],
+    /// Each set point reduced by itself, by axis: the paper's values.
+    pub reduced: Vec<[Reduced; AXES]>,
+    /// By axis and quantity.
+    pub orders: [[OrderTable; 3]; AXES],
+    /// The estimate in force.
+    pub solution: Solution,
+    /// Dwells out of proportion that were kept: index and axis.
+    pub outliers: Vec<(usize, usize)>,
+}
+
+impl Method {
+    /// Every method with its name.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::OneStage, "one-stage"), (Self::TwoStage, "two-stage")];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::OneStage => "one-stage",
+            Self::TwoStage => "two-stage",
+        }
+    }
+}
+
+impl Calibration {
+    /// Residual standard deviation of accelerometer `axis` over all dwells \[g0\].
+    #[must_use]
+    pub fn residual_sd(&self, axis: usize) -> f64 {
+        let sum: f64 = self.solution.residuals.iter().map(|residual| residual[axis].powi(2)).sum();
+        (sum / self.dwells.len() as f64).sqrt()
+    }
+
+    /// Row i: what accelerometer i indicates of the specific force along each axis; 1 on the diagonal.
+    #[must_use]
+    pub fn misalignment(&self) -> Matrix3<f64> {
+        misalignment(&self.solution)
+    }
+}
+
+fn misalignment(solution: &Solution) -> Matrix3<f64> {
+    let mut matrix = Matrix3::identity();
+    for (axis, part) in solution.axes.iter().enumerate() {
+        for (k, m) in part.misalignment.into_iter().enumerate() {
+            matrix[(axis, (axis + 1 + k) % AXES)] = m;
+        }
+    }
+    matrix
+}
+
+/// Whether the list of positions can tell all parameters apart.
+///
+/// # Errors
+/// Naming each deficiency and a position that would help.
+pub fn observable(campaign: &Campaign) -> Result<[Observability; AXES], CalibrationError> {
+    let found = [0, 1, 2].map(|axis| Observability::of(&campaign.positions, axis));
+    let deficiencies: Vec<_> = found.iter().flat_map(|o| o.deficiencies.iter().cloned()).collect();
+    if deficiencies.is_empty() { Ok(found) } else { Err(CalibrationError::Positions(deficiencies)) }
+}
+
+/// Makes a table of a campaign's dwells.
+///
+/// # Errors
+/// Everything that keeps it from being one.
+pub fn calibrate(campaign: &Campaign, dwells: Vec<Dwell>, options: Options) -> Result<Calibration, CalibrationError> {
+    let observability = observable(campaign)?;
+    let dwells = without(campaign, dwells, &options.exclude)?;
+    let stays = set_points(&dwells, campaign.positions.len());
+    let mut findings = check(campaign, &dwells, &stays, &options.exclude);
+    if findings.iter().any(|finding| finding.severity == Severity::Fault) {
+        return Err(CalibrationError::Faults(findings));
+    }
+    let reduced = reduced(campaign, &dwells, &stays)?;
+    let ranges = ranges(&dwells);
+    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
+    let highest = options.order.unwrap_or_else(|| AUTO_ORDER.min(stays.len().saturating_sub(3)));
+    let order_tables = |values: &[SetPointValues]| order_tables(values, options.order, highest);
+    let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
+        let curve = |axis: usize, q: usize| {
+            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
+        };
+        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
+    };
+    let paper = order_tables(&two_stage_values)?;
+    let (orders, solution) = match options.method {
+        Method::TwoStage => {
+            let solution = two_stage(campaign, &dwells, &stays, &reduced, curves(&paper))?;
+            (paper, solution)
+        }
+        Method::OneStage => {
+            // Once with the orders that the drifting values suggest; then the drift is known and taken off them.
+            let first = solve(campaign, &dwells, &stays, &curves(&paper), &[])?;
+            let corrected = set_point_values(campaign, &dwells, &stays, &first);
+            let corrected: Vec<_> =
+                corrected.into_iter().zip(&two_stage_values).map(|(value, plain)| value.unwrap_or(*plain)).collect();
+            let orders = order_tables(&corrected)?;
+            let solution = solve(campaign, &dwells, &stays, &curves(&orders), &[])?;
+            (orders, solution)
+        }
+    };
+    let outliers = outliers(campaign, &dwells, &stays, &solution);
+    for &(dwell, axis) in &outliers {
+        let (place, residual) = (&dwells[dwell], solution.residuals[dwell][axis]);
+        findings.push(Finding {
+            severity: Severity::Warning,
+            line: Some(place.lines[0]),
+            place: Some((place.set_point_c, Some(campaign.positions[place.position].number))),
+            message: format!(
+                "{} is {:.2}e-6 g0 off the fit, out of all proportion to the other dwells; kept, leave it out with \
+                 --exclude {}/{} if it is known to be bad",
+                AXIS_NAMES[axis],
+                residual * 1e6,
+                place.set_point_c,
+                campaign.positions[place.position].number
+            ),
+        });
+    }
+    findings.extend(order_findings(&orders));
+    let table = table(campaign, &options, &solution)?;
+    Ok(Calibration {
+        table,
+        options,
+        dwells,
+        set_points: stays,
+        findings,
+        observability,
+        reduced,
+        orders,
+        solution,
+        outliers,
+    })
+}
+
+fn without(
+    campaign: &Campaign,
+    mut dwells: Vec<Dwell>,
+    exclude: &[(f64, u32)],
+) -> Result<Vec<Dwell>, CalibrationError> {
+    let place = |dwell: &Dwell| (dwell.set_point_c, campaign.positions[dwell.position].number);
+    let listed = |(set_point, number): &(f64, u32)| {
+        dwells.iter().any(|dwell| dwell.set_point_c == *set_point)
+            && campaign.positions.iter().any(|position| position.number == *number)
+    };
+    if let Some(&(set_point, number)) = exclude.iter().find(|place| !listed(place)) {
+        return Err(CalibrationError::NothingToExclude(set_point, number));
+    }
+    dwells.retain(|dwell| !exclude.contains(&place(dwell)));
+    Ok(dwells)
+}
+
+fn reduced(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    stays: &[SetPoint],
+) -> Result<Vec<[Reduced; AXES]>, CalibrationError> {
+    let of = |stay: &SetPoint, axis: usize| {
+        let parts: Vec<_> = stay.dwells.iter().map(|&dwell| &dwells[dwell]).collect();
+        reduce(campaign, &parts, axis)
+            .ok_or(CalibrationError::SetPoint { set_point_c: stay.set_point_c, axis: AXIS_NAMES[axis] })
+    };
+    stays.iter().map(|stay| Ok([of(stay, 0)?, of(stay, 1)?, of(stay, 2)?])).collect()
+}
+
+fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
+    let of = |axis: usize, q: usize| (reduced[axis].telemetry[q], reduced[axis].values[q]);
+    [0, 1, 2].map(|axis| [of(axis, 0), of(axis, 1), of(axis, 2)])
+}
+
+/// Lowest and highest telemetry of the samples: head and board, by axis.
+fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
+    [0, 1, 2].map(|axis| {
+        [range(dwells.iter().map(|d| d.head_range(axis))), range(dwells.iter().map(|d| d.board_range(axis)))]
+    })
+}
+
+fn order_tables(
+    values: &[SetPointValues],
+    fixed: Option<usize>,
+    highest: usize,
+) -> Result<[[OrderTable; 3]; AXES], CalibrationError> {
+    let of = |axis: usize, q: usize| -> Result<OrderTable, CalibrationError> {
+        let failed = |error| CalibrationError::Order { axis: AXIS_NAMES[axis], quantity: QUANTITIES[q], error };
+        let points: Vec<_> = values.iter().map(|value| value[axis][q]).map(|(x, y)| Point::new(x, y)).collect();
+        let size = points.iter().map(|point| point.y.value().abs()).fold(0.0, f64::max);
+        // A user who asks for order N sees the neighbours too, where there are points for them.
+        let shown = (highest + 2).min(values.len().saturating_sub(2)).min(MAX_ORDER).max(highest);
+        let regression = Regression::new(points, if fixed.is_some() { shown } else { highest }).map_err(failed)?;
+        let (effect, unit) = if q == 0 { (BIAS_EFFECT, "g0") } else { (SCALE_FACTOR_EFFECT * size, "pulse/(s*g0)") };
+        let choice = match fixed {
+            Some(order) => Choice { order, reason: "asked for".to_owned() },
+            None => choose(&regression, &Rule { effect: Some(effect), unit, ..Rule::default() }),
+        };
+        let diagnostics = Diagnostics::of(&regression, choice.order);
+        Ok(OrderTable { regression, choice, diagnostics })
+    };
+    let axis = |axis: usize| Ok::<_, CalibrationError>([of(axis, 0)?, of(axis, 1)?, of(axis, 2)?]);
+    Ok([axis(0)?, axis(1)?, axis(2)?])
+}
+
+/// The paper's way: the curves through the set points' values, the misalignments as their means.
+fn two_stage(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    stays: &[SetPoint],
+    reduced: &[[Reduced; AXES]],
+    curves: Curves,
+) -> Result<Solution, CalibrationError> {
+    Ok(crate::one_stage::hold(campaign, dwells, stays, curves, |axis, k| {
+        let m: Vec<f64> = reduced.iter().map(|parts| parts[axis].values[3 + k]).collect();
+        let n = m.len() as f64;
+        let mean = m.iter().sum::<f64>() / n;
+        let variance = m.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        (mean, (variance / n).sqrt())
+    }))
+}
+
+/// Dwells that do not belong: the worst is taken out and the fit repeated, until none is out of proportion.
+fn outliers(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution: &Solution) -> Vec<(usize, usize)> {
+    let curves = [0, 1, 2].map(|axis| solution.axes[axis].curves.clone());
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    let mut left_out: Vec<usize> = Vec::new();
+    let mut residuals = match solve(campaign, dwells, stays, &curves, &[]) {
+        Ok(solution) => solution.residuals,
+        Err(_) => solution.residuals.clone(),
+    };
+    while (left_out.len() as f64) < MAX_OUTLIERS * dwells.len() as f64 {
+        let mut worst: Option<(f64, usize, usize)> = None;
+        for axis in 0..AXES {
+            let (off, scale) = proportions(campaign.positions.len(), dwells, &residuals, axis, &left_out);
+            for d in (0..off.len()).filter(|d| !left_out.contains(d)) {
+                let ratio = off[d].abs() / (OUTLIER * scale[dwells[d].position] + OUTLIER_FLOOR);
+                if ratio > 1.0 && worst.is_none_or(|(most, ..)| ratio > most) {
+                    worst = Some((ratio, d, axis));
+                }
+            }
+        }
+        let Some((_, dwell, axis)) = worst else { break };
+        found.push((dwell, axis));
+        left_out.push(dwell);
+        match solve(campaign, dwells, stays, &curves, &left_out) {
+            Ok(solution) => residuals = solution.residuals,
+            Err(_) => break,
+        }
+    }
+    found
+}
+
+/// How far each dwell is off the usual residual of its position, and what is usual in each position. A position has its own
+/// level error, if no tilt was estimated, and its own scatter: the turntable's repeatability does not act on all axes alike.
+fn proportions(
+    positions: usize,
+    dwells: &[Dwell],
+    residuals: &[[f64; AXES]],
+    axis: usize,
+    left_out: &[usize],
+) -> (Vec<f64>, Vec<f64>) {
+    let kept =
+        |position: usize| (0..dwells.len()).filter(move |d| dwells[*d].position == position && !left_out.contains(d));
+    let usual: Vec<f64> = (0..positions).map(|p| median(kept(p).map(|d| residuals[d][axis]))).collect();
+    let off: Vec<f64> = (0..dwells.len()).map(|d| residuals[d][axis] - usual[dwells[d].position]).collect();
+    let all: Vec<f64> = (0..positions).flat_map(kept).map(|d| off[d]).collect();
+    // Few dwells in a position may look too much alike by chance.
+    let least = robust_sd(&all);
+    let scale = |position: usize| least.max(robust_sd(&kept(position).map(|d| off[d]).collect::<Vec<_>>()));
+    let scales = (0..positions).map(scale).collect();
+    (off, scales)
+}
+
+/// What the order tables' diagnostics say, with the curve that it is about.
+fn order_findings(orders: &[[OrderTable; 3]; AXES]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (name, tables) in AXIS_NAMES.iter().zip(orders) {
+        for (quantity, table) in QUANTITIES.iter().zip(tables) {
+            for warning in &table.diagnostics.warnings {
+                let message = format!("{name} {quantity}: {warning}");
+                findings.push(Finding { severity: Severity::Warning, line: None, place: None, message });
+            }
+        }
+    }
+    findings
+}
+
+fn table(campaign: &Campaign, options: &Options, solution: &Solution) -> Result<CoefficientTable, CalibrationError> {
+    let refuse = |axis: usize, quantity: usize| {
+        let key = format!("axis.{}.{}", AXIS_NAMES[axis], QUANTITIES[quantity]);
+        CalibrationError::Table(vec![Refusal { key, message: format!("tables hold orders up to {MAX_ORDER}") }])
+    };
+    let axis = |axis: usize| -> Result<Axis, CalibrationError> {
+        let curves = &solution.axes[axis].curves;
+        let polynomial = |q: usize, factor: f64| curves[q].polynomial(factor).ok_or_else(|| refuse(axis, q));
+        Ok(Axis {
+            bias_unit: BiasUnit::MicroG0,
+            bias: polynomial(0, 1e6)?,
+            positive_scale_factor: polynomial(1, 1.0)?,
+            negative_scale_factor: polynomial(2, 1.0)?,
+            max_rate: campaign.max_rate,
+        })
+    };
+    let content = Content {
+        imu: campaign.imu.clone(),
+        serial: campaign.serial.clone(),
+        gravity: campaign.gravity_reference,
+        temperature_unit: campaign.temperature_unit.clone(),
+        out_of_range: campaign.out_of_range,
+        max_age_s: campaign.max_age_s,
+        axes: [axis(0)?, axis(1)?, axis(2)?],
+        // What is indicated is M times the specific force.
+        alignment: if options.alignment { misalignment(solution).try_inverse() } else { None },
+    };
+    CoefficientTable::new(content).map_err(CalibrationError::Table)
+}

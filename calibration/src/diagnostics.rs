@@ -1,0 +1,251 @@
+//! What makes F and the standard errors lie: residuals that are not independent, a gap between heating and cooling,
+//! single points that do not belong.
+
+use crate::regression::{Regression, f_tail};
+use core::cmp::Ordering;
+use serde::Serialize;
+
+/// A finding is reported when chance would bring it less often than this.
+const CHANCE: f64 = 0.01;
+/// Fewer points than this on a leg are neither heating nor cooling.
+const LEG: usize = 4;
+/// A turn smaller than this part of the whole range is noise.
+const TURN: f64 = 0.1;
+/// Normal deviates that a residual may reach, by the scale of the other residuals.
+const OUTLIER: f64 = 6.0;
+
+/// What was found in the residuals of a fit.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Diagnostics {
+    /// Lag-1 correlation of neighbouring residuals in the order of the data, and its probability by chance.
+    pub lag1: Option<Test>,
+    /// Runs of equal sign along x: the normal deviate (negative: too few runs), and its probability by chance.
+    pub runs: Option<Test>,
+    /// Mean residual while x rises less that while it falls, in the unit of y, and its probability by chance.
+    pub heating_cooling: Option<Test>,
+    /// Indices of points whose residuals are out of all proportion.
+    pub outliers: Vec<usize>,
+    /// What of it matters, in words.
+    pub warnings: Vec<String>,
+}
+
+/// A statistic and the probability of one as extreme by chance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Test {
+    /// The statistic.
+    pub value: f64,
+    /// Probability.
+    pub p: f64,
+}
+
+impl Diagnostics {
+    /// Looks at the residuals of `order`. A perfect fit has nothing to look at.
+    #[must_use]
+    pub fn of(regression: &Regression, order: usize) -> Self {
+        if regression.fits()[order].sse == 0.0 {
+            return Self::default();
+        }
+        let residuals = regression.residuals(order);
+        let scaled = |(residual, weight): (&f64, f64)| residual * weight.sqrt();
+        let weights = regression.points().iter().map(|point| point.weight.value());
+        let scaled: Vec<f64> = residuals.iter().zip(weights).map(scaled).collect();
+        let x: Vec<f64> = regression.points().iter().map(|point| point.x.value()).collect();
+        let (lag1, runs) = (lag1(&scaled), runs(&x, &scaled, order));
+        let heating_cooling = heating_cooling(&x, &residuals);
+        let outliers = outliers(&scaled);
+        let mut warnings = Vec::new();
+        if let Some(test) = lag1.filter(|test| test.p < CHANCE && test.value > 0.0) {
+            warnings.push(format!(
+                "neighbouring residuals are correlated (lag-1 correlation {:.2}, p {:.1e}): F and the standard errors are \
+                 too favourable; fit means over whole dwells instead of single samples",
+                test.value, test.p
+            ));
+        }
+        if let Some(test) = runs.filter(|test| test.p < CHANCE && test.value < 0.0) {
+            warnings.push(format!(
+                "the residuals keep their sign along x (runs test: deviate {:.1}, p {:.1e}): the order is too low, or the \
+                 points share errors; F and the standard errors are too favourable",
+                test.value, test.p
+            ));
+        }
+        if let Some(test) = heating_cooling.filter(|test| test.p < CHANCE) {
+            warnings.push(format!(
+                "heating and cooling differ by {:.3e} (mean residual while x rises less that while it falls, p {:.1e}): \
+                 hysteresis or thermal lag, which no polynomial of x removes and F does not see; soak longer, or give \
+                 each direction the same weight",
+                test.value, test.p
+            ));
+        }
+        Self { lag1, runs, heating_cooling, outliers, warnings }
+    }
+}
+
+/// Two-sided probability of a normal deviate.
+fn normal_p(z: f64) -> f64 {
+    statrs::function::erf::erfc(z.abs() / core::f64::consts::SQRT_2)
+}
+
+fn lag1(residuals: &[f64]) -> Option<Test> {
+    let n = residuals.len();
+    let total: f64 = residuals.iter().map(|r| r * r).sum();
+    if n < 8 || total == 0.0 {
+        return None;
+    }
+    let value = residuals.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / total;
+    Some(Test { value, p: normal_p(value * (n as f64).sqrt()) })
+}
+
+/// Wald and Wolfowitz: the number of runs of equal sign along x.
+///
+/// A fitted polynomial of order m makes the residuals change their sign at least m + 1 times, so only too few runs mean
+/// something.
+fn runs(x: &[f64], residuals: &[f64], order: usize) -> Option<Test> {
+    let mut along: Vec<_> = (0..x.len()).filter(|&i| residuals[i] != 0.0).collect();
+    along.sort_by(|&a, &b| x[a].partial_cmp(&x[b]).unwrap_or(Ordering::Equal));
+    let positive = along.iter().filter(|&&i| residuals[i] > 0.0).count() as f64;
+    let n = along.len() as f64;
+    let negative = n - positive;
+    if along.len() < 8 + order || positive < 2.0 || negative < 2.0 {
+        return None;
+    }
+    let runs = 1.0 + along.windows(2).filter(|w| (residuals[w[0]] > 0.0) != (residuals[w[1]] > 0.0)).count() as f64;
+    let mean = 1.0 + 2.0 * positive * negative / n;
+    let variance = (mean - 1.0) * (mean - 2.0) / (n - 1.0);
+    let value = (runs - mean) / variance.sqrt();
+    Some(Test { value, p: normal_p(value) })
+}
+
+/// Splits the data, in their order, where x turns by more than [`TURN`] of its range. `true` is a rising leg.
+fn legs(x: &[f64]) -> Vec<(bool, core::ops::Range<usize>)> {
+    let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
+    let turn = TURN * (high - low);
+    let (mut legs, mut start, mut extreme, mut rising) = (Vec::new(), 0, 0, None);
+    for i in 1..x.len() {
+        match rising {
+            None if (x[i] - x[start]).abs() >= turn => (rising, extreme) = (Some(x[i] > x[start]), i),
+            Some(up) if (x[i] - x[extreme]) * if up { 1.0 } else { -1.0 } >= 0.0 => extreme = i,
+            Some(up) if (x[i] - x[extreme]).abs() >= turn => {
+                legs.push((up, start..extreme + 1));
+                (start, extreme, rising) = (extreme + 1, i, Some(!up));
+            }
+            _ => {}
+        }
+    }
+    if let Some(up) = rising {
+        legs.push((up, start..x.len()));
+    }
+    legs
+}
+
+/// Mean residual on rising legs less that on falling ones, if the data have both and little else.
+fn heating_cooling(x: &[f64], residuals: &[f64]) -> Option<Test> {
+    let legs: Vec<_> = legs(x).into_iter().filter(|(_, leg)| leg.len() >= LEG).collect();
+    let count: usize = legs.iter().map(|(_, leg)| leg.len()).sum();
+    if 5 * count < 4 * x.len() {
+        return None;
+    }
+    let of = |direction: bool| -> Vec<f64> {
+        let legs = legs.iter().filter(|(up, _)| *up == direction);
+        legs.flat_map(|(_, leg)| residuals[leg.clone()].iter().copied()).collect()
+    };
+    let (up, down) = (of(true), of(false));
+    if up.len() < LEG || down.len() < LEG {
+        return None;
+    }
+    let (up_mean, up_variance) = mean_variance(&up);
+    let (down_mean, down_variance) = mean_variance(&down);
+    let variance = up_variance / up.len() as f64 + down_variance / down.len() as f64;
+    let value = up_mean - down_mean;
+    let freedom = (up.len() + down.len() - 2) as f64;
+    Some(Test { value, p: f_tail(value * value / variance, 1.0, freedom) })
+}
+
+fn mean_variance(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0))
+}
+
+/// Median of the values that are numbers; NaN if there are none.
+#[must_use]
+pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().filter(|v| !v.is_nan()).collect();
+    values.sort_by(f64::total_cmp);
+    match values.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => values[n / 2],
+        n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
+    }
+}
+
+/// Standard deviation of normal values from the median of their sizes, which single wild ones do not spoil.
+#[must_use]
+pub fn robust_sd(values: &[f64]) -> f64 {
+    1.4826 * median(values.iter().map(|v| v.abs()))
+}
+
+fn outliers(residuals: &[f64]) -> Vec<usize> {
+    let sd = robust_sd(residuals);
+    if residuals.len() < 8 || sd == 0.0 {
+        return Vec::new();
+    }
+    (0..residuals.len()).filter(|&i| residuals[i].abs() > OUTLIER * sd).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::regression::Point;
+
+    fn regression(points: impl Iterator<Item = (f64, f64)>, order: usize) -> Regression {
+        Regression::new(points.map(|(x, y)| Point::new(x, y)).collect(), order).unwrap()
+    }
+
+    /// A scatter without pattern.
+    fn noise(i: u32) -> f64 {
+        let mut z = u64::from(i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    }
+
+    #[test]
+    fn independent_residuals_raise_no_warning() {
+        let fit = regression((0..60).map(|i| (f64::from(i), 3.0 + noise(i))), 2);
+        assert_eq!(Diagnostics::of(&fit, 1).warnings, Vec::<String>::new());
+        assert_eq!(Diagnostics::of(&fit, 1).outliers, Vec::<usize>::new());
+    }
+
+    #[test]
+    fn a_slow_wave_is_correlated() {
+        let fit = regression((0..60).map(|i| (f64::from(i), (f64::from(i) / 4.0).sin() + 0.1 * noise(i))), 2);
+        let found = Diagnostics::of(&fit, 1);
+        assert!(found.lag1.unwrap().value > 0.8 && found.runs.unwrap().value < -2.6);
+        assert_eq!(found.warnings.len(), 2, "{:?}", found.warnings);
+    }
+
+    #[test]
+    fn heating_and_cooling_are_compared() {
+        // Up 0..29, then down again; cooling reads 0.5 less.
+        let x = |i: u32| if i < 30 { f64::from(i) } else { f64::from(59 - i) };
+        let gap = |size: f64| {
+            let fit = regression((0..60).map(|i| (x(i), noise(i) - if i < 30 { 0.0 } else { size })), 2);
+            Diagnostics::of(&fit, 1)
+        };
+        assert!((gap(1.0).heating_cooling.unwrap().value - 1.0).abs() < 0.2);
+        assert!(gap(1.0).warnings.iter().any(|warning| warning.starts_with("heating and cooling")));
+        assert!(!gap(0.0).warnings.iter().any(|warning| warning.starts_with("heating and cooling")));
+        // In one direction, or in no order at all, there is nothing to compare.
+        let fit = regression((0..60).map(|i| (f64::from(i), noise(i))), 2);
+        assert_eq!(Diagnostics::of(&fit, 1).heating_cooling, None);
+        let fit = regression((0..60).map(|i| (f64::from(i * 37 % 61), noise(i))), 2);
+        assert_eq!(Diagnostics::of(&fit, 1).heating_cooling, None);
+    }
+
+    #[test]
+    fn a_wild_point_is_named() {
+        let y = |i: u32| noise(i) + if i == 17 { 9.0 } else { 0.0 };
+        let fit = regression((0..60).map(|i| (f64::from(i), y(i))), 2);
+        assert_eq!(Diagnostics::of(&fit, 1).outliers, [17]);
+    }
+}

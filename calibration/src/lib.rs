@@ -1,0 +1,19 @@
+//! From a campaign on a two-axis turntable in a temperature chamber to a coefficient table, and back.
+//!
+//! This crate opens no file, reads no clock and starts no thread.
+
+pub mod calibrate;
+pub mod campaign;
+pub mod checks;
+pub mod curve;
+pub mod diagnostics;
+pub mod double_double;
+pub mod one_stage;
+pub mod order;
+pub mod positions;
+pub mod provenance;
+pub mod reduce;
+pub mod regression;
+pub mod report;
+pub mod simulate;
+pub mod stability;

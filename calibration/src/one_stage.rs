@@ -1,0 +1,456 @@
+//! All dwells of a campaign at once, each with its own telemetry.
+//!
+//! Reducing each set point first and fitting polynomials afterwards mixes the temperature's drift between positions into
+//! the scale factors. Here every dwell d of accelerometer a has one equation, and all coefficients are estimated together by
+//! Gauss-Newton with a QR factorisation:
+//!
+//! ```text
+//! residual = rate+/K+(U_board) + rate-/K-(U_board) - sum over b of M_ab f_b - A(U_head)                [g0]
+//! f = (g_local/g0) * (direction of the position + its change by the base's tilt),   M_aa = 1
+//! ```
+//! The residual is in g0. In pulses per second a horizontal pair that straddles zero would be weighted by two different K, the
+//! level error would no longer cancel, and the bias could be wrong by whole ug0.
+//!
+//! The base's tilt about two axes is estimated with the rest wherever the file gives the turntable's angles: six faces at two
+//! headings cancel it anyway, other lists of positions do not.
+//!
+//! # Errors
+//! Dwells of one set point share errors (repeatability, hysteresis), so the scatter *between* set points counts, not the
+//! one between dwells. The residuals of each set point are reduced to what they say about its 15 parameters (A, K+, K-, m, m of
+//! three accelerometers); the covariance S of these, over the degrees of freedom that the curves leave, is
+//! carried through the estimator, with H = J'J:
+//!
+//! ```text
+//! cov = H^-1 ( sum over set points of B S B' ) H^-1,     B = J' L,   L: derivatives by the set point's parameters
+//! ```
+
+use crate::campaign::{Campaign, Dwell};
+use crate::checks::SetPoint;
+use crate::curve::{Curve, student};
+use crate::positions::PARAMETERS;
+use isotherm_shared::wire::AXES;
+use nalgebra::{DMatrix, DVector};
+
+/// Gauss-Newton steps; it converges in four or five.
+const MAX_STEPS: usize = 30;
+/// Columns for A, K+, K- of each accelerometer; then its two misalignments; then the tilt.
+const QUANTITIES: usize = 3;
+
+/// Why there is no solution.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum OneStageError {
+    /// More unknowns than the dwells can tell apart.
+    #[error("the dwells do not determine {unknowns} unknowns; take a lower order, or more set points or positions")]
+    Undetermined {
+        /// How many.
+        unknowns: usize,
+    },
+    /// The steps do not become small.
+    #[error("the fit does not converge; the samples contradict the positions")]
+    Divergence,
+}
+
+/// One accelerometer's part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisSolution {
+    /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
+    pub curves: [Curve; QUANTITIES],
+    /// Onto the next axis and the one after \[rad\].
+    pub misalignment: [f64; 2],
+    /// Their standard errors, with `freedom` degrees of freedom.
+    pub misalignment_error: Option<[f64; 2]>,
+    /// Degrees of freedom of the misalignments' standard errors.
+    pub freedom: usize,
+}
+
+impl AxisSolution {
+    /// Half the width of the interval that holds a true misalignment with probability `level`.
+    #[must_use]
+    pub fn misalignment_interval(&self, level: f64) -> Option<[f64; 2]> {
+        self.misalignment_error.map(|errors| errors.map(|error| error * student(level, self.freedom)))
+    }
+}
+
+/// What a set point says about an accelerometer, freed of the drift within it: values (A, K+, K-) at effective telemetry.
+pub type SetPointValues = [[(f64, f64); QUANTITIES]; AXES];
+
+/// The estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// A1, A2, A3.
+    pub axes: [AxisSolution; AXES],
+    /// Tilt of the base about the laboratory's X and Y \[rad\], where it could be estimated.
+    pub tilt: Option<[f64; 2]>,
+    /// Residual of each dwell and accelerometer \[g0\].
+    pub residuals: Vec<[f64; AXES]>,
+    /// Condition number of the scaled design.
+    pub condition: f64,
+}
+
+/// One set of curves to start from or to hold.
+pub type Curves = [[Curve; QUANTITIES]; AXES];
+
+/// Fits everything together. `start` gives orders, centring and first values; dwells in `left_out` do not count, but have
+/// residuals.
+///
+/// # Errors
+/// If the dwells do not determine the unknowns or the steps do not converge.
+pub fn solve(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    stays: &[SetPoint],
+    start: &Curves,
+    left_out: &[usize],
+) -> Result<Solution, OneStageError> {
+    let mut model = Model::new(campaign, dwells, stays, start);
+    let counted: Vec<bool> = (0..dwells.len()).map(|dwell| !left_out.contains(&dwell)).collect();
+    let undetermined = OneStageError::Undetermined { unknowns: model.unknowns() };
+    // A tilt that these positions cannot tell from the rest is not estimated.
+    let mut step = model.step(&counted);
+    if step.is_none() && model.with_tilt {
+        model.with_tilt = false;
+        step = model.step(&counted);
+    }
+    let mut step = step.ok_or(undetermined)?;
+    for _ in 0..MAX_STEPS {
+        let size = step.change.amax();
+        if !size.is_finite() {
+            return Err(OneStageError::Divergence);
+        }
+        model.unknown += &step.change;
+        step = model.step(&counted).ok_or(undetermined)?;
+        // In units where curves are of order 1.
+        if size < 1e-13 {
+            return Ok(model.solution(&step, &counted));
+        }
+    }
+    // Rounding keeps the last steps from becoming any smaller.
+    if step.change.amax() < 1e-11 { Ok(model.solution(&step, &counted)) } else { Err(OneStageError::Divergence) }
+}
+
+/// The solution that holds `curves` and the misalignments that `misalignment(axis, k)` gives with their standard errors: residuals
+/// without a fit.
+pub(crate) fn hold(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    stays: &[SetPoint],
+    curves: Curves,
+    misalignment: impl Fn(usize, usize) -> (f64, f64),
+) -> Solution {
+    let m = [0, 1, 2].map(|axis| [misalignment(axis, 0), misalignment(axis, 1)]);
+    let mut model = Model::new(campaign, dwells, stays, &curves);
+    model.with_tilt = false;
+    for (axis, m) in m.iter().enumerate() {
+        for (k, (value, _)) in m.iter().enumerate() {
+            model.unknown[model.misalignments[axis] + k] = *value;
+        }
+    }
+    let residual = |dwell: &Dwell| [0, 1, 2].map(|axis| model.row(dwell, axis, |_, _| {}).0);
+    let residuals = dwells.iter().map(residual).collect();
+    let freedom = stays.len().saturating_sub(1);
+    let axis = |(curves, m): ([Curve; QUANTITIES], [(f64, f64); 2])| AxisSolution {
+        curves,
+        misalignment: m.map(|(value, _)| value),
+        misalignment_error: (freedom > 0).then(|| m.map(|(_, error)| error)),
+        freedom,
+    };
+    let [a1, a2, a3] = curves;
+    Solution { axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis), tilt: None, residuals, condition: f64::NAN }
+}
+
+struct Model<'a> {
+    campaign: &'a Campaign,
+    dwells: &'a [Dwell],
+    stays: &'a [SetPoint],
+    curves: &'a Curves,
+    /// Where each curve's coefficients begin, by axis.
+    offsets: [[usize; QUANTITIES]; AXES],
+    misalignments: [usize; AXES],
+    tilt: usize,
+    with_tilt: bool,
+    /// K is counted in units of this.
+    unit: [f64; QUANTITIES],
+    unknown: DVector<f64>,
+}
+
+/// A linearisation with its solution.
+struct Step {
+    jacobian: DMatrix<f64>,
+    residual: DVector<f64>,
+    /// H^-1.
+    inverse: DMatrix<f64>,
+    change: DVector<f64>,
+    condition: f64,
+}
+
+impl<'a> Model<'a> {
+    fn new(campaign: &'a Campaign, dwells: &'a [Dwell], stays: &'a [SetPoint], curves: &'a Curves) -> Self {
+        let mut next = 0;
+        let mut take = |count| {
+            next += count;
+            next - count
+        };
+        let mut offsets = [[0; QUANTITIES]; 3];
+        let mut misalignments = [0; 3];
+        for axis in 0..AXES {
+            for (offset, curve) in offsets[axis].iter_mut().zip(&curves[axis]) {
+                *offset = take(curve.order() + 1);
+            }
+            misalignments[axis] = take(2);
+        }
+        let tilt = take(2);
+        // Biases are far below, scale factors about the size of their unit.
+        let unit = [1e-3, 1e5, 1e5];
+        let mut unknown = DVector::zeros(next);
+        for axis in 0..AXES {
+            for (quantity, curve) in curves[axis].iter().enumerate() {
+                for (k, c) in curve.coefficients().iter().enumerate() {
+                    unknown[offsets[axis][quantity] + k] = c / unit[quantity];
+                }
+            }
+        }
+        let with_tilt = campaign.positions.iter().all(|position| {
+            let [outer, inner] = position.angles.unwrap_or([f64::NAN; 2]);
+            let stated = crate::positions::specific_force(outer, inner);
+            // A fixture may turn the IMU on the table; then the angles say nothing about its axes.
+            stated.iter().zip(position.specific_force).all(|(a, b)| (a - b).abs() < 2e-3)
+        });
+        Self { campaign, dwells, stays, curves, offsets, misalignments, tilt, with_tilt, unit, unknown }
+    }
+
+    fn unknowns(&self) -> usize {
+        if self.with_tilt { self.tilt + 2 } else { self.tilt }
+    }
+
+    fn value(&self, axis: usize, quantity: usize, powers: &[f64]) -> f64 {
+        let offset = self.offsets[axis][quantity];
+        let terms = powers.iter().enumerate().map(|(k, power)| self.unknown[offset + k] * power);
+        terms.sum::<f64>() * self.unit[quantity]
+    }
+
+    /// Specific force along all axes at a dwell \[g0\] with its derivatives by the tilt.
+    fn force(&self, dwell: &Dwell) -> ([f64; AXES], [[f64; 2]; AXES]) {
+        let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
+        let position = &self.campaign.positions[dwell.position];
+        let by_tilt = position.by_tilt().filter(|_| self.with_tilt).unwrap_or([[0.0; 2]; 3]);
+        let by_tilt = by_tilt.map(|d| d.map(|d| d * gravity));
+        let tilt = [self.unknown[self.tilt], self.unknown[self.tilt + 1]];
+        let mut force = position.specific_force.map(|f| f * gravity);
+        for (f, d) in force.iter_mut().zip(by_tilt) {
+            *f += d[0] * tilt[0] + d[1] * tilt[1];
+        }
+        (force, by_tilt)
+    }
+
+    /// Residual of one dwell and axis, its derivatives by the unknowns, and by the five parameters of its set point (A, K+, K-, m, m).
+    fn row(&self, dwell: &Dwell, axis: usize, mut set: impl FnMut(usize, f64)) -> (f64, [f64; PARAMETERS]) {
+        let (force, by_tilt) = self.force(dwell);
+        let others = [(axis + 1) % AXES, (axis + 2) % AXES];
+        let misalignment = [0, 1].map(|k| self.unknown[self.misalignments[axis] + k]);
+        let telemetry = [dwell.sums.head(axis), dwell.sums.board(axis), dwell.sums.board(axis)];
+        let rates = dwell.sums.rates(axis);
+        let powers = [0, 1, 2].map(|quantity| self.curves[axis][quantity].powers(telemetry[quantity]));
+        let [a, k_plus, k_minus] = [0, 1, 2].map(|quantity| self.value(axis, quantity, powers[quantity].as_slice()));
+        let by = [-1.0, -rates[0] / (k_plus * k_plus), -rates[1] / (k_minus * k_minus)];
+        for quantity in 0..QUANTITIES {
+            for (k, power) in powers[quantity].iter().enumerate() {
+                set(self.offsets[axis][quantity] + k, by[quantity] * self.unit[quantity] * power);
+            }
+        }
+        let mut residual = rates[0] / k_plus + rates[1] / k_minus - force[axis] - a;
+        let mut tilt = by_tilt[axis];
+        for k in 0..2 {
+            let other = others[k];
+            residual -= misalignment[k] * force[other];
+            set(self.misalignments[axis] + k, -force[other]);
+            tilt = [0, 1].map(|t| tilt[t] + misalignment[k] * by_tilt[other][t]);
+        }
+        if self.with_tilt {
+            set(self.tilt, -tilt[0]);
+            set(self.tilt + 1, -tilt[1]);
+        }
+        (residual, [by[0], by[1], by[2], -force[others[0]], -force[others[1]]])
+    }
+
+    /// Linearises and solves; `None` if the dwells do not determine the unknowns.
+    fn step(&self, counted: &[bool]) -> Option<Step> {
+        let (rows, columns) = (AXES * self.dwells.len(), self.unknowns());
+        let mut jacobian = DMatrix::zeros(rows, columns);
+        let mut residual = DVector::zeros(rows);
+        for (d, dwell) in self.dwells.iter().enumerate() {
+            for axis in 0..AXES {
+                let i = AXES * d + axis;
+                (residual[i], _) = self.row(dwell, axis, |j, value| jacobian[(i, j)] = value);
+                if !counted[d] {
+                    jacobian.row_mut(i).fill(0.0);
+                }
+            }
+        }
+        if rows < columns {
+            return None;
+        }
+        let scale = DVector::from_fn(columns, |j, _| jacobian.column(j).norm());
+        if scale.iter().any(|norm| *norm <= 0.0) {
+            return None;
+        }
+        let mut scaled = jacobian.clone();
+        for (mut column, norm) in scaled.column_iter_mut().zip(&scale) {
+            column /= *norm;
+        }
+        let qr = scaled.qr();
+        let r = qr.r();
+        let mut right = residual.clone();
+        qr.q_tr_mul(&mut right);
+        let sizes = r.clone().singular_values();
+        let condition = sizes.max() / sizes.min();
+        // The basis is not orthogonal, so that high orders come to some thousands; a deficiency is far beyond.
+        if !(condition < 1e7) {
+            return None;
+        }
+        let inverse = r.try_inverse()?;
+        let mut change = -(&inverse * right.rows(0, columns));
+        change.component_div_assign(&scale);
+        let mut inverse = &inverse * inverse.transpose();
+        for i in 0..columns {
+            for j in 0..columns {
+                inverse[(i, j)] /= scale[i] * scale[j];
+            }
+        }
+        Some(Step { jacobian, residual, inverse, change, condition })
+    }
+
+    fn solution(&self, step: &Step, counted: &[bool]) -> Solution {
+        let covariance = self.covariance(step, counted);
+        let set_points = self.stays.len();
+        let block = |offset: usize, count: usize, unit: f64| {
+            covariance.as_ref().map(|c| c.view((offset, offset), (count, count)) * (unit * unit))
+        };
+        let axis_solution = |axis: usize| {
+            let curve = |quantity: usize| {
+                let given = &self.curves[axis][quantity];
+                let (offset, count) = (self.offsets[axis][quantity], given.order() + 1);
+                let coefficients = self.unknown.rows(offset, count) * self.unit[quantity];
+                let covariance = block(offset, count, self.unit[quantity]);
+                Curve::new(given.basis(), coefficients, covariance, set_points.saturating_sub(count), given.range())
+            };
+            let m = self.misalignments[axis];
+            AxisSolution {
+                curves: [curve(0), curve(1), curve(2)],
+                misalignment: [self.unknown[m], self.unknown[m + 1]],
+                misalignment_error: block(m, 2, 1.0)
+                    .filter(|_| set_points > 1)
+                    .map(|c| [c[(0, 0)].sqrt(), c[(1, 1)].sqrt()]),
+                freedom: set_points.saturating_sub(1),
+            }
+        };
+        let residual = |d: usize| [0, 1, 2].map(|axis| step.residual[AXES * d + axis]);
+        Solution {
+            axes: [axis_solution(0), axis_solution(1), axis_solution(2)],
+            tilt: self.with_tilt.then(|| [self.unknown[self.tilt], self.unknown[self.tilt + 1]]),
+            residuals: (0..self.dwells.len()).map(residual).collect(),
+            condition: step.condition,
+        }
+    }
+
+    /// L of one set point, for one axis: derivatives by its five parameters; rows are its counted dwells.
+    fn local(&self, stay: &SetPoint, axis: usize, counted: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
+        let used: Vec<_> = stay.dwells.iter().copied().filter(|&d| counted[d]).collect();
+        let rows: Vec<_> = used.iter().map(|&d| self.row(&self.dwells[d], axis, |_, _| {}).1).collect();
+        // K relative, so that all columns are of order 1.
+        let size = [1.0, 1e5, 1e5, 1.0, 1.0];
+        let matrix = DMatrix::from_fn(rows.len(), PARAMETERS, |i, j| rows[i][j] * size[j]);
+        (used, matrix)
+    }
+
+    /// See the module's header; `None` if some set point alone does not tell its parameters apart.
+    fn covariance(&self, step: &Step, counted: &[bool]) -> Option<DMatrix<f64>> {
+        let all = AXES * PARAMETERS;
+        let columns = self.unknowns();
+        let mut deltas = Vec::new();
+        let mut scores = Vec::new();
+        for stay in self.stays {
+            let mut delta = DVector::zeros(all);
+            let mut score = DMatrix::zeros(columns, all);
+            for axis in 0..AXES {
+                let (used, local) = self.local(stay, axis, counted);
+                if used.len() < PARAMETERS {
+                    return None;
+                }
+                let residual = DVector::from_iterator(used.len(), used.iter().map(|&d| step.residual[AXES * d + axis]));
+                let inverse = local.clone().pseudo_inverse(1e-9).ok()?;
+                delta.rows_mut(axis * PARAMETERS, PARAMETERS).copy_from(&(inverse * residual));
+                let jacobian = DMatrix::from_fn(used.len(), columns, |i, j| step.jacobian[(AXES * used[i] + axis, j)]);
+                score
+                    .view_mut((0, axis * PARAMETERS), (columns, PARAMETERS))
+                    .copy_from(&(jacobian.transpose() * local));
+            }
+            deltas.push(delta);
+            scores.push(score);
+        }
+        let n = self.stays.len();
+        let spent = |parameter: usize| match parameter % PARAMETERS {
+            quantity @ 0..QUANTITIES => self.curves[parameter / PARAMETERS][quantity].order() + 1,
+            _ => 1,
+        };
+        let freedom = |parameter: usize| n.saturating_sub(spent(parameter)).max(1) as f64;
+        let s = DMatrix::from_fn(all, all, |i, j| {
+            deltas.iter().map(|delta| delta[i] * delta[j]).sum::<f64>() / (freedom(i) * freedom(j)).sqrt()
+        });
+        let middle = scores.iter().map(|score| score * &s * score.transpose()).sum::<DMatrix<f64>>();
+        Some(&step.inverse * middle * &step.inverse)
+    }
+}
+
+/// What each set point says about A, K+ and K- once the drift within it is taken off: the curve at its effective telemetry plus what
+/// its residuals say. `None` for a set point that does not tell its parameters apart.
+#[must_use]
+pub fn set_point_values(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    stays: &[SetPoint],
+    solution: &Solution,
+) -> Vec<Option<SetPointValues>> {
+    let of = |stay: &SetPoint| -> Option<SetPointValues> {
+        let mut values = [[(0.0, 0.0); QUANTITIES]; 3];
+        for axis in 0..AXES {
+            let parts: Vec<_> = stay.dwells.iter().map(|&d| &dwells[d]).collect();
+            let reduced = crate::reduce::reduce(campaign, &parts, axis)?;
+            let delta = local_correction(campaign, dwells, stay, solution, axis)?;
+            for quantity in 0..QUANTITIES {
+                let telemetry = reduced.telemetry[quantity];
+                let curve = &solution.axes[axis].curves[quantity];
+                values[axis][quantity] = (telemetry, curve.at(telemetry) + delta[quantity]);
+            }
+        }
+        Some(values)
+    };
+    stays.iter().map(of).collect()
+}
+
+/// By how much a set point's own A, K+ and K- differ from the curves.
+fn local_correction(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    stay: &SetPoint,
+    solution: &Solution,
+    axis: usize,
+) -> Option<[f64; QUANTITIES]> {
+    let gravity = campaign.gravity_local / campaign.gravity_reference;
+    let curves = &solution.axes[axis].curves;
+    let size = 1e5;
+    let rows: Vec<_> = stay
+        .dwells
+        .iter()
+        .map(|&d| {
+            let (board, rates) = (dwells[d].sums.board(axis), dwells[d].sums.rates(axis));
+            let force = campaign.positions[dwells[d].position].specific_force.map(|f| f * gravity);
+            let by = |channel: usize| -rates[channel] * size / curves[channel + 1].at(board).powi(2);
+            [-1.0, by(0), by(1), -force[(axis + 1) % AXES], -force[(axis + 2) % AXES]]
+        })
+        .collect();
+    let local = DMatrix::from_fn(rows.len(), PARAMETERS, |i, j| rows[i][j]);
+    let residual = DVector::from_iterator(rows.len(), stay.dwells.iter().map(|&d| solution.residuals[d][axis]));
+    // The parameters' change that would make the residuals vanish.
+    let delta = -(local.pseudo_inverse(1e-9).ok()? * residual);
+    Some([delta[0], delta[1] * size, delta[2] * size])
+}

@@ -1,0 +1,175 @@
+//! Where a table comes from and how good it is: the `[provenance]` section that `calibrate` writes below it. It does not count for
+//! the digest and no program reads it; people and scripts do.
+
+use crate::calibrate::{Calibration, QUANTITIES};
+use crate::campaign::Campaign;
+use isotherm_shared::table::AXIS_NAMES;
+use nalgebra::Matrix3;
+use serde::Serialize;
+
+/// What only the caller knows.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Program and version.
+    pub tool: String,
+    /// When, as RFC 3339 in UTC.
+    pub time: String,
+    /// Name of the campaign file.
+    pub campaign: String,
+    /// SHA-256 of the campaign file, in hexadecimal.
+    pub campaign_sha256: String,
+    /// SHA-256 of the samples, in hexadecimal.
+    pub samples_sha256: String,
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    provenance: Provenance<'a>,
+}
+
+#[derive(Serialize)]
+struct Provenance<'a> {
+    tool: &'a str,
+    time: &'a str,
+    method: &'static str,
+    campaign: &'a str,
+    campaign_sha256: &'a str,
+    samples_sha256: &'a str,
+    gravity_local: f64,
+    set_points: usize,
+    dwells: usize,
+    excluded: Vec<String>,
+    /// Kept, but out of proportion.
+    outliers: Vec<String>,
+    residual_sd_g0: [f64; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tilt_rad: Option<[f64; 2]>,
+    /// Row i: what accelerometer i indicates of the specific force along each axis.
+    misalignment: [[f64; 3]; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    misalignment_standard_error: Option<[[f64; 3]; 3]>,
+    warnings: Vec<String>,
+    curve: Vec<CurveRecord<'a>>,
+    two_stage: Vec<SetPointRecord>,
+}
+
+#[derive(Serialize)]
+struct CurveRecord<'a> {
+    axis: &'static str,
+    quantity: &'static str,
+    unit: &'static str,
+    order: usize,
+    reason: &'a str,
+    r_squared: Option<f64>,
+    leave_one_set_point_out_rms: Option<f64>,
+    leave_one_set_point_out_max: Option<f64>,
+    degrees_of_freedom: usize,
+    /// Of the coefficients in the table, in their unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    standard_errors: Option<Vec<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<Vec<Vec<f64>>>,
+}
+
+/// A set point reduced by itself.
+#[derive(Serialize)]
+struct SetPointRecord {
+    set_point_c: f64,
+    axis: &'static str,
+    head: f64,
+    board: f64,
+    bias_ug0: f64,
+    positive_scale_factor: f64,
+    negative_scale_factor: f64,
+    misalignment_rad: [f64; 2],
+}
+
+fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
+}
+
+/// The section's text.
+///
+/// # Errors
+/// If it cannot be written as TOML, which no valid calibration brings about.
+pub fn provenance(campaign: &Campaign, calibration: &Calibration, source: &Source) -> Result<String, toml::ser::Error> {
+    let place = |set_point: f64, number: u32| format!("{set_point}/{number}");
+    let errors = || {
+        let mut matrix = Matrix3::zeros();
+        for (axis, part) in calibration.solution.axes.iter().enumerate() {
+            for (k, error) in part.misalignment_error?.into_iter().enumerate() {
+                matrix[(axis, (axis + 1 + k) % 3)] = error;
+            }
+        }
+        Some(rows(&matrix))
+    };
+    let document = Document {
+        provenance: Provenance {
+            tool: &source.tool,
+            time: &source.time,
+            method: calibration.options.method.name(),
+            campaign: &source.campaign,
+            campaign_sha256: &source.campaign_sha256,
+            samples_sha256: &source.samples_sha256,
+            gravity_local: campaign.gravity_local,
+            set_points: calibration.set_points.len(),
+            dwells: calibration.dwells.len(),
+            excluded: calibration.options.exclude.iter().map(|&(s, n)| place(s, n)).collect(),
+            outliers: calibration
+                .outliers
+                .iter()
+                .map(|&(dwell, axis)| {
+                    let dwell = &calibration.dwells[dwell];
+                    let place = place(dwell.set_point_c, campaign.positions[dwell.position].number);
+                    format!("{place} {}", AXIS_NAMES[axis])
+                })
+                .collect(),
+            residual_sd_g0: [0, 1, 2].map(|axis| calibration.residual_sd(axis)),
+            tilt_rad: calibration.solution.tilt,
+            misalignment: rows(&calibration.misalignment()),
+            misalignment_standard_error: errors(),
+            warnings: calibration.findings.iter().map(ToString::to_string).collect(),
+            curve: (0..9).map(|index| curve(calibration, index / 3, index % 3)).collect(),
+            two_stage: calibration
+                .set_points
+                .iter()
+                .zip(&calibration.reduced)
+                .flat_map(|(stay, reduced)| {
+                    AXIS_NAMES.iter().zip(reduced).map(|(axis, reduced)| SetPointRecord {
+                        set_point_c: stay.set_point_c,
+                        axis,
+                        head: reduced.telemetry[0],
+                        board: reduced.telemetry[1],
+                        bias_ug0: reduced.values[0] * 1e6,
+                        positive_scale_factor: reduced.values[1],
+                        negative_scale_factor: reduced.values[2],
+                        misalignment_rad: [reduced.values[3], reduced.values[4]],
+                    })
+                })
+                .collect(),
+        },
+    };
+    toml::to_string(&document)
+}
+
+fn curve(calibration: &Calibration, axis: usize, quantity: usize) -> CurveRecord<'_> {
+    let orders = &calibration.orders[axis][quantity];
+    let fit = &orders.regression.fits()[orders.choice.order];
+    let curve = &calibration.solution.axes[axis].curves[quantity];
+    // The table has the bias in ug0.
+    let (factor, unit) = if quantity == 0 { (1e6, "ug0") } else { (1.0, "pulse/(s*g0)") };
+    let covariance = curve.raw_covariance().map(|covariance| covariance * (factor * factor));
+    CurveRecord {
+        axis: AXIS_NAMES[axis],
+        quantity: QUANTITIES[quantity],
+        unit,
+        order: curve.order(),
+        reason: &orders.choice.reason,
+        r_squared: fit.r_squared,
+        leave_one_set_point_out_rms: fit.leave_one_out_rms.map(|rms| rms * factor),
+        leave_one_set_point_out_max: fit.leave_one_out_max.map(|max| max * factor),
+        degrees_of_freedom: curve.freedom(),
+        standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
+        covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),
+    }
+}

@@ -1,0 +1,86 @@
+//! From the dwells of one set point to its bias, scale factors and misalignments.
+//!
+//! Per second, the pulses of a dwell say what the accelerometer indicates, and its position says why (specific force s in
+//! g0, own axis first; m: misalignments onto the two others \[rad\]):
+//!
+//! ```text
+//! rate+/K+ + rate-/K- = s + m_p s_p + m_o s_o + A
+//! ```
+//! This is linear in 1/K+, 1/K-, A, m_p and m_o, so that one least-squares solution in g0 serves any list of positions. For
+//! six faces at two headings it is the closed form: A from the horizontal readings, K+ and K- from up and down given A. The mean
+//! of an up and a down reading is *not* the bias as soon as K+ differs from -K-.
+//!
+//! The temperature moves a little between the positions. Each result therefore has its own **effective telemetry**: the mean with
+//! the weights that the dwells have in it, not the mean over all dwells.
+
+use crate::campaign::{Campaign, Dwell};
+use crate::positions::PARAMETERS;
+use isotherm_shared::wire::AXES;
+use nalgebra::{DMatrix, DVector};
+
+/// What one set point says about one accelerometer: A \[g0\], K+ and K- \[pulse/(s*g0)\], m onto the next axis and m onto the
+/// one after \[rad\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reduced {
+    /// A, K+, K-, m, m.
+    pub values: [f64; PARAMETERS],
+    /// Their standard errors from the scatter within the set point; NaN if as many dwells as parameters.
+    pub standard_errors: [f64; PARAMETERS],
+    /// Head telemetry that A belongs to, board telemetry that K+ and K- belong to.
+    pub telemetry: [f64; 3],
+    /// Residual standard deviation \[g0\]; includes what a tilted base does.
+    pub residual_sd: f64,
+}
+
+/// Reduces `dwells` of one set point for accelerometer `axis`; `None` if they cannot tell its parameters apart.
+#[must_use]
+pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize) -> Option<Reduced> {
+    let gravity = campaign.gravity_local / campaign.gravity_reference;
+    let force =
+        |dwell: &Dwell, k: usize| campaign.positions[dwell.position].specific_force[(axis + k) % AXES] * gravity;
+    // Rates as parts of this, so that all columns are of order 1.
+    let nominal = 1e5;
+    let row = |dwell: &Dwell| {
+        let [positive, negative] = dwell.sums.rates(axis).map(|rate| rate / nominal);
+        [-1.0, positive, negative, -force(dwell, 1), -force(dwell, 2)]
+    };
+    let n = dwells.len();
+    if n < PARAMETERS {
+        return None;
+    }
+    let rows: Vec<_> = dwells.iter().map(|dwell| row(dwell)).collect();
+    let matrix = DMatrix::from_fn(n, PARAMETERS, |i, j| rows[i][j]);
+    let right = DVector::from_iterator(n, dwells.iter().map(|dwell| force(dwell, 0)));
+    let qr = matrix.clone().qr();
+    let (q, r) = (qr.q(), qr.r());
+    let diagonal = r.diagonal().abs();
+    if diagonal.min() < 1e-6 * diagonal.max() {
+        return None;
+    }
+    let inverse = r.try_inverse()?;
+    // Solution = pseudo * right.
+    let pseudo = &inverse * q.transpose();
+    let solution = &pseudo * &right;
+    let residual = right - &matrix * &solution;
+    let freedom = (n - PARAMETERS) as f64;
+    let residual_sd = (residual.norm_squared() / freedom).sqrt();
+    let error = |j: usize| residual_sd * inverse.row(j).norm();
+    let [k_plus, k_minus] = [nominal / solution[1], nominal / solution[2]];
+    // The weights of the dwells in each result sum to 1.
+    let effective = |j: usize, telemetry: &dyn Fn(&Dwell) -> f64| -> f64 {
+        dwells.iter().enumerate().map(|(i, dwell)| pseudo[(j, i)] * matrix[(i, j)] * telemetry(dwell)).sum()
+    };
+    let board = |dwell: &Dwell| dwell.sums.board(axis);
+    Some(Reduced {
+        values: [solution[0], k_plus, k_minus, solution[3], solution[4]],
+        standard_errors: [
+            error(0),
+            error(1) * k_plus * k_plus / nominal,
+            error(2) * k_minus * k_minus / nominal,
+            error(3),
+            error(4),
+        ],
+        telemetry: [effective(0, &|dwell| dwell.sums.head(axis)), effective(1, &board), effective(2, &board)],
+        residual_sd,
+    })
+}

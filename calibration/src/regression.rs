@@ -1,0 +1,450 @@
+//! Polynomial regression of one quantity on one other: equations (3) to (16) of the source paper, to full precision.
+//!
+//! # Definition
+//! y = a0 + a1 x + .. + am x^m over n points with weights w (1 unless given; a point of weight 2 counts as two). With means
+//! and sums weighted by w, and S_yy = sum w (y - mean y)^2:
+//!
+//! ```text
+//! Q = sum w (y - fit)^2        residual sum of squares          U = S_yy - Q       regression sum of squares     (9), (10)
+//! F = (U/m) / (Q/(n-m-1))      (11), (13)                       R^2 = U/S_yy                                     (12)
+//! R = sqrt(m F / (n-m-1 + m F)) = sqrt(R^2)                                                                      (14)
+//! ```
+//! The partial sum of squares of term j is Q(without it) - Q, where the fit without it is made anew (15), (16); its F has
+//! 1 and n-m-1 degrees of freedom. For every term but the highest it depends on where x is centred, so both are given: of the
+//! raw powers x^j, and of the powers of the centred (x - center)/scale. The printed equations' errata are in docs/paper.md.
+//!
+//! # Algorithm
+//! The equations are the definition; solving the normal equations (7) would lose half the digits. x is centred and scaled to
+//! -1..1, and `[1 x x^2 .. x^M | y]` is reduced to its upper triangle R by Givens rotations, row by row: one factorisation
+//! for every order up to M. All of it, and the expansion to powers of the raw x, is done in double-double arithmetic on
+//! data that is read as decimals, so that it needs no further refinement: 32 digits less the 15 that the worst sets cost.
+
+use crate::double_double::DoubleDouble;
+use core::cmp::Ordering;
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
+use statrs::function::beta::beta_reg;
+
+/// Highest order that can be asked for.
+pub const MAX_ORDER: usize = 15;
+
+/// One point, its weight over 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// What the quantity is regressed on.
+    pub x: DoubleDouble,
+    /// The quantity.
+    pub y: DoubleDouble,
+    /// Inverse variance, up to a factor.
+    pub weight: DoubleDouble,
+}
+
+impl Point {
+    /// Of weight 1.
+    #[must_use]
+    pub fn new(x: f64, y: f64) -> Self {
+        Self { x: x.into(), y: y.into(), weight: DoubleDouble::ONE }
+    }
+}
+
+/// Why there is no regression.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RegressionError {
+    /// More coefficients than different x.
+    #[error("order {order} needs {} different values of x, there are {distinct}", order + 1)]
+    TooFewPoints {
+        /// The order asked for.
+        order: usize,
+        /// How many different x there are.
+        distinct: usize,
+    },
+    /// An order over [`MAX_ORDER`].
+    #[error("order {0} is over {MAX_ORDER}")]
+    OrderTooHigh(usize),
+    /// A sum or power left the range of doubles.
+    #[error("the numbers are too large or too small: a sum or power of them is out of range")]
+    OutOfRange,
+}
+
+/// The extra sum of squares that one term explains.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Partial {
+    /// The term's power.
+    pub term: usize,
+    /// Q(without it) - Q, eq. (16).
+    pub sum_of_squares: f64,
+    /// With 1 and n-m-1 degrees of freedom; none of a perfect fit.
+    pub f: Option<f64>,
+    /// Probability of a larger F if the term had no effect.
+    pub p: Option<f64>,
+}
+
+/// The fit of one order. A figure that does not exist, such as F of a perfect fit, is `None`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fit {
+    /// m.
+    pub order: usize,
+    /// Of the powers of the raw x, ascending.
+    pub coefficients: Vec<f64>,
+    /// Of the coefficients; none without degrees of freedom.
+    pub standard_errors: Option<Vec<f64>>,
+    /// Residual standard deviation sqrt(Q/(n-m-1)).
+    pub residual_sd: Option<f64>,
+    /// Q.
+    pub sse: f64,
+    /// U.
+    pub ss_regression: f64,
+    /// S_yy.
+    pub ss_total: f64,
+    /// Q/(n-m-1).
+    pub ms_residual: Option<f64>,
+    /// n-m-1.
+    pub df_residual: usize,
+    /// R^2; none if y is constant.
+    pub r_squared: Option<f64>,
+    /// Q/S_yy, for R^2 close to 1.
+    pub one_minus_r_squared: Option<f64>,
+    /// R^2 adjusted for the degrees of freedom.
+    pub adj_r_squared: Option<f64>,
+    /// Multiple correlation coefficient R.
+    pub r: Option<f64>,
+    /// Of the whole regression, with m and n-m-1 degrees of freedom.
+    pub f: Option<f64>,
+    /// Probability of a larger F if no term had an effect.
+    pub f_p: Option<f64>,
+    /// Of the terms 1 to m as powers of the raw x.
+    pub partial: Vec<Partial>,
+    /// Of the terms 1 to m as powers of the centred and scaled x.
+    pub partial_centred: Vec<Partial>,
+    /// Q of order m-1 less Q: what the order adds.
+    pub sequential_ss: f64,
+    /// Largest change of the fitted curve at a point, against order m-1, in the unit of y.
+    pub effect: f64,
+    /// Root mean square error at a point of the fit without that point; none if a point cannot be left out.
+    pub leave_one_out_rms: Option<f64>,
+    /// Largest such error.
+    pub leave_one_out_max: Option<f64>,
+}
+
+/// The regressions of all orders from 0 to a highest one.
+#[derive(Clone, Debug)]
+pub struct Regression {
+    points: Vec<Point>,
+    center: DoubleDouble,
+    scale: DoubleDouble,
+    /// Inverse of the triangle R, row by row.
+    inverse: Vec<Vec<DoubleDouble>>,
+    /// Q'y.
+    rotated: Vec<DoubleDouble>,
+    fits: Vec<Fit>,
+}
+
+impl Regression {
+    /// Fits every order from 0 to `max_order`.
+    ///
+    /// # Errors
+    /// If `max_order` is over [`MAX_ORDER`], not below the number of different x, or the numbers leave the range of doubles.
+    pub fn new(points: Vec<Point>, max_order: usize) -> Result<Self, RegressionError> {
+        if max_order > MAX_ORDER {
+            return Err(RegressionError::OrderTooHigh(max_order));
+        }
+        let distinct = distinct(&points);
+        if distinct <= max_order {
+            return Err(RegressionError::TooFewPoints { order: max_order, distinct });
+        }
+        let (center, scale) = center_and_scale(&points);
+        let columns = max_order + 2;
+        let mut triangle = vec![vec![DoubleDouble::ZERO; columns]; columns];
+        for point in &points {
+            let weight = point.weight.sqrt();
+            let mut row = powers((point.x - center) / scale, max_order);
+            row.push(point.y);
+            rotate_in(&mut triangle, row.into_iter().map(|value| value * weight).collect());
+        }
+        let rotated: Vec<_> = triangle.iter().map(|row| row[max_order + 1]).collect();
+        let inverse = invert(&triangle, max_order + 1);
+        let mut regression = Self { points, center, scale, inverse, rotated, fits: Vec::new() };
+        regression.fits = regression.all_fits(max_order);
+        let finite = |fit: &Fit| fit.sse.is_finite() && fit.coefficients.iter().all(|c| c.is_finite());
+        if regression.fits.iter().all(finite) { Ok(regression) } else { Err(RegressionError::OutOfRange) }
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn n(&self) -> usize {
+        self.points.len()
+    }
+
+    /// The fits of order 0, 1, ..
+    #[must_use]
+    pub fn fits(&self) -> &[Fit] {
+        &self.fits
+    }
+
+    /// The points.
+    #[must_use]
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// What is subtracted from x in the centred basis.
+    #[must_use]
+    pub fn center(&self) -> f64 {
+        self.center.value()
+    }
+
+    /// What the centred x is divided by.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.scale.value()
+    }
+
+    /// y - fit of `order` at every point.
+    #[must_use]
+    pub fn residuals(&self, order: usize) -> Vec<f64> {
+        let residual = |point: &Point| {
+            let fitted: DoubleDouble =
+                self.basis(point.x).iter().zip(&self.rotated).take(order + 1).map(|(&q, &z)| q * z).sum();
+            (point.y - fitted).value()
+        };
+        self.points.iter().map(residual).collect()
+    }
+
+    /// Value of the fit of `order` at `x` and its standard error (none without degrees of freedom).
+    #[must_use]
+    pub fn at(&self, order: usize, x: f64) -> (f64, Option<f64>) {
+        let basis = self.basis(x.into());
+        let value: DoubleDouble = basis.iter().zip(&self.rotated).take(order + 1).map(|(&q, &z)| q * z).sum();
+        let size: DoubleDouble = basis.iter().take(order + 1).map(|&q| q * q).sum();
+        let sd = self.fits.get(order).and_then(|fit| fit.residual_sd);
+        (value.value(), sd.map(|sd| sd * size.sqrt().value()))
+    }
+
+    /// Coefficients of order `order` for the powers of the centred and scaled x, and their covariance.
+    #[must_use]
+    pub fn centred(&self, order: usize) -> (DVector<f64>, Option<DMatrix<f64>>) {
+        let count = order + 1;
+        let sum = |terms: &dyn Fn(usize) -> DoubleDouble| (0..count).map(terms).sum::<DoubleDouble>().value();
+        let coefficients = DVector::from_fn(count, |i, _| sum(&|k| self.inverse[i][k] * self.rotated[k]));
+        let covariance = self.fits[order]
+            .ms_residual
+            .map(|ms| DMatrix::from_fn(count, count, |i, j| ms * sum(&|k| self.inverse[i][k] * self.inverse[j][k])));
+        (coefficients, covariance)
+    }
+
+    /// The orthonormal polynomials of order 0, 1, .. at `x`: R^-T (1, x, x^2, ..).
+    fn basis(&self, x: DoubleDouble) -> Vec<DoubleDouble> {
+        let order = self.inverse.len() - 1;
+        let powers = powers((x - self.center) / self.scale, order);
+        (0..=order).map(|j| (0..=j).map(|i| self.inverse[i][j] * powers[i]).sum()).collect()
+    }
+
+    fn all_fits(&self, max_order: usize) -> Vec<Fit> {
+        let count = max_order + 1;
+        // raw = expansion * centred; the columns of `factor` are the raw coefficients' part of each rotated y.
+        let expansion = expansion(self.center, self.scale, count);
+        let product = |matrix: &[Vec<DoubleDouble>]| -> Vec<Vec<DoubleDouble>> {
+            let entry = |i: usize, j: usize| (0..count).map(|k| matrix[i][k] * self.inverse[k][j]).sum();
+            (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect()
+        };
+        let raw = product(&expansion);
+        let squares: Vec<_> = self.rotated.iter().map(|&z| z * z).collect();
+        let sse = |order: usize| squares[order + 1..].iter().copied().sum::<DoubleDouble>();
+        let rounding = self.rounding();
+        let looks = self.looks(max_order);
+        (0..=max_order)
+            .map(|order| {
+                let exact = sse(order) <= rounding;
+                let residual = if exact { DoubleDouble::ZERO } else { sse(order) };
+                let previous = if order == 0 { residual } else { sse(order - 1) };
+                self.fit(order, residual, previous, &raw, &looks[order])
+            })
+            .collect()
+    }
+
+    /// A residual sum of squares that is no more than the rounding of y to doubles: a perfect fit.
+    fn rounding(&self) -> DoubleDouble {
+        let unit = DoubleDouble::from(f64::EPSILON);
+        let largest = self.points.iter().map(|p| (p.y * p.y * p.weight).value()).fold(0.0, f64::max);
+        unit * unit * DoubleDouble::from(largest) * DoubleDouble::from(self.n() as f64)
+    }
+
+    fn fit(
+        &self,
+        order: usize,
+        sse: DoubleDouble,
+        previous: DoubleDouble,
+        raw: &[Vec<DoubleDouble>],
+        look: &Look,
+    ) -> Fit {
+        let terms = order + 1;
+        let df = self.n() - terms;
+        let total: DoubleDouble = self.rotated[1..].iter().map(|&z| z * z).sum();
+        let mean_square = (df > 0).then(|| sse / DoubleDouble::from(df as f64));
+        let tested = mean_square.filter(|ms| *ms > DoubleDouble::ZERO);
+        let explained = total - sse;
+        // Rows of the leading block only.
+        let variance = |matrix: &[Vec<DoubleDouble>], i: usize, j: usize| -> DoubleDouble {
+            (0..terms).map(|k| matrix[i][k] * matrix[j][k]).sum()
+        };
+        let coefficient = |matrix: &[Vec<DoubleDouble>], i: usize| -> DoubleDouble {
+            (0..terms).map(|k| matrix[i][k] * self.rotated[k]).sum()
+        };
+        let partial = |matrix: &[Vec<DoubleDouble>]| -> Vec<Partial> {
+            let of_term = |term: usize| {
+                let c = coefficient(matrix, term);
+                let sum_of_squares = c * c / variance(matrix, term, term);
+                let f = tested.map(|ms| (sum_of_squares / ms).value());
+                Partial { term, sum_of_squares: sum_of_squares.value(), f, p: f.map(|f| f_tail(f, 1.0, df as f64)) }
+            };
+            (1..terms).map(of_term).collect()
+        };
+        let ratio = (total > DoubleDouble::ZERO).then(|| sse / total);
+        let r_squared = ratio.map(|ratio| DoubleDouble::ONE - ratio);
+        let f = tested.filter(|_| order > 0).map(|ms| (explained / DoubleDouble::from(order as f64) / ms).value());
+        Fit {
+            order,
+            coefficients: (0..terms).map(|i| coefficient(raw, i).value()).collect(),
+            standard_errors: mean_square
+                .map(|ms| (0..terms).map(|i| (variance(raw, i, i) * ms).sqrt().value()).collect()),
+            residual_sd: mean_square.map(|ms| ms.sqrt().value()),
+            sse: sse.value(),
+            ss_regression: explained.value(),
+            ss_total: total.value(),
+            ms_residual: mean_square.map(DoubleDouble::value),
+            df_residual: df,
+            r_squared: r_squared.map(DoubleDouble::value),
+            one_minus_r_squared: ratio.map(DoubleDouble::value),
+            adj_r_squared: ratio.filter(|_| df > 0).map(|ratio| {
+                let scaled = ratio * DoubleDouble::from((self.n() - 1) as f64) / DoubleDouble::from(df as f64);
+                (DoubleDouble::ONE - scaled).value()
+            }),
+            r: r_squared.map(|r_squared| r_squared.sqrt().value()),
+            f,
+            f_p: f.map(|f| f_tail(f, order as f64, df as f64)),
+            partial: partial(raw),
+            partial_centred: partial(&self.inverse),
+            sequential_ss: (previous - sse).value(),
+            effect: look.effect,
+            leave_one_out_rms: look.press.map(|press| (press / self.n() as f64).sqrt()),
+            leave_one_out_max: look.press.map(|_| look.worst),
+        }
+    }
+
+    /// What needs a look at every point.
+    fn looks(&self, max_order: usize) -> Vec<Look> {
+        let mut looks = vec![Look { effect: 0.0, press: Some(0.0), worst: 0.0 }; max_order + 1];
+        for point in &self.points {
+            let (mut rest, mut leverage) = (point.y, DoubleDouble::ZERO);
+            for ((look, q), &z) in looks.iter_mut().zip(self.basis(point.x)).zip(&self.rotated) {
+                rest -= q * z;
+                leverage += q * q * point.weight;
+                look.effect = look.effect.max((q * z).value().abs());
+                let free = (DoubleDouble::ONE - leverage).value();
+                let error = rest.value() / free;
+                look.press = look.press.filter(|_| free > 1e-12).map(|press| press + error * error);
+                look.worst = look.worst.max(error.abs());
+            }
+        }
+        looks[0].effect = 0.0;
+        looks
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Look {
+    effect: f64,
+    press: Option<f64>,
+    worst: f64,
+}
+
+/// Probability that F with `d1` and `d2` degrees of freedom is larger than `f`.
+#[must_use]
+pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
+    if f <= 0.0 {
+        return 1.0;
+    }
+    beta_reg(d2 / 2.0, d1 / 2.0, d2 / (d2 + d1 * f))
+}
+
+/// The F with `d1` and `d2` degrees of freedom that is exceeded with probability `p`.
+#[must_use]
+pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    while f_tail(high, d1, d2) > p && high < 1e300 {
+        high *= 2.0;
+    }
+    // Halving until the doubles are neighbours.
+    while let middle = low + (high - low) / 2.0
+        && middle > low
+        && middle < high
+    {
+        if f_tail(middle, d1, d2) > p { low = middle } else { high = middle }
+    }
+    high
+}
+
+fn distinct(points: &[Point]) -> usize {
+    let mut x: Vec<_> = points.iter().map(|point| point.x).collect();
+    x.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+    x.dedup();
+    x.len()
+}
+
+/// Doubles, so that a user can repeat the centring; they need not be the exact middle.
+fn center_and_scale(points: &[Point]) -> (DoubleDouble, DoubleDouble) {
+    let x = || points.iter().map(|point| point.x.value());
+    let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(f64::NEG_INFINITY, f64::max));
+    let half = (high - low) / 2.0;
+    (DoubleDouble::from(low + half), DoubleDouble::from(if half > 0.0 { half } else { 1.0 }))
+}
+
+fn powers(x: DoubleDouble, order: usize) -> Vec<DoubleDouble> {
+    core::iter::successors(Some(DoubleDouble::ONE), |&power| Some(power * x)).take(order + 1).collect()
+}
+
+/// Rotates one more row into the triangle.
+fn rotate_in(triangle: &mut [Vec<DoubleDouble>], mut row: Vec<DoubleDouble>) {
+    for (j, pivot) in triangle.iter_mut().enumerate() {
+        if row[j] == DoubleDouble::ZERO {
+            continue;
+        }
+        let length = (pivot[j] * pivot[j] + row[j] * row[j]).sqrt();
+        let (cosine, sine) = (pivot[j] / length, row[j] / length);
+        for (above, below) in pivot.iter_mut().zip(row.iter_mut()).skip(j) {
+            (*above, *below) = (cosine * *above + sine * *below, cosine * *below - sine * *above);
+        }
+    }
+}
+
+/// Inverse of the leading block of an upper triangle.
+fn invert(triangle: &[Vec<DoubleDouble>], count: usize) -> Vec<Vec<DoubleDouble>> {
+    let mut inverse = vec![vec![DoubleDouble::ZERO; count]; count];
+    for j in 0..count {
+        inverse[j][j] = DoubleDouble::ONE / triangle[j][j];
+        for i in (0..j).rev() {
+            let sum: DoubleDouble = (i + 1..=j).map(|k| triangle[i][k] * inverse[k][j]).sum();
+            inverse[i][j] = -sum / triangle[i][i];
+        }
+    }
+    inverse
+}
+
+/// The matrix that turns coefficients of ((x - center)/scale)^k into those of x^j: C(k,j) (-center)^(k-j) / scale^k.
+#[must_use]
+pub fn expansion(center: DoubleDouble, scale: DoubleDouble, count: usize) -> Vec<Vec<DoubleDouble>> {
+    let mut matrix = vec![vec![DoubleDouble::ZERO; count]; count];
+    // The powers of (x - center)/scale, one after the other, by multiplication.
+    let (slope, offset) = (DoubleDouble::ONE / scale, -center / scale);
+    let mut power = vec![DoubleDouble::ZERO; count];
+    power[0] = DoubleDouble::ONE;
+    for k in 0..count {
+        for (j, &c) in power.iter().enumerate() {
+            matrix[j][k] = c;
+        }
+        power = (0..count)
+            .map(|j| offset * power[j] + if j > 0 { slope * power[j - 1] } else { DoubleDouble::ZERO })
+            .collect();
+    }
+    matrix
+}

@@ -1,0 +1,261 @@
+//! Simulated data from a known truth, along the physical chain.
+//!
+//! # Chain
+//! ```text
+//! chamber -> head, board          first-order lags, the board warmer by its own heat                      [degC]
+//!         -> telemetry            U = U0 + s T, plus noise, quantised, read every so often                [V]
+//! table   -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
+//!         -> indicated x          M f + A(U_head), plus an offset for each visit of a set point, plus noise [g0]
+//!         -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the rest is carried       [pulse]
+//! ```
+//! The truth is a [`CoefficientTable`] with a misalignment M; compensating with it gives f back, but for noise and the
+//! charge that has not made a pulse yet. The details are in the modules: [`Imu`] is head, board and converter, [`campaign`]
+//! and [`run`] let it through a schedule. The same seed gives the same data, to the byte on the same machine.
+
+mod campaign;
+mod chamber;
+mod imu;
+mod random;
+
+pub use campaign::{Campaign, Plan, Row, Run, RunSamples, campaign, campaign_toml, run};
+pub use imu::Imu;
+pub use random::Random;
+
+use isotherm_shared::polynomial::{Polynomial, Side};
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
+use isotherm_shared::wire::AXES;
+use nalgebra::Matrix3;
+use serde::Serialize;
+
+/// The stream of a seed that a truth is drawn from.
+const TRUTH: u64 = 4;
+
+/// A misalignment as an IMU may have it; see [`Truth::misalignment`].
+pub const MISALIGNMENT: Matrix3<f64> = Matrix3::new(1.0, 3e-4, -2e-4, -1.5e-4, 1.0, 2.5e-4, 1e-4, -3e-4, 1.0);
+
+/// A tilt as a turntable may have it \[rad\]; see [`Truth::tilt_rad`].
+pub const TILT_RAD: [f64; 2] = [4e-5, -6e-5];
+
+/// What the data come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// Bias and scale factors; its alignment is the inverse of `misalignment`, or absent for none.
+    pub table: CoefficientTable,
+    /// M: indicated = M * specific force + bias. A row for each sensor, columns A1, A2, A3.
+    pub misalignment: Matrix3<f64>,
+    /// Tilt (tx, ty) of the turntable's base about the laboratory's X and Y \[rad\].
+    pub tilt_rad: [f64; 2],
+    /// Gravity where the IMU is \[m/s2\].
+    pub gravity_local: f64,
+}
+
+impl Truth {
+    /// `content` with the alignment that undoes `misalignment`, whatever alignment it has had.
+    ///
+    /// # Errors
+    /// Every reason why there is no such table, a misalignment without inverse among them.
+    pub fn new(
+        mut content: Content,
+        misalignment: Matrix3<f64>,
+        tilt_rad: [f64; 2],
+        gravity_local: f64,
+    ) -> Result<Self, Vec<Refusal>> {
+        let singular = || vec![Refusal { key: "misalignment".to_owned(), message: "has no inverse".to_owned() }];
+        content.alignment = Some(misalignment.try_inverse().ok_or_else(singular)?);
+        Ok(Self { table: CoefficientTable::new(content)?, misalignment, tilt_rad, gravity_local })
+    }
+
+    /// `table` as it is, its alignment, if it has one, undoing the misalignment. No tilt; the local gravity is 1 g0.
+    #[must_use]
+    pub fn of(table: CoefficientTable) -> Self {
+        // A table's alignment is never singular.
+        let inverse = table.content().alignment.and_then(|alignment| alignment.try_inverse());
+        let gravity_local = table.content().gravity;
+        Self { table, misalignment: inverse.unwrap_or_else(Matrix3::identity), tilt_rad: [0.0; 2], gravity_local }
+    }
+
+    /// Another IMU of the kind of `content` in another laboratory, drawn from `seed`: bias constants within +-300 ug0 and
+    /// scale factor constants within +-2 % of the given ones, all higher coefficients within +-20 %; misalignments with a
+    /// standard deviation of 3e-4, tilts of 5e-5 rad; local gravity 9.78 to 9.83 m/s2.
+    ///
+    /// # Errors
+    /// If what was drawn is no valid table, as may happen to a table close to its limits.
+    pub fn varied(content: &Content, seed: u64) -> Result<Self, Vec<Refusal>> {
+        let mut random = Random::new(seed, TRUTH);
+        let mut content = content.clone();
+        for axis in &mut content.axes {
+            let unit = axis.bias_unit.in_g0();
+            let constant = axis.bias.coefficients().first().copied().unwrap_or_default();
+            axis.bias = varied(&axis.bias, constant + random.between(-300e-6, 300e-6) / unit, &mut random);
+            for scale_factor in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
+                let constant = scale_factor.coefficients().first().copied().unwrap_or_default();
+                *scale_factor = varied(scale_factor, constant * random.between(0.98, 1.02), &mut random);
+            }
+        }
+        let misalignment = Matrix3::from_fn(|i, j| if i == j { 1.0 } else { 3e-4 * random.normal() });
+        let tilt_rad = [5e-5 * random.normal(), 5e-5 * random.normal()];
+        Self::new(content, misalignment, tilt_rad, random.between(9.78, 9.83))
+    }
+
+    /// Where the chain's telemetry leaves a range of the table while the chamber is between `low_c` and `high_c` \[degC\];
+    /// `None` if it never does. Outside its range a table says nothing, so that nothing can be simulated there.
+    #[must_use]
+    pub fn outside(&self, chain: &Chain, low_c: f64, high_c: f64) -> Option<String> {
+        let margin_c = chain.oscillation_c.abs();
+        AXIS_NAMES.iter().zip(&self.table.content().axes).enumerate().find_map(|(index, (name, axis))| {
+            let Axis { bias, positive_scale_factor, negative_scale_factor, .. } = axis;
+            let (head_c, board_c) = (chain.head_offset_c[index], chain.board_offset_c[index]);
+            let quantities = [
+                ("bias", bias, head_c),
+                ("positive_scale_factor", positive_scale_factor, board_c),
+                ("negative_scale_factor", negative_scale_factor, board_c),
+            ];
+            quantities.into_iter().find_map(|(quantity, polynomial, offset_c)| {
+                let ends = [low_c - margin_c, high_c + margin_c].map(|end_c| chain.telemetry(end_c + offset_c));
+                let outside = ends.into_iter().find(|&end| polynomial.side(end) != Side::Inside)?;
+                let [low, high] = polynomial.range();
+                Some(format!("telemetry {outside:.4} is outside the range {low} to {high} of axis.{name}.{quantity}"))
+            })
+        })
+    }
+
+    /// The table's text, sealed, followed by a `[provenance]` section with the truth's other numbers, the `seed`, what
+    /// wrote it and the schedule, a [`Plan`] or a [`Run`], with all its parameters.
+    ///
+    /// # Errors
+    /// If TOML cannot express it, which is a seed over 2^63 - 1.
+    pub fn to_toml(&self, tool: &str, seed: u64, schedule: &impl Serialize) -> Result<String, toml::ser::Error> {
+        #[derive(Serialize)]
+        struct Provenance<'a, T> {
+            tool: &'a str,
+            seed: u64,
+            gravity_local: f64,
+            tilt_rad: [f64; 2],
+            misalignment: [[f64; AXES]; AXES],
+            #[serde(flatten)]
+            schedule: &'a T,
+        }
+        #[derive(Serialize)]
+        struct File<'a, T> {
+            provenance: Provenance<'a, T>,
+        }
+        let misalignment = self.misalignment.transpose().into();
+        let Self { gravity_local, tilt_rad, .. } = *self;
+        let provenance = Provenance { tool, seed, gravity_local, tilt_rad, misalignment, schedule };
+        Ok(format!("{}\n{}", self.table.to_toml(), toml::to_string(&File { provenance })?))
+    }
+}
+
+/// With another constant, and higher coefficients that differ by up to 20 %.
+fn varied(polynomial: &Polynomial, constant: f64, random: &mut Random) -> Polynomial {
+    let mut coefficients = polynomial.coefficients().to_vec();
+    coefficients.iter_mut().skip(1).for_each(|coefficient| *coefficient *= random.between(0.8, 1.2));
+    if let Some(first) = coefficients.first_mut() {
+        *first = constant;
+    }
+    // Finite numbers times finite numbers: only coefficients near 1e308 could fail.
+    Polynomial::new(&coefficients, polynomial.center(), polynomial.scale(), polynomial.range()).unwrap_or(*polynomial)
+}
+
+/// The hardware: what is the same each time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Chain {
+    /// Time constant of the sensor heads behind the chamber's air \[s\], over 0.
+    pub head_lag_s: f64,
+    /// Time constant of the converter boards \[s\], over 0.
+    pub board_lag_s: f64,
+    /// How much warmer than the chamber each head is \[degC\].
+    pub head_offset_c: [f64; AXES],
+    /// How much warmer than the chamber each board is, by its own heat \[degC\].
+    pub board_offset_c: [f64; AXES],
+    /// Amplitude of the chamber's slow oscillation \[degC\]; 0 for none.
+    pub oscillation_c: f64,
+    /// Its period \[s\], over 0; its phase is the seed's.
+    pub oscillation_s: f64,
+    /// Telemetry at 0 degC, in the table's unit.
+    pub telemetry_zero: f64,
+    /// Telemetry for a degree, in the table's unit.
+    pub telemetry_slope: f64,
+    /// Resolution of the telemetry in 1e-6 of the table's unit; 0 for none.
+    pub telemetry_lsb_micro: u32,
+    /// The telemetry is read so often \[s\]; 0 for every sample.
+    pub telemetry_s: f64,
+    /// Amplitude of a vibration along all input axes, in phase \[g0\]; 0 for none.
+    pub vibration_g0: f64,
+    /// Its frequency \[Hz\].
+    pub vibration_hz: f64,
+}
+
+impl Default for Chain {
+    /// Telemetry in volts, 1.1 V at -25 degC and 3.9 V at 45 degC, 16 bits over 5 V, read every sample; no vibration.
+    fn default() -> Self {
+        Self {
+            head_lag_s: 300.0,
+            board_lag_s: 420.0,
+            head_offset_c: [0.0, 0.625, 1.25],
+            board_offset_c: [4.0, 3.5, 3.0],
+            oscillation_c: 0.05,
+            oscillation_s: 3600.0,
+            telemetry_zero: 2.1,
+            telemetry_slope: 0.04,
+            telemetry_lsb_micro: 76,
+            telemetry_s: 0.0,
+            vibration_g0: 0.0,
+            vibration_hz: 0.0,
+        }
+    }
+}
+
+impl Chain {
+    /// Telemetry at `temperature_c` \[degC\], without noise and resolution.
+    #[must_use]
+    pub fn telemetry(&self, temperature_c: f64) -> f64 {
+        self.telemetry_zero + self.telemetry_slope * temperature_c
+    }
+
+    /// The nearest multiple of the resolution, as the double that prints with at most six decimals.
+    fn quantised(&self, telemetry: f64) -> f64 {
+        match f64::from(self.telemetry_lsb_micro) {
+            0.0 => telemetry,
+            // -0 is 0.
+            lsb => (telemetry * 1e6 / lsb).round() * lsb / 1e6 + 0.0,
+        }
+    }
+}
+
+/// What differs each time: standard deviations of Gaussian numbers, 0 for none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Noise {
+    /// White noise of a sensor in a mean over 1 s \[g0\]; over Ts it is 1/sqrt(Ts) times that.
+    pub sensor_g0: f64,
+    /// Of a telemetry reading, in the table's unit.
+    pub telemetry: f64,
+    /// Offset of the bias in each visit of a set point \[g0\].
+    pub bias_g0: f64,
+    /// Relative offsets of K+ and of K- in each visit of a set point.
+    pub scale_factor: f64,
+    /// Error of each of the turntable's angles in each dwell \[rad\].
+    pub positioning_rad: f64,
+}
+
+impl Default for Noise {
+    /// 5 ug0 in 1 s, 0.1 mV, visits within 0.2 ug0 and 0.3 ppm, positions within 1 arcsec.
+    fn default() -> Self {
+        Self {
+            sensor_g0: 5e-6,
+            telemetry: 1e-4,
+            bias_g0: 0.2e-6,
+            scale_factor: 0.3e-6,
+            positioning_rad: (1.0_f64 / 3600.0).to_radians(),
+        }
+    }
+}
+
+impl Noise {
+    /// Everything repeats exactly.
+    pub const NONE: Self =
+        Self { sensor_g0: 0.0, telemetry: 0.0, bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0 };
+}
+
+#[cfg(test)]
+mod tests;

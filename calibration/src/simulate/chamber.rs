@@ -1,0 +1,155 @@
+//! The temperature chamber, and the sensor heads and converter boards that follow it.
+//!
+//! # Equations
+//! The chamber's air is a ramp or a hold, u0 + r t \[degC\], and on it a slow oscillation a sin(w t + phi). What follows with
+//! the time constant tau \[s\] obeys dT/dt = (u - T) / tau. The equation is linear, so both parts have a closed form, exact
+//! for any step h \[s\]:
+//!
+//! ```text
+//! ramp:         T(t + h) = u(t + h) - r tau + (T(t) - u(t) + r tau) exp(-h / tau)
+//! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 settled, as if it had always been
+//! ```
+
+use super::Chain;
+use core::f64::consts::TAU;
+
+/// Something that follows the chamber's air.
+#[derive(Clone, Copy, Debug)]
+struct Follower {
+    tau_s: f64,
+    /// Without the oscillation \[degC\].
+    temperature_c: f64,
+    /// Amplitude \[degC\] and delay \[rad\] of its oscillation.
+    amplitude_c: f64,
+    delay: f64,
+}
+
+impl Follower {
+    fn new(tau_s: f64, temperature_c: f64, chain: &Chain) -> Self {
+        let angle = TAU / chain.oscillation_s * tau_s;
+        Self { tau_s, temperature_c, amplitude_c: chain.oscillation_c / angle.hypot(1.0), delay: angle.atan() }
+    }
+
+    /// Follows the air from `from` to `to` \[degC\] at `rate` \[degC/s\] for `time_s`.
+    fn follow(&mut self, from: f64, to: f64, rate: f64, time_s: f64) {
+        let behind = rate * self.tau_s;
+        self.temperature_c = to - behind + (self.temperature_c - from + behind) * (-time_s / self.tau_s).exp();
+    }
+
+    fn at(&self, phase: f64) -> f64 {
+        self.temperature_c + self.amplitude_c * (phase - self.delay).sin()
+    }
+}
+
+/// The chamber with what is in it.
+#[derive(Clone, Debug)]
+pub(super) struct Chamber {
+    /// Air, without the oscillation \[degC\].
+    air_c: f64,
+    target_c: f64,
+    /// Without a sign \[degC/s\].
+    ramp_c_per_s: f64,
+    head: Follower,
+    board: Follower,
+    time_s: f64,
+    period_s: f64,
+    phase: f64,
+}
+
+impl Chamber {
+    /// In equilibrium at `temperature_c`; `phase` \[rad\] of the oscillation.
+    pub(super) fn new(chain: &Chain, temperature_c: f64, phase: f64) -> Self {
+        Self {
+            air_c: temperature_c,
+            target_c: temperature_c,
+            ramp_c_per_s: 0.0,
+            head: Follower::new(chain.head_lag_s, temperature_c, chain),
+            board: Follower::new(chain.board_lag_s, temperature_c, chain),
+            time_s: 0.0,
+            period_s: chain.oscillation_s,
+            phase,
+        }
+    }
+
+    /// Makes for `target_c` at `ramp_c_per_s` \[degC/s\], over 0.
+    pub(super) fn go_to(&mut self, target_c: f64, ramp_c_per_s: f64) {
+        (self.target_c, self.ramp_c_per_s) = (target_c, ramp_c_per_s);
+    }
+
+    /// Air without the oscillation \[degC\].
+    pub(super) const fn air_c(&self) -> f64 {
+        self.air_c
+    }
+
+    /// Lets `time_s` pass.
+    pub(super) fn wait(&mut self, mut time_s: f64) {
+        self.time_s += time_s;
+        let distance = self.target_c - self.air_c;
+        if distance != 0.0 {
+            let left_s = distance.abs() / self.ramp_c_per_s;
+            let ramp_s = left_s.min(time_s);
+            let rate = self.ramp_c_per_s.copysign(distance);
+            let air_c = if left_s <= time_s { self.target_c } else { self.air_c + rate * time_s };
+            self.follow(air_c, rate, ramp_s);
+            time_s -= ramp_s;
+        }
+        if time_s > 0.0 {
+            self.follow(self.air_c, 0.0, time_s);
+        }
+    }
+
+    fn follow(&mut self, air_c: f64, rate: f64, time_s: f64) {
+        for follower in [&mut self.head, &mut self.board] {
+            follower.follow(self.air_c, air_c, rate, time_s);
+        }
+        self.air_c = air_c;
+    }
+
+    /// What the heads and the boards have come to, without their own offsets \[degC\].
+    pub(super) fn head_and_board_c(&self) -> (f64, f64) {
+        let phase = TAU * (self.time_s / self.period_s).fract() + self.phase;
+        (self.head.at(phase), self.board.at(phase))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chamber() -> Chamber {
+        let mut chamber = Chamber::new(&Chain::default(), 20.0, 1.0);
+        chamber.go_to(30.0, 1.0 / 60.0);
+        chamber
+    }
+
+    #[test]
+    fn the_step_length_does_not_matter() {
+        let (mut one, mut many) = (chamber(), chamber());
+        for seconds in [130.0, 470.0, 61.0, 4000.0] {
+            one.wait(seconds);
+            (0..10 * seconds as u32).for_each(|_| many.wait(0.1));
+            let ((a, b), (c, d)) = (one.head_and_board_c(), many.head_and_board_c());
+            assert!((a - c).abs() < 1e-9 && (b - d).abs() < 1e-9, "{a} {c}, {b} {d}");
+        }
+        assert_eq!(one.air_c(), 30.0);
+    }
+
+    #[test]
+    fn heads_and_boards_obey_their_differential_equation() {
+        let chain = Chain::default();
+        let mut chamber = chamber();
+        let (step, mut head, mut board) = (0.05, chamber.head_and_board_c().0, chamber.head_and_board_c().1);
+        for count in 0..20_000 {
+            // The classical Euler method with the air in the middle of the step.
+            let middle = f64::from(count) * step + step / 2.0;
+            let air = (20.0 + middle / 60.0).min(30.0)
+                + chain.oscillation_c * (TAU * middle / chain.oscillation_s + 1.0).sin();
+            head += (air - head) * step / chain.head_lag_s;
+            board += (air - board) * step / chain.board_lag_s;
+            chamber.wait(step);
+        }
+        let (exact_head, exact_board) = chamber.head_and_board_c();
+        assert!((head - exact_head).abs() < 1e-3 && (board - exact_board).abs() < 1e-3);
+        assert!(exact_head - exact_board > 0.5, "the board is slower");
+    }
+}

@@ -1,0 +1,376 @@
+//! How stable the output is over temperature, without and with compensation: the paper's table 4 and figure 6.
+//!
+//! # Definition
+//! The paper does not print one; this is ours. The IMU is held still, at an attitude that is stated, while the temperature runs or
+//! steps through its range. Of the means of the output over a window (10 s), less the specific force that the attitude asks for,
+//! in g0, each accelerometer has a standard deviation (about the mean) and an rms about zero, which shows a constant error too.
+//!
+//! - **before**: the coefficients frozen at the run's mid temperature,
+//! - **after**: the full model,
+//! - **factor**: standard deviation before over after.
+//!
+//! If no attitude is stated, the median of the compensated output stands in for it: then a constant error does not show.
+//!
+//! # The modulus
+//! Needs no turntable: at rest, at any attitude, the three outputs together must be as long as local gravity. Without an alignment
+//! matrix misalignments count fully (3e-4 rad: up to 3e-4 g0); with one, what is left is bias and scale factor.
+
+use core::fmt;
+use isotherm_shared::compensate::compensate;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{AXES, Flags, RawSample};
+
+/// Off the attitude by more than this on an axis, a window does not count for the stability \[g0\].
+const ATTITUDE: f64 = 5e-3;
+/// Neighbouring windows that differ by more were not still \[g0\].
+const STILL: f64 = 1e-3;
+/// Windows that a standard deviation needs.
+const MIN_WINDOWS: usize = 3;
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setup {
+    /// Direction of the specific force along A1, A2, A3, a unit vector; unknown if `None`.
+    pub attitude: Option<[f64; AXES]>,
+    /// Local gravity \[m/s2\].
+    pub gravity_local: f64,
+}
+
+/// Means over one window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Its middle, since the recording's begin \[s\].
+    pub time_s: f64,
+    /// Time counted in it \[s\].
+    pub seconds: f64,
+    /// Output with the coefficients frozen at mid temperature \[g0\].
+    pub before: [f64; AXES],
+    /// Output of the full model \[g0\]; NaN where the table rejects.
+    pub after: [f64; AXES],
+    /// Mean telemetry.
+    pub head: [f64; AXES],
+    /// Mean telemetry.
+    pub board: [f64; AXES],
+    /// Whether some sample was flagged for its telemetry's range or for anything else but age.
+    pub flagged: bool,
+    /// Whether it counts for the stability.
+    pub counts: bool,
+    /// Whether the IMU was still, at any attitude.
+    pub still: bool,
+}
+
+/// One accelerometer's stability \[g0\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisStability {
+    /// Standard deviation, frozen coefficients.
+    pub sd_before: f64,
+    /// Rms about zero, frozen coefficients.
+    pub rms_before: f64,
+    /// Standard deviation, full model.
+    pub sd_after: f64,
+    /// Rms about zero, full model.
+    pub rms_after: f64,
+}
+
+impl AxisStability {
+    /// Standard deviation before over after.
+    #[must_use]
+    pub fn factor(&self) -> f64 {
+        self.sd_before / self.sd_after
+    }
+}
+
+/// |output| less local gravity \[g0\], over the windows in which the IMU was still.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Modulus {
+    /// Windows.
+    pub windows: usize,
+    /// Mean.
+    pub mean: f64,
+    /// Rms about zero.
+    pub rms: f64,
+    /// Largest size.
+    pub worst: f64,
+}
+
+/// What a recording shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stability {
+    /// All windows, in order.
+    pub windows: Vec<Window>,
+    /// Specific force \[g0\] that was taken off the outputs.
+    pub specific_force: [f64; AXES],
+    /// Whether it was stated, or stands in from the median.
+    pub stated: bool,
+    /// By axis.
+    pub axes: [AxisStability; AXES],
+    /// None if the IMU was never still.
+    pub modulus: Option<Modulus>,
+    /// Local gravity over the table's \[g0\].
+    pub gravity: f64,
+    /// Smallest step of each axis' telemetry, head and board; none if it never moves.
+    pub resolution: [[Option<f64>; 2]; AXES],
+    /// Telemetry at which the coefficients are frozen: head and board, by axis.
+    pub middle: [[f64; 2]; AXES],
+}
+
+/// Why there is no stability to tell.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StabilityError {
+    /// Too few windows.
+    #[error(
+        "{windows} windows of {window_s} s; at least {MIN_WINDOWS} are needed: record longer, or take a shorter --window"
+    )]
+    TooShort {
+        /// Complete windows.
+        windows: usize,
+        /// \[s\]
+        window_s: f64,
+    },
+    /// Hardly any window is at the attitude.
+    #[error(
+        "only {counted} of {windows} windows are within {ATTITUDE} g0 of the specific force {force}; hold the IMU still, and state its \
+         attitude with --attitude"
+    )]
+    NotThere {
+        /// Windows at the attitude.
+        counted: usize,
+        /// All windows.
+        windows: usize,
+        /// The specific force.
+        force: Force,
+    },
+}
+
+/// A specific force, for messages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Force(pub [f64; AXES]);
+
+impl fmt::Display for Force {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [a1, a2, a3] = self.0;
+        write!(f, "({a1:.4}, {a2:.4}, {a3:.4}) g0")
+    }
+}
+
+/// What the samples of one window add up to.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    begin_s: f64,
+    end_s: f64,
+    seconds: f64,
+    positive: [f64; AXES],
+    negative: [f64; AXES],
+    head: [f64; AXES],
+    board: [f64; AXES],
+    velocity: [f64; AXES],
+    flagged: bool,
+}
+
+/// Adds samples up into windows; memory does not grow with the sampling rate.
+#[derive(Clone, Debug)]
+pub struct Collector<'a> {
+    table: &'a CoefficientTable,
+    window_s: f64,
+    begin_ns: Option<u64>,
+    open: Sums,
+    windows: Vec<Sums>,
+    telemetry: [[Telemetry; 2]; AXES],
+}
+
+/// Range and smallest step of a telemetry.
+#[derive(Clone, Copy, Debug)]
+struct Telemetry {
+    low: f64,
+    high: f64,
+    last: f64,
+    step: f64,
+}
+
+impl Telemetry {
+    fn add(&mut self, value: f64) {
+        if !value.is_finite() {
+            return;
+        }
+        (self.low, self.high) = (self.low.min(value), self.high.max(value));
+        let step = (value - self.last).abs();
+        // Below this it is the rounding of decimals.
+        if step > 1e-9 * value.abs() {
+            self.step = self.step.min(step);
+        }
+        self.last = value;
+    }
+
+    fn middle(&self) -> f64 {
+        0.5 * (self.low + self.high)
+    }
+}
+
+impl<'a> Collector<'a> {
+    /// For windows of `window_s`.
+    #[must_use]
+    pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
+        let telemetry = Telemetry { low: f64::INFINITY, high: f64::NEG_INFINITY, last: f64::NAN, step: f64::INFINITY };
+        let telemetry = [[telemetry; 2]; 3];
+        Self { table, window_s, begin_ns: None, open: Sums::default(), windows: Vec::new(), telemetry }
+    }
+
+    /// Adds the next sample. One whose interval is invalid carries no velocity and is left out.
+    pub fn add(&mut self, raw: &RawSample) {
+        let compensation = compensate(self.table, raw);
+        if compensation.flags.intersects(Flags::INTERVAL) {
+            return;
+        }
+        let seconds = raw.interval_ns as f64 / 1e9;
+        let begin_ns = *self.begin_ns.get_or_insert(raw.timestamp_ns.saturating_sub(raw.interval_ns));
+        let end_s = raw.timestamp_ns.saturating_sub(begin_ns) as f64 / 1e9;
+        let open = &mut self.open;
+        if open.seconds == 0.0 {
+            open.begin_s = end_s - seconds;
+        }
+        open.end_s = end_s;
+        open.seconds += seconds;
+        open.flagged |= compensation.flags.0 & !Flags::TELEMETRY_STALE.0 != 0;
+        for axis in 0..AXES {
+            open.positive[axis] += f64::from(raw.positive_pulses[axis]);
+            open.negative[axis] += f64::from(raw.negative_pulses[axis]);
+            open.head[axis] += raw.head_temperature[axis] * seconds;
+            open.board[axis] += raw.board_temperature[axis] * seconds;
+            open.velocity[axis] += compensation.velocity_increment[axis];
+            self.telemetry[axis][0].add(raw.head_temperature[axis]);
+            self.telemetry[axis][1].add(raw.board_temperature[axis]);
+        }
+        // Half a period early is nearer than half a period late.
+        if open.seconds + 0.5 * seconds >= self.window_s {
+            self.windows.push(core::mem::take(open));
+        }
+    }
+
+    /// What the windows show; the last, incomplete one does not count.
+    ///
+    /// # Errors
+    /// If there are too few windows, or too few at the attitude.
+    pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
+        if self.windows.len() < MIN_WINDOWS {
+            return Err(StabilityError::TooShort { windows: self.windows.len(), window_s: self.window_s });
+        }
+        let middle = self.telemetry.map(|[head, board]| [head.middle(), board.middle()]);
+        let frozen = Frozen::new(self.table, middle);
+        let mut windows: Vec<_> = self.windows.iter().map(|sums| window(sums, &frozen, self.table)).collect();
+        let gravity = setup.gravity_local / self.table.content().gravity;
+        let median = |axis: usize| crate::diagnostics::median(windows.iter().map(|window| window.after[axis]));
+        let specific_force = match setup.attitude {
+            Some(direction) => direction.map(|f| f * gravity),
+            None => [median(0), median(1), median(2)],
+        };
+        mark(&mut windows, specific_force);
+        let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
+        if counted.len() < MIN_WINDOWS {
+            let (counted, windows) = (counted.len(), windows.len());
+            return Err(StabilityError::NotThere { counted, windows, force: Force(specific_force) });
+        }
+        let axes = [0, 1, 2].map(|axis| {
+            let off = |of: fn(&Window) -> &[f64; AXES]| -> Vec<f64> {
+                counted.iter().map(|window| of(window)[axis] - specific_force[axis]).collect()
+            };
+            let (before, after) = (off(|window| &window.before), off(|window| &window.after));
+            AxisStability {
+                sd_before: sd(&before),
+                rms_before: rms(&before),
+                sd_after: sd(&after),
+                rms_after: rms(&after),
+            }
+        });
+        let resolution = self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite())));
+        let modulus = modulus(&windows, gravity);
+        Ok(Stability {
+            windows,
+            specific_force,
+            stated: setup.attitude.is_some(),
+            axes,
+            modulus,
+            gravity,
+            resolution,
+            middle,
+        })
+    }
+}
+
+/// Bias \[g0\], K+ and K- of each axis at mid temperature.
+struct Frozen([[f64; 3]; AXES]);
+
+impl Frozen {
+    fn new(table: &CoefficientTable, middle: [[f64; 2]; AXES]) -> Self {
+        let clamped = |polynomial: &Polynomial, telemetry: f64| polynomial.at(polynomial.clamp(telemetry));
+        Self([0, 1, 2].map(|index| {
+            let (axis, [head, board]) = (&table.content().axes[index], middle[index]);
+            [
+                clamped(&axis.bias, head) * axis.bias_unit.in_g0(),
+                clamped(&axis.positive_scale_factor, board),
+                clamped(&axis.negative_scale_factor, board),
+            ]
+        }))
+    }
+}
+
+fn window(sums: &Sums, frozen: &Frozen, table: &CoefficientTable) -> Window {
+    let content = table.content();
+    let mean = |values: [f64; AXES]| values.map(|value| value / sums.seconds);
+    let mut before = [0, 1, 2].map(|axis| {
+        let [bias, k_plus, k_minus] = frozen.0[axis];
+        (sums.positive[axis] / k_plus + sums.negative[axis] / k_minus) / sums.seconds - bias
+    });
+    if let Some(matrix) = &content.alignment {
+        before = (matrix * nalgebra::Vector3::from(before)).into();
+    }
+    Window {
+        time_s: 0.5 * (sums.begin_s + sums.end_s),
+        seconds: sums.seconds,
+        before,
+        after: mean(sums.velocity).map(|rate| rate / content.gravity),
+        head: mean(sums.head),
+        board: mean(sums.board),
+        flagged: sums.flagged,
+        counts: false,
+        still: false,
+    }
+}
+
+/// Which windows are at the attitude, and which are still.
+fn mark(windows: &mut [Window], force: [f64; AXES]) {
+    let apart = |a: &[f64; AXES], b: &[f64; AXES]| {
+        // A NaN is apart from everything.
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, |most: f64, d| if d.is_nan() { d } else { most.max(d) })
+    };
+    let after: Vec<_> = windows.iter().map(|window| window.after).collect();
+    for (index, window) in windows.iter_mut().enumerate() {
+        window.counts = apart(&window.after, &force) < ATTITUDE;
+        let neighbours = [index.checked_sub(1), Some(index + 1)];
+        let mut near = neighbours.iter().flatten().filter_map(|&other| after.get(other));
+        window.still = near.all(|other| apart(&window.after, other) < STILL);
+    }
+}
+
+fn modulus(windows: &[Window], gravity: f64) -> Option<Modulus> {
+    let length = |window: &Window| window.after.iter().map(|a| a * a).sum::<f64>().sqrt();
+    let off: Vec<f64> = windows.iter().filter(|window| window.still).map(|window| length(window) - gravity).collect();
+    if off.is_empty() {
+        return None;
+    }
+    Some(Modulus {
+        windows: off.len(),
+        mean: off.iter().sum::<f64>() / off.len() as f64,
+        rms: rms(&off),
+        worst: off.iter().fold(0.0, |most: f64, value| most.max(value.abs())),
+    })
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+fn sd(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64).sqrt()
+}

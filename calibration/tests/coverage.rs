@@ -1,0 +1,82 @@
+//! Are the intervals what they say? Over 200 simulated campaigns, 95 % intervals must contain the truth in 184 to 196.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use isotherm_calibration::calibrate::{Calibration, Options, calibrate};
+use isotherm_calibration::campaign::{Campaign, read};
+use isotherm_calibration::simulate::{Plan, Truth, campaign, campaign_toml};
+use isotherm_shared::recording::{CampaignReader, RawWriter};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+
+const CAMPAIGNS: u64 = 200;
+const LEVEL: f64 = 0.95;
+
+/// A campaign on paper, from the rows as a laboratory would deliver them.
+fn calibrated(truth: &Truth, plan: &Plan, seed: u64, options: Options) -> (Campaign, Calibration) {
+    let content = truth.table.content();
+    let text = campaign_toml(
+        &content.imu,
+        "samples.csv",
+        content.gravity,
+        truth.gravity_local,
+        &content.temperature_unit,
+        &plan.positions,
+    );
+    let stated = Campaign::from_toml(&text).unwrap();
+    let mut writer = RawWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
+    for row in campaign(truth, plan, seed) {
+        writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw).unwrap();
+    }
+    let samples = writer.finish().unwrap();
+    let dwells = read(&stated, CampaignReader::new(samples.as_slice()).unwrap()).unwrap();
+    let calibration = calibrate(&stated, dwells, options).unwrap();
+    (stated, calibration)
+}
+
+fn paper() -> CoefficientTable {
+    CoefficientTable::from_toml(include_str!("../../examples/tables/imu-paper.toml"), None).unwrap()
+}
+
+#[test]
+fn intervals_contain_the_truth_as_often_as_they_say() {
+    let plan = Plan { interval_ns: 60_000_000_000, ..Plan::default() };
+    let paper = paper();
+    // Hits by name.
+    let mut hits: Vec<(String, u32)> = Vec::new();
+    let mut count = |name: String, hit: bool| {
+        match hits.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, count)) => *count += u32::from(hit),
+            None => hits.push((name, u32::from(hit))),
+        };
+    };
+    for seed in 0..CAMPAIGNS {
+        let truth = Truth::varied(paper.content(), seed).unwrap();
+        let (_, calibration) = calibrated(&truth, &plan, seed, Options { order: Some(3), ..Options::default() });
+        for axis in 0..3 {
+            let (part, right) = (&calibration.solution.axes[axis], &truth.table.content().axes[axis]);
+            let unit = right.bias_unit.in_g0();
+            let polynomials =
+                [(&right.bias, unit), (&right.positive_scale_factor, 1.0), (&right.negative_scale_factor, 1.0)];
+            for ((name, curve), (polynomial, unit)) in ["A", "K+", "K-"].iter().zip(&part.curves).zip(polynomials) {
+                let [low, high] = curve.range();
+                for place in [0.0, 0.25, 0.5, 0.9] {
+                    let telemetry = low + place * (high - low);
+                    let error = curve.at(telemetry) - polynomial.at(telemetry) * unit;
+                    let inside = error.abs() <= curve.interval(telemetry, LEVEL).unwrap();
+                    count(format!("{} {name} at {place:.2}", AXIS_NAMES[axis]), inside);
+                }
+            }
+            let interval = part.misalignment_interval(LEVEL).unwrap();
+            for k in 0..2 {
+                let right = truth.misalignment[(axis, (axis + 1 + k) % 3)];
+                let inside = (part.misalignment[k] - right).abs() <= interval[k];
+                count(format!("{} m{k}", AXIS_NAMES[axis]), inside);
+            }
+        }
+    }
+    for (name, count) in &hits {
+        println!("{name:16} {count}");
+    }
+    assert_eq!(hits.len(), 3 * (3 * 4 + 2));
+    let outside: Vec<_> = hits.iter().filter(|(_, count)| !(184..=196).contains(count)).collect();
+    assert!(outside.is_empty(), "{outside:?}");
+}

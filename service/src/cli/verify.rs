@@ -1,0 +1,145 @@
+use super::calibrate::bytes_bar;
+use super::parse::{direction, gravity};
+use super::{not_the_same, seconds, written};
+use crate::failure::{Exit, Failure};
+use crate::files::{load_table, open_recording};
+use clap::Args;
+use isotherm_calibration::stability::{Collector, Force, Setup, Stability};
+use isotherm_shared::recording::RawReader;
+use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::wire::AXES;
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Show how stable the output of a recording is, before and after compensation
+///
+/// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
+/// temperature. After: the full model. Where the IMU was still, the three outputs together are compared with gravity too.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --require 10"
+)]
+pub struct Verify {
+    /// Coefficient table
+    #[arg(long, value_name = "TABLE")]
+    table: PathBuf,
+    /// Recording of raw samples (CSV); - is stdin
+    #[arg(value_name = "RAW.csv")]
+    recording: PathBuf,
+    /// Length of the windows that means are taken over [s]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = seconds)]
+    window: Duration,
+    /// Fail unless every axis is FACTOR times more stable after than before
+    #[arg(long, value_name = "FACTOR", value_parser = over_0)]
+    require: Option<f64>,
+    /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
+    #[arg(long, value_name = "F1,F2,F3", allow_hyphen_values = true, value_parser = direction)]
+    attitude: Option<[f64; AXES]>,
+    /// Local gravity in m/s2 [default: the table's]
+    #[arg(long, value_name = "G", value_parser = gravity)]
+    gravity_local: Option<f64>,
+    /// Where the report goes (HTML)
+    #[arg(long, value_name = "R.html")]
+    report: Option<PathBuf>,
+}
+
+fn over_0(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "give a number over 0".to_owned())
+}
+
+impl Verify {
+    pub fn run(self) -> Result<(), Failure> {
+        not_the_same(&self.recording, self.report.as_deref())?;
+        let (table, _) = load_table(&self.table, None)?;
+        let source = open_recording(&self.recording);
+        let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
+        let failed = |error| Failure::recording(&self.recording, &error);
+        let bar = bytes_bar(&self.recording, "reading");
+        let window_s = self.window.as_secs_f64();
+        let mut collector = Collector::new(&table, window_s);
+        for sample in RawReader::new(bar.wrap_read(source)).map_err(failed)? {
+            collector.add(&sample.map_err(failed)?);
+        }
+        bar.finish_and_clear();
+        let setup = Setup {
+            attitude: self.attitude.map(|direction| {
+                let length = direction.iter().map(|f| f * f).sum::<f64>().sqrt();
+                direction.map(|f| f / length)
+            }),
+            gravity_local: self.gravity_local.unwrap_or(table.content().gravity),
+        };
+        let stability = collector.finish(&setup);
+        let stability =
+            stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", self.recording.display())))?;
+        let text = tell(&stability, window_s, table.content().alignment.is_some());
+        written(None, io::stdout().write_all(text.as_bytes()))?;
+        let short = |factor: f64| {
+            let axes = AXIS_NAMES.iter().zip(&stability.axes).filter(|(_, axis)| !(axis.factor() >= factor));
+            let axes: Vec<_> = axes.map(|(name, axis)| format!("{name} {:.2}", axis.factor())).collect();
+            Some(axes.join(", ")).filter(|axes| !axes.is_empty())
+        };
+        match self.require.and_then(|factor| Some((factor, short(factor)?))) {
+            Some((factor, axes)) => Err(Failure::new(
+                Exit::Failed,
+                format!("stability: {axes} times better, {factor} are required; calibrate anew, or look at the report"),
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Table 4 for people.
+fn tell(stability: &Stability, window: f64, aligned: bool) -> String {
+    let counted = stability.windows.iter().filter(|window| window.counts).count();
+    let mut text = format!(
+        "Output stability: means over {window} s of output minus specific force [1e-6 g0]\n          frozen at mid temperature        \
+         full model\n          std. deviation  rms about zero   std. deviation  rms about zero   factor (std. dev.)\n"
+    );
+    // Writing to a String cannot fail.
+    for (name, axis) in AXIS_NAMES.iter().zip(&stability.axes) {
+        let _ = writeln!(
+            text,
+            "  {name} {:>18.3} {:>15.3} {:>16.3} {:>15.3} {:>12.2}",
+            axis.sd_before * 1e6,
+            axis.rms_before * 1e6,
+            axis.sd_after * 1e6,
+            axis.rms_after * 1e6,
+            axis.factor()
+        );
+    }
+    let origin =
+        if stability.stated { "stated" } else { "the median of the output, so that a constant error does not show" };
+    let _ = writeln!(text, "  specific force {}, {origin}", Force(stability.specific_force));
+    let _ = writeln!(text, "  {counted} of {} windows at this attitude", stability.windows.len());
+    let flagged = stability.windows.iter().filter(|window| window.flagged).count();
+    if flagged > 0 {
+        let _ = writeln!(
+            text,
+            "  {flagged} windows have flagged samples: telemetry out of the table's range, or not plausible"
+        );
+    }
+    match &stability.modulus {
+        Some(modulus) => {
+            let _ = writeln!(
+                text,
+                "\nLength of the output against local gravity, {} still windows [1e-6 g0]: mean {:.3}, rms {:.3}, worst {:.3}{}",
+                modulus.windows,
+                modulus.mean * 1e6,
+                modulus.rms * 1e6,
+                modulus.worst * 1e6,
+                if aligned { "" } else { "\n  (the table has no alignment matrix: misalignments are part of it)" }
+            );
+        }
+        None => text.push_str("\nThe IMU was never still: its output cannot be compared with gravity.\n"),
+    }
+    let worst = stability.axes.iter().map(|axis| axis.rms_after).fold(0.0, f64::max);
+    let _ = writeln!(
+        text,
+        "What is left, {:.2}e-6 g0 at most, tilts a level by {:.2} arc seconds.",
+        worst * 1e6,
+        worst.to_degrees() * 3600.0
+    );
+    text
+}
