@@ -403,14 +403,14 @@ fn unusable(sample: &RawSample, previous: Option<u64>) -> Option<String> {
             ));
         }
     }
-    for axis in 0..AXES {
+    for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
         for (telemetry, name) in [(sample.head_temperature[axis], "head"), (sample.board_temperature[axis], "board")] {
             if !telemetry.is_finite() {
                 return Some(format!("a{}_{name} is {telemetry}, which is no temperature", axis + 1));
             }
         }
         if sample.positive_pulses[axis] == u32::MAX || sample.negative_pulses[axis] == u32::MAX {
-            return Some(format!("the counter of {} is full: saturated", AXIS_NAMES[axis]));
+            return Some(format!("the counter of {accelerometer} is full: saturated"));
         }
     }
     None

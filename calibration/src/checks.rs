@@ -197,7 +197,7 @@ impl Checker<'_> {
                 steps.sort_by(f64::total_cmp);
                 let step = median(steps.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
                 let column = format!("a{}_{name}", axis + 1);
-                if !(step > 0.0) {
+                if step.is_nan() {
                     let message = format!("{column} is the same at every set point; is the sensor connected?");
                     self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
                     continue;
@@ -247,11 +247,10 @@ impl Checker<'_> {
     fn saturation(&mut self) {
         let Some(limit) = self.campaign.max_rate else { return };
         for dwell in 0..self.dwells.len() {
-            for axis in 0..AXES {
+            for (axis, name) in AXIS_NAMES.iter().enumerate() {
                 let full = self.dwells[dwell].blocks.iter().find(|block| block.rate[axis] >= limit);
                 if let Some((line, rate)) = full.map(|block| (block.line, block.rate[axis])) {
-                    let message =
-                        format!("{} counts {rate:.0} pulse/s, max_rate is {limit:.0}: saturated", AXIS_NAMES[axis]);
+                    let message = format!("{name} counts {rate:.0} pulse/s, max_rate is {limit:.0}: saturated");
                     self.of_dwell(Severity::Fault, dwell, line, message);
                 }
             }
@@ -272,19 +271,18 @@ impl Checker<'_> {
     /// What is indicated against what the position asks for.
     fn forces(&mut self) {
         let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
-        for axis in 0..AXES {
+        for (axis, name) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
             for (k, side, sign) in [(up, "up", "+"), (down, "down", "-")] {
-                if !(k > 1.0) {
+                if k.is_nan() || k <= 1.0 {
                     let message = format!(
-                        "{} gives no pulses on its {sign} channel in the positions where it points {side}; are the channels or the \
-                         signs of the specific force exchanged?",
-                        AXIS_NAMES[axis]
+                        "{name} gives no pulses on its {sign} channel in the positions where it points {side}; are the channels or the \
+                         signs of the specific force exchanged?"
                     );
                     self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
                 }
             }
-            if !(up > 1.0 && down > 1.0) {
+            if [up, down].iter().any(|k| k.is_nan() || *k <= 1.0) {
                 continue;
             }
             for dwell in 0..self.dwells.len() {
@@ -293,9 +291,8 @@ impl Checker<'_> {
                 let indicated = (positive / up - negative / down) * gravity;
                 if (indicated - asked).abs() > WRONG_POSITION {
                     let message = format!(
-                        "{} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the table moved; \
-                         mend the rows or leave the dwell out with --exclude",
-                        AXIS_NAMES[axis]
+                        "{name} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the table moved; \
+                         mend the rows or leave the dwell out with --exclude"
                     );
                     self.of_dwell(Severity::Fault, dwell, self.dwells[dwell].lines[0], message);
                 }
@@ -305,7 +302,7 @@ impl Checker<'_> {
 
     /// No part of a dwell may differ from the rest.
     fn still(&mut self) {
-        for axis in 0..AXES {
+        for (axis, name) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
             for dwell in 0..self.dwells.len() {
                 let blocks = &self.dwells[dwell].blocks;
@@ -316,8 +313,8 @@ impl Checker<'_> {
                 let values: Vec<f64> = blocks.iter().map(indicated).collect();
                 let middle = median(values.iter().copied());
                 let off: Vec<f64> = values.iter().map(|value| value - middle).collect();
-                // One pulse more or less is no motion.
-                let pulse = 2.0 / (up.min(down) * median(blocks.iter().map(|block| block.sums.seconds)));
+                // A few pulses more or less are no motion.
+                let pulse = 4.0 / (up.min(down) * median(blocks.iter().map(|block| block.sums.seconds)));
                 let limit = STILL * robust_sd(&off) + STILL_FLOOR + pulse;
                 let worst = (0..off.len()).max_by(|&a, &b| off[a].abs().total_cmp(&off[b].abs()));
                 if let Some(worst) = worst.filter(|&worst| off[worst].abs() > limit) {
@@ -325,7 +322,7 @@ impl Checker<'_> {
                     let severity = if off[worst].abs() > MOVED { Severity::Fault } else { Severity::Warning };
                     let message = format!(
                         "{} was not still: {:.1}e-6 g0 off the rest of the dwell from line {line} on; leave the rows or the dwell out",
-                        AXIS_NAMES[axis],
+                        name,
                         off[worst] * 1e6
                     );
                     self.of_dwell(severity, dwell, line, message);

@@ -33,6 +33,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Gauss-Newton steps; it converges in four or five.
 const MAX_STEPS: usize = 30;
+/// Condition number beyond which the dwells do not determine the unknowns. The bases are not orthogonal, so that high orders come to
+/// some thousands; a deficiency is far beyond.
+const MAX_CONDITION: f64 = 1e7;
 /// Columns for A, K+, K- of each accelerometer; then its two misalignments; then the tilt.
 const QUANTITIES: usize = 3;
 
@@ -117,7 +120,8 @@ pub fn solve(
         if !size.is_finite() {
             return Err(OneStageError::Divergence);
         }
-        model.unknown += &step.change;
+        let mut unknown = model.unknown.rows_mut(0, step.change.len());
+        unknown += &step.change;
         step = model.step(&counted).ok_or(undetermined)?;
         // In units where curves are of order 1.
         if size < 1e-13 {
@@ -303,8 +307,7 @@ impl<'a> Model<'a> {
         qr.q_tr_mul(&mut right);
         let sizes = r.clone().singular_values();
         let condition = sizes.max() / sizes.min();
-        // The basis is not orthogonal, so that high orders come to some thousands; a deficiency is far beyond.
-        if !(condition < 1e7) {
+        if condition.is_nan() || condition > MAX_CONDITION {
             return None;
         }
         let inverse = r.try_inverse()?;
@@ -412,14 +415,14 @@ pub fn set_point_values(
 ) -> Vec<Option<SetPointValues>> {
     let of = |stay: &SetPoint| -> Option<SetPointValues> {
         let mut values = [[(0.0, 0.0); QUANTITIES]; 3];
-        for axis in 0..AXES {
-            let parts: Vec<_> = stay.dwells.iter().map(|&d| &dwells[d]).collect();
+        let parts: Vec<_> = stay.dwells.iter().map(|&d| &dwells[d]).collect();
+        for (axis, values) in values.iter_mut().enumerate() {
             let reduced = crate::reduce::reduce(campaign, &parts, axis)?;
             let delta = local_correction(campaign, dwells, stay, solution, axis)?;
-            for quantity in 0..QUANTITIES {
+            for (quantity, value) in values.iter_mut().enumerate() {
                 let telemetry = reduced.telemetry[quantity];
                 let curve = &solution.axes[axis].curves[quantity];
-                values[axis][quantity] = (telemetry, curve.at(telemetry) + delta[quantity]);
+                *value = (telemetry, curve.at(telemetry) + delta[quantity]);
             }
         }
         Some(values)

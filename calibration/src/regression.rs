@@ -165,7 +165,11 @@ impl Regression {
         let inverse = invert(&triangle, max_order + 1);
         let mut regression = Self { points, center, scale, inverse, rotated, fits: Vec::new() };
         regression.fits = regression.all_fits(max_order);
-        let finite = |fit: &Fit| fit.sse.is_finite() && fit.coefficients.iter().all(|c| c.is_finite());
+        let finite = |fit: &Fit| {
+            let partial = fit.partial.iter().chain(&fit.partial_centred);
+            let mut figures = fit.coefficients.iter().copied().chain(partial.map(|partial| partial.sum_of_squares));
+            fit.sse.is_finite() && figures.all(f64::is_finite)
+        };
         if regression.fits.iter().all(finite) { Ok(regression) } else { Err(RegressionError::OutOfRange) }
     }
 
@@ -439,8 +443,8 @@ pub fn expansion(center: DoubleDouble, scale: DoubleDouble, count: usize) -> Vec
     let mut power = vec![DoubleDouble::ZERO; count];
     power[0] = DoubleDouble::ONE;
     for k in 0..count {
-        for (j, &c) in power.iter().enumerate() {
-            matrix[j][k] = c;
+        for (row, &c) in matrix.iter_mut().zip(&power) {
+            row[k] = c;
         }
         power = (0..count)
             .map(|j| offset * power[j] + if j > 0 { slope * power[j - 1] } else { DoubleDouble::ZERO })

@@ -4,7 +4,27 @@
 //! one embedded stylesheet, so a figure follows the light, dark or print palette of its page.
 
 mod axis;
+pub mod calibration;
 pub mod page;
 pub mod plot;
 mod svg;
 mod thin;
+pub mod verification;
+
+use page::Cell;
+
+/// Columns of a table of [`navigation`] rows.
+const NAVIGATION: [&str; 5] =
+    ["Error", "1e-6 g0", "Level / arc seconds", "Velocity in 60 s / (mm/s)", "Position in 60 s / mm"];
+
+/// What an acceleration error \[g0\] costs a navigator: tilt of a level, velocity and position after a minute.
+fn navigation(what: &str, error: f64) -> Vec<Cell> {
+    let acceleration = error * 9.80665e3;
+    vec![
+        Cell::text(what),
+        Cell::number(error * 1e6, 3),
+        Cell::number(error.to_degrees() * 3600.0, 3),
+        Cell::number(acceleration * 60.0, 3),
+        Cell::number(0.5 * acceleration * 3600.0, 1),
+    ]
+}

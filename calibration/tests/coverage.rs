@@ -1,40 +1,15 @@
 //! Are the intervals what they say? Over 200 simulated campaigns, 95 % intervals must contain the truth in 184 to 196.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_calibration::calibrate::{Calibration, Options, calibrate};
-use isotherm_calibration::campaign::{Campaign, read};
-use isotherm_calibration::simulate::{Plan, Truth, campaign, campaign_toml};
-use isotherm_shared::recording::{CampaignReader, RawWriter};
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+mod common;
+
+use common::{calibrated, paper};
+use isotherm_calibration::calibrate::Options;
+use isotherm_calibration::simulate::{Plan, Truth};
+use isotherm_shared::table::AXIS_NAMES;
 
 const CAMPAIGNS: u64 = 200;
 const LEVEL: f64 = 0.95;
-
-/// A campaign on paper, from the rows as a laboratory would deliver them.
-fn calibrated(truth: &Truth, plan: &Plan, seed: u64, options: Options) -> (Campaign, Calibration) {
-    let content = truth.table.content();
-    let text = campaign_toml(
-        &content.imu,
-        "samples.csv",
-        content.gravity,
-        truth.gravity_local,
-        &content.temperature_unit,
-        &plan.positions,
-    );
-    let stated = Campaign::from_toml(&text).unwrap();
-    let mut writer = RawWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
-    for row in campaign(truth, plan, seed) {
-        writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw).unwrap();
-    }
-    let samples = writer.finish().unwrap();
-    let dwells = read(&stated, CampaignReader::new(samples.as_slice()).unwrap()).unwrap();
-    let calibration = calibrate(&stated, dwells, options).unwrap();
-    (stated, calibration)
-}
-
-fn paper() -> CoefficientTable {
-    CoefficientTable::from_toml(include_str!("../../examples/tables/imu-paper.toml"), None).unwrap()
-}
 
 #[test]
 fn intervals_contain_the_truth_as_often_as_they_say() {
@@ -50,7 +25,8 @@ fn intervals_contain_the_truth_as_often_as_they_say() {
     };
     for seed in 0..CAMPAIGNS {
         let truth = Truth::varied(paper.content(), seed).unwrap();
-        let (_, calibration) = calibrated(&truth, &plan, seed, Options { order: Some(3), ..Options::default() });
+        let (_, calibration) =
+            calibrated(&truth, &plan, seed, Options { order: Some(3), ..Options::default() }).unwrap();
         for axis in 0..3 {
             let (part, right) = (&calibration.solution.axes[axis], &truth.table.content().axes[axis]);
             let unit = right.bias_unit.in_g0();

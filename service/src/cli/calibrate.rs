@@ -9,6 +9,7 @@ use isotherm_calibration::calibrate::{
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::checks::{Finding, Severity};
 use isotherm_calibration::provenance::{Source, provenance};
+use isotherm_calibration::report::calibration::html;
 use isotherm_shared::recording::CampaignReader;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use sha2::{Digest as _, Sha256};
@@ -95,8 +96,8 @@ impl Calibrate {
         let calibration =
             calibrate(&campaign, dwells, options).map_err(|error| failure(&self.campaign, &samples, &error))?;
         let source = Source {
-            tool: format!("isotherm {}", env!("CARGO_PKG_VERSION")),
-            time: jiff::Timestamp::now().round(jiff::Unit::Second).map_or_else(|_| String::new(), |t| t.to_string()),
+            tool: tool(),
+            time: now(),
             campaign: self.campaign.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             campaign_sha256: hex(&Sha256::digest(&text)),
             samples_sha256,
@@ -107,7 +108,10 @@ impl Calibrate {
         }
         let _ = io::stderr().write_all(summary(&calibration).as_bytes());
         write(&self.output, &sealed)?;
-        Ok(())
+        match &self.report {
+            Some(path) => write(path, &html(&campaign, &calibration, &source)),
+            None => Ok(()),
+        }
     }
 }
 
@@ -119,7 +123,19 @@ pub fn load_campaign(path: &Path) -> Result<(String, Campaign), Failure> {
     Ok((text, campaign))
 }
 
-fn write(path: &Path, text: &str) -> Result<(), Failure> {
+/// This program, for provenance.
+pub fn tool() -> String {
+    format!("isotherm {}", env!("CARGO_PKG_VERSION"))
+}
+
+/// The time to the second, RFC 3339 in UTC.
+pub fn now() -> String {
+    let now = jiff::Timestamp::now();
+    now.round(jiff::Unit::Second).unwrap_or(now).to_string()
+}
+
+/// Writes a whole file.
+pub fn write(path: &Path, text: &str) -> Result<(), Failure> {
     let output = Output::create(Some(path));
     let result = output.and_then(|mut output| output.write_all(text.as_bytes()).and_then(|()| output.finish()));
     written(Some(path), result)

@@ -3,12 +3,14 @@ use crate::config::Config;
 use crate::failure::{Exit, Failure};
 use crate::files::{Output, TableFileError, load_table, read_text};
 use clap::Args;
+use isotherm_calibration::calibrate::observable;
+use isotherm_calibration::campaign::Campaign;
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::table::{CoefficientTable, Seal};
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Validate coefficient tables and service configurations with the code that loads them
+/// Validate coefficient tables, service configurations and campaign files with the code that loads them
 ///
 /// What a file is, its content tells. All faults of all files are reported, each with line and key.
 #[derive(Debug, Args)]
@@ -19,7 +21,7 @@ pub struct Check {
     /// Write a table's digest into it, so that a later change or a half-written copy is noticed
     #[arg(long)]
     seal: bool,
-    /// Tables and configurations; - is stdin
+    /// Tables, configurations and campaign files; - is stdin
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 }
@@ -28,6 +30,7 @@ pub struct Check {
 enum Kind {
     Table,
     Config,
+    Campaign,
 }
 
 impl Check {
@@ -70,6 +73,15 @@ fn check(path: &Path, seal: bool) -> Result<String, Failure> {
             Exit::Config,
             format!("{}: a service configuration; only tables are sealed", path.display()),
         )),
+        Kind::Campaign if seal => {
+            Err(Failure::new(Exit::Config, format!("{}: a campaign; only tables are sealed", path.display())))
+        }
+        Kind::Campaign => {
+            let campaign = Campaign::from_toml(&text).map_err(refuse)?;
+            let observable = observable(&campaign);
+            observable.map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
+            Ok(format!("campaign of {}, {} positions that observe everything", campaign.imu, campaign.positions.len()))
+        }
         Kind::Config => {
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let mut failures = Vec::new();
@@ -102,16 +114,19 @@ fn read_stdin() -> Result<String, Failure> {
     Ok(text)
 }
 
-/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`.
+/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`, a campaign `[[position]]`.
 fn kind(text: &str) -> Result<Kind, Faults> {
     let document = Document::parse(text)?;
     let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
-    if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
+    if has(&["position", "samples", "gravity_reference"]) {
+        Ok(Kind::Campaign)
+    } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
         Ok(Kind::Config)
     } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
         Ok(Kind::Table)
     } else {
-        let message = "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]]";
+        let message = "no coefficient table, which has [[axis]], no service configuration, which has [[imu]], and no campaign, \
+                       which has [[position]]";
         Err(Faults(vec![Fault { line: 1, key: String::new(), message: message.to_owned() }]))
     }
 }

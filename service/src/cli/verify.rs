@@ -1,9 +1,10 @@
-use super::calibrate::bytes_bar;
+use super::calibrate::{bytes_bar, now, tool, write};
 use super::parse::{direction, gravity};
 use super::{not_the_same, seconds, written};
 use crate::failure::{Exit, Failure};
 use crate::files::{load_table, open_recording};
 use clap::Args;
+use isotherm_calibration::report::verification::{Source, html};
 use isotherm_calibration::stability::{Collector, Force, Setup, Stability};
 use isotherm_shared::recording::RawReader;
 use isotherm_shared::table::AXIS_NAMES;
@@ -75,8 +76,22 @@ impl Verify {
             stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", self.recording.display())))?;
         let text = tell(&stability, window_s, table.content().alignment.is_some());
         written(None, io::stdout().write_all(text.as_bytes()))?;
+        if let Some(path) = &self.report {
+            let source = Source {
+                tool: tool(),
+                time: now(),
+                table: self.table.display().to_string(),
+                recording: self.recording.display().to_string(),
+                window_s,
+                required: self.require,
+            };
+            write(path, &html(&table, &stability, &source))?;
+        }
         let short = |factor: f64| {
-            let axes = AXIS_NAMES.iter().zip(&stability.axes).filter(|(_, axis)| !(axis.factor() >= factor));
+            let axes = AXIS_NAMES
+                .iter()
+                .zip(&stability.axes)
+                .filter(|(_, axis)| axis.factor().is_nan() || axis.factor() < factor);
             let axes: Vec<_> = axes.map(|(name, axis)| format!("{name} {:.2}", axis.factor())).collect();
             Some(axes.join(", ")).filter(|axes| !axes.is_empty())
         };

@@ -1,0 +1,535 @@
+//! The report of a calibration.
+
+use super::navigation;
+use super::page::{Cell, Kind, Page};
+use super::plot::{Plot, Style};
+use crate::calibrate::{Calibration, Method};
+use crate::campaign::{Campaign, Dwell};
+use crate::diagnostics::Test;
+use crate::provenance::Source;
+use crate::regression::Partial;
+use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::wire::AXES;
+
+/// Points of a drawn curve.
+const CURVE: usize = 120;
+/// What the curves are called, their unit, and what turns a value into it.
+const NAMES: [(&str, &str); 3] = [("Bias", "1e-6 g0"), ("K+", "pulse/(s g0)"), ("K-", "pulse/(s g0)")];
+
+/// Bias in 1e-6 g0, scale factors as they are.
+const fn factor(quantity: usize) -> f64 {
+    if quantity == 0 { 1e6 } else { 1.0 }
+}
+
+/// The page as HTML.
+#[must_use]
+pub fn html(campaign: &Campaign, calibration: &Calibration, source: &Source) -> String {
+    let report = Report { campaign, calibration, source };
+    let title = format!("Calibration of {}", campaign.imu);
+    let mut page = Page::new(&title, &format!("{} · {} · {}", source.campaign, source.time, source.tool));
+    report.result(&mut page);
+    report.curves(&mut page);
+    report.residuals(&mut page);
+    report.orders(&mut page);
+    report.misalignments(&mut page);
+    report.before_after(&mut page);
+    report.budget(&mut page);
+    report.set_points(&mut page);
+    report.dwells(&mut page);
+    report.provenance(&mut page);
+    page.finish()
+}
+
+struct Report<'a> {
+    campaign: &'a Campaign,
+    calibration: &'a Calibration,
+    source: &'a Source,
+}
+
+impl Report<'_> {
+    fn unit(&self) -> &str {
+        &self.campaign.temperature_unit
+    }
+
+    fn telemetry(&self, quantity: usize) -> String {
+        format!("{} telemetry / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
+    }
+
+    fn number(&self, dwell: &Dwell) -> u32 {
+        self.campaign.positions[dwell.position].number
+    }
+
+    fn result(&self, page: &mut Page) {
+        let calibration = self.calibration;
+        page.heading(2, "result", "Result");
+        if calibration.findings.is_empty() {
+            page.note(Kind::Good, "Nothing found", "Every check of the campaign passed without a remark.");
+        }
+        for finding in &calibration.findings {
+            let line = finding.line.map_or(String::new(), |line| format!("{}, line {line}: ", self.campaign.samples));
+            page.note(Kind::Warning, "Look at this", &format!("{line}{finding}"));
+        }
+        let conditions = calibration.observability.iter().map(|o| format!("{:.1}", o.condition));
+        let mut rows = vec![
+            ("Table", calibration.table.digest().to_string()),
+            ("IMU", self.campaign.imu.to_string()),
+            ("Serial", self.campaign.serial.clone().unwrap_or_else(|| "not stated".to_owned())),
+            ("Set points", calibration.set_points.len().to_string()),
+            ("Dwells", calibration.dwells.len().to_string()),
+            ("Left out", self.excluded()),
+            ("Method", calibration.options.method.name().to_owned()),
+            ("1 g0", format!("{} m/s2", self.campaign.gravity_reference)),
+            ("Gravity at the station", format!("{} m/s2", self.campaign.gravity_local)),
+            ("Condition of the positions", conditions.collect::<Vec<_>>().join(", ")),
+        ];
+        if let Some([x, y]) = calibration.solution.tilt {
+            rows.push(("Tilt of the base", format!("{:.2}e-6, {:.2}e-6 rad about X, Y", x * 1e6, y * 1e6)));
+        }
+        let residuals = (0..AXES).map(|axis| format!("{:.3}", calibration.residual_sd(axis) * 1e6));
+        rows.push(("Residuals, rms", format!("{} [1e-6 g0]", residuals.collect::<Vec<_>>().join(", "))));
+        page.key_values(&rows);
+    }
+
+    fn excluded(&self) -> String {
+        let places = self.calibration.options.exclude.iter().map(|(set_point, number)| format!("{set_point}/{number}"));
+        Some(places.collect::<Vec<_>>().join(", ")).filter(|t| !t.is_empty()).unwrap_or_else(|| "nothing".to_owned())
+    }
+
+    /// Set points' values by axis and quantity, in the plots' unit.
+    fn points(&self, axis: usize, quantity: usize) -> Vec<(f64, f64)> {
+        let points = self.calibration.orders[axis][quantity].regression.points();
+        points.iter().map(|point| (point.x.value(), point.y.value() * factor(quantity))).collect()
+    }
+
+    /// Figure 5 of the paper.
+    fn curves(&self, page: &mut Page) {
+        page.heading(2, "curves", "Bias and scale factors over temperature");
+        page.paragraph(
+            "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table.",
+        );
+        for (quantity, (name, unit)) in NAMES.iter().enumerate() {
+            let figure = |axis: usize| {
+                let curve = &self.calibration.solution.axes[axis].curves[quantity];
+                let [low, high] = curve.range();
+                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
+                let line = (0..=CURVE).map(|i| (at(i), curve.at(at(i)) * factor(quantity)));
+                let title = format!("{name} of {}", AXIS_NAMES[axis]);
+                let plot = Plot::new(&title, &self.telemetry(quantity), &format!("{name} / {unit}"))
+                    .series(&format!("Table, order {}", curve.order()), Style::Line, line)
+                    .series("Set points", Style::Points, self.points(axis, quantity));
+                (plot.svg(), String::new())
+            };
+            page.figures(&[figure(0), figure(1), figure(2)]);
+        }
+    }
+
+    fn residuals(&self, page: &mut Page) {
+        page.heading(2, "residuals", "Residuals");
+        page.heading(3, "residuals-set-points", "Set points, with the band of one standard error");
+        for (quantity, (name, _)) in NAMES.iter().enumerate() {
+            let figure = |axis: usize| {
+                let curve = &self.calibration.solution.axes[axis].curves[quantity];
+                let [low, high] = curve.range();
+                let size = if quantity == 0 { 1e6 } else { 1e6 / curve.at(0.5 * (low + high)).abs() };
+                let unit = if quantity == 0 { "1e-6 g0" } else { "ppm" };
+                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
+                let band = (0..=CURVE).filter_map(|i| {
+                    let error = curve.standard_error(at(i))? * size;
+                    Some((at(i), -error, error))
+                });
+                let points = &self.calibration.orders[axis][quantity].regression;
+                let points = points.points().iter().map(|point| (point.x.value(), point.y.value()));
+                let points = points.map(|(x, y)| (x, (y - curve.at(x)) * size));
+                let title = format!("{name} of {}: set point less table", AXIS_NAMES[axis]);
+                let plot = Plot::new(&title, &self.telemetry(quantity), &format!("Residual / {unit}"))
+                    .zero_line()
+                    .series("Set points, and one sigma of the table", Style::Points, points)
+                    .band(band);
+                (plot.svg(), String::new())
+            };
+            page.figures(&[figure(0), figure(1), figure(2)]);
+        }
+        page.heading(3, "residuals-dwells", "Dwells");
+        let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
+        let hours = |dwell: &Dwell| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
+        let by = |x: &dyn Fn(usize, &Dwell) -> f64, title: &str, label: &str| {
+            let figure = |axis: usize| {
+                let dwells = self.calibration.dwells.iter().zip(&self.calibration.solution.residuals);
+                let points = dwells.map(|(dwell, residual)| (x(axis, dwell), residual[axis] * 1e6));
+                let plot = Plot::new(&format!("{}: {title}", AXIS_NAMES[axis]), label, "Residual / 1e-6 g0");
+                (plot.zero_line().series("Dwells", Style::Points, points).svg(), String::new())
+            };
+            [figure(0), figure(1), figure(2)]
+        };
+        page.figures(&by(&|_, dwell| hours(dwell), "residuals over time", "Time / h"));
+        let label = format!("dU/dt of the head / ({} per h)", self.unit());
+        page.figures(&by(&|axis, dwell| rate(dwell, axis), "residuals against drift", &label));
+        page.paragraph(
+            "A trend against dU/dt would mean that heads or boards lag behind their telemetry: no polynomial of the telemetry \
+             removes that.",
+        );
+    }
+
+    fn orders(&self, page: &mut Page) {
+        page.heading(2, "orders", "Order tables");
+        page.paragraph(
+            "Equations (9) to (16) of the source paper. The F of the last term is the partial F of the highest power; the terms' partial \
+             sums of squares are in the basis centred on the telemetry's range, on which those of the lower terms depend. \
+             Leave-one-out: errors at a set point of the fit without it.",
+        );
+        for axis in 0..AXES {
+            for (quantity, (name, unit)) in NAMES.iter().enumerate() {
+                self.order_table(page, axis, quantity, name, unit);
+            }
+        }
+    }
+
+    fn order_table(&self, page: &mut Page, axis: usize, quantity: usize, name: &str, unit: &str) {
+        let orders = &self.calibration.orders[axis][quantity];
+        let factor = factor(quantity);
+        let title = format!("{} {name}", AXIS_NAMES[axis]);
+        page.heading(3, &format!("orders-{axis}-{quantity}"), &title);
+        let figure = |value: Option<f64>| Cell::Number(value.map_or("-".to_owned(), short));
+        let rows: Vec<_> = orders.regression.fits()[1..]
+            .iter()
+            .map(|fit| {
+                let chosen = fit.order == orders.choice.order;
+                let last = fit.partial.last();
+                vec![
+                    if chosen {
+                        Cell::Verdict(Kind::Good, format!("{} chosen", fit.order))
+                    } else {
+                        Cell::text(fit.order.to_string())
+                    },
+                    figure(fit.residual_sd.map(|sd| sd * factor)),
+                    Cell::Number(fit.r_squared.map_or("-".to_owned(), |r| format!("{r:.9}"))),
+                    Cell::Number(fit.r.map_or("-".to_owned(), |r| format!("{r:.9}"))),
+                    figure(fit.f),
+                    figure(fit.f_p),
+                    figure(last.and_then(|partial| partial.f)),
+                    figure(last.and_then(|partial| partial.p)),
+                    figure(Some(fit.effect * factor)),
+                    figure(fit.leave_one_out_rms.map(|rms| rms * factor)),
+                    figure(fit.leave_one_out_max.map(|max| max * factor)),
+                ]
+            })
+            .collect();
+        let header = [
+            "Order",
+            "Residual sd",
+            "R2",
+            "R",
+            "F",
+            "p",
+            "F last term",
+            "p last term",
+            "Effect",
+            "Leave-one-out rms",
+            "Leave-one-out max",
+        ];
+        page.table(&format!("{title}: orders, in {unit}"), &header, &rows);
+        page.paragraph(&format!("Order {}: {}.", orders.choice.order, orders.choice.reason));
+        let curve = &self.calibration.solution.axes[axis].curves[quantity];
+        let fit = &orders.regression.fits()[orders.choice.order];
+        let errors = curve.raw_covariance().map(|c| c.diagonal().map(|v| v.max(0.0).sqrt()));
+        let none = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
+        let rows: Vec<_> = curve
+            .raw()
+            .iter()
+            .enumerate()
+            .map(|(power, c)| {
+                let partial = power.checked_sub(1).and_then(|k| fit.partial_centred.get(k)).unwrap_or(&none);
+                let sum = Some(partial.sum_of_squares * factor * factor).filter(|sum| sum.is_finite());
+                vec![
+                    Cell::text(format!("c{power}")),
+                    Cell::Number(format!("{:.9e}", c * factor)),
+                    figure(errors.as_ref().map(|errors| errors[power] * factor)),
+                    figure(sum),
+                    figure(partial.f),
+                    figure(partial.p),
+                ]
+            })
+            .collect();
+        let header = ["Power", "Coefficient", "Standard error", "Partial sum of squares", "Partial F", "p"];
+        page.table(&format!("{title}: coefficients of the table, in {unit} per {}^k", self.unit()), &header, &rows);
+        let found = &orders.diagnostics;
+        let test = |test: Option<Test>| {
+            test.map_or("not applicable".to_owned(), |test| format!("{} (p {})", short(test.value), short(test.p)))
+        };
+        page.key_values(&[
+            ("Lag-1 correlation of residuals", test(found.lag1)),
+            ("Runs test, deviate", test(found.runs)),
+            ("Heating less cooling", test(found.heating_cooling.map(|t| Test { value: t.value * factor, p: t.p }))),
+        ]);
+    }
+
+    fn misalignments(&self, page: &mut Page) {
+        page.heading(2, "misalignments", "Misalignments");
+        let mut rows = Vec::new();
+        for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
+            for (k, m) in part.misalignment.iter().enumerate() {
+                let error = part.misalignment_error.map_or(f64::NAN, |errors| errors[k]);
+                let interval = part.misalignment_interval(0.95).map_or(f64::NAN, |half| half[k]);
+                rows.push(vec![
+                    Cell::text(format!("{} onto {}", AXIS_NAMES[axis], AXIS_NAMES[(axis + 1 + k) % AXES])),
+                    Cell::number(m * 1e6, 3),
+                    Cell::number(error * 1e6, 3),
+                    Cell::number(interval * 1e6, 3),
+                ]);
+            }
+        }
+        let header = ["Misalignment", "Value", "Standard error", "95 % interval +-"];
+        page.table("Misalignments [1e-6 rad]", &header, &rows);
+        page.paragraph(match self.calibration.options.alignment {
+            true => "The table has the alignment matrix that undoes them.",
+            false => "The table has no alignment matrix (calibrate --alignment writes one): outputs stay along the sensors' input axes.",
+        });
+    }
+
+    /// The campaign's own dwells; figure 6 on a run of its own is `verify`'s.
+    fn before_after(&self, page: &mut Page) {
+        page.heading(2, "before-after", "Before and after, on the campaign's own dwells");
+        page.paragraph(
+            "Output less the specific force that the position asks for. Before: coefficients frozen at mid temperature. These dwells made the \
+             table, so this is a check of the fit, not of the table: run verify on another recording.",
+        );
+        let solution = &self.calibration.solution;
+        let before = |axis: usize| -> Vec<f64> {
+            let [bias, plus, minus] = &solution.axes[axis].curves;
+            let middle = |range: [f64; 2]| 0.5 * (range[0] + range[1]);
+            let frozen =
+                (bias.at(middle(bias.range())), plus.at(middle(plus.range())), minus.at(middle(minus.range())));
+            let dwells = self.calibration.dwells.iter().zip(&solution.residuals);
+            dwells
+                .map(|(dwell, residual)| {
+                    let (head, board) = (dwell.sums.head(axis), dwell.sums.board(axis));
+                    let [n_plus, n_minus] = dwell.sums.rates(axis);
+                    let change = n_plus * (1.0 / frozen.1 - 1.0 / plus.at(board))
+                        + n_minus * (1.0 / frozen.2 - 1.0 / minus.at(board))
+                        - (frozen.0 - bias.at(head));
+                    (residual[axis] + change) * 1e6
+                })
+                .collect()
+        };
+        let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
+        let mut figures = Vec::new();
+        let mut rows = Vec::new();
+        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+            let before = before(axis);
+            let after: Vec<f64> = solution.residuals.iter().map(|residual| residual[axis] * 1e6).collect();
+            let over = |values: &[f64], x: &dyn Fn(&Dwell) -> f64| -> Vec<(f64, f64)> {
+                self.calibration.dwells.iter().map(x).zip(values.iter().copied()).collect()
+            };
+            let hours = |dwell: &Dwell| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
+            let head = |dwell: &Dwell| dwell.sums.head(axis);
+            type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell) -> f64);
+            let telemetry = self.telemetry(0);
+            let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
+            for (title, label, x) in views {
+                let plot = Plot::new(&format!("{name} {title}"), label, "Error / 1e-6 g0")
+                    .zero_line()
+                    .series("Before", Style::Points, over(&before, x))
+                    .series("After", Style::Points, over(&after, x));
+                figures.push((plot.svg(), String::new()));
+            }
+            let rms = |v: &[f64]| (v.iter().map(|v| v * v).sum::<f64>() / v.len() as f64).sqrt();
+            rows.push(vec![
+                Cell::text(*name),
+                Cell::number(rms(&before), 3),
+                Cell::number(rms(&after), 3),
+                Cell::number(rms(&before) / rms(&after), 1),
+            ]);
+        }
+        page.figures(&figures);
+        page.table("Error of all dwells, rms [1e-6 g0]", &["Axis", "Before", "After", "Factor"], &rows);
+    }
+
+    fn budget(&self, page: &mut Page) {
+        page.heading(2, "budget", "Error budget in navigation units");
+        page.paragraph(
+            "Standard errors are means over the range. At 1 g0 an error of the scale factor counts fully. An error of 1e-6 g0 tilts a level by 0.206 arc \
+             seconds; in 60 s it grows to the velocity and position given.",
+        );
+        let mut rows = Vec::new();
+        for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
+            let name = AXIS_NAMES[axis];
+            let mean = |quantity: usize| {
+                let curve = &part.curves[quantity];
+                let [low, high] = curve.range();
+                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
+                let square =
+                    |i: usize| curve.standard_error(at(i)).map(|e| if quantity == 0 { e } else { e / curve.at(at(i)) });
+                let sum: Option<f64> = (0..=CURVE).map(|i| square(i).map(|e| e * e)).sum();
+                sum.map(|sum| (sum / (CURVE + 1) as f64).sqrt())
+            };
+            let slope = |quantity: usize| {
+                let curve = &part.curves[quantity];
+                let [low, high] = curve.range();
+                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
+                let size =
+                    |i: usize| curve.slope(at(i)).abs() / if quantity == 0 { 1.0 } else { curve.at(at(i)).abs() };
+                (0..=CURVE).map(size).fold(0.0, f64::max) * 1e-3
+            };
+            let fit = |quantity: usize| {
+                let orders = &self.calibration.orders[axis][quantity];
+                let fit = &orders.regression.fits()[orders.choice.order];
+                let scale =
+                    if quantity == 0 { 1.0 } else { part.curves[quantity].at(part.curves[quantity].range()[0]).abs() };
+                fit.leave_one_out_rms.map(|rms| rms / scale)
+            };
+            let misalignment = part.misalignment_error.map(|errors| errors[0].hypot(errors[1]));
+            let lines = [
+                ("standard error of the bias", mean(0)),
+                ("standard error of K+, at 1 g0", mean(1)),
+                ("standard error of K-, at 1 g0", mean(2)),
+                ("leave-one-set-point-out, bias", fit(0)),
+                ("leave-one-set-point-out, K+ at 1 g0", fit(1)),
+                ("leave-one-set-point-out, K- at 1 g0", fit(2)),
+                ("misalignments, at 1 g0 across", misalignment),
+                ("residual of a dwell", Some(self.calibration.residual_sd(axis))),
+            ];
+            for (what, value) in lines {
+                rows.push(navigation(&format!("{name} {what}"), value.unwrap_or(f64::NAN)));
+            }
+            rows.push(navigation(
+                &format!("{name} 0.001 {} of head telemetry, bias at its steepest", self.unit()),
+                slope(0),
+            ));
+            let steepest = slope(1).max(slope(2));
+            rows.push(navigation(
+                &format!("{name} 0.001 {} of board telemetry, K at its steepest, at 1 g0", self.unit()),
+                steepest,
+            ));
+        }
+        page.table("Errors and what they cost", &super::NAVIGATION, &rows);
+    }
+
+    fn set_points(&self, page: &mut Page) {
+        page.heading(2, "set-points", "Set points reduced by themselves");
+        page.paragraph(match self.calibration.options.method {
+            Method::OneStage => {
+                "The paper's two-stage values, for comparison; the table comes from all dwells at once."
+            }
+            Method::TwoStage => "The values that the polynomials go through.",
+        });
+        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+            let rows: Vec<_> = self
+                .calibration
+                .set_points
+                .iter()
+                .zip(&self.calibration.reduced)
+                .map(|(stay, reduced)| {
+                    let reduced = &reduced[axis];
+                    vec![
+                        Cell::text(format!("{} degC", stay.set_point_c)),
+                        Cell::number(reduced.telemetry[0], 5),
+                        Cell::number(reduced.telemetry[1], 5),
+                        Cell::number(reduced.values[0] * 1e6, 3),
+                        Cell::number(reduced.standard_errors[0] * 1e6, 3),
+                        Cell::number(reduced.values[1], 3),
+                        Cell::number(reduced.standard_errors[1], 3),
+                        Cell::number(reduced.values[2], 3),
+                        Cell::number(reduced.standard_errors[2], 3),
+                        Cell::number(reduced.values[3] * 1e6, 2),
+                        Cell::number(reduced.values[4] * 1e6, 2),
+                    ]
+                })
+                .collect();
+            let (m, o) = (AXIS_NAMES[(axis + 1) % AXES], AXIS_NAMES[(axis + 2) % AXES]);
+            let header = [
+                "Set point",
+                "Head",
+                "Board",
+                "A / 1e-6 g0",
+                "+-",
+                "K+",
+                "+-",
+                "K-",
+                "+-",
+                &format!("onto {m} / 1e-6"),
+                &format!("onto {o} / 1e-6"),
+            ];
+            page.table(&format!("{name}: errors from the scatter within the set point, tilt included"), &header, &rows);
+        }
+    }
+
+    fn dwells(&self, page: &mut Page) {
+        page.heading(2, "dwells", "Dwell check list");
+        let rows: Vec<_> = self
+            .calibration
+            .dwells
+            .iter()
+            .enumerate()
+            .map(|(index, dwell)| {
+                let residual = self.calibration.solution.residuals[index];
+                let place = Some((dwell.set_point_c, Some(self.number(dwell))));
+                let verdict = if self.calibration.findings.iter().any(|finding| finding.place == place) {
+                    Cell::Verdict(Kind::Warning, "see result".to_owned())
+                } else {
+                    Cell::Verdict(Kind::Good, "good".to_owned())
+                };
+                vec![
+                    Cell::text(format!("{} / {}", dwell.set_point_c, self.number(dwell))),
+                    Cell::Number(format!("{} to {}", dwell.lines[0], dwell.lines[1])),
+                    Cell::Number(dwell.rows.to_string()),
+                    Cell::number(dwell.sums.seconds, 1),
+                    Cell::number(dwell.sums.head(0), 5),
+                    Cell::number(rate(dwell, 0), 5),
+                    Cell::number(residual[0] * 1e6, 2),
+                    Cell::number(residual[1] * 1e6, 2),
+                    Cell::number(residual[2] * 1e6, 2),
+                    verdict,
+                ]
+            })
+            .collect();
+        let header = [
+            "Set point / position",
+            "Lines",
+            "Rows",
+            "Time / s",
+            "A1 head",
+            "drift per h",
+            "A1 / 1e-6 g0",
+            "A2 / 1e-6 g0",
+            "A3 / 1e-6 g0",
+            "Check",
+        ];
+        page.table("Dwells with their residuals", &header, &rows);
+    }
+
+    fn provenance(&self, page: &mut Page) {
+        page.heading(2, "provenance", "Provenance");
+        page.key_values(&[
+            ("Tool", self.source.tool.as_str()),
+            ("Time", &self.source.time),
+            ("Campaign file", &self.source.campaign),
+            ("its SHA-256", &self.source.campaign_sha256),
+            ("Samples", &self.campaign.samples),
+            ("their SHA-256", &self.source.samples_sha256),
+            ("Table", &self.calibration.table.digest().to_string()),
+        ]);
+    }
+}
+
+/// Drift of the head's telemetry within a dwell, in its unit per hour: second half less first half.
+fn rate(dwell: &Dwell, axis: usize) -> f64 {
+    let half = dwell.blocks.len() / 2;
+    let mean = |blocks: &[crate::campaign::Block]| {
+        blocks.iter().map(|block| block.sums.head(axis)).sum::<f64>() / blocks.len() as f64
+    };
+    if half == 0 {
+        return f64::NAN;
+    }
+    let (first, second) = dwell.blocks.split_at(half);
+    (mean(second) - mean(first)) / (0.5 * dwell.sums.seconds) * 3600.0
+}
+
+/// Five digits, as short as they come.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        let digits = 4_usize.saturating_sub(value.abs().max(1.0).log10() as usize);
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.2e}")
+    }
+}

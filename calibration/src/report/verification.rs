@@ -1,0 +1,199 @@
+//! The report of a verification: the paper's table 4 and figure 6 for a recording.
+
+use super::navigation;
+use super::page::{Cell, Kind, Page};
+use super::plot::{Plot, Style};
+use crate::stability::{Force, Stability, Window};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+
+/// What only the caller knows.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Program and version.
+    pub tool: String,
+    /// When, as RFC 3339 in UTC.
+    pub time: String,
+    /// Name of the table file.
+    pub table: String,
+    /// Name of the recording.
+    pub recording: String,
+    /// Length of the windows \[s\].
+    pub window_s: f64,
+    /// The factor that was required.
+    pub required: Option<f64>,
+}
+
+/// The page as HTML.
+#[must_use]
+pub fn html(table: &CoefficientTable, stability: &Stability, source: &Source) -> String {
+    let title = format!("Verification of {}", table.content().imu);
+    let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
+    result(&mut page, table, stability, source);
+    figures(&mut page, table, stability);
+    modulus(&mut page, table, stability);
+    budget(&mut page, table, stability);
+    page.heading(2, "provenance", "Provenance");
+    page.key_values(&[
+        ("Tool", source.tool.clone()),
+        ("Time", source.time.clone()),
+        ("Table file", source.table.clone()),
+        ("Table", table.digest().to_string()),
+        ("Recording", source.recording.clone()),
+        ("Windows", format!("{} s, {} in all", source.window_s, stability.windows.len())),
+    ]);
+    page.finish()
+}
+
+fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &Source) {
+    page.heading(2, "result", "Stability");
+    if let Some(required) = source.required {
+        let least = stability.axes.iter().map(crate::stability::AxisStability::factor).fold(f64::INFINITY, f64::min);
+        let text = format!("The smallest factor is {least:.2}, required are {required}.");
+        if least >= required {
+            page.note(Kind::Good, "Requirement met", &text);
+        } else {
+            page.note(Kind::Bad, "Requirement missed", &text);
+        }
+    }
+    let flagged = stability.windows.iter().filter(|window| window.flagged).count();
+    if flagged > 0 {
+        let text =
+            format!("In {flagged} windows samples are flagged: telemetry out of the table's range, or not plausible.");
+        page.note(Kind::Warning, "Flagged samples", &text);
+    }
+    if !stability.stated {
+        let text =
+            "The median of the output stands in for it, so that a constant error does not show in the rms about zero.";
+        page.note(Kind::Warning, "The attitude was not stated", text);
+    }
+    let rows: Vec<_> = AXIS_NAMES
+        .iter()
+        .zip(&stability.axes)
+        .map(|(name, axis)| {
+            vec![
+                Cell::text(*name),
+                Cell::number(axis.sd_before * 1e6, 3),
+                Cell::number(axis.rms_before * 1e6, 3),
+                Cell::number(axis.sd_after * 1e6, 3),
+                Cell::number(axis.rms_after * 1e6, 3),
+                Cell::number(axis.factor(), 2),
+            ]
+        })
+        .collect();
+    let header = ["Axis", "sd before", "rms before", "sd after", "rms after", "Factor"];
+    let caption = format!("Means over {} s of output less specific force [1e-6 g0]", source.window_s);
+    page.table(&caption, &header, &rows);
+    page.paragraph(
+        "Before: the coefficients frozen at the run's mid temperature. After: the full model. sd: about the mean; rms: about zero. \
+         Factor: sd before over sd after.",
+    );
+    let middle = stability.middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
+    page.key_values(&[
+        ("Specific force", Force(stability.specific_force).to_string()),
+        ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
+        ("Windows at this attitude", format!("{} of {}", counted(stability).count(), stability.windows.len())),
+    ]);
+}
+
+fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
+    stability.windows.iter().filter(|window| window.counts)
+}
+
+/// Figure 6 of the paper.
+fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "output", "Output before and after");
+    let head = format!("Head telemetry / {}", table.content().temperature_unit);
+    let drift = format!("dU/dt of the head / ({} per h)", table.content().temperature_unit);
+    let force = stability.specific_force;
+    let (mut both, mut after, mut rates) = (Vec::new(), Vec::new(), Vec::new());
+    for (axis, name) in AXIS_NAMES.iter().enumerate() {
+        let hours = |window: &Window| window.time_s / 3600.0;
+        let telemetry = |window: &Window| window.head[axis];
+        type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Window) -> f64);
+        let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &head, &telemetry)];
+        for (title, label, x) in views {
+            let line = |of: fn(&Window) -> &[f64; 3]| -> Vec<(f64, f64)> {
+                counted(stability).map(|window| (x(window), (of(window)[axis] - force[axis]) * 1e6)).collect()
+            };
+            let plot = Plot::new(&format!("{name} {title}"), label, "Error / 1e-6 g0").zero_line();
+            let plot = plot.series("Before", Style::Line, line(|window| &window.before));
+            both.push((plot.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
+            let style = if label == "Time / h" { Style::Line } else { Style::Points };
+            let plot = Plot::new(&format!("{name} after, {title}"), label, "Error / 1e-6 g0").zero_line();
+            after.push((plot.series("After", style, line(|window| &window.after)).svg(), String::new()));
+        }
+        let windows: Vec<_> = counted(stability).collect();
+        let rate = |pair: &[&Window]| {
+            let seconds = pair[1].time_s - pair[0].time_s;
+            let error = 0.5 * (pair[0].after[axis] + pair[1].after[axis]) - force[axis];
+            ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error * 1e6)
+        };
+        // Over a minute at least, or the telemetry's noise is all there is.
+        let step = (60.0 / windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
+        let thinned: Vec<_> = windows.iter().copied().step_by(step).collect();
+        let points: Vec<_> = thinned.windows(2).map(rate).collect();
+        let plot = Plot::new(&format!("{name} after, against drift"), &drift, "Error / 1e-6 g0").zero_line();
+        rates.push((plot.series("After", Style::Points, points).svg(), String::new()));
+    }
+    page.figures(&both);
+    page.heading(3, "after", "What is left");
+    page.figures(&after);
+    page.heading(3, "drift", "What is left, against dU/dt");
+    page.figures(&rates);
+    page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
+}
+
+fn modulus(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "gravity", "Length of the output against gravity");
+    let Some(modulus) = &stability.modulus else {
+        page.paragraph("The IMU was never still: its output cannot be compared with gravity.");
+        return;
+    };
+    let length = |window: &Window| window.after.iter().map(|a| a * a).sum::<f64>().sqrt() - stability.gravity;
+    let points = stability.windows.iter().filter(|window| window.still);
+    let points: Vec<_> = points.map(|window| (window.time_s / 3600.0, length(window) * 1e6)).collect();
+    let plot = Plot::new("Length of the output less gravity", "Time / h", "Difference / 1e-6 g0").zero_line();
+    page.figure(
+        &plot.series("Still windows", Style::Line, points).svg(),
+        "Needs no turntable: at rest the three outputs together are as long as gravity.",
+    );
+    page.key_values(&[
+        ("Still windows", modulus.windows.to_string()),
+        ("Mean", format!("{:.3}e-6 g0", modulus.mean * 1e6)),
+        ("Rms", format!("{:.3}e-6 g0", modulus.rms * 1e6)),
+        ("Worst", format!("{:.3}e-6 g0", modulus.worst * 1e6)),
+    ]);
+    if table.content().alignment.is_none() {
+        page.note(
+            Kind::Warning,
+            "Misalignments are part of it",
+            "The table has no alignment matrix: 1e-4 rad may count for as much as 1e-4 g0 here.",
+        );
+    }
+}
+
+fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "budget", "Error budget in navigation units");
+    let mut rows = Vec::new();
+    for (index, axis) in table.content().axes.iter().enumerate() {
+        let name = AXIS_NAMES[index];
+        rows.push(navigation(&format!("{name} what is left, rms about zero"), stability.axes[index].rms_after));
+        let [head, board] = stability.resolution[index];
+        // What one step of the telemetry moves, where the curve is steepest in the run.
+        let steepest = |value: &dyn Fn(f64) -> f64, of: fn(&Window) -> &[f64; 3], step: f64| {
+            let moved = |window: &Window| (value(of(window)[index] + step) - value(of(window)[index])).abs();
+            counted(stability).map(moved).fold(0.0, f64::max)
+        };
+        if let Some(step) = head {
+            let moved = steepest(&|u| axis.bias_at(u).0, |window| &window.head, step);
+            rows.push(navigation(&format!("{name} one step of head telemetry ({step:.2e}), bias"), moved));
+        }
+        if let Some(step) = board {
+            let relative =
+                |u: f64| axis.positive_scale_factor_at(u).0.ln().max((-axis.negative_scale_factor_at(u).0).ln());
+            let moved = steepest(&relative, |window| &window.board, step);
+            rows.push(navigation(&format!("{name} one step of board telemetry ({step:.2e}), K at 1 g0"), moved));
+        }
+    }
+    page.table("Errors and what they cost", &super::NAVIGATION, &rows);
+}

@@ -1,0 +1,455 @@
+//! From rows to a table: how close to the truth, on which positions, and what is refused.
+#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+mod common;
+
+use common::{calibrated, csv, dwells, paper, quiet, stated, worst};
+use isotherm_calibration::calibrate::{Calibration, CalibrationError, Method, Options, calibrate};
+use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::checks::Severity;
+use isotherm_calibration::positions::{Position, Scheme};
+use isotherm_calibration::reduce::reduce;
+use isotherm_calibration::simulate::{MISALIGNMENT, Noise, Plan, Row, TILT_RAD, Truth, campaign};
+use isotherm_shared::compensate::compensate;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::RawSample;
+use serde_json::Value;
+use std::fs;
+
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
+
+fn shipped(options: Options) -> Calibration {
+    let stated = Campaign::from_toml(&fs::read_to_string(format!("{DATA}/campaign/campaign.toml")).unwrap()).unwrap();
+    let dwells = dwells(&stated, &fs::read(format!("{DATA}/campaign/samples.csv")).unwrap()).unwrap();
+    calibrate(&stated, dwells, options).unwrap()
+}
+
+fn truth(tilt: [f64; 2], gravity: f64) -> Truth {
+    Truth::new(paper().content().clone(), MISALIGNMENT, tilt, gravity).unwrap()
+}
+
+/// Exact but for telemetry and pulses, which are whole.
+fn noiseless(positions: Vec<Position>) -> Plan {
+    Plan { positions, noise: Noise::NONE, ..Plan::default() }
+}
+
+#[test]
+fn the_campaign_with_a_known_truth() {
+    let json: Value =
+        serde_json::from_str(&fs::read_to_string(format!("{DATA}/campaign/truth.json")).unwrap()).unwrap();
+    // The truth is the paper's tables; its ranges are wider than the campaign's.
+    assert_eq!(json["truth"]["A3"]["kn"][3], paper().content().axes[2].negative_scale_factor.coefficients()[3]);
+    for (method, limits) in [(Method::OneStage, [0.1, 0.38]), (Method::TwoStage, [0.11, 0.44])] {
+        let calibration = shipped(Options { method, ..Options::default() });
+        let found = worst(&calibration.table, &paper());
+        println!("{}: bias {:.4}e-6 g0, scale factors {:.4} ppm", method.name(), found[0], found[1]);
+        assert!(found[0] < limits[0] && found[1] < limits[1], "{found:?}");
+        for (name, tables) in ["A1", "A2", "A3"].iter().zip(&calibration.orders) {
+            assert!(tables.iter().all(|table| table.choice.order == 3), "{name}");
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                let right = json["misalignment"][i][j].as_f64().unwrap();
+                assert!((calibration.misalignment()[(i, j)] - right).abs() < 0.2e-6, "{i} {j}");
+            }
+        }
+    }
+    let tilt = shipped(Options::default()).solution.tilt.unwrap();
+    assert!((tilt[0] - 4e-5).abs() < 0.1e-6 && (tilt[1] + 6e-5).abs() < 0.1e-6, "{tilt:?}");
+}
+
+#[test]
+fn other_campaigns_with_other_coefficients_gravity_and_tilt() {
+    let plan = Plan { noise: quiet(), ..Plan::default() };
+    for seed in 1..=12 {
+        let mut truth = Truth::varied(paper().content(), seed).unwrap();
+        if seed % 3 == 0 {
+            // A tilt far larger than the bias: the pairs of horizontal positions straddle zero.
+            truth.tilt_rad = [4e-4, -3e-4];
+        }
+        for alignment in [false, true] {
+            let options = Options { alignment, ..Options::default() };
+            let (_, calibration) = calibrated(&truth, &plan, seed, options).unwrap();
+            let found = worst(&calibration.table, &truth.table);
+            println!("{seed}: bias {:.3}e-6 g0, scale factors {:.3} ppm", found[0], found[1]);
+            assert!(found[0] < 0.35 && found[1] < 0.7, "{seed}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn other_lists_of_positions() {
+    let twenty: Vec<_> = [0.0, 35.0, 90.0, 145.0, 180.0, 215.0, 270.0, 325.0]
+        .into_iter()
+        .flat_map(|outer| [0.0, 72.0, 144.0, 216.0, 288.0].map(|inner| [outer, inner]))
+        .zip(100..)
+        .map(|([outer, inner], number)| Position::at(number, outer, inner))
+        .collect();
+    let lists = [Scheme::SixFacesSixEdges.positions(), Scheme::FourPointTumble.positions(), twenty];
+    for positions in lists {
+        let plan = noiseless(positions);
+        let truth = truth(TILT_RAD, 9.7936);
+        let (_, calibration) = calibrated(&truth, &plan, 1, Options::default()).unwrap();
+        let found = worst(&calibration.table, &truth.table);
+        // What is left is the drift within a dwell and whole pulses.
+        assert!(found[0] < 0.05 && found[1] < 0.1, "{} positions: {found:?}", plan.positions.len());
+        let tilt = calibration.solution.tilt.unwrap();
+        assert!((tilt[0] - TILT_RAD[0]).abs() < 1e-7 && (tilt[1] - TILT_RAD[1]).abs() < 1e-7, "{tilt:?}");
+    }
+}
+
+#[test]
+fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
+    // Without angles the tilt cannot be estimated: it must cancel in the pairs, although they read on different channels.
+    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let mut truth = truth([2e-4, 1.5e-4], 9.8015);
+    // K+ and K- far apart, so that weighting by them would show.
+    let mut content = truth.table.content().clone();
+    for axis in &mut content.axes {
+        let k = &axis.negative_scale_factor;
+        let scaled: Vec<_> = k.coefficients().iter().map(|c| 0.9 * c).collect();
+        axis.negative_scale_factor =
+            isotherm_shared::polynomial::Polynomial::new(&scaled, 0.0, 1.0, k.range()).unwrap();
+    }
+    truth = Truth::new(content, MISALIGNMENT, truth.tilt_rad, truth.gravity_local).unwrap();
+    let mut stated = stated(&truth, &plan);
+    for position in &mut stated.positions {
+        position.angles = None;
+    }
+    let dwells = dwells(&stated, &csv(campaign(&truth, &plan, 1))).unwrap();
+    for method in [Method::OneStage, Method::TwoStage] {
+        let options = Options { method, order: Some(3), ..Options::default() };
+        let calibration = calibrate(&stated, dwells.clone(), options).unwrap();
+        assert_eq!(calibration.solution.tilt, None);
+        let found = worst(&calibration.table, &truth.table);
+        // Second order of the tilt and whole pulses are left: 2e-4 squared is 0.04e-6.
+        // The two-stage values also keep what the drift within a set point does.
+        let limit = if method == Method::OneStage { 0.2 } else { 0.5 };
+        assert!(found[0] < 0.1 && found[1] < limit, "{method:?}: {found:?}");
+    }
+}
+
+#[test]
+fn gravity_of_the_station_is_not_1_g0() {
+    let truth = truth([0.0; 2], 9.78);
+    let (_, calibration) =
+        calibrated(&truth, &noiseless(Scheme::SixFacesTwoHeadings.positions()), 1, Options::default()).unwrap();
+    let found = worst(&calibration.table, &truth.table);
+    assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
+    assert_eq!(calibration.table.content().gravity, 9.8015);
+}
+
+#[test]
+fn the_alignment_undoes_the_misalignment() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let options = Options { alignment: true, ..Options::default() };
+    let (_, calibration) = calibrated(&truth, &plan, 1, options).unwrap();
+    // A whole dwell compensated: the specific force of the position, with the tilt, is what comes out.
+    let mut sums = [0.0; 3];
+    let rows: Vec<Row> =
+        campaign(&truth, &plan, 1).filter(|row| row.set_point_c == 10.0 && row.position == 1).collect();
+    for row in &rows {
+        let out = compensate(&calibration.table, &row.raw).velocity_increment;
+        (0..3).for_each(|axis| sums[axis] += out[axis] / (9.8015 * 300.0));
+    }
+    for (got, right) in sums.into_iter().zip([-TILT_RAD[1], TILT_RAD[0], 1.0]) {
+        assert!((got - right).abs() < 0.3e-6, "{sums:?}");
+    }
+}
+
+/// The worked examples: three lists of positions with counts whose least-squares solution is known.
+#[test]
+fn set_points_are_reduced_as_in_the_worked_examples() {
+    let examples: Value =
+        serde_json::from_str(&fs::read_to_string(format!("{DATA}/twelve_position.json")).unwrap()).unwrap();
+    let schemes = [
+        ("S1_six_faces_two_headings", Scheme::SixFacesTwoHeadings),
+        ("S2_six_faces_six_edges_45deg", Scheme::SixFacesSixEdges),
+        ("S4_three_axes_four_point_tumble", Scheme::FourPointTumble),
+    ];
+    let number = |value: &Value| value.as_str().map_or_else(|| value.as_f64().unwrap(), |text| text.parse().unwrap());
+    for (name, scheme) in schemes {
+        let example = &examples["examples"]["data"][name];
+        let plan = noiseless(scheme.positions());
+        let stated = stated(&truth([0.0; 2], 9.8015), &plan);
+        for (outputs, right) in [("outputs", "parameters"), ("outputs_noisy", "ls_noisy")] {
+            // An hour's counts, so that rounding to whole pulses does not matter.
+            let rows = (0..12).map(|index| {
+                let mut raw = RawSample {
+                    sequence: index,
+                    timestamp_ns: (index + 1) * 3_600_000_000_000,
+                    interval_ns: 3_600_000_000_000,
+                    ..RawSample::default()
+                };
+                for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
+                    let counts = number(&example[outputs][letter][index as usize]) * 3600.0;
+                    let channel = if counts > 0.0 { &mut raw.positive_pulses } else { &mut raw.negative_pulses };
+                    channel[axis] = counts.abs().round() as u32;
+                }
+                Row { set_point_c: 20.0, position: index as u32 + 1, raw }
+            });
+            let dwells = dwells(&stated, &csv(rows)).unwrap();
+            for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
+                let right = &example[right][letter];
+                let parts: Vec<_> = dwells.iter().collect();
+                let got = reduce(&stated, &parts, axis).unwrap().values;
+                let (up, down) = (number(&right["SF_plus"]), number(&right["SF_minus"]));
+                // The example's bias and misalignments are in counts, the same for both signs; ours are in g0, so that they
+                // come out of K+ and K-: 2e-5 of them apart. Noise is weighted by the same difference.
+                let close = if outputs == "outputs" { 0.05 } else { 0.2 };
+                assert!(
+                    (got[1] - up).abs() < close && (got[2] + down).abs() < close,
+                    "{name} {letter}: {got:?} {right}"
+                );
+                for (value, key) in [(got[0], "K0"), (got[3], "M_next"), (got[4], "M_prev")] {
+                    let counts = value * 0.5 * (up + down);
+                    assert!((counts - number(&right[key])).abs() < close, "{name} {letter} {key}: {counts} {right}");
+                }
+                if scheme == Scheme::SixFacesTwoHeadings && outputs == "outputs_noisy" {
+                    // The trap: the mean of an up and a down reading is not the bias.
+                    let two_point = number(&right["two_point_bias_(E+ + E-)/2"]);
+                    assert!((got[0] * 0.5 * (up + down) - two_point).abs() > 0.4, "{letter}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn raw_samples_and_sums_over_seconds_give_the_same_table() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let plan = |interval_ns| Plan {
+        interval_ns,
+        set_points_c: vec![-20.0, 0.0, 20.0, 40.0],
+        ..noiseless(Scheme::SixFacesTwoHeadings.positions())
+    };
+    let options = || Options { order: Some(2), ..Options::default() };
+    let (_, raw) = calibrated(&truth, &plan(250_000_000), 1, options()).unwrap();
+    let (_, sums) = calibrated(&truth, &plan(10_000_000_000), 1, options()).unwrap();
+    let apart = worst(&raw.table, &sums.table);
+    assert!(apart[0] < 0.03 && apart[1] < 0.05, "{apart:?}");
+    // More rows than blocks are kept.
+    assert_eq!(raw.dwells[0].rows, 1200);
+    assert!(raw.dwells[0].blocks.len() <= 512);
+}
+
+#[test]
+fn positions_outside_set_points_are_put_together_by_set_point() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
+    rows.sort_by(|a, b| a.position.cmp(&b.position));
+    for (index, row) in (0..).zip(&mut rows) {
+        (row.raw.sequence, row.raw.timestamp_ns) = (index, (index + 1) * 10_000_000_000);
+    }
+    let stated = stated(&truth, &plan);
+    let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), Options::default()).unwrap();
+    assert_eq!(calibration.set_points.len(), 15);
+    let found = worst(&calibration.table, &truth.table);
+    assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
+}
+
+#[test]
+fn heating_and_cooling_are_told_apart() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let up: Vec<f64> = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
+    let down: Vec<f64> = up.iter().rev().copied().collect();
+    let plan = Plan { set_points_c: [up, down].concat(), ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
+    let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
+    // The last set point of the way up is the first of the way down: one stay. Cooling reads 20e-6 g0 more on A1.
+    let half = rows.len() / 2;
+    for row in &mut rows[half..] {
+        if row.raw.positive_pulses[0] > 300 {
+            row.raw.positive_pulses[0] += 18;
+        }
+    }
+    let stated = stated(&truth, &plan);
+    let options = Options { order: Some(3), ..Options::default() };
+    let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), options).unwrap();
+    assert_eq!(calibration.set_points.len(), 13);
+    let warned =
+        calibration.findings.iter().any(|f| f.message.starts_with("A1 positive_scale_factor: heating and cooling"));
+    assert!(warned, "{:?}", calibration.findings);
+}
+
+/// What a changed campaign is told: its faults, or the warnings of its table.
+fn told(change: impl Fn(&mut Vec<Row>), file: impl Fn(&mut Campaign), exclude: &[(f64, u32)]) -> (bool, String) {
+    let truth = truth(TILT_RAD, 9.8015);
+    let set_points_c = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
+    let plan = Plan { set_points_c, noise: quiet(), ..Plan::default() };
+    let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
+    change(&mut rows);
+    let mut stated = stated(&truth, &plan);
+    file(&mut stated);
+    let options = Options { order: Some(3), exclude: exclude.to_vec(), ..Options::default() };
+    let dwells = match dwells(&stated, &csv(rows)) {
+        Ok(dwells) => dwells,
+        Err(error) => return (false, error),
+    };
+    match calibrate(&stated, dwells, options) {
+        Ok(calibration) => {
+            let findings = calibration.findings.iter().filter(|f| f.place.is_some());
+            (true, findings.map(|f| format!("{:?} {f}\n", f.line)).collect())
+        }
+        Err(CalibrationError::Faults(findings)) => {
+            let faults = findings.iter().filter(|f| f.severity == Severity::Fault);
+            (false, faults.map(|f| format!("{:?} {f}\n", f.line)).collect())
+        }
+        Err(error) => (false, error.to_string()),
+    }
+}
+
+fn at(row: &Row, set_point: f64, position: u32) -> bool {
+    (row.set_point_c, row.position) == (set_point, position)
+}
+
+#[test]
+fn a_good_campaign_is_told_nothing() {
+    assert_eq!(told(|_| {}, |_| {}, &[]), (true, String::new()));
+}
+
+#[test]
+fn a_missing_position_is_named_and_can_be_left_out() {
+    let without = |rows: &mut Vec<Row>| rows.retain(|row| !at(row, 20.0, 5));
+    let (made, text) = told(without, |_| {}, &[]);
+    assert!(!made && text.contains("set point 20 degC: position 5 of the campaign file is missing"), "{text}");
+    assert!(told(without, |_| {}, &[(20.0, 5)]).0);
+    // Both positions in which A1 points up: nothing else tells its K+.
+    let (made, text) =
+        told(|rows| rows.retain(|row| !at(row, 20.0, 5) && !at(row, 20.0, 6)), |_| {}, &[(20.0, 5), (20.0, 6)]);
+    assert!(
+        !made && text.starts_with("set point 20 degC: its positions do not tell the parameters of A1 apart"),
+        "{text}"
+    );
+    let (made, text) = told(|_| {}, |_| {}, &[(20.0, 99)]);
+    assert!(!made && text.contains("no dwell at set point 20 degC in position 99"), "{text}");
+}
+
+#[test]
+fn positions_that_observe_too_little_are_refused() {
+    let (made, text) = told(|_| {}, |file| file.positions.retain(|position| position.label != "-z"), &[]);
+    // The samples have positions that the file does not list.
+    assert!(!made && text.contains("position 3: no such position"), "{text}");
+    let (made, text) = told(
+        |rows| rows.retain(|row| ![3, 4].contains(&row.position)),
+        |file| file.positions.retain(|position| position.label != "-z"),
+        &[],
+    );
+    assert!(
+        !made && text.starts_with("A3: K- cannot be told apart") || text.contains("one with A3 pointing down"),
+        "{text}"
+    );
+}
+
+#[test]
+fn an_outlying_dwell_is_named_and_kept() {
+    let bump = |rows: &mut Vec<Row>| {
+        rows.iter_mut().filter(|row| at(row, 0.0, 9)).for_each(|row| row.raw.positive_pulses[1] += 40);
+    };
+    let (made, text) = told(bump, |_| {}, &[]);
+    assert!(made && text.lines().count() == 1, "{text}");
+    assert!(text.contains("set point 0 degC, position 9: A2 is") && text.contains("kept"), "{text}");
+    assert_eq!(told(bump, |_| {}, &[(0.0, 9)]), (true, String::new()));
+}
+
+#[test]
+fn motion_wrong_positions_and_saturation_are_faults() {
+    let first_row = |rows: &mut Vec<Row>| rows.iter_mut().position(|row| at(row, 40.0, 7)).unwrap();
+    let (made, text) = told(
+        |rows| {
+            let index = first_row(rows);
+            rows[index].raw.negative_pulses[0] -= 400_000;
+        },
+        |_| {},
+        &[],
+    );
+    assert!(
+        !made && text.contains("set point 40 degC, position 7: A1 was not still") && text.starts_with("Some("),
+        "{text}"
+    );
+    let (made, text) = told(
+        |rows| {
+            let index = first_row(rows);
+            rows[index + 3].raw.positive_pulses[2] += 60;
+        },
+        |_| {},
+        &[],
+    );
+    assert!(made && text.contains("set point 40 degC, position 7: A3 was not still"), "{text}");
+    let swap = |rows: &mut Vec<Row>| {
+        for row in rows.iter_mut().filter(|row| row.set_point_c == -20.0) {
+            row.position = [0, 1, 2, 3, 4, 7, 8, 5, 6, 9, 10, 11, 12][row.position as usize];
+        }
+    };
+    let (made, text) = told(swap, |_| {}, &[]);
+    assert!(!made && text.contains("set point -20 degC, position 7: A1 indicates 1.0"), "{text}");
+    let (made, text) = told(|_| {}, |file| file.max_rate = Some(90_000.0), &[]);
+    assert!(!made && text.contains("A1 counts 9") && text.contains("saturated"), "{text}");
+}
+
+#[test]
+fn time_soak_and_telemetry_are_checked() {
+    let (made, text) = told(|rows| rows[700].raw.timestamp_ns = rows[699].raw.timestamp_ns, |_| {}, &[]);
+    assert!(!made && text.contains("line 702: ") && text.contains("time must rise"), "{text}");
+    let (made, text) = told(|rows| rows[1].raw.interval_ns *= 10, |_| {}, &[]);
+    assert!(!made && text.contains("line 3: ") && text.contains("pulses would be counted twice"), "{text}");
+    let (made, text) = told(|rows| rows[5].raw.board_temperature[1] = f64::NAN, |_| {}, &[]);
+    assert!(!made && text.contains("line 7: set point -20 degC, position 1: a2_board is NaN"), "{text}");
+    let (made, text) = told(|rows| rows[5].raw.head_temperature[2] = 0.0, |_| {}, &[]);
+    assert!(!made && text.contains("Some(7) set point -20 degC, position 1: a3_head runs from 0 to"), "{text}");
+    let (made, text) = told(|rows| rows.iter_mut().for_each(|row| row.raw.head_temperature[2] = 2.5), |_| {}, &[]);
+    assert!(!made && text.contains("a3_head is the same at every set point"), "{text}");
+    let (made, text) = told(|_| {}, |file| file.soak_s = Some(5000.0), &[]);
+    assert!(!made && text.contains("set point -10 degC: its first dwell begins 4260 s after"), "{text}");
+    let sooner = |rows: &mut Vec<Row>| {
+        rows.iter_mut().filter(|row| row.set_point_c > -20.0).for_each(|row| row.raw.timestamp_ns -= 2_000_000_000_000);
+    };
+    let (made, text) = told(sooner, |_| {}, &[]);
+    assert!(made && text.contains("set point -10 degC: its first dwell begins 2260 s after"), "{text}");
+}
+
+#[test]
+fn too_few_set_points_for_an_order_are_refused() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let plan = Plan { set_points_c: vec![0.0, 20.0], ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
+    let refused = calibrated(&truth, &plan, 1, Options { order: Some(3), ..Options::default() }).unwrap_err();
+    assert!(refused.to_string().contains("order 3 needs 4 different values of x, there are 2"), "{refused}");
+    let (_, line) = calibrated(&truth, &plan, 1, Options { order: Some(1), ..Options::default() }).unwrap();
+    // Two set points make a line, but tell nothing of its error.
+    assert_eq!(line.solution.axes[0].curves[0].standard_error(2.0), None);
+}
+
+#[test]
+fn campaign_files_are_refused_with_line_and_key() {
+    let good = fs::read_to_string(format!("{DATA}/campaign/campaign.toml")).unwrap();
+    assert!(Campaign::from_toml(&good).is_ok());
+    for (from, to, told) in [
+        ("format = 1", "format = 2", "line 1: format: unknown"),
+        ("gravity_local = 9.8015", "gravity_local = 98.0", "gravity_local: is 98.0, give 9.7 to 9.9"),
+        ("number = 2", "number = 1", "position.2.number: 1 is there twice"),
+        ("[0, 0, -1]", "[0, 0, -9.8]", "position.3.specific_force: give the direction"),
+        ("[0, 0, -1]", "[0, -1]", "position.3.specific_force: give the direction"),
+        ("up = \"-z\"", "up = \"+z\"", "position.3.up: is \"+z\", but the specific force says -A3"),
+        ("outer_deg = 0\n", "", "position.1: give both outer_deg and inner_deg, or neither"),
+        ("imu = \"imu-paper\"", "imu = \"IMU\"", "line 2: imu: is \"IMU\", give 1 to 32"),
+        ("temperature_unit", "temprature_unit", "temprature_unit: unknown key"),
+        ("samples = \"samples.csv\"", "", "samples: missing"),
+    ] {
+        let faults = Campaign::from_toml(&good.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(faults.contains(told), "{from} -> {to}: {faults}");
+    }
+    // The angles alone are enough, and a few digits say which way.
+    let angles = good.replace("specific_force", "# specific_force");
+    assert_eq!(Campaign::from_toml(&angles).unwrap().positions, Campaign::from_toml(&good).unwrap().positions);
+    let edge = good.replacen("[0, 0, 1] ", "[0, 0.7071, 0.7071] ", 1).replacen("up = \"+z\"", "up = \"y and z\"", 1);
+    let edge = Campaign::from_toml(&edge).unwrap().positions[0].specific_force;
+    assert!((edge[1] - 0.5_f64.sqrt()).abs() < 1e-15);
+}
+
+#[test]
+fn tables_of_a_calibration_read_back() {
+    let calibration = shipped(Options::default());
+    let text = calibration.table.to_toml();
+    assert_eq!(CoefficientTable::from_toml(&text, None).unwrap(), calibration.table);
+}

@@ -1,0 +1,71 @@
+//! What the tests share: a campaign on paper, from the rows as a laboratory would deliver them.
+
+use isotherm_calibration::calibrate::{Calibration, CalibrationError, Options, calibrate};
+use isotherm_calibration::campaign::{Campaign, Dwell, read};
+use isotherm_calibration::simulate::{Noise, Plan, Row, Truth, campaign, campaign_toml};
+use isotherm_shared::recording::{CampaignReader, RawWriter};
+use isotherm_shared::table::CoefficientTable;
+
+/// The published tables of the source paper.
+pub fn paper() -> CoefficientTable {
+    CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None).unwrap()
+}
+
+/// Noise of the telemetry and the sensors only: what the turntable and the set points do is exact.
+#[allow(dead_code, reason = "not every test file needs it")]
+pub fn quiet() -> Noise {
+    Noise { bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0, ..Noise::default() }
+}
+
+/// The campaign file that belongs to a simulated campaign.
+pub fn stated(truth: &Truth, plan: &Plan) -> Campaign {
+    let content = truth.table.content();
+    let (imu, unit) = (&content.imu, &content.temperature_unit);
+    let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &plan.positions);
+    Campaign::from_toml(&text).unwrap()
+}
+
+/// The rows as a file's text.
+pub fn csv(rows: impl IntoIterator<Item = Row>) -> Vec<u8> {
+    let mut writer = RawWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
+    for row in rows {
+        writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw).unwrap();
+    }
+    writer.finish().unwrap()
+}
+
+/// The dwells of a file's text.
+pub fn dwells(campaign: &Campaign, text: &[u8]) -> Result<Vec<Dwell>, String> {
+    let reader = CampaignReader::new(text).map_err(|error| error.to_string())?;
+    read(campaign, reader).map_err(|error| error.to_string())
+}
+
+/// A whole simulated campaign.
+pub fn calibrated(
+    truth: &Truth,
+    plan: &Plan,
+    seed: u64,
+    options: Options,
+) -> Result<(Campaign, Calibration), CalibrationError> {
+    let stated = stated(truth, plan);
+    let dwells = dwells(&stated, &csv(campaign(truth, plan, seed))).unwrap();
+    let calibration = calibrate(&stated, dwells, options)?;
+    Ok((stated, calibration))
+}
+
+/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] over the ranges of `table`.
+#[allow(dead_code, reason = "not every test file needs it")]
+pub fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
+    let mut worst = [0.0_f64; 2];
+    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
+        for i in 0..=400 {
+            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 400.0;
+            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
+            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
+            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
+            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
+            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
+        }
+    }
+    worst
+}
