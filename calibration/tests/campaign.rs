@@ -17,10 +17,12 @@ use serde_json::Value;
 use std::fs;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
+const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 fn shipped(options: Options) -> Calibration {
-    let stated = Campaign::from_toml(&fs::read_to_string(format!("{DATA}/campaign/campaign.toml")).unwrap()).unwrap();
-    let dwells = dwells(&stated, &fs::read(format!("{DATA}/campaign/samples.csv")).unwrap()).unwrap();
+    let stated =
+        Campaign::from_toml(&fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap()).unwrap();
+    let dwells = dwells(&stated, &fs::read(format!("{EXAMPLES}/campaign/samples.csv")).unwrap()).unwrap();
     calibrate(&stated, dwells, options).unwrap()
 }
 
@@ -36,7 +38,7 @@ fn noiseless(positions: Vec<Position>) -> Plan {
 #[test]
 fn the_campaign_with_a_known_truth() {
     let json: Value =
-        serde_json::from_str(&fs::read_to_string(format!("{DATA}/campaign/truth.json")).unwrap()).unwrap();
+        serde_json::from_str(&fs::read_to_string(format!("{EXAMPLES}/campaign/truth.json")).unwrap()).unwrap();
     // The truth is the paper's tables; its ranges are wider than the campaign's.
     assert_eq!(json["truth"]["A3"]["kn"][3], paper().content().axes[2].negative_scale_factor.coefficients()[3]);
     for (method, limits) in [(Method::OneStage, [0.1, 0.38]), (Method::TwoStage, [0.11, 0.44])] {
@@ -239,7 +241,7 @@ fn positions_outside_set_points_are_put_together_by_set_point() {
     let truth = truth(TILT_RAD, 9.8015);
     let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
     let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
-    rows.sort_by(|a, b| a.position.cmp(&b.position));
+    rows.sort_by_key(|row| row.position);
     for (index, row) in (0..).zip(&mut rows) {
         (row.raw.sequence, row.raw.timestamp_ns) = (index, (index + 1) * 10_000_000_000);
     }
@@ -422,7 +424,7 @@ fn too_few_set_points_for_an_order_are_refused() {
 
 #[test]
 fn campaign_files_are_refused_with_line_and_key() {
-    let good = fs::read_to_string(format!("{DATA}/campaign/campaign.toml")).unwrap();
+    let good = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
     assert!(Campaign::from_toml(&good).is_ok());
     for (from, to, told) in [
         ("format = 1", "format = 2", "line 1: format: unknown"),

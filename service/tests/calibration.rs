@@ -8,6 +8,7 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data");
+const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 fn isotherm(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_isotherm")).args(arguments).current_dir(folder).output().unwrap()
@@ -75,8 +76,8 @@ fn the_closed_loop() {
 #[test]
 fn calibrate_tells_what_is_wrong_and_where() {
     let folder = folder();
-    let campaign = fs::read_to_string(format!("{DATA}/campaign/campaign.toml")).unwrap();
-    let samples = fs::read_to_string(format!("{DATA}/campaign/samples.csv")).unwrap();
+    let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
+    let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
     let write = |campaign: &str, samples: &str| {
         fs::write(folder.path().join("campaign.toml"), campaign).unwrap();
         fs::write(folder.path().join("samples.csv"), samples).unwrap();
