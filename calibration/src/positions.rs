@@ -145,7 +145,7 @@ impl Scheme {
     }
 }
 
-/// The five parameters of an accelerometer that positions must tell apart, in the order of [`design`]'s columns.
+/// The five parameters of an accelerometer that positions must tell apart: A, K+, K- and two misalignments.
 pub const PARAMETERS: usize = 5;
 
 /// Derivatives of the indicated specific force by (A, K+ relative, K- relative, m onto the next axis, m onto the one after)

@@ -27,8 +27,8 @@ fn intervals_contain_the_truth_as_often_as_they_say() {
         let truth = Truth::varied(paper.content(), seed).unwrap();
         let (_, calibration) =
             calibrated(&truth, &plan, seed, Options { order: Some(3), ..Options::default() }).unwrap();
-        for axis in 0..3 {
-            let (part, right) = (&calibration.solution.axes[axis], &truth.table.content().axes[axis]);
+        let axes = calibration.solution.axes.iter().zip(&truth.table.content().axes);
+        for (axis, ((part, right), axis_name)) in axes.zip(AXIS_NAMES).enumerate() {
             let unit = right.bias_unit.in_g0();
             let polynomials =
                 [(&right.bias, unit), (&right.positive_scale_factor, 1.0), (&right.negative_scale_factor, 1.0)];
@@ -38,14 +38,14 @@ fn intervals_contain_the_truth_as_often_as_they_say() {
                     let telemetry = low + place * (high - low);
                     let error = curve.at(telemetry) - polynomial.at(telemetry) * unit;
                     let inside = error.abs() <= curve.interval(telemetry, LEVEL).unwrap();
-                    count(format!("{} {name} at {place:.2}", AXIS_NAMES[axis]), inside);
+                    count(format!("{} {name} at {place:.2}", axis_name), inside);
                 }
             }
             let interval = part.misalignment_interval(LEVEL).unwrap();
-            for k in 0..2 {
+            for (k, (got, half)) in part.misalignment.iter().zip(interval).enumerate() {
                 let right = truth.misalignment[(axis, (axis + 1 + k) % 3)];
-                let inside = (part.misalignment[k] - right).abs() <= interval[k];
-                count(format!("{} m{k}", AXIS_NAMES[axis]), inside);
+                let inside = (got - right).abs() <= half;
+                count(format!("{} m{k}", axis_name), inside);
             }
         }
     }

@@ -110,9 +110,7 @@ impl Report<'_> {
         for (quantity, (name, unit)) in NAMES.iter().enumerate() {
             let figure = |axis: usize| {
                 let curve = &self.calibration.solution.axes[axis].curves[quantity];
-                let [low, high] = curve.range();
-                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
-                let line = (0..=CURVE).map(|i| (at(i), curve.at(at(i)) * factor(quantity)));
+                let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor(quantity)));
                 let title = format!("{name} of {}", AXIS_NAMES[axis]);
                 let plot = Plot::new(&title, &self.telemetry(quantity), &format!("{name} / {unit}"))
                     .series(&format!("Table, order {}", curve.order()), Style::Line, line)
@@ -132,10 +130,9 @@ impl Report<'_> {
                 let [low, high] = curve.range();
                 let size = if quantity == 0 { 1e6 } else { 1e6 / curve.at(0.5 * (low + high)).abs() };
                 let unit = if quantity == 0 { "1e-6 g0" } else { "ppm" };
-                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
-                let band = (0..=CURVE).filter_map(|i| {
-                    let error = curve.standard_error(at(i))? * size;
-                    Some((at(i), -error, error))
+                let band = grid([low, high]).filter_map(|u| {
+                    let error = curve.standard_error(u)? * size;
+                    Some((u, -error, error))
                 });
                 let points = &self.calibration.orders[axis][quantity].regression;
                 let points = points.points().iter().map(|point| (point.x.value(), point.y.value()));
@@ -353,29 +350,23 @@ impl Report<'_> {
         let mut rows = Vec::new();
         for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
             let name = AXIS_NAMES[axis];
+            // The bias in g0, scale factors relative to themselves.
+            let size = |quantity: usize, u: f64| if quantity == 0 { 1.0 } else { part.curves[quantity].at(u).abs() };
             let mean = |quantity: usize| {
                 let curve = &part.curves[quantity];
-                let [low, high] = curve.range();
-                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
-                let square =
-                    |i: usize| curve.standard_error(at(i)).map(|e| if quantity == 0 { e } else { e / curve.at(at(i)) });
-                let sum: Option<f64> = (0..=CURVE).map(|i| square(i).map(|e| e * e)).sum();
-                sum.map(|sum| (sum / (CURVE + 1) as f64).sqrt())
+                let squares =
+                    grid(curve.range()).map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
+                squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE + 1) as f64).sqrt())
             };
             let slope = |quantity: usize| {
                 let curve = &part.curves[quantity];
-                let [low, high] = curve.range();
-                let at = |i: usize| low + (high - low) * i as f64 / CURVE as f64;
-                let size =
-                    |i: usize| curve.slope(at(i)).abs() / if quantity == 0 { 1.0 } else { curve.at(at(i)).abs() };
-                (0..=CURVE).map(size).fold(0.0, f64::max) * 1e-3
+                let slopes = grid(curve.range()).map(|u| curve.slope(u).abs() / size(quantity, u));
+                slopes.fold(0.0, f64::max) * 1e-3
             };
             let fit = |quantity: usize| {
                 let orders = &self.calibration.orders[axis][quantity];
                 let fit = &orders.regression.fits()[orders.choice.order];
-                let scale =
-                    if quantity == 0 { 1.0 } else { part.curves[quantity].at(part.curves[quantity].range()[0]).abs() };
-                fit.leave_one_out_rms.map(|rms| rms / scale)
+                fit.leave_one_out_rms.map(|rms| rms / size(quantity, part.curves[quantity].range()[0]))
             };
             let misalignment = part.misalignment_error.map(|errors| errors[0].hypot(errors[1]));
             let lines = [
@@ -509,6 +500,11 @@ impl Report<'_> {
             ("Table", &self.calibration.table.digest().to_string()),
         ]);
     }
+}
+
+/// Telemetry all over a range, for drawing and averaging.
+fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
+    (0..=CURVE).map(move |i| low + (high - low) * i as f64 / CURVE as f64)
 }
 
 /// Drift of the head's telemetry within a dwell, in its unit per hour: second half less first half.

@@ -158,6 +158,9 @@ fn read_samples(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String)
 
 /// A progress bar over the bytes of a file; on stderr, and only if that is a terminal.
 pub fn bytes_bar(path: &Path, what: &'static str) -> ProgressBar {
+    if path == Path::new("-") {
+        return ProgressBar::hidden();
+    }
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let style = ProgressStyle::with_template("{msg} {bar:40} {bytes} of {total_bytes}, {eta} left");
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr_with_hz(10));

@@ -1,3 +1,4 @@
+use super::calibrate::bytes_bar;
 use super::written;
 use crate::failure::{Exit, Failure};
 use crate::files::open_recording;
@@ -57,7 +58,10 @@ fn not_negative(text: &str) -> Result<f64, String> {
 impl Regress {
     pub fn run(self) -> Result<(), Failure> {
         let source = open_recording(&self.data).map_err(|error| Failure::io("opening", &self.data, &error))?;
-        let (points, lines) = self.read(source).map_err(|error| Failure::recording(&self.data, &error))?;
+        let bar = bytes_bar(&self.data, "reading");
+        let read = self.read(bar.wrap_read(source));
+        bar.finish_and_clear();
+        let (points, lines) = read.map_err(|error| Failure::recording(&self.data, &error))?;
         let failed = |error: String| Failure::new(Exit::Data, format!("{}: {error}", self.data.display()));
         let highest = match self.max_order {
             Some(order) => usize::from(order),
@@ -81,6 +85,9 @@ impl Regress {
                 lines.join(", ")
             ));
         }
+        for warning in &warnings {
+            let _ = writeln!(io::stderr(), "isotherm: warning: {warning}");
+        }
         let text = if self.json {
             let document = json!({
                 "n": regression.n(),
@@ -102,10 +109,6 @@ impl Regress {
             });
             format!("{document:#}\n")
         } else {
-            // Words go to stderr, and there they are also beside a table that goes into a file.
-            for warning in &warnings {
-                let _ = writeln!(io::stderr(), "isotherm: warning: {warning}");
-            }
             table(&regression, &self.y, &self.x) + &format!("\nChosen: order {}; {}.\n", choice.order, choice.reason)
         };
         written(None, io::stdout().write_all(text.as_bytes()))
