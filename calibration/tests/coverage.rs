@@ -38,14 +38,14 @@ fn intervals_contain_the_truth_as_often_as_they_say() {
                     let telemetry = low + place * (high - low);
                     let error = curve.at(telemetry) - polynomial.at(telemetry) * unit;
                     let inside = error.abs() <= curve.interval(telemetry, LEVEL).unwrap();
-                    count(format!("{} {name} at {place:.2}", axis_name), inside);
+                    count(format!("{axis_name} {name} at {place:.2}"), inside);
                 }
             }
             let interval = part.misalignment_interval(LEVEL).unwrap();
             for (k, (got, half)) in part.misalignment.iter().zip(interval).enumerate() {
                 let right = truth.misalignment[(axis, (axis + 1 + k) % 3)];
                 let inside = (got - right).abs() <= half;
-                count(format!("{} m{k}", axis_name), inside);
+                count(format!("{axis_name} m{k}"), inside);
             }
         }
     }
