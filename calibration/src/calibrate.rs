@@ -6,7 +6,7 @@ use crate::curve::Curve;
 use crate::diagnostics::{Diagnostics, median, robust_sd};
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
 use crate::order::{Choice, Rule, choose};
-use crate::positions::Observability;
+use crate::positions::{Observability, SAME_DIRECTION};
 use crate::reduce::{Reduced, reduce};
 use crate::regression::{Point, Regression, RegressionError};
 use isotherm_shared::polynomial::MAX_ORDER;
@@ -18,7 +18,7 @@ use nalgebra::Matrix3;
 /// Names of the three curves, as tables have them.
 pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
 /// Highest order that `auto` looks at.
-const AUTO_ORDER: usize = 5;
+const AUTO_ORDER: usize = 6;
 /// Smallest change of the bias that is worth another order \[g0\].
 const BIAS_EFFECT: f64 = 0.1e-6;
 /// Smallest relative change of a scale factor that is worth another order.
@@ -27,8 +27,16 @@ const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
 const OUTLIER: f64 = 6.0;
 /// And beyond this \[g0\]; less does not matter.
 const OUTLIER_FLOOR: f64 = 1e-6;
+/// Set points that scatter about their curve by more than so many of their own standard errors say that it is not the right curve.
+const LACK_OF_FIT: f64 = 8.0;
+/// And by more than so many of the effects that matter.
+const LACK_OF_FIT_FLOOR: f64 = 10.0;
+/// A level error that shows in the positions by more than this is worth a word \[g0\].
+const LEVEL_ERROR: f64 = 2e-6;
 /// More outlying dwells than this part are no outliers.
 const MAX_OUTLIERS: f64 = 0.1;
+/// And never more than so many are looked for.
+const MOST_OUTLIERS: usize = 20;
 
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -66,14 +74,12 @@ pub enum CalibrationError {
     #[error("there is no dwell at set point {0} degC in position {1} to leave out")]
     NothingToExclude(f64, u32),
     /// A set point whose dwells, less those left out, cannot tell its parameters apart.
-    #[error(
-        "set point {set_point_c} degC: its positions do not tell the parameters of {axis} apart; measure the missing ones"
-    )]
+    #[error("set point {set_point_c} degC: {deficiency}")]
     SetPoint {
         /// \[degC\]
         set_point_c: f64,
-        /// A1, A2 or A3.
-        axis: &'static str,
+        /// What cannot be told apart, and what would help.
+        deficiency: String,
     },
     /// Too few set points for an order.
     #[error("{axis} {quantity}: {error}; take a lower order, or more set points")]
@@ -190,10 +196,9 @@ pub fn calibrate(campaign: &Campaign, dwells: Vec<Dwell>, options: Options) -> R
     if findings.iter().any(|finding| finding.severity == Severity::Fault) {
         return Err(CalibrationError::Faults(findings));
     }
-    let reduced = reduced(campaign, &dwells, &stays)?;
+    let level = reduced(campaign, &dwells, &stays, None)?;
     let ranges = ranges(&dwells);
-    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
-    let highest = options.order.unwrap_or_else(|| AUTO_ORDER.min(stays.len().saturating_sub(3)));
+    let highest = options.order.unwrap_or_else(|| AUTO_ORDER.min(stays.len().saturating_sub(2)));
     let order_tables = |values: &[SetPointValues]| order_tables(values, options.order, highest);
     let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
         let curve = |axis: usize, q: usize| {
@@ -201,15 +206,18 @@ pub fn calibrate(campaign: &Campaign, dwells: Vec<Dwell>, options: Options) -> R
         };
         [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
     };
-    let paper = order_tables(&two_stage_values)?;
+    // A joint fit first, with the orders that the drifting values suggest: it knows the tilt and the drift within set points.
+    let plain = order_tables(&level.iter().map(values).collect::<Vec<_>>())?;
+    let first = solve(campaign, &dwells, &stays, &curves(&plain), &[])?;
+    let reduced = reduced(campaign, &dwells, &stays, first.tilt)?;
+    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
     let (orders, solution) = match options.method {
         Method::TwoStage => {
-            let solution = two_stage(campaign, &dwells, &stays, &reduced, curves(&paper))?;
-            (paper, solution)
+            let orders = order_tables(&two_stage_values)?;
+            let solution = two_stage(campaign, &dwells, &stays, &reduced, curves(&orders), first.tilt);
+            (orders, solution)
         }
         Method::OneStage => {
-            // Once with the orders that the drifting values suggest; then the drift is known and taken off them.
-            let first = solve(campaign, &dwells, &stays, &curves(&paper), &[])?;
             let corrected = set_point_values(campaign, &dwells, &stays, &first);
             let corrected: Vec<_> =
                 corrected.into_iter().zip(&two_stage_values).map(|(value, plain)| value.unwrap_or(*plain)).collect();
@@ -218,7 +226,12 @@ pub fn calibrate(campaign: &Campaign, dwells: Vec<Dwell>, options: Options) -> R
             (orders, solution)
         }
     };
-    let outliers = outliers(campaign, &dwells, &stays, &solution);
+    findings.extend(level_error(campaign, &dwells, &stays, &solution));
+    let (unfit, lacking) = lack_of_fit(&orders, &reduced);
+    findings.extend(lacking);
+    // Where the curve is wrong, its residuals say nothing about a dwell.
+    let mut outliers = outliers(campaign, &dwells, &stays, &solution);
+    outliers.retain(|(_, axis)| !unfit[*axis]);
     for &(dwell, axis) in &outliers {
         let (place, residual) = (&dwells[dwell], solution.residuals[dwell][axis]);
         findings.push(Finding {
@@ -272,11 +285,18 @@ fn reduced(
     campaign: &Campaign,
     dwells: &[Dwell],
     stays: &[SetPoint],
+    tilt: Option<[f64; 2]>,
 ) -> Result<Vec<[Reduced; AXES]>, CalibrationError> {
     let of = |stay: &SetPoint, axis: usize| {
         let parts: Vec<_> = stay.dwells.iter().map(|&dwell| &dwells[dwell]).collect();
-        reduce(campaign, &parts, axis)
-            .ok_or(CalibrationError::SetPoint { set_point_c: stay.set_point_c, axis: AXIS_NAMES[axis] })
+        let positions: Vec<_> = parts.iter().map(|dwell| campaign.positions[dwell.position].clone()).collect();
+        let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: stay.set_point_c, deficiency };
+        match Observability::of(&positions, axis).deficiencies.into_iter().next() {
+            Some(deficiency) => Err(deficient(deficiency)),
+            None => reduce(campaign, &parts, axis, tilt).ok_or_else(|| {
+                deficient(format!("the pulses of {} do not tell its parameters apart", AXIS_NAMES[axis]))
+            }),
+        }
     };
     stays.iter().map(|stay| Ok([of(stay, 0)?, of(stay, 1)?, of(stay, 2)?])).collect()
 }
@@ -324,14 +344,89 @@ fn two_stage(
     stays: &[SetPoint],
     reduced: &[[Reduced; AXES]],
     curves: Curves,
-) -> Result<Solution, CalibrationError> {
-    Ok(crate::one_stage::hold(campaign, dwells, stays, curves, |axis, k| {
+    tilt: Option<[f64; 2]>,
+) -> Solution {
+    crate::one_stage::hold(campaign, dwells, stays, curves, tilt, |axis, k| {
         let m: Vec<f64> = reduced.iter().map(|parts| parts[axis].values[3 + k]).collect();
         let n = m.len() as f64;
         let mean = m.iter().sum::<f64>() / n;
         let variance = m.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
         (mean, (variance / n).sqrt())
-    }))
+    })
+}
+
+/// A level error of the base that neither is estimated nor cancels comes into the results as it is.
+fn level_error(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution: &Solution) -> Option<Finding> {
+    if solution.tilt.is_some() || stays.iter().all(|stay| is_paired(campaign, dwells, stay)) {
+        return None;
+    }
+    let why = if campaign.mount.is_some() {
+        "these positions do not tell the base's tilt from the other parameters"
+    } else {
+        "outer_deg and inner_deg are missing or do not fit the stated specific forces, so that the base's tilt is not estimated"
+    };
+    let usual = |axis: usize| proportions(campaign.positions.len(), dwells, &solution.residuals, axis, &[]).2;
+    let seen = (0..AXES).flat_map(usual).fold(0.0, |most: f64, usual| most.max(usual.abs()));
+    let shown = if seen > LEVEL_ERROR {
+        format!(
+            "; it shows: single positions are off by up to {:.1}e-6 g0 at all temperatures, and the results may be as well",
+            seen * 1e6
+        )
+    } else {
+        String::new()
+    };
+    let message = format!(
+        "{why}, and not every direction was measured at two opposite headings, where it cancels: 1e-6 rad of tilt may put some 1e-6 g0 into \
+         bias, scale factors and misalignments{shown}; state the angles, or measure pairs"
+    );
+    Some(Finding { severity: Severity::Warning, line: None, place: None, message })
+}
+
+/// Whether every direction of a set point was measured an even number of times.
+fn is_paired(campaign: &Campaign, dwells: &[Dwell], stay: &SetPoint) -> bool {
+    let forces: Vec<_> = stay.dwells.iter().map(|&d| campaign.positions[dwells[d].position].specific_force).collect();
+    let same = |a: &[f64; AXES], b: &[f64; AXES]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_DIRECTION);
+    forces.iter().all(|force| forces.iter().filter(|other| same(force, other)).count() % 2 == 0)
+}
+
+/// Curves that pass by their set points farther than these are uncertain, and curves of which nothing can be said. Which axes
+/// have such a curve, and what is to be told.
+fn lack_of_fit(orders: &[[OrderTable; 3]; AXES], reduced: &[[Reduced; AXES]]) -> ([bool; AXES], Vec<Finding>) {
+    let (mut unfit, mut findings) = ([false; AXES], Vec::new());
+    for (axis, tables) in orders.iter().enumerate() {
+        for (quantity, table) in tables.iter().enumerate() {
+            let fit = &table.regression.fits()[table.choice.order];
+            let own = median(reduced.iter().map(|parts| parts[axis].standard_errors[quantity]));
+            let size = reduced.iter().map(|parts| parts[axis].values[quantity].abs()).fold(0.0, f64::max);
+            let effect = if quantity == 0 { BIAS_EFFECT } else { SCALE_FACTOR_EFFECT * size };
+            let name = format!("{} {}", AXIS_NAMES[axis], QUANTITIES[quantity]);
+            // Of most of them: a single one off the curve is another matter.
+            let n = table.regression.n() as f64;
+            let scatter = |_| robust_sd(&table.regression.residuals(fit.order)) * (n / fit.df_residual as f64).sqrt();
+            let message = match fit.residual_sd.map(scatter) {
+                Some(sd) if sd > (LACK_OF_FIT * own).max(LACK_OF_FIT_FLOOR * effect) => {
+                    unfit[axis] = true;
+                    let (factor, unit) = if quantity == 0 { (1e6, "e-6 g0") } else { (1e6 / size, " ppm") };
+                    format!(
+                        "{name}: the set points scatter by {:.2}{unit} about the curve of order {}, {:.0} times what each is uncertain by: the \
+                         order is too low, there are too few set points for a higher one, or the IMU does not repeat",
+                        sd * factor,
+                        fit.order,
+                        sd / own
+                    )
+                }
+                None => format!(
+                    "{name}: order {} takes all {} set points, so that nothing tells how good the curve is; measure more set points, or take \
+                     a lower order",
+                    fit.order,
+                    reduced.len()
+                ),
+                _ => continue,
+            };
+            findings.push(Finding { severity: Severity::Warning, line: None, place: None, message });
+        }
+    }
+    (unfit, findings)
 }
 
 /// Dwells that do not belong: the worst is taken out and the fit repeated, until none is out of proportion.
@@ -343,10 +438,11 @@ fn outliers(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution:
         Ok(solution) => solution.residuals,
         Err(_) => solution.residuals.clone(),
     };
-    while (left_out.len() as f64) < MAX_OUTLIERS * dwells.len() as f64 {
+    let most = MOST_OUTLIERS.min((MAX_OUTLIERS * dwells.len() as f64) as usize);
+    while left_out.len() < most {
         let mut worst: Option<(f64, usize, usize)> = None;
         for axis in 0..AXES {
-            let (off, scale) = proportions(campaign.positions.len(), dwells, &residuals, axis, &left_out);
+            let (off, scale, _) = proportions(campaign.positions.len(), dwells, &residuals, axis, &left_out);
             for d in (0..off.len()).filter(|d| !left_out.contains(d)) {
                 let ratio = off[d].abs() / (OUTLIER * scale[dwells[d].position] + OUTLIER_FLOOR);
                 if ratio > 1.0 && worst.is_none_or(|(most, ..)| ratio > most) {
@@ -365,7 +461,7 @@ fn outliers(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution:
     found
 }
 
-/// How far each dwell is off the usual residual of its position, and what is usual in each position. A position has its own
+/// How far each dwell is off the usual residual of its position, how far that is usual in each position, and the usual residual. A position has its own
 /// level error, if no tilt was estimated, and its own scatter: the turntable's repeatability does not act on all axes alike.
 fn proportions(
     positions: usize,
@@ -373,7 +469,7 @@ fn proportions(
     residuals: &[[f64; AXES]],
     axis: usize,
     left_out: &[usize],
-) -> (Vec<f64>, Vec<f64>) {
+) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let kept =
         |position: usize| (0..dwells.len()).filter(move |d| dwells[*d].position == position && !left_out.contains(d));
     let usual: Vec<f64> = (0..positions).map(|p| median(kept(p).map(|d| residuals[d][axis]))).collect();
@@ -383,7 +479,7 @@ fn proportions(
     let least = robust_sd(&all);
     let scale = |position: usize| least.max(robust_sd(&kept(position).map(|d| off[d]).collect::<Vec<_>>()));
     let scales = (0..positions).map(scale).collect();
-    (off, scales)
+    (off, scales, usual)
 }
 
 /// What the order tables' diagnostics say, with the curve that it is about.

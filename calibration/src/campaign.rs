@@ -4,12 +4,13 @@
 //! sums over seconds: pulses and intervals are added up, telemetry is averaged over time. Only sums are kept, so that memory
 //! does not grow with the sampling rate.
 
-use crate::positions::{Position, specific_force};
+use crate::positions::{Position, SAME_DIRECTION, mount, specific_force};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::recording::{CampaignReader, CampaignRow, RecordingError};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_RANGE, OutOfRange};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
+use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
 use std::io::Read;
 
 /// What a campaign file says.
@@ -35,8 +36,10 @@ pub struct Campaign {
     pub max_rate: Option<f64>,
     /// Least time between two set points \[s\], if stated.
     pub soak_s: Option<f64>,
-    /// The positions.
+    /// The positions. Where the stated directions are the turntable's, but for exchanged axes, they are exact.
     pub positions: Vec<Position>,
+    /// How the IMU sits on the turntable, if the angles are stated; see [`mount`].
+    pub mount: Option<Matrix3<f64>>,
 }
 
 impl Campaign {
@@ -50,6 +53,27 @@ impl Campaign {
         let campaign = campaign(&root);
         root.finish();
         document.finish(campaign)
+    }
+
+    /// Specific force along A1, A2, A3 in the position of index `position` \[g0\], and its derivatives by the base's tilt \[g0/rad\].
+    /// Without a tilt, or without angles, the base is level and the derivatives are 0.
+    ///
+    /// ```text
+    /// f = g_local/g0 * mount * R' u,    u = (-ty, tx, 1) / |(-ty, tx, 1)|
+    /// ```
+    #[must_use]
+    pub fn force(&self, position: usize, tilt: Option<[f64; 2]>) -> ([f64; AXES], [[f64; 2]; AXES]) {
+        let gravity = self.gravity_local / self.gravity_reference;
+        let position = &self.positions[position];
+        let level = Vector3::from(position.specific_force) * gravity;
+        let (Some([tx, ty]), Some(mount), Some(by_tilt)) = (tilt, self.mount, position.by_tilt()) else {
+            return (level.into(), [[0.0; 2]; AXES]);
+        };
+        let by_tilt = mount * Matrix3x2::from_fn(|i, j| by_tilt[i][j]) * gravity;
+        let length = (1.0 + tx * tx + ty * ty).sqrt();
+        let force = (level + by_tilt * Vector2::new(tx, ty)) / length;
+        let change = by_tilt / length - force * Vector2::new(tx, ty).transpose() / (length * length);
+        (force.into(), [0, 1, 2].map(|i| [change[(i, 0)], change[(i, 1)]]))
     }
 }
 
@@ -99,6 +123,13 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         }
         section.finish();
     }
+    let mount = mount(&positions);
+    if let Some(turn) = mount.filter(|turn| *turn == turn.map(f64::round)) {
+        for position in &mut positions {
+            let [outer, inner] = position.angles.unwrap_or_default();
+            position.specific_force = (turn * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
+        }
+    }
     Some(Campaign {
         imu: imu?,
         serial,
@@ -111,6 +142,7 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         max_rate,
         soak_s,
         positions: complete.then_some(positions)?,
+        mount,
     })
 }
 
@@ -133,7 +165,7 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
         let length = force.map(|f| f.iter().map(|f| f * f).sum::<f64>().sqrt());
         match (force, length) {
             // A few digits are enough to say which way; at rest the length is 1.
-            (Some(force), Some(length)) if (length - 1.0).abs() < 2e-3 => Some(force.map(|f| f / length)),
+            (Some(force), Some(length)) if (length - 1.0).abs() < SAME_DIRECTION => Some(force.map(|f| f / length)),
             _ => {
                 section.fault("specific_force", format!("give {FORCE}"));
                 None

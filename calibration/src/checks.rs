@@ -4,6 +4,7 @@
 
 use crate::campaign::{Block, Campaign, Dwell, range};
 use crate::diagnostics::{median, robust_sd};
+use crate::reduce::reduce;
 use core::fmt;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -13,7 +14,7 @@ const USUAL_SOAK: f64 = 3600.0;
 /// Largest difference between what a position asks for and what is indicated with mean scale factors \[g0\]: a scale factor
 /// may run by some percent over the temperatures, another position is farther off.
 const WRONG_POSITION: f64 = 0.1;
-/// A dwell in which the output moves by more is no dwell \[g0\].
+/// A dwell in which the output moves by more is no dwell, and dwells that disagree by more are not where they should be \[g0\].
 const MOVED: f64 = 0.02;
 /// A block off its dwell's median by more than so many of the dwell's own standard deviations was not still.
 const STILL: f64 = 10.0;
@@ -119,7 +120,7 @@ impl Checker<'_> {
         self.soak();
         self.telemetry(stays);
         self.saturation();
-        self.forces();
+        self.forces(stays);
         self.still();
         self.findings.sort_by_key(|finding| (finding.severity == Severity::Warning, finding.line));
         self.findings
@@ -260,16 +261,28 @@ impl Checker<'_> {
     /// Scale factors good to a percent, from the positions that point up or down: `[K+, -K-]`.
     fn nominal(&self, axis: usize) -> [f64; 2] {
         let of = |sign: f64, channel: usize| {
+            let forces = self.campaign.positions.iter().map(|position| position.specific_force[axis] * sign);
+            let most = forces.fold(0.0, f64::max);
             median(self.dwells.iter().filter_map(|dwell| {
                 let f = self.campaign.positions[dwell.position].specific_force[axis] * sign;
-                (f > 0.5).then(|| dwell.sums.rates(axis)[channel] / f)
+                (f > 0.6 * most).then(|| dwell.sums.rates(axis)[channel] / f)
             }))
         };
         [of(1.0, 0), of(-1.0, 1)]
     }
 
+    /// Whether the dwells of a set point agree on scale factors of the right sign.
+    fn makes_sense(&self, stay: &SetPoint, axis: usize) -> bool {
+        let dwells: Vec<_> = stay.dwells.iter().map(|&dwell| &self.dwells[dwell]).collect();
+        reduce(self.campaign, &dwells, axis, None).is_some_and(|reduced| {
+            let [_, k_plus, k_minus, ..] = reduced.values;
+            // Nothing is left over where there are as many dwells as parameters.
+            (reduced.residual_sd < MOVED || reduced.residual_sd.is_nan()) && k_plus > 0.0 && k_minus < 0.0
+        })
+    }
+
     /// What is indicated against what the position asks for.
-    fn forces(&mut self) {
+    fn forces(&mut self, stays: &[SetPoint]) {
         let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
         for (axis, name) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
@@ -283,6 +296,10 @@ impl Checker<'_> {
                 }
             }
             if [up, down].iter().any(|k| k.is_nan() || *k <= 1.0) {
+                continue;
+            }
+            // A large bias shifts all readings alike; then each set point still makes sense by itself.
+            if stays.iter().all(|stay| self.makes_sense(stay, axis)) {
                 continue;
             }
             for dwell in 0..self.dwells.len() {

@@ -16,8 +16,8 @@
 //!
 //! # Errors
 //! Dwells of one set point share errors (repeatability, hysteresis), so the scatter *between* set points counts, not the
-//! one between dwells. The residuals of each set point are reduced to what they say about its 15 parameters (A, K+, K-, m, m of
-//! three accelerometers); the covariance S of these, over the degrees of freedom that the curves leave, is
+//! one between dwells. The residuals of each set point are reduced to what they say about its 17 parameters (A, K+, K-, m, m of
+//! three accelerometers, and the tilt); the covariance S of these, over the degrees of freedom that the curves leave, is
 //! carried through the estimator, with H = J'J:
 //!
 //! ```text
@@ -36,6 +36,8 @@ const MAX_STEPS: usize = 30;
 /// Condition number beyond which the dwells do not determine the unknowns. The bases are not orthogonal, so that high orders come to
 /// some thousands; a deficiency is far beyond.
 const MAX_CONDITION: f64 = 1e7;
+/// How much worse the condition may become by estimating the tilt too.
+const MAX_TILT_CONDITION: f64 = 30.0;
 /// Columns for A, K+, K- of each accelerometer; then its two misalignments; then the tilt.
 const QUANTITIES: usize = 3;
 
@@ -84,6 +86,8 @@ pub struct Solution {
     pub axes: [AxisSolution; AXES],
     /// Tilt of the base about the laboratory's X and Y \[rad\], where it could be estimated.
     pub tilt: Option<[f64; 2]>,
+    /// Its standard errors, with one degree of freedom less than there are set points.
+    pub tilt_error: Option<[f64; 2]>,
     /// Residual of each dwell and accelerometer \[g0\].
     pub residuals: Vec<[f64; AXES]>,
     /// Condition number of the scaled design.
@@ -107,29 +111,21 @@ pub fn solve(
 ) -> Result<Solution, OneStageError> {
     let mut model = Model::new(campaign, dwells, stays, start);
     let counted: Vec<bool> = (0..dwells.len()).map(|dwell| !left_out.contains(&dwell)).collect();
-    let undetermined = OneStageError::Undetermined { unknowns: model.unknowns() };
-    // A tilt that these positions cannot tell from the rest is not estimated.
-    let mut step = model.step(&counted);
-    if step.is_none() && model.with_tilt {
+    if model.with_tilt {
+        let with = model.step(&counted).map_or(f64::INFINITY, |step| step.condition);
         model.with_tilt = false;
-        step = model.step(&counted);
+        let without = model.step(&counted).map_or(f64::INFINITY, |step| step.condition);
+        // A tilt that these positions cannot tell from the rest is not estimated.
+        model.with_tilt = with < MAX_TILT_CONDITION * without;
     }
-    let mut step = step.ok_or(undetermined)?;
-    for _ in 0..MAX_STEPS {
-        let size = step.change.amax();
-        if !size.is_finite() {
-            return Err(OneStageError::Divergence);
+    match model.converge(&counted) {
+        Err(OneStageError::Divergence) if model.with_tilt => {
+            let mut model = Model::new(campaign, dwells, stays, start);
+            model.with_tilt = false;
+            model.converge(&counted)
         }
-        let mut unknown = model.unknown.rows_mut(0, step.change.len());
-        unknown += &step.change;
-        step = model.step(&counted).ok_or(undetermined)?;
-        // In units where curves are of order 1.
-        if size < 1e-13 {
-            return Ok(model.solution(&step, &counted));
-        }
+        result => result,
     }
-    // Rounding keeps the last steps from becoming any smaller.
-    if step.change.amax() < 1e-11 { Ok(model.solution(&step, &counted)) } else { Err(OneStageError::Divergence) }
 }
 
 /// The solution that holds `curves` and the misalignments that `misalignment(axis, k)` gives with their standard errors: residuals
@@ -139,11 +135,15 @@ pub(crate) fn hold(
     dwells: &[Dwell],
     stays: &[SetPoint],
     curves: Curves,
+    tilt: Option<[f64; 2]>,
     misalignment: impl Fn(usize, usize) -> (f64, f64),
 ) -> Solution {
     let m = [0, 1, 2].map(|axis| [misalignment(axis, 0), misalignment(axis, 1)]);
     let mut model = Model::new(campaign, dwells, stays, &curves);
-    model.with_tilt = false;
+    model.with_tilt = tilt.is_some();
+    for (k, tilt) in tilt.unwrap_or_default().into_iter().enumerate() {
+        model.unknown[model.tilt + k] = tilt;
+    }
     for (axis, m) in m.iter().enumerate() {
         for (k, (value, _)) in m.iter().enumerate() {
             model.unknown[model.misalignments[axis] + k] = *value;
@@ -159,7 +159,13 @@ pub(crate) fn hold(
         freedom,
     };
     let [a1, a2, a3] = curves;
-    Solution { axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis), tilt: None, residuals, condition: f64::NAN }
+    Solution {
+        axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis),
+        tilt,
+        tilt_error: None,
+        residuals,
+        condition: f64::NAN,
+    }
 }
 
 struct Model<'a> {
@@ -213,13 +219,29 @@ impl<'a> Model<'a> {
                 }
             }
         }
-        let with_tilt = campaign.positions.iter().all(|position| {
-            let [outer, inner] = position.angles.unwrap_or([f64::NAN; 2]);
-            let stated = crate::positions::specific_force(outer, inner);
-            // A fixture may turn the IMU on the table; then the angles say nothing about its axes.
-            stated.iter().zip(position.specific_force).all(|(a, b)| (a - b).abs() < 2e-3)
-        });
+        let with_tilt = campaign.mount.is_some();
         Self { campaign, dwells, stays, curves, offsets, misalignments, tilt, with_tilt, unit, unknown }
+    }
+
+    /// Gauss-Newton until the steps vanish.
+    fn converge(&mut self, counted: &[bool]) -> Result<Solution, OneStageError> {
+        let undetermined = OneStageError::Undetermined { unknowns: self.unknowns() };
+        let mut step = self.step(counted).ok_or(undetermined)?;
+        for _ in 0..MAX_STEPS {
+            let size = step.change.amax();
+            if !size.is_finite() {
+                return Err(OneStageError::Divergence);
+            }
+            let mut unknown = self.unknown.rows_mut(0, step.change.len());
+            unknown += &step.change;
+            step = self.step(counted).ok_or(undetermined)?;
+            // In units where curves are of order 1.
+            if size < 1e-13 {
+                return Ok(self.solution(&step, counted));
+            }
+        }
+        // Rounding keeps the last steps from becoming any smaller.
+        if step.change.amax() < 1e-11 { Ok(self.solution(&step, counted)) } else { Err(OneStageError::Divergence) }
     }
 
     fn unknowns(&self) -> usize {
@@ -232,18 +254,9 @@ impl<'a> Model<'a> {
         terms.sum::<f64>() * self.unit[quantity]
     }
 
-    /// Specific force along all axes at a dwell \[g0\] with its derivatives by the tilt.
     fn force(&self, dwell: &Dwell) -> ([f64; AXES], [[f64; 2]; AXES]) {
-        let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
-        let position = &self.campaign.positions[dwell.position];
-        let by_tilt = position.by_tilt().filter(|_| self.with_tilt).unwrap_or([[0.0; 2]; 3]);
-        let by_tilt = by_tilt.map(|d| d.map(|d| d * gravity));
         let tilt = [self.unknown[self.tilt], self.unknown[self.tilt + 1]];
-        let mut force = position.specific_force.map(|f| f * gravity);
-        for (f, d) in force.iter_mut().zip(by_tilt) {
-            *f += d[0] * tilt[0] + d[1] * tilt[1];
-        }
-        (force, by_tilt)
+        self.campaign.force(dwell.position, self.with_tilt.then_some(tilt))
     }
 
     /// Residual of one dwell and axis, its derivatives by the unknowns, and by the five parameters of its set point (A, K+, K-, m, m).
@@ -350,52 +363,62 @@ impl<'a> Model<'a> {
         Solution {
             axes: [axis_solution(0), axis_solution(1), axis_solution(2)],
             tilt: self.with_tilt.then(|| [self.unknown[self.tilt], self.unknown[self.tilt + 1]]),
+            tilt_error: covariance
+                .as_ref()
+                .filter(|_| self.with_tilt && set_points > 1)
+                .map(|c| [c[(self.tilt, self.tilt)].sqrt(), c[(self.tilt + 1, self.tilt + 1)].sqrt()]),
             residuals: (0..self.dwells.len()).map(residual).collect(),
             condition: step.condition,
         }
     }
 
-    /// L of one set point, for one axis: derivatives by its five parameters; rows are its counted dwells.
-    fn local(&self, stay: &SetPoint, axis: usize, counted: &[bool]) -> (Vec<usize>, DMatrix<f64>) {
-        let used: Vec<_> = stay.dwells.iter().copied().filter(|&d| counted[d]).collect();
-        let rows: Vec<_> = used.iter().map(|&d| self.row(&self.dwells[d], axis, |_, _| {}).1).collect();
+    /// L of one set point: derivatives of the residuals by its five parameters of each axis and by the tilt, and the rows of the
+    /// residuals; `None` if an axis has fewer dwells than parameters.
+    fn local(&self, stay: &SetPoint, step: &Step, counted: &[bool]) -> Option<(Vec<usize>, DMatrix<f64>)> {
         // K relative, so that all columns are of order 1.
         let size = [1.0, 1e5, 1e5, 1.0, 1.0];
-        let matrix = DMatrix::from_fn(rows.len(), PARAMETERS, |i, j| rows[i][j] * size[j]);
-        (used, matrix)
+        let used: Vec<_> = stay.dwells.iter().copied().filter(|&d| counted[d]).collect();
+        if used.len() < PARAMETERS {
+            return None;
+        }
+        let rows: Vec<_> = used.iter().flat_map(|&d| (0..AXES).map(move |axis| AXES * d + axis)).collect();
+        let mut matrix = DMatrix::zeros(rows.len(), self.local_parameters());
+        for (i, &row) in rows.iter().enumerate() {
+            let axis = row % AXES;
+            let (_, by) = self.row(&self.dwells[row / AXES], axis, |_, _| {});
+            for (j, derivative) in by.iter().enumerate() {
+                matrix[(i, axis * PARAMETERS + j)] = derivative * size[j];
+            }
+            for j in AXES * PARAMETERS..matrix.ncols() {
+                matrix[(i, j)] = step.jacobian[(row, self.tilt + j - AXES * PARAMETERS)];
+            }
+        }
+        Some((rows, matrix))
     }
 
-    /// See the module's header; `None` if some set point alone does not tell its parameters apart.
+    fn local_parameters(&self) -> usize {
+        AXES * PARAMETERS + if self.with_tilt { 2 } else { 0 }
+    }
+
+    /// See the module's header; `None` if some set point has fewer dwells than parameters.
     fn covariance(&self, step: &Step, counted: &[bool]) -> Option<DMatrix<f64>> {
-        let all = AXES * PARAMETERS;
         let columns = self.unknowns();
         let mut deltas = Vec::new();
         let mut scores = Vec::new();
         for stay in self.stays {
-            let mut delta = DVector::zeros(all);
-            let mut score = DMatrix::zeros(columns, all);
-            for axis in 0..AXES {
-                let (used, local) = self.local(stay, axis, counted);
-                if used.len() < PARAMETERS {
-                    return None;
-                }
-                let residual = DVector::from_iterator(used.len(), used.iter().map(|&d| step.residual[AXES * d + axis]));
-                let inverse = local.clone().pseudo_inverse(1e-9).ok()?;
-                delta.rows_mut(axis * PARAMETERS, PARAMETERS).copy_from(&(inverse * residual));
-                let jacobian = DMatrix::from_fn(used.len(), columns, |i, j| step.jacobian[(AXES * used[i] + axis, j)]);
-                score
-                    .view_mut((0, axis * PARAMETERS), (columns, PARAMETERS))
-                    .copy_from(&(jacobian.transpose() * local));
-            }
-            deltas.push(delta);
-            scores.push(score);
+            let (rows, local) = self.local(stay, step, counted)?;
+            let residual = DVector::from_iterator(rows.len(), rows.iter().map(|&row| step.residual[row]));
+            let jacobian = DMatrix::from_fn(rows.len(), columns, |i, j| step.jacobian[(rows[i], j)]);
+            scores.push(jacobian.transpose() * &local);
+            deltas.push(local.pseudo_inverse(1e-9).ok()? * residual);
         }
         let n = self.stays.len();
-        let spent = |parameter: usize| match parameter % PARAMETERS {
-            quantity @ 0..QUANTITIES => self.curves[parameter / PARAMETERS][quantity].order() + 1,
+        let spent = |parameter: usize| match (parameter / PARAMETERS, parameter % PARAMETERS) {
+            (axis @ 0..AXES, quantity @ 0..QUANTITIES) => self.curves[axis][quantity].order() + 1,
             _ => 1,
         };
         let freedom = |parameter: usize| n.saturating_sub(spent(parameter)).max(1) as f64;
+        let all = self.local_parameters();
         let s = DMatrix::from_fn(all, all, |i, j| {
             deltas.iter().map(|delta| delta[i] * delta[j]).sum::<f64>() / (freedom(i) * freedom(j)).sqrt()
         });
@@ -417,7 +440,7 @@ pub fn set_point_values(
         let mut values = [[(0.0, 0.0); QUANTITIES]; 3];
         let parts: Vec<_> = stay.dwells.iter().map(|&d| &dwells[d]).collect();
         for (axis, values) in values.iter_mut().enumerate() {
-            let reduced = crate::reduce::reduce(campaign, &parts, axis)?;
+            let reduced = crate::reduce::reduce(campaign, &parts, axis, solution.tilt)?;
             let delta = local_correction(campaign, dwells, stay, solution, axis)?;
             for (quantity, value) in values.iter_mut().enumerate() {
                 let telemetry = reduced.telemetry[quantity];
@@ -438,7 +461,6 @@ fn local_correction(
     solution: &Solution,
     axis: usize,
 ) -> Option<[f64; QUANTITIES]> {
-    let gravity = campaign.gravity_local / campaign.gravity_reference;
     let curves = &solution.axes[axis].curves;
     let size = 1e5;
     let rows: Vec<_> = stay
@@ -446,7 +468,7 @@ fn local_correction(
         .iter()
         .map(|&d| {
             let (board, rates) = (dwells[d].sums.board(axis), dwells[d].sums.rates(axis));
-            let force = campaign.positions[dwells[d].position].specific_force.map(|f| f * gravity);
+            let (force, _) = campaign.force(dwells[d].position, solution.tilt);
             let by = |channel: usize| -rates[channel] * size / curves[channel + 1].at(board).powi(2);
             [-1.0, by(0), by(1), -force[(axis + 1) % AXES], -force[(axis + 2) % AXES]]
         })

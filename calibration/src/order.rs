@@ -38,7 +38,7 @@ pub struct Choice {
 #[must_use]
 pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
     let fits = regression.fits();
-    if let Some(exact) = fits.iter().find(|fit| fit.sse == 0.0) {
+    if let Some(exact) = fits.iter().find(|fit| fit.sse == 0.0 && fit.df_residual > 0) {
         let reason = format!("order {} is the lowest that meets every point to within rounding", exact.order);
         return Choice { order: exact.order, reason };
     }
@@ -56,8 +56,9 @@ pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
         // Writing to a String cannot fail.
         let _ = write!(
             reason,
-            "the term of order {order} is significant (F {f:.4}, p {p:.1e}, limit {limit:.1e}) and moves the curve by up to \
+            "the term of order {order} is significant (F {}, p {p:.1e}, limit {limit:.1e}) and moves the curve by up to \
              {:.3e}{unit} (threshold {:.3e})",
+            if f < 1e4 { format!("{f:.2}") } else { format!("{f:.2e}") },
             fit.effect,
             threshold(fit)
         );

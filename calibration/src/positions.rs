@@ -13,7 +13,7 @@
 
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// One position of the turntable.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +48,34 @@ impl Position {
         // Columns of R' for laboratory X and Y: (ci, -si, 0) and (si co, ci co, -so).
         Some([[si * co, -ci], [ci * co, si], [-so, 0.0]])
     }
+}
+
+/// Directions that agree to this are the same: a few digits are enough to say which way.
+pub const SAME_DIRECTION: f64 = 2e-3;
+
+/// How the IMU sits on the turntable: the matrix that turns the specific force at the angles into the stated one, along A1, A2, A3.
+/// Where it only exchanges and turns round axes, it is so exactly. `None` if a position has no angles, or no turn explains all of
+/// the stated directions.
+#[must_use]
+pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
+    let pairs: Option<Vec<_>> = positions
+        .iter()
+        .map(|position| {
+            let [outer, inner] = position.angles?;
+            Some((Vector3::from(specific_force(outer, inner)), Vector3::from(position.specific_force)))
+        })
+        .collect();
+    let pairs = pairs?;
+    let sum: Matrix3<f64> = pairs.iter().map(|(at, stated)| stated * at.transpose()).sum();
+    let svd = sum.svd(true, true);
+    // Directions in a plane leave the third one open, and such positions observe too little anyway.
+    if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
+        return None;
+    }
+    let turn = svd.u? * svd.v_t?;
+    let exact = turn.map(f64::round);
+    let turn = if (turn - exact).amax() < SAME_DIRECTION { exact } else { turn };
+    pairs.iter().all(|(at, stated)| (turn * at - stated).amax() < SAME_DIRECTION).then_some(turn)
 }
 
 /// Specific force along A1, A2, A3 at the angles \[deg\], in units of the local gravity.
@@ -269,6 +297,27 @@ mod tests {
                 assert!(((a - b) / (2.0 * step) + by_tilt[0]).abs() < 1e-9, "{position:?}");
             }
         }
+    }
+
+    #[test]
+    fn the_mount_is_found_from_a_few_digits() {
+        let turn = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+        let mut positions = Scheme::SixFacesSixEdges.positions();
+        for position in &mut positions {
+            let force = turn * Vector3::from(position.specific_force);
+            position.specific_force = force.map(|f| (f * 1e3).round() / 1e3).into();
+        }
+        assert_eq!(mount(&positions), Some(turn));
+        // An oblique fixture is a turn too.
+        let oblique = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 1.0).into_inner();
+        for position in &mut positions {
+            position.specific_force = (oblique * turn.transpose() * Vector3::from(position.specific_force)).into();
+        }
+        assert!((mount(&positions).unwrap() - oblique).amax() < 1e-3);
+        positions[3].specific_force = [0.0, 0.0, 1.0];
+        assert_eq!(mount(&positions), None);
+        positions[3].angles = None;
+        assert_eq!(mount(&positions), None);
     }
 
     #[test]

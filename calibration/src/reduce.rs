@@ -28,24 +28,24 @@ pub struct Reduced {
     pub standard_errors: [f64; PARAMETERS],
     /// Head telemetry that A belongs to, board telemetry that K+ and K- belong to.
     pub telemetry: [f64; 3],
-    /// Residual standard deviation \[g0\]; includes what a tilted base does.
+    /// Residual standard deviation \[g0\]; includes what a tilted base does, if its tilt is not given.
     pub residual_sd: f64,
 }
 
-/// Reduces `dwells` of one set point for accelerometer `axis`; `None` if they cannot tell its parameters apart.
+/// Reduces `dwells` of one set point for accelerometer `axis`, with the base tilted by `tilt`. `None` if they cannot tell its parameters apart;
+/// that their positions can is the caller's to check: a few pulses of a horizontal reading pass for a scale factor.
 #[must_use]
-pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize) -> Option<Reduced> {
-    let gravity = campaign.gravity_local / campaign.gravity_reference;
-    let force =
-        |dwell: &Dwell, k: usize| campaign.positions[dwell.position].specific_force[(axis + k) % AXES] * gravity;
-    // Rates as parts of this, so that all columns are of order 1.
-    let nominal = 1e5;
+pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<[f64; 2]>) -> Option<Reduced> {
+    let force = |dwell: &Dwell, k: usize| campaign.force(dwell.position, tilt).0[(axis + k) % AXES];
+    // Rates as parts of the largest, so that all columns are of order 1.
+    let largest = |channel: usize| dwells.iter().map(|dwell| dwell.sums.rates(axis)[channel]).fold(0.0, f64::max);
+    let nominal = [largest(0), largest(1)];
     let row = |dwell: &Dwell| {
-        let [positive, negative] = dwell.sums.rates(axis).map(|rate| rate / nominal);
-        [-1.0, positive, negative, -force(dwell, 1), -force(dwell, 2)]
+        let [positive, negative] = dwell.sums.rates(axis);
+        [-1.0, positive / nominal[0], negative / nominal[1], -force(dwell, 1), -force(dwell, 2)]
     };
     let n = dwells.len();
-    if n < PARAMETERS {
+    if n < PARAMETERS || nominal[0] * nominal[1] == 0.0 {
         return None;
     }
     let rows: Vec<_> = dwells.iter().map(|dwell| row(dwell)).collect();
@@ -54,8 +54,7 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize) -> Option<Red
     let qr = matrix.clone().qr();
     let (q, r) = (qr.q(), qr.r());
     let diagonal = r.diagonal().abs();
-    // Horizontal readings alone have a few pulses of either sign: what they say of K is noise.
-    if diagonal.min() < 0.01 * diagonal.max() {
+    if diagonal.min() < 1e-6 * diagonal.max() {
         return None;
     }
     let inverse = r.try_inverse()?;
@@ -66,7 +65,7 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize) -> Option<Red
     let freedom = (n - PARAMETERS) as f64;
     let residual_sd = (residual.norm_squared() / freedom).sqrt();
     let error = |j: usize| residual_sd * inverse.row(j).norm();
-    let [k_plus, k_minus] = [nominal / solution[1], nominal / solution[2]];
+    let [k_plus, k_minus] = [nominal[0] / solution[1], nominal[1] / solution[2]];
     // The weights of the dwells in each result sum to 1.
     let effective = |j: usize, telemetry: &dyn Fn(&Dwell) -> f64| -> f64 {
         dwells.iter().enumerate().map(|(i, dwell)| pseudo[(j, i)] * matrix[(i, j)] * telemetry(dwell)).sum()
@@ -76,8 +75,8 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize) -> Option<Red
         values: [solution[0], k_plus, k_minus, solution[3], solution[4]],
         standard_errors: [
             error(0),
-            error(1) * k_plus * k_plus / nominal,
-            error(2) * k_minus * k_minus / nominal,
+            error(1) * k_plus * k_plus / nominal[0],
+            error(2) * k_minus * k_minus / nominal[1],
             error(3),
             error(4),
         ],

@@ -266,9 +266,12 @@ impl Regression {
             .collect()
     }
 
-    /// A residual sum of squares that is no more than the rounding of y to doubles: a perfect fit.
+    /// A residual sum of squares that is no more than the rounding of y: a perfect fit. Numbers that are doubles in their shortest form were
+    /// rounded to doubles; others were not.
     fn rounding(&self) -> DoubleDouble {
-        let unit = DoubleDouble::from(f64::EPSILON);
+        let is_double = |point: &Point| DoubleDouble::parse(&format!("{:e}", point.y.value())) == Some(point.y);
+        let doubles = self.points.iter().all(|point| point.y == point.y.value().into() || is_double(point));
+        let unit = DoubleDouble::from(if doubles { f64::EPSILON } else { f64::EPSILON * f64::EPSILON });
         let largest = self.points.iter().map(|p| (p.y * p.y * p.weight).value()).fold(0.0, f64::max);
         unit * unit * DoubleDouble::from(largest) * DoubleDouble::from(self.n() as f64)
     }
@@ -287,17 +290,21 @@ impl Regression {
         let mean_square = (df > 0).then(|| sse / DoubleDouble::from(df as f64));
         let tested = mean_square.filter(|ms| *ms > DoubleDouble::ZERO);
         let explained = total - sse;
-        // Rows of the leading block only.
-        let variance = |matrix: &[Vec<DoubleDouble>], i: usize, j: usize| -> DoubleDouble {
-            (0..terms).map(|k| matrix[i][k] * matrix[j][k]).sum()
+        // Rows of the leading block only. The size of a row is a power of the scale: taken out, so that squares stay in range.
+        let size = |matrix: &[Vec<DoubleDouble>], i: usize| {
+            DoubleDouble::from((0..terms).map(|k| matrix[i][k].value().abs()).fold(0.0, f64::max))
+        };
+        let variance = |matrix: &[Vec<DoubleDouble>], i: usize| -> DoubleDouble {
+            let size = size(matrix, i);
+            (0..terms).map(|k| matrix[i][k] / size).map(|part| part * part).sum()
         };
         let coefficient = |matrix: &[Vec<DoubleDouble>], i: usize| -> DoubleDouble {
             (0..terms).map(|k| matrix[i][k] * self.rotated[k]).sum()
         };
         let partial = |matrix: &[Vec<DoubleDouble>]| -> Vec<Partial> {
             let of_term = |term: usize| {
-                let c = coefficient(matrix, term);
-                let sum_of_squares = c * c / variance(matrix, term, term);
+                let c = coefficient(matrix, term) / size(matrix, term);
+                let sum_of_squares = c * c / variance(matrix, term);
                 let f = tested.map(|ms| (sum_of_squares / ms).value());
                 Partial { term, sum_of_squares: sum_of_squares.value(), f, p: f.map(|f| f_tail(f, 1.0, df as f64)) }
             };
@@ -310,7 +317,7 @@ impl Regression {
             order,
             coefficients: (0..terms).map(|i| coefficient(raw, i).value()).collect(),
             standard_errors: mean_square
-                .map(|ms| (0..terms).map(|i| (variance(raw, i, i) * ms).sqrt().value()).collect()),
+                .map(|ms| (0..terms).map(|i| (size(raw, i) * (variance(raw, i) * ms).sqrt()).value()).collect()),
             residual_sd: mean_square.map(|ms| ms.sqrt().value()),
             sse: sse.value(),
             ss_regression: explained.value(),
@@ -365,8 +372,8 @@ struct Look {
 /// Probability that F with `d1` and `d2` degrees of freedom is larger than `f`.
 #[must_use]
 pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
-    if f <= 0.0 {
-        return 1.0;
+    if f.is_nan() || f <= 0.0 {
+        return if f.is_nan() { f64::NAN } else { 1.0 };
     }
     beta_reg(d2 / 2.0, d1 / 2.0, d2 / (d2 + d1 * f))
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::double_double::DoubleDouble;
+use isotherm_calibration::order::{Rule, choose};
 use isotherm_calibration::regression::{Point, Regression, RegressionError, f_limit, f_tail};
 use proptest::prelude::*;
 
@@ -71,8 +72,8 @@ fn what_allows_no_regression_is_refused() {
     assert_eq!(Regression::new(same, 1).unwrap_err(), RegressionError::TooFewPoints { order: 1, distinct: 1 });
     assert_eq!(Regression::new(points(30), 16).unwrap_err(), RegressionError::OrderTooHigh(16));
     assert_eq!(Regression::new(Vec::new(), 0).unwrap_err(), RegressionError::TooFewPoints { order: 0, distinct: 0 });
-    let huge = [1.0, 2.0, 3.0, 4.0].map(|x| Point::new(x * 1e130, x * 1e139)).to_vec();
-    assert_eq!(Regression::new(huge, 2).unwrap_err(), RegressionError::OutOfRange);
+    let huge = points(30).iter().map(|p| Point::new(p.x.value() * 1e135, p.y.value())).collect();
+    assert_eq!(Regression::new(huge, 15).unwrap_err(), RegressionError::OutOfRange);
     // As many coefficients as points: a curve, but nothing to judge it by.
     let exact = Regression::new(three(), 2).unwrap();
     assert!(exact.fits()[2].standard_errors.is_none() && exact.fits()[2].f.is_none());
@@ -115,4 +116,62 @@ proptest! {
             prop_assert!((got - right).abs() <= tolerance, "{got} {right} {tolerance}");
         }
     }
+}
+
+#[test]
+fn any_scale_of_x_and_y_is_answered_or_refused() {
+    for exponent in [-135, -100, -60, -30, -12, 0, 12, 18, 30, 60, 100, 135] {
+        for order in [1, 6, 12, 15] {
+            let scale = 10_f64.powi(exponent);
+            for (x_scale, y_scale) in [(scale, 1.0), (1.0, scale), (scale, scale), (scale, 1.0 / scale)] {
+                let points: Vec<_> =
+                    points(30).iter().map(|p| Point::new(p.x.value() * x_scale, p.y.value() * y_scale)).collect();
+                // Never a panic; figures that are given are numbers.
+                if let Ok(regression) = Regression::new(points, order) {
+                    let fit = &regression.fits()[order];
+                    assert!(
+                        fit.partial.iter().all(|p| p.sum_of_squares.is_finite() && p.p.is_some()),
+                        "{exponent} {order}"
+                    );
+                }
+            }
+        }
+    }
+    // Times in nanoseconds since 1970, 10 s apart: what users have.
+    let times: Vec<_> = points(60)
+        .iter()
+        .zip(0_i64..)
+        .map(|(p, i)| Point {
+            x: DoubleDouble::parse(&format!("{}", 1_700_000_000_000_000_000 + i * 10_000_000_000)).unwrap(),
+            ..*p
+        })
+        .collect();
+    let fit = &Regression::new(times, 12).unwrap().fits()[12].clone();
+    assert!(fit.partial.iter().all(|partial| partial.p.is_some()));
+}
+
+#[test]
+fn a_fit_is_perfect_only_to_the_rounding_of_its_data() {
+    let line = |y: &dyn Fn(i64) -> String| {
+        let point = |i: i64| Point {
+            x: DoubleDouble::from(i as f64),
+            y: DoubleDouble::parse(&y(i)).unwrap(),
+            weight: DoubleDouble::ONE,
+        };
+        Regression::new((0..9).map(point).collect(), 1).unwrap().fits()[1].clone()
+    };
+    // Doubles in their shortest form: 0.1 * 3 is 0.30000000000000004.
+    assert_eq!(line(&|i| format!("{:?}", 0.1 * i as f64)).f, None);
+    assert_eq!(line(&|i| format!("{}.{}", i / 10, i % 10)).sse, 0.0);
+    // Nanoseconds since 1970 with some 100 ns of jitter are not rounded to doubles, which are 256 ns apart there.
+    let jitter = |i: i64| 1_700_000_000_000_000_000 + i * 10_000_000_000 + (i * 7919) % 100;
+    assert!(line(&|i| jitter(i).to_string()).residual_sd.unwrap() > 10.0);
+}
+
+#[test]
+fn as_many_coefficients_as_points_are_never_chosen() {
+    let noisy = |x: f64| 2.0 * x + 0.01 * (97.0 * x).sin();
+    let points = (0..7).map(f64::from).map(|x| Point::new(x, noisy(x))).collect();
+    let choice = choose(&Regression::new(points, 6).unwrap(), &Rule::default());
+    assert_eq!(choice.order, 1, "{}", choice.reason);
 }
