@@ -33,6 +33,8 @@ const LACK_OF_FIT: f64 = 8.0;
 const LACK_OF_FIT_FLOOR: f64 = 10.0;
 /// A level error that shows in the positions by more than this is worth a word \[g0\].
 const LEVEL_ERROR: f64 = 2e-6;
+/// With the tilt estimated, more than this remains only of a position that is wrong \[g0\].
+const UNEXPLAINED: f64 = 20e-6;
 /// More outlying dwells than this part are no outliers.
 const MAX_OUTLIERS: f64 = 0.1;
 /// And never more than so many are looked for.
@@ -355,30 +357,48 @@ fn two_stage(
     })
 }
 
-/// A level error of the base that neither is estimated nor cancels comes into the results as it is.
+/// What single positions are off by at all temperatures: a level error of the base that neither is estimated nor surely cancels, or
+/// a position that is not what the file says.
 fn level_error(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution: &Solution) -> Option<Finding> {
-    if solution.tilt.is_some() || stays.iter().all(|stay| is_paired(campaign, dwells, stay)) {
-        return None;
+    let mut seen = (0.0, 0, 0);
+    for axis in 0..AXES {
+        let (_, scale, usual) = proportions(campaign.positions.len(), dwells, &solution.residuals, axis, &[]);
+        for (position, usual) in usual.iter().enumerate() {
+            if usual.abs() > seen.0 && usual.abs() > LEVEL_ERROR + scale[position] {
+                seen = (usual.abs(), position, axis);
+            }
+        }
     }
-    let why = if campaign.mount.is_some() {
-        "these positions do not tell the base's tilt from the other parameters"
-    } else {
-        "outer_deg and inner_deg are missing or do not fit the stated specific forces, so that the base's tilt is not estimated"
-    };
-    let usual = |axis: usize| proportions(campaign.positions.len(), dwells, &solution.residuals, axis, &[]).2;
-    let seen = (0..AXES).flat_map(usual).fold(0.0, |most: f64, usual| most.max(usual.abs()));
-    let shown = if seen > LEVEL_ERROR {
-        format!(
-            "; it shows: single positions are off by up to {:.1}e-6 g0 at all temperatures, and the results may be as well",
-            seen * 1e6
-        )
-    } else {
-        String::new()
-    };
-    let message = format!(
-        "{why}, and not every direction was measured at two opposite headings, where it cancels: 1e-6 rad of tilt may put some 1e-6 g0 into \
-         bias, scale factors and misalignments{shown}; state the angles, or measure pairs"
+    let (size, position, axis) = seen;
+    let shown = format!(
+        "position {} is {:.1}e-6 g0 off on {} at all temperatures",
+        campaign.positions[position].number,
+        size * 1e6,
+        AXIS_NAMES[axis]
     );
+    let missing = "outer_deg and inner_deg are missing or do not fit the stated specific forces, so that the base's tilt is not estimated";
+    let paired = stays.iter().all(|stay| is_paired(campaign, dwells, stay));
+    let message = match (solution.tilt, paired) {
+        (Some(_), _) if size < UNEXPLAINED => return None,
+        (Some(_), _) => format!("{shown}, which no tilt of the base explains: exchanged positions, or wrong angles?"),
+        (None, true) if size == 0.0 => return None,
+        (None, true) => {
+            format!(
+                "{missing}; {shown}, which cancels only if each direction was measured at two opposite headings; state the angles"
+            )
+        }
+        (None, false) => {
+            let why = match campaign.mount {
+                Some(_) => "these positions do not tell the base's tilt from the other parameters",
+                None => missing,
+            };
+            let shown = if size > 0.0 { format!("; {shown}") } else { String::new() };
+            format!(
+                "{why}, and not every direction was measured at two opposite headings, where it cancels: 1e-6 rad of tilt may put some 1e-6 g0 \
+                 into bias, scale factors and misalignments{shown}; state the angles, or measure pairs"
+            )
+        }
+    };
     Some(Finding { severity: Severity::Warning, line: None, place: None, message })
 }
 

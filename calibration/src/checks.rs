@@ -25,6 +25,11 @@ const DWELL_DRIFT: f64 = 0.5;
 /// And over a whole set point by this part before it is warned of.
 const SET_POINT_DRIFT: f64 = 0.1;
 
+/// Two clocks may differ by this part.
+const CLOCKS: f64 = 0.01;
+/// A dwell shorter than this part of the usual is cut.
+const SHORT: f64 = 0.6;
+
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Severity {
@@ -118,7 +123,13 @@ impl Checker<'_> {
     fn run(mut self, stays: &[SetPoint], excluded: &[(f64, u32)]) -> Vec<Finding> {
         self.positions(stays, excluded);
         self.soak();
-        self.telemetry(stays);
+        self.time();
+        if stays.len() < 2 {
+            let message = format!("{} set point; a temperature calibration needs at least 2", stays.len());
+            self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
+        } else {
+            self.telemetry(stays);
+        }
         self.saturation();
         self.forces(stays);
         self.still();
@@ -178,6 +189,33 @@ impl Checker<'_> {
         }
     }
 
+    /// What the intervals add up to against the time that passed, and dwells that are cut short.
+    fn time(&mut self) {
+        let elapsed = |dwell: &Dwell| dwell.time_ns[1].saturating_sub(dwell.time_ns[0]) as f64 / 1e9;
+        let ratio = median(self.dwells.iter().map(|dwell| dwell.sums.seconds / elapsed(dwell)));
+        let line = self.dwells.first().map(|dwell| dwell.lines[0]);
+        if !(1.0 - CLOCKS..=1.0 + CLOCKS).contains(&ratio) {
+            let (severity, cause) = if ratio > 1.0 {
+                (Severity::Fault, "pulses are counted twice, or interval_ns is not in ns")
+            } else {
+                (
+                    Severity::Warning,
+                    "rows are missing, or interval_ns is not the time that was counted, and every scale factor is wrong by as much",
+                )
+            };
+            let message = format!("the intervals add up to {ratio:.4} of the time that passed: {cause}");
+            self.findings.push(Finding { severity, line, place: None, message });
+        }
+        let usual = median(self.dwells.iter().map(|dwell| dwell.sums.seconds));
+        for dwell in 0..self.dwells.len() {
+            let (seconds, lines) = (self.dwells[dwell].sums.seconds, self.dwells[dwell].lines);
+            if seconds < SHORT * usual {
+                let message = format!("{seconds:.1} s only, others have {usual:.1} s; is the file cut?");
+                self.of_dwell(Severity::Warning, dwell, lines[1], message);
+            }
+        }
+    }
+
     fn telemetry(&mut self, stays: &[SetPoint]) {
         type Place = fn(&Block) -> &[[f64; 2]; AXES];
         let places: [(&str, Place); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
@@ -201,6 +239,20 @@ impl Checker<'_> {
                 if step.is_nan() {
                     let message = format!("{column} is the same at every set point; is the sensor connected?");
                     self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
+                    continue;
+                }
+                // A reading that moves in no digit from one set point to another is dead.
+                let dead = |dwell: &Dwell| Some(of_dwell(dwell)).filter(|[low, high]| low == high).map(|[low, _]| low);
+                let stuck = (1..self.dwells.len()).find(|&dwell| {
+                    let (before, after) = (&self.dwells[dwell - 1], &self.dwells[dwell]);
+                    before.set_point_c != after.set_point_c && dead(before).is_some() && dead(before) == dead(after)
+                });
+                if let Some(dwell) = stuck {
+                    let line = self.dwells[dwell].lines[0];
+                    let message = format!(
+                        "{column} does not move from the set point before in any digit; is the sensor connected?"
+                    );
+                    self.of_dwell(Severity::Fault, dwell, line, message);
                     continue;
                 }
                 for dwell in 0..self.dwells.len() {
@@ -246,6 +298,7 @@ impl Checker<'_> {
     }
 
     fn saturation(&mut self) {
+        self.plateaus();
         let Some(limit) = self.campaign.max_rate else { return };
         for dwell in 0..self.dwells.len() {
             for (axis, name) in AXIS_NAMES.iter().enumerate() {
@@ -253,6 +306,34 @@ impl Checker<'_> {
                 if let Some((line, rate)) = full.map(|block| (block.line, block.rate[axis])) {
                     let message = format!("{name} counts {rate:.0} pulse/s, max_rate is {limit:.0}: saturated");
                     self.of_dwell(Severity::Fault, dwell, line, message);
+                }
+            }
+        }
+    }
+
+    /// A converter that is full gives the same count in every row, at one set point as at another.
+    fn plateaus(&mut self) {
+        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+            for (channel, sign) in ["+", "-"].iter().enumerate() {
+                let rate = |block: &Block| block.sums.rates(axis)[channel];
+                let flat = |dwell: &Dwell| {
+                    let first = dwell.blocks.first().map(rate)?;
+                    (first > 0.0 && dwell.blocks.len() > 2 && dwell.blocks.iter().all(|block| rate(block) == first))
+                        .then_some(first)
+                };
+                let full: Vec<_> = (0..self.dwells.len()).filter_map(|d| Some((d, flat(&self.dwells[d])?))).collect();
+                let most = full.iter().map(|(_, rate)| *rate).fold(0.0, f64::max);
+                let mut full = full.iter().filter(|(_, rate)| *rate == most).map(|(dwell, _)| *dwell);
+                let (first, last) = (full.next(), full.next_back());
+                if let (Some(first), Some(last)) = (first, last)
+                    && self.dwells[first].set_point_c != self.dwells[last].set_point_c
+                    && most > 1000.0
+                {
+                    let message = format!(
+                        "the {sign} channel of {name} gives the same {most:.0} pulse/s in every row, here and at {} degC: saturated",
+                        self.dwells[last].set_point_c
+                    );
+                    self.of_dwell(Severity::Fault, first, self.dwells[first].lines[0], message);
                 }
             }
         }
@@ -288,10 +369,14 @@ impl Checker<'_> {
             let [up, down] = self.nominal(axis);
             for (k, side, sign) in [(up, "up", "+"), (down, "down", "-")] {
                 if k.is_nan() || k <= 1.0 {
-                    let message = format!(
-                        "{name} gives no pulses on its {sign} channel in the positions where it points {side}; are the channels or the \
+                    let message = if k.is_nan() {
+                        format!("no dwell is left in which {name} points {side}")
+                    } else {
+                        format!(
+                            "{name} gives no pulses on its {sign} channel in the positions where it points {side}; are the channels or the \
                          signs of the specific force exchanged?"
-                    );
+                        )
+                    };
                     self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
                 }
             }

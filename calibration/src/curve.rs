@@ -6,6 +6,11 @@ use isotherm_shared::polynomial::Polynomial;
 use nalgebra::{DMatrix, DVector};
 use statrs::function::beta::inv_beta_reg;
 
+/// Rounding of a table's polynomial that does not matter, relative to its largest value.
+const ROUNDING: f64 = 1e-11;
+/// Places at which that is looked at.
+const PLACES: u32 = 64;
+
 /// A polynomial of (U - center)/scale with the covariance of its coefficients.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
@@ -123,11 +128,36 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| &matrix * covariance * matrix.transpose())
     }
 
-    /// The polynomial that a table holds, its value multiplied by `factor`. `None` if the order is too high for a table.
+    /// The polynomial that a table holds, its value multiplied by `factor`: of the powers of the raw telemetry, or, where these
+    /// would cancel each other's digits, of the centred and scaled one. `None` if the order is too high for a table.
     #[must_use]
     pub fn polynomial(&self, factor: f64) -> Option<Polynomial> {
-        let coefficients: Vec<_> = self.raw().iter().map(|c| c * factor).collect();
-        Polynomial::new(&coefficients, 0.0, 1.0, self.range)
+        let scaled = |coefficients: &[f64]| coefficients.iter().map(|c| c * factor).collect::<Vec<_>>();
+        if self.is_raw() {
+            Polynomial::new(&scaled(&self.raw()), 0.0, 1.0, self.range)
+        } else {
+            Polynomial::new(&scaled(self.coefficients.as_slice()), self.center, self.scale, self.range)
+        }
+    }
+
+    /// Whether the powers of the raw telemetry are good enough for the table.
+    #[must_use]
+    pub fn is_raw(&self) -> bool {
+        let Some(raw) = Polynomial::new(&self.raw(), 0.0, 1.0, self.range) else { return false };
+        let [low, high] = self.range;
+        let places = (0..=PLACES).map(|i| low + (high - low) * f64::from(i) / f64::from(PLACES));
+        let (mut size, mut error) = (0.0_f64, 0.0_f64);
+        for place in places {
+            size = size.max(self.at(place).abs());
+            error = error.max((raw.at(place) - self.at(place)).abs());
+        }
+        error <= ROUNDING * size
+    }
+
+    /// Covariance of the coefficients that [`polynomial`](Self::polynomial) gives, for a factor of 1.
+    #[must_use]
+    pub fn table_covariance(&self) -> Option<DMatrix<f64>> {
+        if self.is_raw() { self.raw_covariance() } else { self.covariance.clone() }
     }
 }
 
@@ -151,6 +181,19 @@ mod tests {
             assert!((student(0.95, freedom) - right).abs() < 1e-5, "{}", student(0.95, freedom));
         }
         assert!((student(0.682_689_492, 10) - 1.0526).abs() < 1e-3);
+    }
+
+    #[test]
+    fn tables_keep_their_digits_far_from_zero() {
+        let points = (0..15).map(|i| 8e6 + 4e3 * f64::from(i)).map(|x| Point::new(x, 9e4 + (x / 7e3).sin()));
+        let regression = Regression::new(points.collect(), 7).unwrap();
+        let curve = Curve::of(&regression, 7, [8e6, 8.056e6]);
+        let table = curve.polynomial(1.0).unwrap();
+        assert_ne!(table.center(), 0.0);
+        for x in [8e6, 8.0123e6, 8.056e6] {
+            assert!((table.at(x) - curve.at(x)).abs() < 1e-9, "{}", table.at(x) - curve.at(x));
+        }
+        assert_eq!(curve.table_covariance().unwrap().nrows(), 8);
     }
 
     #[test]

@@ -44,6 +44,8 @@ struct Provenance<'a> {
     residual_sd_g0: [f64; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     tilt_rad: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tilt_standard_error: Option<[f64; 2]>,
     /// Row i: what accelerometer i indicates of the specific force along each axis.
     misalignment: [[f64; 3]; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -126,6 +128,7 @@ pub fn provenance(campaign: &Campaign, calibration: &Calibration, source: &Sourc
                 .collect(),
             residual_sd_g0: [0, 1, 2].map(|axis| calibration.residual_sd(axis)),
             tilt_rad: calibration.solution.tilt,
+            tilt_standard_error: calibration.solution.tilt_error,
             misalignment: rows(&calibration.misalignment()),
             misalignment_standard_error: errors(),
             warnings: calibration.findings.iter().map(ToString::to_string).collect(),
@@ -158,7 +161,7 @@ fn curve(calibration: &Calibration, axis: usize, quantity: usize) -> CurveRecord
     let curve = &calibration.solution.axes[axis].curves[quantity];
     // The table has the bias in ug0.
     let (factor, unit) = if quantity == 0 { (1e6, "ug0") } else { (1.0, "pulse/(s*g0)") };
-    let covariance = curve.raw_covariance().map(|covariance| covariance * (factor * factor));
+    let covariance = curve.table_covariance().map(|covariance| covariance * (factor * factor));
     CurveRecord {
         axis: AXIS_NAMES[axis],
         quantity: QUANTITIES[quantity],

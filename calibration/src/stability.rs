@@ -18,13 +18,15 @@
 use core::fmt;
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::{AXES, Flags, RawSample};
 
 /// Off the attitude by more than this on an axis, a window does not count for the stability \[g0\].
 const ATTITUDE: f64 = 5e-3;
 /// Neighbouring windows that differ by more were not still \[g0\].
 const STILL: f64 = 1e-3;
+/// Without a stated attitude the output must be as long as gravity to this \[g0\].
+const GRAVITY: f64 = 0.05;
 /// Windows that a standard deviation needs.
 const MIN_WINDOWS: usize = 3;
 
@@ -111,6 +113,8 @@ pub struct Stability {
     pub gravity: f64,
     /// Smallest step of each axis' telemetry, head and board; none if it never moves.
     pub resolution: [[Option<f64>; 2]; AXES],
+    /// Samples without a valid interval, which carry no velocity.
+    pub left_out: u64,
     /// Telemetry at which the coefficients are frozen: head and board, by axis.
     pub middle: [[f64; 2]; AXES],
 }
@@ -127,6 +131,26 @@ pub enum StabilityError {
         windows: usize,
         /// \[s\]
         window_s: f64,
+    },
+    /// An output that is no number in most windows.
+    #[error(
+        "the output of {axis} is not a number: its telemetry is, or the table rejects it; look at a{index}_head and a{index}_board"
+    )]
+    NotANumber {
+        /// A1, A2 or A3.
+        axis: &'static str,
+        /// 1, 2 or 3.
+        index: usize,
+    },
+    /// Not at rest.
+    #[error(
+        "the output is {length:.4} g0 long, gravity is {gravity:.4}: not at rest, a dead converter, or the table of another IMU"
+    )]
+    NotGravity {
+        /// \[g0\]
+        length: f64,
+        /// \[g0\]
+        gravity: f64,
     },
     /// Hardly any window is at the attitude.
     #[error(
@@ -177,13 +201,12 @@ pub struct Collector<'a> {
     open: Sums,
     windows: Vec<Sums>,
     telemetry: [[Telemetry; 2]; AXES],
+    left_out: u64,
 }
 
-/// Range and smallest step of a telemetry.
+/// Smallest step of a telemetry.
 #[derive(Clone, Copy, Debug)]
 struct Telemetry {
-    low: f64,
-    high: f64,
     last: f64,
     step: f64,
 }
@@ -193,7 +216,6 @@ impl Telemetry {
         if !value.is_finite() {
             return;
         }
-        (self.low, self.high) = (self.low.min(value), self.high.max(value));
         let step = (value - self.last).abs();
         // Below this it is the rounding of decimals.
         if step > 1e-9 * value.abs() {
@@ -201,25 +223,36 @@ impl Telemetry {
         }
         self.last = value;
     }
+}
 
-    fn middle(&self) -> f64 {
-        0.5 * (self.low + self.high)
-    }
+/// Middle of the windows' mean telemetry, head and board by axis; of those without a flag, if there are any, since a single broken
+/// reading is no temperature.
+fn middle(windows: &[Sums]) -> [[f64; 2]; AXES] {
+    let good = windows.iter().any(|window| !window.flagged);
+    let used = || windows.iter().filter(move |window| !(good && window.flagged));
+    let of = |telemetry: &dyn Fn(&Sums) -> f64| {
+        let (low, high) = used()
+            .map(|window| telemetry(window) / window.seconds)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
+        0.5 * (low + high)
+    };
+    [0, 1, 2].map(|axis| [of(&|window| window.head[axis]), of(&|window| window.board[axis])])
 }
 
 impl<'a> Collector<'a> {
     /// For windows of `window_s`.
     #[must_use]
     pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
-        let telemetry = Telemetry { low: f64::INFINITY, high: f64::NEG_INFINITY, last: f64::NAN, step: f64::INFINITY };
+        let telemetry = Telemetry { last: f64::NAN, step: f64::INFINITY };
         let telemetry = [[telemetry; 2]; 3];
-        Self { table, window_s, begin_ns: None, open: Sums::default(), windows: Vec::new(), telemetry }
+        Self { table, window_s, begin_ns: None, open: Sums::default(), windows: Vec::new(), telemetry, left_out: 0 }
     }
 
     /// Adds the next sample. One whose interval is invalid carries no velocity and is left out.
     pub fn add(&mut self, raw: &RawSample) {
         let compensation = compensate(self.table, raw);
         if compensation.flags.intersects(Flags::INTERVAL) {
+            self.left_out += 1;
             return;
         }
         let seconds = raw.interval_ns as f64 / 1e9;
@@ -255,7 +288,7 @@ impl<'a> Collector<'a> {
         if self.windows.len() < MIN_WINDOWS {
             return Err(StabilityError::TooShort { windows: self.windows.len(), window_s: self.window_s });
         }
-        let middle = self.telemetry.map(|[head, board]| [head.middle(), board.middle()]);
+        let middle = middle(&self.windows);
         let frozen = Frozen::new(self.table, middle);
         let mut windows: Vec<_> = self.windows.iter().map(|sums| window(sums, &frozen, self.table)).collect();
         let gravity = setup.gravity_local / self.table.content().gravity;
@@ -264,6 +297,15 @@ impl<'a> Collector<'a> {
             Some(direction) => direction.map(|f| f * gravity),
             None => [median(0), median(1), median(2)],
         };
+        if let Some(axis) =
+            (0..AXES).find(|&axis| median(axis).is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
+        {
+            return Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 });
+        }
+        let length = (0..AXES).map(|axis| median(axis).powi(2)).sum::<f64>().sqrt();
+        if setup.attitude.is_none() && (length - gravity).abs() > GRAVITY {
+            return Err(StabilityError::NotGravity { length, gravity });
+        }
         mark(&mut windows, specific_force);
         let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
         if counted.len() < MIN_WINDOWS {
@@ -292,6 +334,7 @@ impl<'a> Collector<'a> {
             modulus,
             gravity,
             resolution,
+            left_out: self.left_out,
             middle,
         })
     }

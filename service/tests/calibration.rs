@@ -89,6 +89,21 @@ fn calibrate_tells_what_is_wrong_and_where() {
     };
     write(&campaign, &samples);
     run(folder.path(), 0, &["calibrate", "campaign.toml", "-o", "-"]);
+    // Nothing that is read is written over, and not one file twice.
+    for more in [
+        &["-o", "samples.csv"][..],
+        &["-o", "campaign.toml"],
+        &["-o", "./samples.csv"],
+        &["-o", "t.toml", "--report", "samples.csv"],
+        &["-o", "t.toml", "--report", "t.toml"],
+        &["-o", "-", "--report", "-"],
+    ] {
+        run(folder.path(), 64, &[&["calibrate", "campaign.toml"], more].concat());
+    }
+    assert!(fs::read_to_string(folder.path().join("samples.csv")).unwrap() == samples);
+    // Both files, or none.
+    run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "t.toml", "--report", "nowhere/r.html"]);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     for wrong in [&["--order", "8"][..], &["--method", "magic"], &["--exclude", "5"], &["--exclude", "5/99"]] {
         refused(64, wrong);
     }
@@ -174,5 +189,5 @@ fn regress_writes_what_scripts_rely_on() {
     assert!(err.contains("order 4 needs 5 different values of x, there are 4"), "{err}");
     fs::write(folder.path().join("bad.csv"), "x,y\n0,1\n1,one\n").unwrap();
     let (_, err) = run(folder.path(), 65, &["regress", "bad.csv", "--x", "x", "--y", "y"]);
-    assert!(err.contains("bad.csv:3: y is \"one\", give a finite number"), "{err}");
+    assert!(err.contains("bad.csv:3: y is \"one\", give a finite number, 0 or of size"), "{err}");
 }

@@ -19,6 +19,9 @@ pub enum RecordingError {
     Io(#[from] io::Error),
 }
 
+/// Longest line that is read: 64 KiB.
+const MAX_LINE: u64 = 1 << 16;
+
 /// A column: its name and its place in a row.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct Column(String, usize);
@@ -59,8 +62,13 @@ impl<R: Read> Rows<R> {
         loop {
             self.text.clear();
             self.line += 1;
-            if self.source.read_until(b'\n', &mut self.text)? == 0 {
+            if (&mut self.source).take(MAX_LINE).read_until(b'\n', &mut self.text)? == 0 {
                 return Ok(false);
+            }
+            if self.text.len() as u64 == MAX_LINE {
+                return Err(
+                    self.error(format!("over {MAX_LINE} bytes without a line end; this is no table of numbers"))
+                );
             }
             if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
                 self.text.drain(..3);

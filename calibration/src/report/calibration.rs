@@ -36,6 +36,7 @@ pub fn html(campaign: &Campaign, calibration: &Calibration, source: &Source) -> 
     report.budget(&mut page);
     report.set_points(&mut page);
     report.dwells(&mut page);
+    report.positions(&mut page);
     report.provenance(&mut page);
     page.finish()
 }
@@ -63,7 +64,8 @@ impl Report<'_> {
         let calibration = self.calibration;
         page.heading(2, "result", "Result");
         if calibration.findings.is_empty() {
-            page.note(Kind::Good, "Nothing found", "Every check of the campaign passed without a remark.");
+            let text = "Positions, time, soak, stillness, telemetry, saturation, fit and outliers were looked at without a remark.";
+            page.note(Kind::Good, "Nothing found", text);
         }
         for finding in &calibration.findings {
             let line = finding.line.map_or(String::new(), |line| format!("{}, line {line}: ", self.campaign.samples));
@@ -78,6 +80,10 @@ impl Report<'_> {
             ("Dwells", calibration.dwells.len().to_string()),
             ("Left out", self.excluded()),
             ("Method", calibration.options.method.name().to_owned()),
+            (
+                "Order",
+                calibration.options.order.map_or_else(|| "auto".to_owned(), |order| format!("{order}, asked for")),
+            ),
             ("1 g0", format!("{} m/s2", self.campaign.gravity_reference)),
             ("Gravity at the station", format!("{} m/s2", self.campaign.gravity_local)),
             ("Condition of the positions", conditions.collect::<Vec<_>>().join(", ")),
@@ -228,10 +234,10 @@ impl Report<'_> {
         page.paragraph(&format!("Order {}: {}.", orders.choice.order, orders.choice.reason));
         let curve = &self.calibration.solution.axes[axis].curves[quantity];
         let fit = &orders.regression.fits()[orders.choice.order];
-        let errors = curve.raw_covariance().map(|c| c.diagonal().map(|v| v.max(0.0).sqrt()));
+        let errors = curve.table_covariance().map(|c| c.diagonal().map(|v| v.max(0.0).sqrt()));
         let none = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
-        let rows: Vec<_> = curve
-            .raw()
+        let coefficients = curve.polynomial(1.0).map_or_else(Vec::new, |p| p.coefficients().to_vec());
+        let rows: Vec<_> = coefficients
             .iter()
             .enumerate()
             .map(|(power, c)| {
@@ -248,7 +254,9 @@ impl Report<'_> {
             })
             .collect();
         let header = ["Power", "Coefficient", "Standard error", "Partial sum of squares", "Partial F", "p"];
-        page.table(&format!("{title}: coefficients of the table, in {unit} per {}^k", self.unit()), &header, &rows);
+        let [center, scale] = curve.basis();
+        let power = if curve.is_raw() { format!("{}^k", self.unit()) } else { format!("((U - {center})/{scale})^k") };
+        page.table(&format!("{title}: coefficients of the table, in {unit} per {power}"), &header, &rows);
         let found = &orders.diagnostics;
         let test = |test: Option<Test>| {
             test.map_or("not applicable".to_owned(), |test| format!("{} (p {})", short(test.value), short(test.p)))
@@ -309,34 +317,38 @@ impl Report<'_> {
                 .collect()
         };
         let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
-        let mut figures = Vec::new();
-        let mut rows = Vec::new();
-        for (axis, name) in AXIS_NAMES.iter().enumerate() {
-            let before = before(axis);
+        let hours = |dwell: &Dwell, _: usize| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
+        let head = |dwell: &Dwell, axis: usize| dwell.sums.head(axis);
+        type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell, usize) -> f64);
+        let telemetry = self.telemetry(0);
+        let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
+        let errors = [0, 1, 2].map(|axis| {
             let after: Vec<f64> = solution.residuals.iter().map(|residual| residual[axis] * 1e6).collect();
-            let over = |values: &[f64], x: &dyn Fn(&Dwell) -> f64| -> Vec<(f64, f64)> {
-                self.calibration.dwells.iter().map(x).zip(values.iter().copied()).collect()
-            };
-            let hours = |dwell: &Dwell| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
-            let head = |dwell: &Dwell| dwell.sums.head(axis);
-            type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell) -> f64);
-            let telemetry = self.telemetry(0);
-            let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
-            for (title, label, x) in views {
-                let plot = Plot::new(&format!("{name} {title}"), label, "Error / 1e-6 g0")
+            (before(axis), after)
+        });
+        let mut figures = Vec::new();
+        for (title, label, x) in views {
+            for (axis, (before, after)) in errors.iter().enumerate() {
+                let over = |values: &[f64]| -> Vec<(f64, f64)> {
+                    self.calibration.dwells.iter().map(|dwell| x(dwell, axis)).zip(values.iter().copied()).collect()
+                };
+                let plot = Plot::new(&format!("{} {title}", AXIS_NAMES[axis]), label, "Error / 1e-6 g0")
                     .zero_line()
-                    .series("Before", Style::Points, over(&before, x))
-                    .series("After", Style::Points, over(&after, x));
+                    .series("Before", Style::Points, over(before))
+                    .series("After", Style::Points, over(after));
                 figures.push((plot.svg(), String::new()));
             }
-            let rms = |v: &[f64]| (v.iter().map(|v| v * v).sum::<f64>() / v.len() as f64).sqrt();
-            rows.push(vec![
-                Cell::text(*name),
-                Cell::number(rms(&before), 3),
-                Cell::number(rms(&after), 3),
-                Cell::number(rms(&before) / rms(&after), 1),
-            ]);
         }
+        let rms = |v: &[f64]| (v.iter().map(|v| v * v).sum::<f64>() / v.len() as f64).sqrt();
+        let row = |(name, (before, after)): (&&str, &(Vec<f64>, Vec<f64>))| {
+            vec![
+                Cell::text(*name),
+                Cell::number(rms(before), 3),
+                Cell::number(rms(after), 3),
+                Cell::number(rms(before) / rms(after), 1),
+            ]
+        };
+        let rows: Vec<_> = AXIS_NAMES.iter().zip(&errors).map(row).collect();
         page.figures(&figures);
         page.table("Error of all dwells, rms [1e-6 g0]", &["Axis", "Before", "After", "Factor"], &rows);
     }
@@ -478,14 +490,42 @@ impl Report<'_> {
             "Lines",
             "Rows",
             "Time / s",
-            "A1 head",
-            "drift per h",
+            &format!("A1 head / {}", self.unit()),
+            &format!("drift / ({}/h)", self.unit()),
             "A1 / 1e-6 g0",
             "A2 / 1e-6 g0",
             "A3 / 1e-6 g0",
             "Check",
         ];
         page.table("Dwells with their residuals", &header, &rows);
+    }
+
+    fn positions(&self, page: &mut Page) {
+        page.heading(2, "positions", "Positions and ranges");
+        let rows: Vec<_> = self
+            .campaign
+            .positions
+            .iter()
+            .map(|position| {
+                let angle = |k: usize| position.angles.map_or("-".to_owned(), |angles| angles[k].to_string());
+                let mut row = vec![Cell::text(position.number.to_string()), Cell::text(position.label.clone())];
+                row.extend([Cell::Number(angle(0)), Cell::Number(angle(1))]);
+                row.extend(position.specific_force.map(|f| Cell::number(f, 6)));
+                row
+            })
+            .collect();
+        let header = ["Number", "Name", "Outer / deg", "Inner / deg", "A1", "A2", "A3"];
+        page.table("Specific force in units of the local gravity", &header, &rows);
+        let range = |[low, high]: [f64; 2]| format!("{low} to {high} {}", self.unit());
+        let rows: Vec<_> = AXIS_NAMES
+            .iter()
+            .zip(&self.calibration.solution.axes)
+            .map(|(name, part)| {
+                let [bias, plus, _] = &part.curves;
+                vec![Cell::text(*name), Cell::Number(range(bias.range())), Cell::Number(range(plus.range()))]
+            })
+            .collect();
+        page.table("Ranges of the table", &["Axis", "Head telemetry", "Board telemetry"], &rows);
     }
 
     fn provenance(&self, page: &mut Page) {

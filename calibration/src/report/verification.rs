@@ -72,15 +72,15 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
         .map(|(name, axis)| {
             vec![
                 Cell::text(*name),
-                Cell::number(axis.sd_before * 1e6, 3),
-                Cell::number(axis.rms_before * 1e6, 3),
-                Cell::number(axis.sd_after * 1e6, 3),
-                Cell::number(axis.rms_after * 1e6, 3),
                 Cell::number(axis.factor(), 2),
+                Cell::number(axis.sd_before * 1e6, 3),
+                Cell::number(axis.sd_after * 1e6, 3),
+                Cell::number(axis.rms_before * 1e6, 3),
+                Cell::number(axis.rms_after * 1e6, 3),
             ]
         })
         .collect();
-    let header = ["Axis", "sd before", "rms before", "sd after", "rms after", "Factor"];
+    let header = ["Axis", "Factor", "sd before", "sd after", "rms before", "rms after"];
     let caption = format!("Means over {} s of output less specific force [1e-6 g0]", source.window_s);
     page.table(&caption, &header, &rows);
     page.paragraph(
@@ -105,23 +105,25 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     let head = format!("Head telemetry / {}", table.content().temperature_unit);
     let drift = format!("dU/dt of the head / ({} per h)", table.content().temperature_unit);
     let force = stability.specific_force;
+    type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
+    let views: [View<'_>; 2] = [
+        ("over time", "Time / h", &|window, _| window.time_s / 3600.0, Style::Line),
+        ("over temperature", &head, &|window, axis| window.head[axis], Style::Points),
+    ];
     let (mut both, mut after, mut rates) = (Vec::new(), Vec::new(), Vec::new());
-    for (axis, name) in AXIS_NAMES.iter().enumerate() {
-        let hours = |window: &Window| window.time_s / 3600.0;
-        let telemetry = |window: &Window| window.head[axis];
-        type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Window) -> f64);
-        let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &head, &telemetry)];
-        for (title, label, x) in views {
+    for (title, label, x, style) in views {
+        for (axis, name) in AXIS_NAMES.iter().enumerate() {
             let line = |of: fn(&Window) -> &[f64; 3]| -> Vec<(f64, f64)> {
-                counted(stability).map(|window| (x(window), (of(window)[axis] - force[axis]) * 1e6)).collect()
+                counted(stability).map(|window| (x(window, axis), (of(window)[axis] - force[axis]) * 1e6)).collect()
             };
-            let plot = Plot::new(&format!("{name} {title}"), label, "Error / 1e-6 g0").zero_line();
-            let plot = plot.series("Before", Style::Line, line(|window| &window.before));
-            both.push((plot.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
-            let style = if label == "Time / h" { Style::Line } else { Style::Points };
-            let plot = Plot::new(&format!("{name} after, {title}"), label, "Error / 1e-6 g0").zero_line();
-            after.push((plot.series("After", style, line(|window| &window.after)).svg(), String::new()));
+            let plot = |title: String| Plot::new(&title, label, "Error / 1e-6 g0").zero_line();
+            let beside = plot(format!("{name} {title}")).series("Before", Style::Line, line(|window| &window.before));
+            both.push((beside.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
+            let alone = plot(format!("{name} after, {title}"));
+            after.push((alone.series("After", style, line(|window| &window.after)).svg(), String::new()));
         }
+    }
+    for (axis, name) in AXIS_NAMES.iter().enumerate() {
         let windows: Vec<_> = counted(stability).collect();
         let rate = |pair: &[&Window]| {
             let seconds = pair[1].time_s - pair[0].time_s;

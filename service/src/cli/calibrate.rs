@@ -1,6 +1,6 @@
-use super::written;
+use super::{Aside, apart};
 use crate::failure::{Exit, Failure};
-use crate::files::{Output, TableFileError, open_recording, read_text};
+use crate::files::{TableFileError, open_recording, read_text};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use isotherm_calibration::calibrate::{
@@ -36,7 +36,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     /// Order of every polynomial, 0 to 7; auto chooses each from the data
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = order)]
+    #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
     order: Order,
     /// All dwells at once, each with its own telemetry; or each set point first, then polynomials
     #[arg(long, value_name = "METHOD", default_value = "one-stage", value_parser = method)]
@@ -79,10 +79,15 @@ fn place(text: &str) -> Result<(f64, u32), String> {
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
         let (text, campaign) = load_campaign(&self.campaign)?;
+        let samples = self.campaign.parent().unwrap_or(Path::new("")).join(&campaign.samples);
+        let inputs = [(self.campaign.as_path(), "the campaign file"), (&samples, "the samples")];
+        apart(&inputs, &[Some(&self.output), self.report.as_deref()])?;
         // Before minutes are spent on reading.
         let refused = |error: &CalibrationError| failure(&self.campaign, &self.campaign, error);
         observable(&campaign).map_err(|error| refused(&error))?;
-        let samples = self.campaign.parent().unwrap_or(Path::new("")).join(&campaign.samples);
+        // Both files, or none.
+        let table = Aside::create(Some(&self.output))?;
+        let report = self.report.as_deref().map(|path| Aside::create(Some(path))).transpose()?;
         let (dwells, samples_sha256) = read_samples(&campaign, &samples)?;
         let options = Options {
             method: self.method,
@@ -107,11 +112,10 @@ impl Calibrate {
             let _ = writeln!(io::stderr(), "isotherm: warning: {}", located(&samples, finding));
         }
         let _ = io::stderr().write_all(summary(&calibration).as_bytes());
-        write(&self.output, &sealed)?;
-        match &self.report {
-            Some(path) => write(path, &html(&campaign, &calibration, &source)),
-            None => Ok(()),
-        }
+        let report = report.map(|report| report.write(&html(&campaign, &calibration, &source))).transpose()?;
+        let table = table.write(&sealed)?;
+        report.map_or(Ok(()), Aside::finish)?;
+        table.finish()
     }
 }
 
@@ -132,13 +136,6 @@ pub fn tool() -> String {
 pub fn now() -> String {
     let now = jiff::Timestamp::now();
     now.round(jiff::Unit::Second).unwrap_or(now).to_string()
-}
-
-/// Writes a whole file.
-pub fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    let output = Output::create(Some(path));
-    let result = output.and_then(|mut output| output.write_all(text.as_bytes()).and_then(|()| output.finish()));
-    written(Some(path), result)
 }
 
 /// The samples of `campaign` and their SHA-256.
@@ -207,6 +204,7 @@ fn failure(campaign: &Path, samples: &Path, error: &CalibrationError) -> Failure
             };
             findings.iter().map(line).collect::<Vec<_>>().join("\n")
         }
+        CalibrationError::NothingToExclude(..) => format!("--exclude: {error}"),
         CalibrationError::Positions(deficiencies) => {
             let line = |deficiency: &String| format!("{}: {deficiency}", campaign.display());
             deficiencies.iter().map(line).collect::<Vec<_>>().join("\n")

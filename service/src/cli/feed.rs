@@ -1,4 +1,4 @@
-use super::{not_the_same, options, seconds, written};
+use super::{apart, options, seconds, written};
 use crate::failure::{Exit, Failure};
 use crate::files::{Output, open_recording};
 use clap::Args;
@@ -49,7 +49,7 @@ pub struct Feed {
 impl Feed {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let path = self.output.as_deref();
-        not_the_same(&self.recording, path)?;
+        apart(&[(&self.recording, "the recording itself")], &[path])?;
         let progress = progress(&self.recording, path.is_some());
         let source = open_recording(&self.recording);
         let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;

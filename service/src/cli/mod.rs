@@ -14,10 +14,11 @@ mod status;
 mod verify;
 
 use crate::failure::{Exit, Failure};
+use crate::files::Output;
 use clap::{Parser, Subcommand};
 use isotherm_client::{Domain, Options};
-use std::io;
-use std::path::Path;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The published tables of the source paper.
@@ -88,15 +89,47 @@ fn written(path: Option<&Path>, result: io::Result<()>) -> Result<(), Failure> {
     }
 }
 
-/// Refuses to write increments over the recording that they come from.
-fn not_the_same(input: &Path, output: Option<&Path>) -> Result<(), Failure> {
+/// Refuses to write over what a command reads, and two outputs into one file.
+fn apart(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Result<(), Failure> {
     let regular = |path: &Path| std::fs::canonicalize(path).ok().filter(|path| path.is_file());
-    match (regular(input), output.and_then(regular)) {
-        (Some(input), Some(output)) if input == output => {
-            let message = format!("{} is the recording itself; write the increments to another file", output.display());
-            Err(Failure::new(Exit::Usage, message))
+    let usage = |message: String| Err(Failure::new(Exit::Usage, message));
+    for (index, output) in outputs.iter().enumerate() {
+        let Some(output) = output else { continue };
+        let same = |other: &Path| *output == other || regular(output).is_some_and(|path| regular(other) == Some(path));
+        if let Some((_, what)) = inputs.iter().find(|(input, _)| *input != Path::new("-") && same(input)) {
+            return usage(format!("{} is {what}; write to another file", output.display()));
         }
-        _ => Ok(()),
+        if outputs[..index].iter().flatten().any(|other| same(other)) {
+            return usage(format!("{} is named for two outputs; give each a file of its own", output.display()));
+        }
+    }
+    Ok(())
+}
+
+/// A whole file that is made aside and becomes visible when everything has succeeded.
+struct Aside {
+    path: Option<PathBuf>,
+    output: Output,
+}
+
+impl Aside {
+    /// Prepares it; `None` or `-` is stdout.
+    fn create(path: Option<&Path>) -> Result<Self, Failure> {
+        let output = Output::create(path);
+        let output = output.map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
+        Ok(Self { path: path.map(Path::to_owned), output })
+    }
+
+    /// Writes its whole text.
+    fn write(mut self, text: &str) -> Result<Self, Failure> {
+        let result = self.output.write_all(text.as_bytes()).and_then(|()| self.output.flush());
+        written(self.path.as_deref(), result)?;
+        Ok(self)
+    }
+
+    /// Makes it visible.
+    fn finish(self) -> Result<(), Failure> {
+        written(self.path.as_deref(), self.output.finish())
     }
 }
 

@@ -47,6 +47,16 @@ pub fn sizes(text: &str) -> Result<[f64; 2], String> {
     if sizes.iter().all(|size| *size >= 0.0) { Ok(sizes) } else { Err("neither may be negative".to_owned()) }
 }
 
+/// Amplitude in g0 and frequency in Hz; each cycle takes 20 steps, so that the frequency decides how long it takes.
+pub fn vibration(text: &str) -> Result<[f64; 2], String> {
+    let [amplitude, frequency] = sizes(text)?;
+    if amplitude <= 100.0 && frequency <= 2000.0 {
+        Ok([amplitude, frequency])
+    } else {
+        Err("give an amplitude up to 100 g0 and a frequency up to 2000 Hz".to_owned())
+    }
+}
+
 pub fn size(text: &str) -> Result<f64, String> {
     list::<1>(text, ',')
         .map(|[size]| size)

@@ -13,6 +13,8 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::PathBuf;
 
+/// What can be read.
+const NUMBER: &str = "a finite number, 0 or of size 1e-140 to 1e140";
 /// Highest order of the table, where the data allow it and none is asked for.
 const DEFAULT_ORDER: usize = 6;
 
@@ -35,13 +37,13 @@ pub struct Regress {
     #[arg(long, value_name = "COLUMN")]
     y: String,
     /// Highest order, up to 15 [default: 6, or what the number of different x allows]
-    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=MAX_ORDER as i64))]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(1..=MAX_ORDER as i64))]
     max_order: Option<u8>,
     /// Column of the weights, inverse variances up to a factor, over 0
     #[arg(long, value_name = "COLUMN")]
     weights: Option<String>,
     /// Smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard deviation]
-    #[arg(long, value_name = "Y", value_parser = not_negative)]
+    #[arg(long, value_name = "Y", allow_negative_numbers = true, value_parser = not_negative)]
     min_effect: Option<f64>,
     /// One JSON document
     #[arg(long)]
@@ -129,9 +131,11 @@ impl Regress {
             let number = |index: usize, right: &str, valid: fn(&DoubleDouble) -> bool| {
                 rows.parse(&columns[index], right, |text| DoubleDouble::parse(text).filter(valid))
             };
-            let (x, y) = (number(0, "a finite number", |_| true)?, number(1, "a finite number", |_| true)?);
+            let (x, y) = (number(0, NUMBER, |_| true)?, number(1, NUMBER, |_| true)?);
             let weight = match self.weights {
-                Some(_) => number(2, "a weight over 0", |weight| *weight > DoubleDouble::ZERO)?,
+                Some(_) => {
+                    number(2, "a weight over 0, and from 1e-140 to 1e140", |weight| *weight > DoubleDouble::ZERO)?
+                }
                 None => DoubleDouble::ONE,
             };
             points.push(Point { x, y, weight });

@@ -1,4 +1,4 @@
-use super::{not_the_same, written};
+use super::{apart, written};
 use crate::failure::Failure;
 use crate::files::{Output, load_table, open_recording};
 use clap::Args;
@@ -27,7 +27,7 @@ pub struct Replay {
 
 impl Replay {
     pub fn run(self) -> Result<(), Failure> {
-        not_the_same(&self.recording, self.output.as_deref())?;
+        apart(&[(&self.recording, "the recording itself"), (&self.table, "the table")], &[self.output.as_deref()])?;
         let (table, _) = load_table(&self.table, None)?;
         let source = open_recording(&self.recording);
         let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;

@@ -1,4 +1,6 @@
-use super::parse::{SetPoints, direction, gravity, interval, numbers, ramp, scheme, set_points, size, sizes};
+use super::parse::{
+    SetPoints, direction, gravity, interval, numbers, ramp, scheme, set_points, size, sizes, vibration,
+};
 use super::{PAPER, seconds, written};
 use crate::failure::{Exit, Failure};
 use crate::files::{Output, load_table};
@@ -134,7 +136,7 @@ struct Common {
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
     /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
-    #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = sizes)]
+    #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = vibration)]
     vibration: [f64; 2],
 }
 

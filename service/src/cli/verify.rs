@@ -1,6 +1,6 @@
-use super::calibrate::{bytes_bar, now, tool, write};
+use super::calibrate::{bytes_bar, now, tool};
 use super::parse::{direction, gravity};
-use super::{not_the_same, seconds, written};
+use super::{Aside, apart, seconds, written};
 use crate::failure::{Exit, Failure};
 use crate::files::{load_table, open_recording};
 use clap::Args;
@@ -30,10 +30,10 @@ pub struct Verify {
     #[arg(value_name = "RAW.csv")]
     recording: PathBuf,
     /// Length of the windows that means are taken over [s]
-    #[arg(long, value_name = "S", default_value = "10", value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
     window: Duration,
     /// Fail unless every axis is FACTOR times more stable after than before
-    #[arg(long, value_name = "FACTOR", value_parser = over_0)]
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = over_0)]
     require: Option<f64>,
     /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
     #[arg(long, value_name = "F1,F2,F3", allow_hyphen_values = true, value_parser = direction)]
@@ -52,8 +52,10 @@ fn over_0(text: &str) -> Result<f64, String> {
 
 impl Verify {
     pub fn run(self) -> Result<(), Failure> {
-        not_the_same(&self.recording, self.report.as_deref())?;
+        let inputs = [(self.recording.as_path(), "the recording"), (&self.table, "the table")];
+        apart(&inputs, &[self.report.as_deref()])?;
         let (table, _) = load_table(&self.table, None)?;
+        let report = self.report.as_deref().map(|path| Aside::create(Some(path))).transpose()?;
         let source = open_recording(&self.recording);
         let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
         let failed = |error| Failure::recording(&self.recording, &error);
@@ -76,7 +78,7 @@ impl Verify {
             stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", self.recording.display())))?;
         let text = tell(&stability, window_s, table.content().alignment.is_some());
         written(None, io::stdout().write_all(text.as_bytes()))?;
-        if let Some(path) = &self.report {
+        if let Some(report) = report {
             let source = Source {
                 tool: tool(),
                 time: now(),
@@ -85,7 +87,7 @@ impl Verify {
                 window_s,
                 required: self.require,
             };
-            write(path, &html(&table, &stability, &source))?;
+            report.write(&html(&table, &stability, &source))?.finish()?;
         }
         let short = |factor: f64| {
             let axes = AXIS_NAMES
@@ -128,6 +130,9 @@ fn tell(stability: &Stability, window: f64, aligned: bool) -> String {
         if stability.stated { "stated" } else { "the median of the output, so that a constant error does not show" };
     let _ = writeln!(text, "  specific force {}, {origin}", Force(stability.specific_force));
     let _ = writeln!(text, "  {counted} of {} windows at this attitude", stability.windows.len());
+    if stability.left_out > 0 {
+        let _ = writeln!(text, "  {} samples left out: their interval is 0 or over an hour", stability.left_out);
+    }
     let flagged = stability.windows.iter().filter(|window| window.flagged).count();
     if flagged > 0 {
         let _ = writeln!(
