@@ -177,18 +177,6 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
         section.fault("specific_force", format!("missing; give {FORCE}, or both angles"));
         None
     };
-    if let Some(force) = force {
-        let face = AXIS_NAMES.iter().zip(["x", "y", "z"]).zip(force).find_map(|((name, letter), f)| {
-            let sign = if f > 0.0 { '+' } else { '-' };
-            (f.abs() > 0.999).then(|| (format!("{sign}{letter}"), format!("{sign}{name}")))
-        });
-        let is_face = |label: &str| matches!(label.as_bytes(), [b'+' | b'-', b'x' | b'y' | b'z']);
-        match face {
-            Some((face, axis)) if is_face(&label) && label != face => section
-                .fault("up", format!("is {label:?}, but the specific force says {axis}; one of the two is wrong")),
-            _ => {}
-        }
-    }
     Some(Position { number: u32::try_from(number?).ok()?, label, angles, specific_force: force? })
 }
 

@@ -13,6 +13,7 @@ use isotherm_calibration::simulate::{MISALIGNMENT, Noise, Plan, Row, TILT_RAD, T
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
+use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 use std::fs;
 
@@ -98,6 +99,129 @@ fn other_lists_of_positions() {
         let tilt = calibration.solution.tilt.unwrap();
         assert!((tilt[0] - TILT_RAD[0]).abs() < 1e-7 && (tilt[1] - TILT_RAD[1]).abs() < 1e-7, "{tilt:?}");
     }
+}
+
+#[test]
+fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
+    let turn = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0);
+    let oblique = *nalgebra::Rotation3::from_euler_angles(0.4, -0.3, 0.2).matrix();
+    let truth = truth([5e-4, -3e-4], 9.79);
+    for (scheme, mount) in
+        [(Scheme::SixFacesSixEdges, turn), (Scheme::FourPointTumble, turn), (Scheme::SixFacesSixEdges, oblique)]
+    {
+        let plan = noiseless(scheme.positions());
+        // The IMU on another side of the fixture: what A1 feels is what the turntable does to another axis.
+        let text = csv(mounted(&truth, &plan, &mount));
+        let mut file = stated(&truth, &plan);
+        for position in &mut file.positions {
+            let force = mount * Vector3::from(position.specific_force);
+            // A few digits are enough where axes are only exchanged.
+            let digits = if mount == turn { 1e3 } else { 1e12 };
+            position.specific_force = force.map(|f| (f * digits).round() / digits).into();
+        }
+        let file = Campaign::from_toml(&campaign_toml(&file)).unwrap();
+        for method in [Method::OneStage, Method::TwoStage] {
+            let options = Options { method, order: Some(3), ..Options::default() };
+            let calibration = calibrate(&file, dwells(&file, &text).unwrap(), options).unwrap();
+            let found = worst(&calibration.table, &truth.table);
+            let tilt = calibration.solution.tilt.unwrap();
+            assert!((tilt[0] - 5e-4).abs() < 1e-7 && (tilt[1] + 3e-4).abs() < 1e-7, "{tilt:?}");
+            // The two-stage values also keep what the drift within a set point does.
+            let limit = if method == Method::OneStage { [0.1, 0.2] } else { [1.0, 1.5] };
+            assert!(found[0] < limit[0] && found[1] < limit[1], "{scheme:?} {method:?}: {found:?}");
+        }
+    }
+}
+
+/// The rows of a campaign with the IMU turned on the table by `mount`: the list of positions is turned instead, by simulating
+/// positions whose directions and level errors are those that the turned IMU meets.
+fn mounted(truth: &Truth, plan: &Plan, mount: &Matrix3<f64>) -> Vec<Row> {
+    let gravity = truth.gravity_local / truth.table.content().gravity;
+    let chain = &plan.chain;
+    let mut imu = isotherm_calibration::simulate::Imu::new(truth, chain, &plan.noise, plan.set_points_c[0], 1);
+    let mut rows = Vec::new();
+    for &set_point_c in &plan.set_points_c {
+        imu.go_to(set_point_c, plan.ramp_c_per_s);
+        imu.visit();
+        imu.wait(4_200_000_000_000);
+        for position in &plan.positions {
+            let [outer, inner] = position.angles.unwrap();
+            let level = Vector3::from(isotherm_calibration::positions::specific_force(outer, inner));
+            let by_tilt = position.by_tilt().unwrap();
+            let [tx, ty] = truth.tilt_rad;
+            let change = Vector3::from([0, 1, 2].map(|i: usize| by_tilt[i][0] * tx + by_tilt[i][1] * ty));
+            let force: [f64; 3] = (mount * ((level + change).normalize() * gravity)).into();
+            imu.wait(60_000_000_000);
+            for _ in 0..30 {
+                rows.push(Row { set_point_c, position: position.number, raw: imu.step(&force, 10_000_000_000) });
+            }
+        }
+    }
+    rows
+}
+
+/// A campaign file's text with whatever the positions say.
+fn campaign_toml(file: &Campaign) -> String {
+    let unit = &file.temperature_unit;
+    isotherm_calibration::simulate::campaign_toml(
+        &file.imu,
+        "samples.csv",
+        file.gravity_reference,
+        file.gravity_local,
+        unit,
+        &file.positions,
+    )
+}
+
+#[test]
+fn a_level_error_that_is_not_estimated_is_told() {
+    let truth = truth([5e-4, 0.0], 9.8015);
+    let warnings = |scheme: Scheme, change: &dyn Fn(&mut Campaign), exclude: &[(f64, u32)]| -> String {
+        let plan = noiseless(scheme.positions());
+        let mut file = stated(&truth, &plan);
+        change(&mut file);
+        let dwells = dwells(&file, &csv(campaign(&truth, &plan, 1))).unwrap();
+        let options = Options { order: Some(3), exclude: exclude.to_vec(), ..Options::default() };
+        let calibration = calibrate(&file, dwells, options).unwrap();
+        calibration.findings.iter().map(|finding| format!("{finding}\n")).collect()
+    };
+    let no_angles = |file: &mut Campaign| file.mount = None;
+    let text = warnings(Scheme::SixFacesSixEdges, &no_angles, &[]);
+    assert!(
+        text.contains("the base's tilt is not estimated, and not every direction was measured at two opposite"),
+        "{text}"
+    );
+    let text = warnings(Scheme::SixFacesTwoHeadings, &no_angles, &[]);
+    assert!(text.contains("which cancels only if each direction was measured at two opposite headings"), "{text}");
+    let text = warnings(Scheme::SixFacesTwoHeadings, &no_angles, &[(0.0, 1)]);
+    assert!(text.contains("not every direction was measured at two opposite"), "{text}");
+    assert_eq!(warnings(Scheme::SixFacesTwoHeadings, &|_| {}, &[(0.0, 1)]), "");
+    // Two headings of one face exchanged: no tilt makes such residuals.
+    let text = warnings(Scheme::SixFacesTwoHeadings, &|file| file.positions.swap(0, 1), &[]);
+    assert_eq!(text, "", "the order of the list does not matter");
+    let exchange = |file: &mut Campaign| {
+        file.positions[0].number = 2;
+        file.positions[1].number = 1;
+    };
+    let text = warnings(Scheme::SixFacesTwoHeadings, &exchange, &[]);
+    assert!(text.contains("which no tilt of the base explains"), "{text}");
+}
+
+#[test]
+fn a_curve_that_does_not_fit_is_told_and_not_blamed_on_dwells() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let told = |set_points_c: Vec<f64>, order: Option<usize>| -> String {
+        let plan = Plan { set_points_c, noise: quiet(), ..Plan::default() };
+        let (_, calibration) = calibrated(&truth, &plan, 1, Options { order, ..Options::default() }).unwrap();
+        calibration.findings.iter().map(|finding| format!("{finding}\n")).collect()
+    };
+    let all = || Plan::default().set_points_c;
+    assert_eq!(told(all(), None), "");
+    let text = told(all(), Some(1));
+    assert!(text.contains("A1 bias: the set points scatter by") && text.contains("the order is too low"), "{text}");
+    assert!(!text.contains("--exclude"), "{text}");
+    assert!(told(vec![-25.0, 10.0, 45.0], None).contains("there are too few set points"));
+    assert!(told(vec![-25.0, 0.0, 20.0, 45.0], Some(3)).contains("order 3 takes all 4 set points"));
 }
 
 #[test]
@@ -273,8 +397,22 @@ fn heating_and_cooling_are_told_apart() {
     assert!(warned, "{:?}", calibration.findings);
 }
 
-/// What a changed campaign is told: its faults, or the warnings of its table.
+/// As [`told`], with what concerns the whole campaign.
+fn told_all(change: impl Fn(&mut Vec<Row>)) -> (bool, String) {
+    findings(change, |_| {}, &[], true)
+}
+
+/// What a changed campaign is told: its faults, or the warnings about its dwells and set points.
 fn told(change: impl Fn(&mut Vec<Row>), file: impl Fn(&mut Campaign), exclude: &[(f64, u32)]) -> (bool, String) {
+    findings(change, file, exclude, false)
+}
+
+fn findings(
+    change: impl Fn(&mut Vec<Row>),
+    file: impl Fn(&mut Campaign),
+    exclude: &[(f64, u32)],
+    all: bool,
+) -> (bool, String) {
     let truth = truth(TILT_RAD, 9.8015);
     let set_points_c = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
     let plan = Plan { set_points_c, noise: quiet(), ..Plan::default() };
@@ -289,7 +427,7 @@ fn told(change: impl Fn(&mut Vec<Row>), file: impl Fn(&mut Campaign), exclude: &
     };
     match calibrate(&stated, dwells, options) {
         Ok(calibration) => {
-            let findings = calibration.findings.iter().filter(|f| f.place.is_some());
+            let findings = calibration.findings.iter().filter(|f| all || f.place.is_some());
             (true, findings.map(|f| format!("{:?} {f}\n", f.line)).collect())
         }
         Err(CalibrationError::Faults(findings)) => {
@@ -384,6 +522,11 @@ fn motion_wrong_positions_and_saturation_are_faults() {
     };
     let (made, text) = told(swap, |_| {}, &[]);
     assert!(!made && text.contains("set point -20 degC, position 7: A1 indicates 1.0"), "{text}");
+    let clip = |rows: &mut Vec<Row>| {
+        rows.iter_mut().for_each(|row| row.raw.positive_pulses[2] = row.raw.positive_pulses[2].min(920_000));
+    };
+    let (made, text) = told(clip, |_| {}, &[]);
+    assert!(!made && text.contains("the + channel of A3 gives the same 92000 pulse/s in every row"), "{text}");
     let (made, text) = told(|_| {}, |file| file.max_rate = Some(90_000.0), &[]);
     assert!(!made && text.contains("A1 counts 9") && text.contains("saturated"), "{text}");
 }
@@ -402,6 +545,24 @@ fn time_soak_and_telemetry_are_checked() {
     assert!(!made && text.contains("a3_head is the same at every set point"), "{text}");
     let (made, text) = told(|_| {}, |file| file.soak_s = Some(5000.0), &[]);
     assert!(!made && text.contains("set point -10 degC: its first dwell begins 4260 s after"), "{text}");
+    // 9 s counted in every 10 s, or 11: every scale factor would be wrong by as much.
+    let (made, text) = told_all(|rows| rows.iter_mut().for_each(|row| row.raw.interval_ns = 9_000_000_000));
+    assert!(
+        made && text.contains("the intervals add up to 0.9") && text.contains("every scale factor is wrong"),
+        "{text}"
+    );
+    let (made, text) = told_all(|rows| rows.iter_mut().for_each(|row| row.raw.interval_ns = 11_000_000_000));
+    assert!(!made && text.contains("pulses are counted twice"), "{text}");
+    let dead = |rows: &mut Vec<Row>| {
+        rows.iter_mut().filter(|row| row.set_point_c >= 20.0).for_each(|row| row.raw.head_temperature[0] = 2.9);
+    };
+    let (made, text) = told(dead, |_| {}, &[]);
+    assert!(
+        !made && text.contains("set point 30 degC, position 1: a1_head does not move from the set point before"),
+        "{text}"
+    );
+    let (made, text) = told(|rows| rows.truncate(rows.len() - 20), |_| {}, &[]);
+    assert!(made && text.contains("set point 40 degC, position 12: 100.0 s only"), "{text}");
     let sooner = |rows: &mut Vec<Row>| {
         rows.iter_mut().filter(|row| row.set_point_c > -20.0).for_each(|row| row.raw.timestamp_ns -= 2_000_000_000_000);
     };
@@ -430,7 +591,6 @@ fn campaign_files_are_refused_with_line_and_key() {
         ("number = 2", "number = 1", "position.2.number: 1 is there twice"),
         ("[0, 0, -1]", "[0, 0, -9.8]", "position.3.specific_force: give the direction"),
         ("[0, 0, -1]", "[0, -1]", "position.3.specific_force: give the direction"),
-        ("up = \"-z\"", "up = \"+z\"", "position.3.up: is \"+z\", but the specific force says -A3"),
         ("outer_deg = 0\n", "", "position.1: give both outer_deg and inner_deg, or neither"),
         ("imu = \"imu-paper\"", "imu = \"IMU\"", "line 2: imu: is \"IMU\", give 1 to 32"),
         ("temperature_unit", "temprature_unit", "temprature_unit: unknown key"),
