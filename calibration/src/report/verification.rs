@@ -66,6 +66,11 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
             "The median of the output stands in for it, so that a constant error does not show in the rms about zero.";
         page.note(Kind::Warning, "The attitude was not stated", text);
     }
+    if stability.stated && table.content().alignment.is_none() {
+        let text =
+            "The table has no alignment matrix: the rms about zero includes what misalignments make of this attitude.";
+        page.note(Kind::Warning, "Misalignments count", text);
+    }
     let rows: Vec<_> = AXIS_NAMES
         .iter()
         .zip(&stability.axes)

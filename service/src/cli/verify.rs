@@ -129,6 +129,9 @@ fn tell(stability: &Stability, window: f64, aligned: bool) -> String {
     let origin =
         if stability.stated { "stated" } else { "the median of the output, so that a constant error does not show" };
     let _ = writeln!(text, "  specific force {}, {origin}", Force(stability.specific_force));
+    if stability.stated && !aligned {
+        text.push_str("  the table has no alignment matrix: the rms about zero includes what misalignments make of this attitude\n");
+    }
     let _ = writeln!(text, "  {counted} of {} windows at this attitude", stability.windows.len());
     if stability.left_out > 0 {
         let _ = writeln!(text, "  {} samples left out: their interval is 0 or over an hour", stability.left_out);
