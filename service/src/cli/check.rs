@@ -125,8 +125,8 @@ fn kind(text: &str) -> Result<Kind, Faults> {
     } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
         Ok(Kind::Table)
     } else {
-        let message = "no coefficient table, which has [[axis]], no service configuration, which has [[imu]], and no campaign, \
-                       which has [[position]]";
+        let message = "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]], nor a \
+                       campaign, which has [[position]]";
         Err(Faults(vec![Fault { line: 1, key: String::new(), message: message.to_owned() }]))
     }
 }
