@@ -19,6 +19,8 @@ pub enum RecordingError {
     Io(#[from] io::Error),
 }
 
+/// Read at once.
+const BUFFER: usize = 1 << 16;
 /// Longest line that is read: 64 KiB.
 const MAX_LINE: u64 = 1 << 16;
 
@@ -32,24 +34,27 @@ pub struct Rows<R> {
     parser: csv_core::Reader,
     text: Vec<u8>,
     line: u64,
-    /// The fields of the row one after the other, and where each ends.
-    fields: Vec<u8>,
+    /// The fields of a row with quotation marks one after the other, as csv-core gives them, and where each ends.
+    unquoted: Vec<u8>,
     ends: Vec<usize>,
-    count: usize,
+    /// Whether the current row has quotation marks; the fields of others stay in `text`.
+    quoted: bool,
+    /// Where each field begins and ends.
+    fields: Vec<(usize, usize)>,
 }
 
 impl<R: Read> Rows<R> {
     /// Reads from `source`.
     pub fn new(source: R) -> Self {
-        let (fields, ends) = (vec![0; 256], vec![0; 32]);
         Self {
-            source: BufReader::new(source),
+            source: BufReader::with_capacity(BUFFER, source),
             parser: csv_core::Reader::new(),
             text: Vec::new(),
             line: 0,
-            fields,
-            ends,
-            count: 0,
+            unquoted: Vec::new(),
+            ends: Vec::new(),
+            quoted: false,
+            fields: Vec::new(),
         }
     }
 
@@ -58,7 +63,7 @@ impl<R: Read> Rows<R> {
     /// # Errors
     /// If the source cannot be read, a quotation mark is not closed or a lone carriage return is inside a row.
     pub fn next_row(&mut self) -> Result<bool, RecordingError> {
-        self.count = 0;
+        self.fields.clear();
         loop {
             self.text.clear();
             self.line += 1;
@@ -78,20 +83,39 @@ impl<R: Read> Rows<R> {
             }
         }
         let content = self.text.strip_suffix(b"\n").unwrap_or(&self.text);
-        if content.strip_suffix(b"\r").unwrap_or(content).contains(&b'\r') {
+        let content = content.strip_suffix(b"\r").unwrap_or(content);
+        if memchr::memchr(b'\r', content).is_some() {
             return Err(
                 self.error("a carriage return inside a row; save the file with LF or CR LF line ends".to_owned())
             );
         }
+        self.quoted = memchr::memchr(b'"', content).is_some();
+        if self.quoted {
+            return self.parse_quoted();
+        }
+        let mut begin = 0;
+        for comma in memchr::memchr_iter(b',', content) {
+            self.fields.push((begin, comma));
+            begin = comma + 1;
+        }
+        self.fields.push((begin, content.len()));
+        Ok(true)
+    }
+
+    fn parse_quoted(&mut self) -> Result<bool, RecordingError> {
         // No line needs more room than this, so that parsing it is one call.
-        self.fields.resize(self.fields.len().max(self.text.len() + 1), 0);
-        self.ends.resize(self.ends.len().max(self.text.len() + 1), 0);
+        self.unquoted.resize(self.text.len() + 1, 0);
+        self.ends.resize(self.text.len() + 1, 0);
         if !self.text.ends_with(b"\n") {
             self.text.push(b'\n');
         }
         self.parser.reset();
-        let (result, _, _, count) = self.parser.read_record(&self.text, &mut self.fields, &mut self.ends);
-        self.count = count;
+        let (result, _, _, count) = self.parser.read_record(&self.text, &mut self.unquoted, &mut self.ends);
+        let mut begin = 0;
+        for &end in &self.ends[..count] {
+            self.fields.push((begin, end));
+            begin = end;
+        }
         match result {
             csv_core::ReadRecordResult::Record => Ok(true),
             _ => Err(self.error("a quotation mark is not closed; a field may not span lines".to_owned())),
@@ -101,13 +125,13 @@ impl<R: Read> Rows<R> {
     /// Number of fields of the row.
     #[must_use]
     pub const fn len(&self) -> usize {
-        self.count
+        self.fields.len()
     }
 
     /// Whether there is no row.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        self.count == 0
+        self.fields.is_empty()
     }
 
     /// Line of the row, from 1.
@@ -154,8 +178,9 @@ impl<R: Read> Rows<R> {
     }
 
     fn field(&self, index: usize) -> &[u8] {
-        let start = if index == 0 { 0 } else { self.ends[index - 1] };
-        self.fields[start..self.ends[index]].trim_ascii()
+        let (begin, end) = self.fields[index];
+        let row = if self.quoted { &self.unquoted } else { &self.text };
+        row[begin..end].trim_ascii()
     }
 
     /// An error about the current row.
@@ -185,9 +210,14 @@ impl<R: Read> Rows<R> {
     ///
     /// # Errors
     /// If the field is none.
-    pub fn integer<T: FromStr>(&self, column: &Column) -> Result<T, RecordingError> {
+    pub fn integer<T: FromStr + TryFrom<u64>>(&self, column: &Column) -> Result<T, RecordingError> {
         const RIGHT: [&str; 2] =
             ["a whole number from 0 to 4294967295", "a whole number from 0 to 18446744073709551615"];
+        if let Some((0, mantissa, 0)) = digits(self.field(column.1))
+            && let Ok(value) = T::try_from(mantissa)
+        {
+            return Ok(value);
+        }
         self.parse(column, RIGHT[size_of::<T>() / 8], |text| text.parse().ok())
     }
 
@@ -196,8 +226,119 @@ impl<R: Read> Rows<R> {
     /// # Errors
     /// If the field is none.
     pub fn float(&self, column: &Column) -> Result<f64, RecordingError> {
+        if let Some(value) = decimal(self.field(column.1)) {
+            return Ok(value);
+        }
         self.parse(column, "a number", |text| {
             text.parse().ok().filter(|value: &f64| !value.is_infinite() || !text.contains(|c: char| c.is_ascii_digit()))
         })
+    }
+}
+
+/// The usual field, digits with at most one sign and one point: whether it is negative (1) or not (0), its digits as one number, and
+/// how many of them come after the point. `None` for anything else, which the standard library then reads; also for over 18 digits.
+#[inline]
+fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
+    let (negative, unsigned) = match field.split_first() {
+        Some((b'-', rest)) => (1, rest),
+        _ => (0, field),
+    };
+    let (mut mantissa, mut count, mut point) = (0_u64, 0, None);
+    for (index, byte) in unsigned.iter().enumerate() {
+        match byte {
+            b'0'..=b'9' => {
+                mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
+                count += 1;
+            }
+            b'.' if point.is_none() => point = Some(index + 1),
+            _ => return None,
+        }
+    }
+    // A point with nothing behind it is left to the standard library too, and 18 digits cannot overflow.
+    let after = point.map_or(0, |point| unsigned.len() - point);
+    ((1..=18).contains(&count) && (point.is_none() || after > 0)).then_some((negative, mantissa, after))
+}
+
+/// Powers of ten that are exact doubles.
+const POWERS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
+    1e21, 1e22,
+];
+
+/// A decimal whose digits and power of ten are exact doubles: then one division rounds once, as it must (Clinger, 1990).
+#[inline]
+fn decimal(field: &[u8]) -> Option<f64> {
+    let (negative, mantissa, after) = digits(field)?;
+    let size = (mantissa <= 1 << 53).then(|| mantissa as f64 / POWERS[after])?;
+    Some(if negative == 1 { -size } else { size })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn row(text: &str) -> Rows<&[u8]> {
+        let mut rows = Rows::new(text.as_bytes());
+        assert!(rows.next_row().unwrap());
+        rows
+    }
+
+    #[test]
+    fn what_is_no_plain_decimal_is_left_to_the_standard_library() {
+        for text in ["", "-", ".", "1.", "1e3", "+1", "--1", "1.2.3", "1,2", "nan", "inf", "0x1", "1234567890123456789"]
+        {
+            assert_eq!(digits(text.as_bytes()), None, "{text}");
+        }
+        assert_eq!(digits(b"-0.50"), Some((1, 50, 2)));
+        assert_eq!(decimal(b"-0").map(f64::to_bits), Some((-0.0_f64).to_bits()));
+        // Too many digits for one division.
+        assert_eq!(decimal(b"9007199254740993"), None);
+    }
+
+    #[test]
+    fn integers_of_each_width_keep_their_limits() {
+        let column = |index| Column(String::from("n"), index);
+        let rows = row("4294967295,4294967296,18446744073709551615,18446744073709551616,-1,1.0,+7, 8 \n");
+        assert_eq!(rows.integer::<u32>(&column(0)).unwrap(), u32::MAX);
+        assert_eq!(rows.integer::<u64>(&column(2)).unwrap(), u64::MAX);
+        assert_eq!((rows.integer::<u32>(&column(6)).unwrap(), rows.integer::<u64>(&column(7)).unwrap()), (7, 8));
+        for wrong in [1, 4, 5] {
+            assert!(rows.integer::<u32>(&column(wrong)).is_err(), "{wrong}");
+        }
+        assert!(rows.integer::<u64>(&column(3)).is_err());
+    }
+
+    #[test]
+    fn a_line_without_end_is_refused() {
+        let mut rows = Rows::new(io::repeat(b'1'));
+        assert!(rows.next_row().unwrap_err().to_string().starts_with("line 1: over 65536 bytes without a line end"));
+    }
+
+    proptest! {
+        /// Every decimal reads as the standard library reads it, to the last bit.
+        #[test]
+        fn decimals_are_the_nearest_doubles(text in "-?[0-9]{0,12}(\\.[0-9]{0,12})?") {
+            let right = text.parse::<f64>().ok();
+            if let Some(value) = decimal(text.as_bytes()) {
+                prop_assert_eq!(Some(value.to_bits()), right.map(f64::to_bits), "{}", text);
+            }
+            let line = format!("{text},\n");
+            let rows = row(&line);
+            let read = rows.float(&Column(String::from("x"), 0)).ok();
+            prop_assert_eq!(read.map(f64::to_bits), right.map(f64::to_bits), "{}", text);
+        }
+
+        /// Quotation marks change nothing but the way a row is read.
+        #[test]
+        fn quoted_rows_are_the_same_rows(fields in prop::collection::vec("[a-z0-9 .]{0,8}", 2..6)) {
+            let line = fields.join(",") + "\n";
+            let quoted = fields.iter().map(|f| format!("\"{f}\"")).collect::<Vec<_>>().join(",") + "\n";
+            let (plain, quoted) = (row(&line), row(&quoted));
+            prop_assert_eq!(plain.len(), quoted.len());
+            for index in 0..fields.len() {
+                prop_assert_eq!(plain.field(index), quoted.field(index));
+            }
+        }
     }
 }
