@@ -330,10 +330,10 @@ impl Checker<'_> {
                     && most > 1000.0
                 {
                     let message = format!(
-                        "the {sign} channel of {name} gives the same {most:.0} pulse/s in every row, here and at {} degC: saturated",
+                        "the {sign} channel of {name} gives the same {most:.0} pulse/s in every row, here and at {} degC: is it saturated?",
                         self.dwells[last].set_point_c
                     );
-                    self.of_dwell(Severity::Fault, first, self.dwells[first].lines[0], message);
+                    self.of_dwell(Severity::Warning, first, self.dwells[first].lines[0], message);
                 }
             }
         }

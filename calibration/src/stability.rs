@@ -25,8 +25,8 @@ use isotherm_shared::wire::{AXES, Flags, RawSample};
 const ATTITUDE: f64 = 5e-3;
 /// Neighbouring windows that differ by more were not still \[g0\].
 const STILL: f64 = 1e-3;
-/// Without a stated attitude the output must be as long as gravity to this \[g0\].
-const GRAVITY: f64 = 0.05;
+/// At rest the output is as long as gravity, at least to this \[g0\].
+const GRAVITY: f64 = 0.02;
 /// Windows that a standard deviation needs.
 const MIN_WINDOWS: usize = 3;
 
@@ -119,6 +119,20 @@ pub struct Stability {
     pub middle: [[f64; 2]; AXES],
 }
 
+impl Stability {
+    /// A word about an output that is far from as long as gravity.
+    #[must_use]
+    pub fn not_gravity(&self) -> Option<String> {
+        let length = self.specific_force.iter().map(|f| f * f).sum::<f64>().sqrt();
+        ((length - self.gravity).abs() > GRAVITY).then(|| {
+            format!(
+                "the output is {length:.4} g0 long, gravity is {:.4}: not at rest, a dead converter, or the table of another IMU",
+                self.gravity
+            )
+        })
+    }
+}
+
 /// Why there is no stability to tell.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StabilityError {
@@ -141,16 +155,6 @@ pub enum StabilityError {
         axis: &'static str,
         /// 1, 2 or 3.
         index: usize,
-    },
-    /// Not at rest.
-    #[error(
-        "the output is {length:.4} g0 long, gravity is {gravity:.4}: not at rest, a dead converter, or the table of another IMU"
-    )]
-    NotGravity {
-        /// \[g0\]
-        length: f64,
-        /// \[g0\]
-        gravity: f64,
     },
     /// Hardly any window is at the attitude.
     #[error(
@@ -301,10 +305,6 @@ impl<'a> Collector<'a> {
             (0..AXES).find(|&axis| median(axis).is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
         {
             return Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 });
-        }
-        let length = (0..AXES).map(|axis| median(axis).powi(2)).sum::<f64>().sqrt();
-        if setup.attitude.is_none() && (length - gravity).abs() > GRAVITY {
-            return Err(StabilityError::NotGravity { length, gravity });
         }
         mark(&mut windows, specific_force);
         let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();

@@ -38,6 +38,13 @@ fn assert_self_contained(path: &Path, contains: &[&str]) {
     assert!(html.matches("<svg").count() > 6 && html.matches("<svg").count() == html.matches("</svg>").count());
 }
 
+/// A row without pulses.
+fn dead(header: &str, line: &str) -> String {
+    let fields = header.split(',').zip(line.split(','));
+    let zero = |name: &str| name.ends_with("_positive") || name.ends_with("_negative");
+    fields.map(|(name, value)| if zero(name) { "0" } else { value }).collect::<Vec<_>>().join(",") + "\n"
+}
+
 #[test]
 fn the_closed_loop() {
     let folder = folder();
@@ -68,7 +75,15 @@ fn the_closed_loop() {
     assert_self_contained(&at("v.html"), &["Requirement met", "Error budget"]);
     let (out, err) = verified(&["--require", "1e6"], 1);
     assert!(err.contains("1000000 are required") && out.contains("Output stability"), "{err}");
-    // The table of another IMU does not help.
+    // Of the wrong length for a body at rest: told, not refused.
+    let raw = fs::read_to_string(at("run/run.csv")).unwrap();
+    let mut lines = raw.lines();
+    let header = lines.next().unwrap();
+    let dead: String = lines.map(|line| dead(header, line)).collect();
+    fs::write(at("dead.csv"), format!("{header}\n{dead}")).unwrap();
+    let (_, err) = run(folder.path(), 0, &["verify", "--table", "table.toml", "dead.csv"]);
+    assert!(err.contains("dead.csv: the output is 0.00") && err.contains("a dead converter"), "{err}");
+    // Too short for even three windows.
     let (_, err) = run(folder.path(), 65, &["verify", "--table", "run/truth.toml", "run/run.csv", "--window", "1e6"]);
     assert!(err.contains("windows of 1000000 s; at least 3 are needed"), "{err}");
 }

@@ -61,6 +61,9 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
             format!("In {flagged} windows samples are flagged: telemetry out of the table's range, or not plausible.");
         page.note(Kind::Warning, "Flagged samples", &text);
     }
+    if let Some(word) = stability.not_gravity() {
+        page.note(Kind::Warning, "Not as long as gravity", &format!("Look at this: {word}."));
+    }
     if !stability.stated {
         let text =
             "The median of the output stands in for it, so that a constant error does not show in the rms about zero.";

@@ -76,6 +76,9 @@ impl Verify {
         let stability = collector.finish(&setup);
         let stability =
             stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", self.recording.display())))?;
+        if let Some(word) = stability.not_gravity() {
+            let _ = writeln!(io::stderr(), "isotherm: warning: {}: {word}", self.recording.display());
+        }
         let text = tell(&stability, window_s, table.content().alignment.is_some());
         written(None, io::stdout().write_all(text.as_bytes()))?;
         if let Some(report) = report {
