@@ -278,11 +278,11 @@ impl Acquisition {
         }
         // Even if sending fails, for some of its receivers it may not have: no other sample gets this sequence.
         self.next_sequence = next_sequence;
-        self.pending.push(*sample);
+        let copy = *sample;
         if let Err(error) = sample.0.send() {
-            self.pending.pop_newest();
             return Err(SendError::Transport(error.to_string()));
         }
+        self.pending.push(copy);
         // Without a listener in need this costs nothing; if it fails, the service's bounded wait still finds the sample.
         let _ = self.notifier.notify();
         self.spare = self.fresh().ok();

@@ -32,11 +32,6 @@ impl Pending {
         self.entries.push_back((sample, None));
     }
 
-    /// Drops the newest sample, which could not be sent.
-    pub(crate) fn pop_newest(&mut self) {
-        self.entries.pop_back();
-    }
-
     /// Takes an answer; repeated and unknown ones are ignored.
     pub(crate) fn accept(&mut self, answer: &CompensatedIncrement) {
         let place = match self.entries.front() {
