@@ -8,6 +8,8 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Read as _, Write};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
 use tempfile::NamedTempFile;
 
 /// Tells one state of a file from the next.
@@ -156,6 +158,7 @@ impl Output {
                 let aside = aside
                     .tempfile_in(folder.unwrap_or(Path::new(".")))
                     .map_err(|error| io::Error::from(error.kind()))?;
+                unfinished().push(aside.path().to_owned());
                 if let Some(existing) = &existing {
                     // The new file belongs to whom the old one did, where that is allowed.
                     let _ = fchown(aside.as_file(), Some(existing.uid()), Some(existing.gid()));
@@ -196,6 +199,33 @@ impl Write for Output {
             Self::Straight(writer) => writer.flush(),
         }
     }
+}
+
+/// Files aside that have been begun. One that has been renamed is not there under this name any more.
+fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// From now on SIGINT, SIGTERM and SIGHUP remove the files aside before they end the process. For commands that do not handle these
+/// signals themselves.
+///
+/// # Errors
+/// If the operating system refuses the handlers.
+pub fn remove_unfinished_on_signals() -> io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    thread::Builder::new().name("signals".to_owned()).spawn(move || {
+        for signal in signals.forever() {
+            for path in unfinished().drain(..) {
+                // It may have been finished, which is as well.
+                let _ = fs::remove_file(path);
+            }
+            // Ends the process as the signal would have.
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+        }
+    })?;
+    Ok(())
 }
 
 /// Those of the file that is replaced, else the usual ones; the process's umask still applies.

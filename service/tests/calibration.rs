@@ -3,8 +3,11 @@
 
 use serde_json::Value;
 use std::fs;
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::Path;
 use std::process::{Command, Output};
+use std::thread;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data");
@@ -205,4 +208,24 @@ fn regress_writes_what_scripts_rely_on() {
     fs::write(folder.path().join("bad.csv"), "x,y\n0,1\n1,one\n").unwrap();
     let (_, err) = run(folder.path(), 65, &["regress", "bad.csv", "--x", "x", "--y", "y"]);
     assert!(err.contains("bad.csv:3: y is \"one\", give a finite number, 0 or of size"), "{err}");
+}
+
+#[test]
+fn an_interrupted_command_leaves_nothing_behind() {
+    let folder = folder();
+    for signal in ["-INT", "-TERM"] {
+        let arguments = ["simulate", "run", "-o", ".", "--interval", "0.0001"];
+        let mut child =
+            Command::new(env!("CARGO_BIN_EXE_isotherm")).args(arguments).current_dir(folder.path()).spawn().unwrap();
+        let begun = || fs::read_dir(folder.path()).unwrap().count() > 0;
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while !begun() {
+            assert!(Instant::now() < deadline && child.try_wait().unwrap().is_none(), "it never began to write");
+            thread::sleep(Duration::from_millis(5));
+        }
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        let status = child.wait().unwrap();
+        assert!(status.signal().is_some(), "{status}");
+        assert!(!begun(), "{signal} left a file");
+    }
 }

@@ -14,7 +14,7 @@ mod status;
 mod verify;
 
 use crate::failure::{Exit, Failure};
-use crate::files::Output;
+use crate::files::{Output, remove_unfinished_on_signals};
 use clap::{Parser, Subcommand};
 use isotherm_client::{Domain, Options};
 use std::io::{self, Write as _};
@@ -60,6 +60,13 @@ impl Cli {
     pub fn run(self) -> Result<(), Failure> {
         let domain = isotherm_client::domain(self.domain.as_deref());
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
+        if matches!(
+            self.command,
+            Command::Replay(_) | Command::Calibrate(_) | Command::Verify(_) | Command::Simulate(_) | Command::Check(_)
+        ) {
+            let handled = remove_unfinished_on_signals();
+            handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
+        }
         match self.command {
             Command::Demo(demo) => demo.run(domain),
             Command::Serve(serve) => serve.run(&domain),
