@@ -359,6 +359,27 @@ fn raw_samples_and_sums_over_seconds_give_the_same_table() {
 }
 
 #[test]
+fn rows_while_the_table_moves_are_left_out() {
+    let truth = truth(TILT_RAD, 9.8015);
+    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let text = String::from_utf8(csv(campaign(&truth, &plan, 1))).unwrap();
+    // The first three rows of each dwell, with pulses that fit no position.
+    let moving = |(index, line): (usize, &str)| {
+        let mut fields: Vec<&str> = line.split(',').collect();
+        if index > 0 && (index - 1) % 30 < 3 {
+            (fields[1], fields[5]) = ("", "77777");
+        }
+        fields.join(",") + "\n"
+    };
+    let text: String = text.lines().enumerate().map(moving).collect();
+    let stated = stated(&truth, &plan);
+    let calibration = calibrate(&stated, dwells(&stated, text.as_bytes()).unwrap(), Options::default()).unwrap();
+    assert_eq!((calibration.dwells.len(), calibration.dwells[5].rows), (180, 27));
+    let found = worst(&calibration.table, &truth.table);
+    assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
+}
+
+#[test]
 fn positions_outside_set_points_are_put_together_by_set_point() {
     let truth = truth(TILT_RAD, 9.8015);
     let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());

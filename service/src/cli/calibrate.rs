@@ -16,6 +16,7 @@ use sha2::{Digest as _, Sha256};
 use std::fmt::Write as _;
 use std::io::{self, Read, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Make a coefficient table from a campaign in the temperature chamber
 ///
@@ -98,8 +99,10 @@ impl Calibrate {
             alignment: self.alignment,
             exclude: self.exclude.clone(),
         };
-        let calibration =
-            calibrate(&campaign, dwells, options).map_err(|error| failure(&self.campaign, &samples, &error))?;
+        let spinner = spinner("fitting");
+        let calibration = calibrate(&campaign, dwells, options);
+        spinner.finish_and_clear();
+        let calibration = calibration.map_err(|error| failure(&self.campaign, &samples, &error))?;
         let source = Source {
             tool: tool(),
             time: now(),
@@ -162,6 +165,13 @@ pub fn bytes_bar(path: &Path, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {bar:40} {bytes} of {total_bytes}, {eta} left");
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr_with_hz(10));
     bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar())).with_message(what)
+}
+
+/// A sign of life during long work; on stderr, and only if that is a terminal.
+pub fn spinner(what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10)).with_message(what);
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
 }
 
 /// A source that is hashed while it is read.

@@ -1,4 +1,4 @@
-use super::calibrate::bytes_bar;
+use super::calibrate::{bytes_bar, spinner};
 use super::written;
 use crate::failure::{Exit, Failure};
 use crate::files::open_recording;
@@ -74,9 +74,11 @@ impl Regress {
                 DEFAULT_ORDER.min(x.len().saturating_sub(2)).max(1)
             }
         };
+        let spinner = spinner("fitting");
         let regression = Regression::new(points, highest).map_err(|error| failed(error.to_string()))?;
         let choice = choose(&regression, &Rule { effect: self.min_effect, ..Rule::default() });
         let diagnostics = Diagnostics::of(&regression, choice.order);
+        spinner.finish_and_clear();
         let outliers: Vec<_> = diagnostics.outliers.iter().filter_map(|&index| lines.get(index).copied()).collect();
         let mut warnings = diagnostics.warnings.clone();
         if !outliers.is_empty() {
