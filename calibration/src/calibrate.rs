@@ -3,10 +3,11 @@
 use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, SetPoint, Severity, check, set_points};
 use crate::curve::Curve;
-use crate::diagnostics::{Diagnostics, median, robust_sd};
+use crate::diagnostics::Diagnostics;
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
 use crate::order::{Choice, Rule, choose};
-use crate::positions::{Observability, SAME_DIRECTION};
+use crate::positions::Observability;
+use crate::quality::{lack_of_fit, level_error, order_findings, outliers};
 use crate::reduce::{Reduced, reduce};
 use crate::regression::{Point, Regression, RegressionError};
 use isotherm_shared::polynomial::MAX_ORDER;
@@ -20,25 +21,9 @@ pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_sc
 /// Highest order that `auto` looks at.
 const AUTO_ORDER: usize = 6;
 /// Smallest change of the bias that is worth another order \[g0\].
-const BIAS_EFFECT: f64 = 0.1e-6;
+pub(crate) const BIAS_EFFECT: f64 = 0.1e-6;
 /// Smallest relative change of a scale factor that is worth another order.
-const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
-/// A dwell is out of proportion beyond so many standard deviations of the others.
-const OUTLIER: f64 = 6.0;
-/// And beyond this \[g0\]; less does not matter.
-const OUTLIER_FLOOR: f64 = 1e-6;
-/// Set points that scatter about their curve by more than so many of their own standard errors say that it is not the right curve.
-const LACK_OF_FIT: f64 = 8.0;
-/// And by more than so many of the effects that matter.
-const LACK_OF_FIT_FLOOR: f64 = 10.0;
-/// A level error that shows in the positions by more than this is worth a word \[g0\].
-const LEVEL_ERROR: f64 = 2e-6;
-/// With the tilt estimated, more than this remains only of a position that is wrong \[g0\].
-const UNEXPLAINED: f64 = 20e-6;
-/// More outlying dwells than this part are no outliers.
-const MAX_OUTLIERS: f64 = 0.1;
-/// And never more than so many are looked for.
-const MOST_OUTLIERS: usize = 20;
+pub(crate) const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
 
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -355,165 +340,6 @@ fn two_stage(
         let variance = m.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
         (mean, (variance / n).sqrt())
     })
-}
-
-/// What single positions are off by at all temperatures: a level error of the base that neither is estimated nor surely cancels, or
-/// a position that is not what the file says.
-fn level_error(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution: &Solution) -> Option<Finding> {
-    let mut seen = (0.0, 0, 0);
-    for axis in 0..AXES {
-        let (_, scale, usual) = proportions(campaign.positions.len(), dwells, &solution.residuals, axis, &[]);
-        for (position, usual) in usual.iter().enumerate() {
-            if usual.abs() > seen.0 && usual.abs() > LEVEL_ERROR + scale[position] {
-                seen = (usual.abs(), position, axis);
-            }
-        }
-    }
-    let (size, position, axis) = seen;
-    let shown = format!(
-        "position {} is {:.1}e-6 g0 off on {} at all temperatures",
-        campaign.positions[position].number,
-        size * 1e6,
-        AXIS_NAMES[axis]
-    );
-    let missing = "outer_deg and inner_deg are missing or do not fit the stated specific forces, so that the base's tilt is not estimated";
-    let paired = stays.iter().all(|stay| is_paired(campaign, dwells, stay));
-    let message = match (solution.tilt, paired) {
-        (Some(_), _) if size < UNEXPLAINED => return None,
-        (Some(_), _) => format!("{shown}, which no tilt of the base explains: exchanged positions, or wrong angles?"),
-        (None, true) if size == 0.0 => return None,
-        (None, true) => {
-            format!(
-                "{missing}; {shown}, which cancels only if each direction was measured at two opposite headings; state the angles"
-            )
-        }
-        (None, false) => {
-            let why = match campaign.mount {
-                Some(_) => "these positions do not tell the base's tilt from the other parameters",
-                None => missing,
-            };
-            let shown = if size > 0.0 { format!("; {shown}") } else { String::new() };
-            format!(
-                "{why}, and not every direction was measured at two opposite headings, where it cancels: 1e-6 rad of tilt may put some 1e-6 g0 \
-                 into bias, scale factors and misalignments{shown}; state the angles, or measure pairs"
-            )
-        }
-    };
-    Some(Finding { severity: Severity::Warning, line: None, place: None, message })
-}
-
-/// Whether every direction of a set point was measured an even number of times.
-fn is_paired(campaign: &Campaign, dwells: &[Dwell], stay: &SetPoint) -> bool {
-    let forces: Vec<_> = stay.dwells.iter().map(|&d| campaign.positions[dwells[d].position].specific_force).collect();
-    let same = |a: &[f64; AXES], b: &[f64; AXES]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_DIRECTION);
-    forces.iter().all(|force| forces.iter().filter(|other| same(force, other)).count() % 2 == 0)
-}
-
-/// Curves that pass by their set points farther than these are uncertain, and curves of which nothing can be said. Which axes
-/// have such a curve, and what is to be told.
-fn lack_of_fit(orders: &[[OrderTable; 3]; AXES], reduced: &[[Reduced; AXES]]) -> ([bool; AXES], Vec<Finding>) {
-    let (mut unfit, mut findings) = ([false; AXES], Vec::new());
-    for (axis, tables) in orders.iter().enumerate() {
-        for (quantity, table) in tables.iter().enumerate() {
-            let fit = &table.regression.fits()[table.choice.order];
-            let own = median(reduced.iter().map(|parts| parts[axis].standard_errors[quantity]));
-            let size = reduced.iter().map(|parts| parts[axis].values[quantity].abs()).fold(0.0, f64::max);
-            let effect = if quantity == 0 { BIAS_EFFECT } else { SCALE_FACTOR_EFFECT * size };
-            let name = format!("{} {}", AXIS_NAMES[axis], QUANTITIES[quantity]);
-            // Of most of them: a single one off the curve is another matter.
-            let n = table.regression.n() as f64;
-            let scatter = |_| robust_sd(&table.regression.residuals(fit.order)) * (n / fit.df_residual as f64).sqrt();
-            let message = match fit.residual_sd.map(scatter) {
-                Some(sd) if sd > (LACK_OF_FIT * own).max(LACK_OF_FIT_FLOOR * effect) => {
-                    unfit[axis] = true;
-                    let (factor, unit) = if quantity == 0 { (1e6, "e-6 g0") } else { (1e6 / size, " ppm") };
-                    format!(
-                        "{name}: the set points scatter by {:.2}{unit} about the curve of order {}, {:.0} times what each is uncertain by: the \
-                         order is too low, there are too few set points for a higher one, or the IMU does not repeat",
-                        sd * factor,
-                        fit.order,
-                        sd / own
-                    )
-                }
-                None => format!(
-                    "{name}: order {} takes all {} set points, so that nothing tells how good the curve is; measure more set points, or take \
-                     a lower order",
-                    fit.order,
-                    reduced.len()
-                ),
-                _ => continue,
-            };
-            findings.push(Finding { severity: Severity::Warning, line: None, place: None, message });
-        }
-    }
-    (unfit, findings)
-}
-
-/// Dwells that do not belong: the worst is taken out and the fit repeated, until none is out of proportion.
-fn outliers(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solution: &Solution) -> Vec<(usize, usize)> {
-    let curves = [0, 1, 2].map(|axis| solution.axes[axis].curves.clone());
-    let mut found: Vec<(usize, usize)> = Vec::new();
-    let mut left_out: Vec<usize> = Vec::new();
-    let mut residuals = match solve(campaign, dwells, stays, &curves, &[]) {
-        Ok(solution) => solution.residuals,
-        Err(_) => solution.residuals.clone(),
-    };
-    let most = MOST_OUTLIERS.min((MAX_OUTLIERS * dwells.len() as f64) as usize);
-    while left_out.len() < most {
-        let mut worst: Option<(f64, usize, usize)> = None;
-        for axis in 0..AXES {
-            let (off, scale, _) = proportions(campaign.positions.len(), dwells, &residuals, axis, &left_out);
-            for d in (0..off.len()).filter(|d| !left_out.contains(d)) {
-                let ratio = off[d].abs() / (OUTLIER * scale[dwells[d].position] + OUTLIER_FLOOR);
-                if ratio > 1.0 && worst.is_none_or(|(most, ..)| ratio > most) {
-                    worst = Some((ratio, d, axis));
-                }
-            }
-        }
-        let Some((_, dwell, axis)) = worst else { break };
-        found.push((dwell, axis));
-        left_out.push(dwell);
-        match solve(campaign, dwells, stays, &curves, &left_out) {
-            Ok(solution) => residuals = solution.residuals,
-            Err(_) => break,
-        }
-    }
-    found
-}
-
-/// How far each dwell is off the usual residual of its position, how far that is usual in each position, and the usual residual. A position has its own
-/// level error, if no tilt was estimated, and its own scatter: the turntable's repeatability does not act on all axes alike.
-fn proportions(
-    positions: usize,
-    dwells: &[Dwell],
-    residuals: &[[f64; AXES]],
-    axis: usize,
-    left_out: &[usize],
-) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let kept =
-        |position: usize| (0..dwells.len()).filter(move |d| dwells[*d].position == position && !left_out.contains(d));
-    let usual: Vec<f64> = (0..positions).map(|p| median(kept(p).map(|d| residuals[d][axis]))).collect();
-    let off: Vec<f64> = (0..dwells.len()).map(|d| residuals[d][axis] - usual[dwells[d].position]).collect();
-    let all: Vec<f64> = (0..positions).flat_map(kept).map(|d| off[d]).collect();
-    // Few dwells in a position may look too much alike by chance.
-    let least = robust_sd(&all);
-    let scale = |position: usize| least.max(robust_sd(&kept(position).map(|d| off[d]).collect::<Vec<_>>()));
-    let scales = (0..positions).map(scale).collect();
-    (off, scales, usual)
-}
-
-/// What the order tables' diagnostics say, with the curve that it is about.
-fn order_findings(orders: &[[OrderTable; 3]; AXES]) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    for (name, tables) in AXIS_NAMES.iter().zip(orders) {
-        for (quantity, table) in QUANTITIES.iter().zip(tables) {
-            for warning in &table.diagnostics.warnings {
-                let message = format!("{name} {quantity}: {warning}");
-                findings.push(Finding { severity: Severity::Warning, line: None, place: None, message });
-            }
-        }
-    }
-    findings
 }
 
 fn table(campaign: &Campaign, options: &Options, solution: &Solution) -> Result<CoefficientTable, CalibrationError> {

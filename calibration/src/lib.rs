@@ -12,6 +12,7 @@ pub mod one_stage;
 pub mod order;
 pub mod positions;
 pub mod provenance;
+mod quality;
 pub mod reduce;
 pub mod regression;
 pub mod report;
