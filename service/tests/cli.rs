@@ -48,7 +48,7 @@ fn exit_codes_are_those_of_sysexits() {
 
 #[test]
 fn every_command_helps_with_examples() {
-    for command in ["serve", "feed", "replay", "check", "status"] {
+    for command in ["serve", "feed", "replay", "check", "status", "calibrate", "regress", "verify"] {
         let output = isotherm(&[command, "--help"]);
         assert!(String::from_utf8_lossy(&output.stdout).contains("Examples:"), "{command}");
     }

@@ -40,7 +40,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
     order: Order,
     /// All dwells at once, each with its own telemetry; or each set point first, then polynomials
-    #[arg(long, value_name = "METHOD", default_value = "one-stage", value_parser = method)]
+    #[arg(long, value_name = "one-stage|two-stage", default_value = "one-stage", value_parser = method)]
     method: Method,
     /// Give the table an alignment matrix, from the misalignments
     #[arg(long)]
