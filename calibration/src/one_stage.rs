@@ -90,8 +90,6 @@ pub struct Solution {
     pub tilt_error: Option<[f64; 2]>,
     /// Residual of each dwell and accelerometer \[g0\].
     pub residuals: Vec<[f64; AXES]>,
-    /// Condition number of the scaled design.
-    pub condition: f64,
 }
 
 /// One set of curves to start from or to hold.
@@ -159,13 +157,7 @@ pub(crate) fn hold(
         freedom,
     };
     let [a1, a2, a3] = curves;
-    Solution {
-        axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis),
-        tilt,
-        tilt_error: None,
-        residuals,
-        condition: f64::NAN,
-    }
+    Solution { axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis), tilt, tilt_error: None, residuals }
 }
 
 struct Model<'a> {
@@ -368,7 +360,6 @@ impl<'a> Model<'a> {
                 .filter(|_| self.with_tilt && set_points > 1)
                 .map(|c| [c[(self.tilt, self.tilt)].sqrt(), c[(self.tilt + 1, self.tilt + 1)].sqrt()]),
             residuals: (0..self.dwells.len()).map(residual).collect(),
-            condition: step.condition,
         }
     }
 

@@ -124,10 +124,7 @@ pub fn outliers(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], solut
     let curves = [0, 1, 2].map(|axis| solution.axes[axis].curves.clone());
     let mut found: Vec<(usize, usize)> = Vec::new();
     let mut left_out: Vec<usize> = Vec::new();
-    let mut residuals = match solve(campaign, dwells, stays, &curves, &[]) {
-        Ok(solution) => solution.residuals,
-        Err(_) => solution.residuals.clone(),
-    };
+    let mut residuals = solution.residuals.clone();
     let most = MOST_OUTLIERS.min((MAX_OUTLIERS * dwells.len() as f64) as usize);
     while left_out.len() < most {
         let mut worst: Option<(f64, usize, usize)> = None;

@@ -155,10 +155,12 @@ impl Output {
                 let mut aside = tempfile::Builder::new();
                 aside.prefix(".isotherm-").permissions(permissions(existing.as_ref()));
                 // The name of the file aside is none of the user's business.
+                // Listed before a signal can ask for it.
+                let mut unfinished = unfinished();
                 let aside = aside
                     .tempfile_in(folder.unwrap_or(Path::new(".")))
                     .map_err(|error| io::Error::from(error.kind()))?;
-                unfinished().push(aside.path().to_owned());
+                unfinished.push(aside.path().to_owned());
                 if let Some(existing) = &existing {
                     // The new file belongs to whom the old one did, where that is allowed.
                     let _ = fchown(aside.as_file(), Some(existing.uid()), Some(existing.gid()));

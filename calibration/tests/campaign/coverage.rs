@@ -1,9 +1,6 @@
 //! Are the intervals what they say? Over 200 simulated campaigns, 95 % intervals must contain the truth in 184 to 196.
-#![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-mod common;
-
-use common::{calibrated, paper};
+use crate::common::{calibrated, paper};
 use isotherm_calibration::calibrate::Options;
 use isotherm_calibration::simulate::{Plan, Truth};
 use isotherm_shared::table::AXIS_NAMES;

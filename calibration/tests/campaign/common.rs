@@ -2,7 +2,8 @@
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, Options, calibrate};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
-use isotherm_calibration::simulate::{Noise, Plan, Row, Truth, campaign, campaign_toml};
+use isotherm_calibration::positions::Position;
+use isotherm_calibration::simulate::{MISALIGNMENT, Noise, Plan, Row, Truth, campaign, campaign_toml};
 use isotherm_shared::recording::{CampaignReader, RawWriter};
 use isotherm_shared::table::CoefficientTable;
 
@@ -12,7 +13,6 @@ pub fn paper() -> CoefficientTable {
 }
 
 /// Noise of the telemetry and the sensors only: what the turntable and the set points do is exact.
-#[allow(dead_code, reason = "not every test file needs it")]
 pub fn quiet() -> Noise {
     Noise { bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0, ..Noise::default() }
 }
@@ -54,7 +54,6 @@ pub fn calibrated(
 }
 
 /// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] over the ranges of `table`.
-#[allow(dead_code, reason = "not every test file needs it")]
 pub fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
     for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
@@ -68,4 +67,14 @@ pub fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
         }
     }
     worst
+}
+
+/// The paper's IMU with the usual misalignment.
+pub fn paper_truth(tilt: [f64; 2], gravity: f64) -> Truth {
+    Truth::new(paper().content().clone(), MISALIGNMENT, tilt, gravity).unwrap()
+}
+
+/// Exact but for telemetry and pulses, which are whole.
+pub fn noiseless(positions: Vec<Position>) -> Plan {
+    Plan { positions, noise: Noise::NONE, ..Plan::default() }
 }
