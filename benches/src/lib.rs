@@ -1,13 +1,14 @@
-//! What the benches share: a domain of their own with the service in it as a child process, and pinning to cores.
+//! What the benches share: a domain of their own with the service in it as a child process, pinning, and what `/proc` tells.
 
 use isotherm_client::{Domain, Options};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::error::Error;
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// The table that the service starts with.
@@ -33,8 +34,9 @@ impl World {
     /// # Errors
     /// If the temporary folder cannot be used.
     pub fn new() -> Outcome<Self> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
-        let name = format!("bench-{}", std::process::id());
+        let name = format!("bench-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
         let domain = Domain::new(&name, &format!("{}/{name}", folder.path().display()))?;
         let cleaner = Cleaner(domain.prefix());
         Ok(Self { folder, domain, _cleaner: cleaner })
@@ -50,21 +52,39 @@ impl World {
         self.folder.path().join(name)
     }
 
+    /// A path in shared memory, removed with the rest.
+    pub fn shared_memory(&self, name: &str) -> PathBuf {
+        PathBuf::from(format!("/dev/shm/{}{name}", self.domain.prefix()))
+    }
+
     /// How clients reach the domain.
     pub fn options(&self) -> Options {
         Options { domain: self.domain.clone(), timeout: PATIENCE }
     }
 
-    /// Starts the service for [`IMU`] with `table.toml`, which is written first. The program must hand `serve` to
-    /// `isotherm_service::main`.
+    /// Starts the service for [`IMU`] with `table.toml`, which is written first. `settings` is what its configuration says
+    /// besides, keys of the IMU first. The program must hand `serve` to `isotherm_service::main`.
     ///
     /// # Errors
     /// If files cannot be written or the process not started.
-    pub fn serve(&self, strategy: &str, core: Option<usize>) -> Outcome<Partner> {
-        let realtime = core.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
-        let imu = format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n");
+    pub fn serve(&self, settings: &str) -> Outcome<Partner> {
         fs::write(self.path("table.toml"), TABLE)?;
-        fs::write(self.path("service.toml"), format!("{imu}[wait]\nstrategy = \"{strategy}\"\n{realtime}"))?;
+        fs::write(self.path("service.toml"), format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n{settings}"))?;
+        self.spawn(&["serve", "--config", "service.toml"])
+    }
+
+    /// Starts the service for `count` IMUs, each with a table of its own, spread over `workers`.
+    ///
+    /// # Errors
+    /// If files cannot be written or the process not started.
+    pub fn serve_many(&self, count: usize, workers: usize, settings: &str) -> Outcome<Partner> {
+        let mut config = String::new();
+        for (index, id) in (0..count).map(|index| (index, imu(index))) {
+            let file = format!("{id}.toml");
+            fs::write(self.path(&file), TABLE.replace(&format!("\"{IMU}\""), &format!("\"{id}\"")))?;
+            config += &format!("[[imu]]\nid = \"{id}\"\ntable = \"{file}\"\nworker = {}\n", index % workers);
+        }
+        fs::write(self.path("service.toml"), config + settings)?;
         self.spawn(&["serve", "--config", "service.toml"])
     }
 
@@ -80,14 +100,33 @@ impl World {
     }
 }
 
+/// The name of one of many IMUs.
+pub fn imu(index: usize) -> String {
+    format!("imu-{index}")
+}
+
 /// A child process that does not outlive the bench.
 pub struct Partner(Child);
 
 impl Partner {
-    /// Sends a signal, for example to stop it while it is not measured.
-    pub fn signal(&self, signal: Signal) {
+    /// Stops it, so that it does not compete for the cores while something else is measured.
+    pub fn pause(&self) {
+        self.signal(Signal::STOP);
+    }
+
+    /// Lets it run again.
+    pub fn resume(&self) {
+        self.signal(Signal::CONT);
+    }
+
+    fn signal(&self, signal: Signal) {
         // Fails only if it has died, which the missing answers will tell.
         let _ = kill_process(Pid::from_child(&self.0), signal);
+    }
+
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.0.id()
     }
 }
 
@@ -125,4 +164,71 @@ pub fn pin(core: Option<usize>) {
         // Where it is not allowed the figures are only noisier.
         let _ = sched_setaffinity(None, &set);
     }
+}
+
+/// What a child process does first: it dies with its parent, and may use every core again, which its parent may not.
+pub fn become_child() {
+    // Neither can fail but where it is not supported, and then only comfort is lost.
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
+    let mut all = CpuSet::new();
+    (0..CpuSet::MAX_CPU).for_each(|core| all.set(core));
+    let _ = sched_setaffinity(None, &all);
+}
+
+/// Spinning that ends some day. The clock is looked at rarely.
+#[derive(Debug, Default)]
+pub struct Spin {
+    turns: u32,
+    since: Option<Instant>,
+}
+
+impl Spin {
+    /// Once more.
+    ///
+    /// # Errors
+    /// If it has been far too long.
+    #[inline]
+    pub fn go_on(&mut self) -> Outcome<()> {
+        core::hint::spin_loop();
+        self.turns = self.turns.wrapping_add(1);
+        if self.turns.is_multiple_of(1 << 16) && self.since.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+            return Err("no answer; the other process has stopped".into());
+        }
+        Ok(())
+    }
+}
+
+/// Processor time of the service's worker threads so far.
+pub fn worker_time(service: &Partner) -> Duration {
+    let tasks = fs::read_dir(format!("/proc/{}/task", service.pid())).into_iter().flatten().flatten();
+    let workers =
+        tasks.filter(|task| fs::read_to_string(task.path().join("comm")).is_ok_and(|name| name.starts_with("worker")));
+    let ran = |task: fs::DirEntry| {
+        let text = fs::read_to_string(task.path().join("schedstat")).ok()?;
+        text.split(' ').next()?.parse().ok().map(Duration::from_nanos)
+    };
+    workers.filter_map(ran).sum()
+}
+
+/// How often threads of a process have been taken off their core although they could have gone on.
+pub fn preemptions(pid: u32) -> u64 {
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let count = |task: fs::DirEntry| {
+        let status = fs::read_to_string(task.path().join("status")).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))?;
+        line.trim().parse::<u64>().ok()
+    };
+    tasks.filter_map(count).sum()
+}
+
+/// Time that the host of this virtual machine has given to others, in ticks of 10 ms.
+pub fn stolen() -> u64 {
+    let stat = fs::read_to_string("/proc/stat").unwrap_or_default();
+    let cpu = stat.lines().next().unwrap_or_default();
+    cpu.split_whitespace().nth(8).and_then(|ticks| ticks.parse().ok()).unwrap_or(0)
+}
+
+/// The first line of a file.
+pub fn first_line(path: &str) -> Option<String> {
+    fs::read_to_string(path).ok().and_then(|text| text.lines().next().map(str::to_owned))
 }

@@ -1,16 +1,17 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
-use crate::connect::{ConnectError, Options, absent, deadline, join_existing, monotonic_ns, permission, until};
+use crate::clock::{Clock, monotonic_ns};
+use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
 use crate::pending::Pending;
 use core::fmt;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, IceoryxSend, PortFactory as _, ipc};
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, IceoryxSend, PortFactory as _};
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_shared::stream::{ImuId, IpcNode};
+use isotherm_shared::stream::{ImuId, Ipc, IpcNode, RAW_DEPTH};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
@@ -32,7 +33,7 @@ const LOANS: usize = 4;
 ///
 /// `session` and `sequence` are filled in already. A sequence may be raised, to tell of samples that were lost before
 /// they could be sent; the service then flags the gap.
-pub struct Loan(SampleMut<ipc::Service, RawSample, ()>);
+pub struct Loan(SampleMut<Ipc, RawSample, ()>);
 
 impl core::ops::Deref for Loan {
     type Target = RawSample;
@@ -104,12 +105,13 @@ pub struct Acquisition {
     session: u64,
     next_sequence: u64,
     pending: Pending,
+    clock: Clock,
     recovery: Recovery,
-    spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
-    publisher: Publisher<ipc::Service, RawSample, ()>,
-    subscriber: Subscriber<ipc::Service, CompensatedIncrement, ()>,
-    notifier: Notifier<ipc::Service>,
-    increments: publish_subscribe::PortFactory<ipc::Service, CompensatedIncrement, ()>,
+    spare: Option<SampleMut<Ipc, RawSample, ()>>,
+    publisher: Publisher<Ipc, RawSample, ()>,
+    subscriber: Subscriber<Ipc, CompensatedIncrement, ()>,
+    notifier: Notifier<Ipc>,
+    increments: publish_subscribe::PortFactory<Ipc, CompensatedIncrement, ()>,
     _node: IpcNode,
 }
 
@@ -173,18 +175,19 @@ impl Acquisition {
             }
             other => ConnectError::transport("creating the raw publisher", other),
         })?;
-        let subscriber = increments.subscriber_builder().create();
+        let depth = depth_of(&raw, &increments);
+        let subscriber = increments.subscriber_builder().buffer_size(depth).create();
         let subscriber =
             subscriber.map_err(|error| ConnectError::transport("subscribing to the increment stream", error))?;
         let notifier = wake.notifier_builder().create();
         let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
-        let depth = raw.static_config().subscriber_max_buffer_size();
         let imu = imu.clone();
         Ok(move |node| Self {
             imu,
             session: random(),
             next_sequence: 0,
             pending: Pending::new(depth),
+            clock: Clock::new(),
             recovery: Recovery {
                 service,
                 empty_looks: 0,
@@ -246,6 +249,7 @@ impl Acquisition {
     ///
     /// # Errors
     /// If the caller holds too many already (4).
+    #[inline]
     pub fn loan(&mut self) -> Result<Loan, TransportError> {
         let mut sample = match self.spare.take() {
             Some(sample) => sample,
@@ -263,6 +267,7 @@ impl Acquisition {
     ///
     /// # Errors
     /// [`SendError`], with the sample in it where it can still be used.
+    #[inline]
     pub fn send(&mut self, mut sample: Loan) -> Result<(), SendError> {
         if self.pending.is_full() {
             return Err(SendError::Full(sample));
@@ -271,7 +276,7 @@ impl Acquisition {
             return Err(SendError::Sequence(sample));
         };
         sample.session = self.session;
-        sample.sent_ns = monotonic_ns();
+        sample.sent_ns = self.clock.now();
         if self.pending.len() == 0 {
             self.recovery.silent_since_ns = sample.sent_ns;
             self.recovery.patience_ns = SILENCE_NS;
@@ -296,18 +301,20 @@ impl Acquisition {
     ///
     /// # Errors
     /// If the transport fails.
+    #[inline]
     pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
-        loop {
-            if let Some(answer) = self.pending.pop_answered() {
-                self.recovery.progress = true;
-                return Ok(Some(answer));
-            }
-            let sample = self.subscriber.receive().map_err(|error| transport("receiving an increment", error))?;
-            let Some(sample) = sample else { break };
+        if let Some(answer) = self.pending.pop_answered() {
+            self.recovery.progress = true;
+            return Ok(Some(answer));
+        }
+        while let Some(sample) =
+            self.subscriber.receive().map_err(|error| transport("receiving an increment", error))?
+        {
             let answer = *sample;
             drop(sample);
-            if answer.session == self.session {
-                self.pending.accept(&answer);
+            if answer.session == self.session && self.pending.accept(&answer) {
+                self.recovery.progress = true;
+                return Ok(Some(answer));
             }
         }
         self.recovery.empty_looks = self.recovery.empty_looks.wrapping_add(1);
@@ -364,24 +371,29 @@ impl Acquisition {
         }
     }
 
-    fn fresh(&self) -> Result<SampleMut<ipc::Service, RawSample, ()>, TransportError> {
+    #[inline]
+    fn fresh(&self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
         let sample = self.publisher.loan_uninit().map_err(|error| transport("loaning a raw sample", error))?;
         Ok(sample.write_payload(RawSample::default()))
     }
 
     /// Off the fast path: only while an answer is awaited, and at most every [`LOOK_NS`].
+    #[cold]
+    #[inline(never)]
     fn look_after_the_service(&mut self) -> Result<(), TransportError> {
-        let now = monotonic_ns();
-        if now - self.recovery.looked_ns < LOOK_NS {
+        let now = self.clock.now();
+        if now.saturating_sub(self.recovery.looked_ns) < LOOK_NS {
             return Ok(());
         }
         self.recovery.looked_ns = now;
-        // A dead service stays listed until it is cleaned away, which its successor does before it takes the place.
-        let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
+        // As long as answers come there is nothing to find out; asking the transport allocates.
         if core::mem::take(&mut self.recovery.progress) {
             self.recovery.silent_since_ns = now;
             self.recovery.patience_ns = SILENCE_NS;
+            return Ok(());
         }
+        // A dead service stays listed until it is cleaned away, which its successor does before it takes the place.
+        let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
         if service != self.recovery.service {
             self.send_again(self.pending.unanswered_count())?;
             self.recovery.service = service;
@@ -422,13 +434,32 @@ fn random() -> u64 {
     RandomState::new().hash_one(monotonic_ns())
 }
 
+/// The depth of the service's queue: the subscriber of `raw` that belongs to the node that publishes the increments.
+fn depth_of(
+    raw: &publish_subscribe::PortFactory<Ipc, RawSample, ()>,
+    increments: &publish_subscribe::PortFactory<Ipc, CompensatedIncrement, ()>,
+) -> usize {
+    let (mut service, mut depth) = (None, RAW_DEPTH);
+    increments.dynamic_config().list_publishers(|details| {
+        service = Some(details.node_id);
+        CallbackProgression::Stop
+    });
+    raw.dynamic_config().list_subscribers(|details| {
+        if Some(details.node_id) == service {
+            depth = details.buffer_size;
+        }
+        CallbackProgression::Continue
+    });
+    depth
+}
+
 /// The publisher of a stream that can have only one: its id, which no other ever has, and its process.
 pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
-    stream: &publish_subscribe::PortFactory<ipc::Service, T, ()>,
+    stream: &publish_subscribe::PortFactory<Ipc, T, ()>,
 ) -> Option<(u128, Option<i32>)> {
     let mut found = None;
     stream.dynamic_config().list_publishers(|details| {
-        let pid = details.node_id.pid::<ipc::Service>().ok().map(|pid| pid.value());
+        let pid = details.node_id.pid::<Ipc>().ok().map(|pid| pid.value());
         found = Some((details.publisher_id.value(), pid));
         CallbackProgression::Stop
     });

@@ -4,7 +4,6 @@ use crate::acquisition::publisher_of;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
-use rustix::time::{ClockId, clock_gettime};
 use std::collections::HashMap;
 use std::fs;
 use std::io;
@@ -65,13 +64,6 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
         _ => format!("/tmp/isotherm-{name}"),
     };
     Domain::new(&name, &root)
-}
-
-/// `CLOCK_MONOTONIC` \[ns\], the clock of `sent_ns`.
-#[must_use]
-pub fn monotonic_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
 /// Why a process could not connect.

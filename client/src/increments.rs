@@ -3,9 +3,8 @@
 use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
 use crate::once::Once;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::prelude::ipc;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use isotherm_shared::stream::{Domain, ImuId, IpcNode};
+use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::CompensatedIncrement;
 use std::time::{Duration, Instant};
 
@@ -30,7 +29,7 @@ pub struct IncrementReader {
     repeats: u64,
     next_attempt: Instant,
     // The subscriber before its node: fields are dropped in this order.
-    subscriber: Option<Subscriber<ipc::Service, CompensatedIncrement, ()>>,
+    subscriber: Option<Subscriber<Ipc, CompensatedIncrement, ()>>,
     node: Option<IpcNode>,
 }
 

@@ -43,16 +43,20 @@
 //! `iceoryx2` must leave that crate's `console` feature off.
 
 mod acquisition;
+mod clock;
 mod connect;
 mod increments;
 mod once;
 mod pending;
+mod realtime;
 
 pub use acquisition::{Acquisition, CompensateError, InFlight, Loan, SendError, TransportError, publisher_of};
+pub use clock::{Clock, monotonic_ns};
 pub use connect::{
     ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing,
-    monotonic_ns, sweep_half_created,
+    sweep_half_created,
 };
 pub use increments::IncrementReader;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
+pub use realtime::{Realtime, RealtimeError, process_kb};

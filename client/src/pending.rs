@@ -15,6 +15,7 @@ impl Pending {
         Self { entries: VecDeque::with_capacity(depth), depth }
     }
 
+    #[inline]
     pub(crate) fn len(&self) -> usize {
         self.entries.len()
     }
@@ -23,21 +24,34 @@ impl Pending {
         self.depth
     }
 
+    #[inline]
     pub(crate) fn is_full(&self) -> bool {
         self.entries.len() >= self.depth
     }
 
     /// Keeps a copy of a sample whose sequence is above all that are kept; the caller has checked [`is_full`](Self::is_full).
+    #[inline]
     pub(crate) fn push(&mut self, sample: RawSample) {
         self.entries.push_back((sample, None));
     }
 
-    /// Takes an answer; repeated and unknown ones are ignored.
-    pub(crate) fn accept(&mut self, answer: &CompensatedIncrement) {
-        let place = match self.entries.front() {
-            Some((oldest, _)) if oldest.sequence == answer.sequence => Ok(0),
-            _ => self.entries.binary_search_by_key(&answer.sequence, |(sample, _)| sample.sequence),
-        };
+    /// Takes an answer; repeated and unknown ones are ignored. Whether it is that of the oldest sample, which is then done
+    /// with: the caller may hand it out at once.
+    #[inline]
+    pub(crate) fn accept(&mut self, answer: &CompensatedIncrement) -> bool {
+        if let Some((oldest, None)) = self.entries.front()
+            && oldest.sequence == answer.sequence
+        {
+            self.entries.pop_front();
+            return true;
+        }
+        self.keep(answer);
+        false
+    }
+
+    /// Keeps an answer until those of the samples before it have come.
+    fn keep(&mut self, answer: &CompensatedIncrement) {
+        let place = self.entries.binary_search_by_key(&answer.sequence, |(sample, _)| sample.sequence);
         if let Some((_, slot)) = place.ok().and_then(|place| self.entries.get_mut(place))
             && slot.is_none()
         {
@@ -45,7 +59,8 @@ impl Pending {
         }
     }
 
-    /// The oldest sample's answer, if it has come: answers leave in the order in which their samples were sent.
+    /// The oldest sample's answer, if it has been kept: answers leave in the order in which their samples were sent.
+    #[inline]
     pub(crate) fn pop_answered(&mut self) -> Option<CompensatedIncrement> {
         let answer = self.entries.front()?.1?;
         self.entries.pop_front();
@@ -89,14 +104,14 @@ mod tests {
         }
         assert!(pending.is_full());
         for sequence in [20, 11, 11, 15, 9] {
-            pending.accept(&answer(sequence));
+            assert!(!pending.accept(&answer(sequence)));
             assert!(pending.pop_answered().is_none());
         }
         assert_eq!(pending.unanswered().map(|s| s.sequence).collect::<Vec<_>>(), [10]);
         assert_eq!((pending.unanswered_count(), pending.overtaken()), (1, 1));
-        pending.accept(&answer(10));
+        assert!(pending.accept(&answer(10)));
         let order: Vec<_> = std::iter::from_fn(|| pending.pop_answered()).map(|a| a.sequence).collect();
-        assert_eq!(order, [10, 11, 20]);
+        assert_eq!(order, [11, 20]);
         assert_eq!(pending.len(), 0);
     }
 }

@@ -2,8 +2,9 @@
 
 use crate::failure::{Exit, Failure};
 use iceoryx2::node::NodeView as _;
-use iceoryx2::prelude::{CallbackProgression, Node, NodeState, ipc};
+use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
 use isotherm_client::{Domain, check_owner, sweep_half_created};
+use isotherm_shared::stream::Ipc;
 use std::fs;
 use std::io;
 use std::path::Path;
@@ -44,9 +45,9 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
 fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
     let mut user = None;
-    let listed = Node::<ipc::Service>::list(&config, |node| {
+    let listed = Node::<Ipc>::list(&config, |node| {
         user = match &node {
-            NodeState::Alive(view) => match view.id().pid::<ipc::Service>() {
+            NodeState::Alive(view) => match view.id().pid::<Ipc>() {
                 Ok(pid) => Some(format!("pid {}", pid.value())),
                 Err(_) => Some("a process".to_owned()),
             },

@@ -2,9 +2,10 @@
 
 use crate::files::{TableFileError, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
-use isotherm_shared::stream::ImuId;
+use isotherm_shared::stream::{ImuId, RAW_DEPTH};
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
+use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
 
 /// Most IMUs of one service.
@@ -44,6 +45,17 @@ pub struct Imu {
     pub id: ImuId,
     /// Watched and reloaded.
     pub table: PathBuf,
+    /// Raw samples that may be unanswered at once, 1 to [`RAW_DEPTH`].
+    pub depth: usize,
+    /// The worker thread that serves it, from 0.
+    pub worker: usize,
+}
+
+impl Imu {
+    /// With every default.
+    pub const fn new(id: ImuId, table: PathBuf) -> Self {
+        Self { id, table, depth: RAW_DEPTH, worker: 0 }
+    }
 }
 
 /// A checked configuration.
@@ -62,14 +74,22 @@ pub struct Config {
 }
 
 /// Real-time settings, all off by default.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+#[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Realtime {
-    /// The core that the worker is bound to.
-    pub core: Option<usize>,
-    /// `SCHED_FIFO` priority, 1 to 99.
+    /// The core that each worker is bound to; empty for none.
+    pub cores: Vec<usize>,
+    /// `SCHED_FIFO` priority of the workers, 1 to 99.
     pub priority: Option<i32>,
     /// Keeps all memory of the process resident.
     pub lock_memory: bool,
+    /// How much later than asked a worker's sleep may end \[ns\].
+    pub timer_slack_ns: NonZeroU64,
+}
+
+impl Default for Realtime {
+    fn default() -> Self {
+        Self { cores: Vec::new(), priority: None, lock_memory: false, timer_slack_ns: NonZeroU64::MIN }
+    }
 }
 
 /// The default of `latency.budget_us`.
@@ -98,6 +118,11 @@ impl Config {
         Self::from_toml(&text, folder).map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })
     }
 
+    /// How many worker threads serve the IMUs.
+    pub fn workers(&self) -> usize {
+        self.imus.iter().map(|imu| imu.worker + 1).max().unwrap_or(0)
+    }
+
     /// Reads a configuration's text; `folder` is where its relative paths begin.
     ///
     /// # Errors
@@ -108,6 +133,18 @@ impl Config {
         let config = read(&root, folder);
         root.finish();
         document.finish(Some(config))
+    }
+}
+
+fn cores_fault(config: &Config) -> Option<String> {
+    let (cores, workers) = (&config.realtime.cores, config.workers());
+    let distinct: BTreeSet<_> = cores.iter().collect();
+    if !cores.is_empty() && cores.len() != workers {
+        Some(format!("has {} cores for {workers} workers; give one for each, as in [1, 2]", cores.len()))
+    } else if distinct.len() < cores.len() {
+        Some("names a core twice; give every worker one of its own".to_owned())
+    } else {
+        None
     }
 }
 
@@ -136,9 +173,13 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         {
             section.fault("id", format!("{id} is there twice; give every IMU once"));
         }
+        let depth = section.optional_integer("depth", 1..=RAW_DEPTH as i64).map_or(RAW_DEPTH, |depth| depth as usize);
+        let worker = section.optional_integer("worker", 0..=MAX_IMUS as i64 - 1).map_or(0, |worker| worker as usize);
         section.finish();
-        config.imus.extend(id.zip(table).map(|(id, table)| Imu { id, table: folder.join(table) }));
+        config.imus.extend(id.zip(table).map(|(id, table)| Imu { id, table: folder.join(table), depth, worker }));
     }
+    let idle = (0..config.workers()).find(|worker| config.imus.iter().all(|imu| imu.worker != *worker));
+    root.refuse("imu", idle.map(|idle| format!("worker {idle} has none; number the workers from 0 without holes")));
     if let Some(wait) = root.optional_section("wait") {
         config.strategy = wait.optional_choice("strategy", &Strategy::NAMES).unwrap_or_default();
         wait.finish();
@@ -153,11 +194,15 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         latency.finish();
     }
     if let Some(realtime) = root.optional_section("realtime") {
+        let cores = realtime.optional_integers("core", 0..=1023).unwrap_or_default();
+        let slack = realtime.optional_integer("timer_slack_ns", 1..=1_000_000_000);
         config.realtime = Realtime {
-            core: realtime.optional_integer("core", 0..=1023).map(|core| core as usize),
+            cores: cores.into_iter().map(|core| core as usize).collect(),
             priority: realtime.optional_integer("priority", 1..=99).map(|priority| priority as i32),
             lock_memory: realtime.optional_bool("lock_memory").unwrap_or_default(),
+            timer_slack_ns: slack.and_then(|slack| NonZeroU64::new(slack as u64)).unwrap_or(NonZeroU64::MIN),
         };
+        realtime.refuse("core", cores_fault(&config));
         realtime.finish();
     }
     if let Some(metrics) = root.optional_section("metrics") {
@@ -186,14 +231,17 @@ mod tests {
             [[imu]]
             id = "imu-b"
             table = "/absolute.toml"
+            depth = 2
+            worker = 1
             [wait]
             strategy = "block"
             [latency]
             budget_us = 25
             [realtime]
-            core = 1
+            core = [1, 3]
             priority = 60
             lock_memory = true
+            timer_slack_ns = 1000
             [metrics]
             listen = "127.0.0.1:9464"
         "#;
@@ -201,7 +249,11 @@ mod tests {
         assert_eq!(config.imus[0].table, Path::new("/etc/isotherm/tables/imu-a.toml"));
         assert_eq!(config.imus[1].table, Path::new("/absolute.toml"));
         assert_eq!((config.strategy, config.budget_us), (Strategy::Block, 25.0));
-        assert_eq!(config.realtime, Realtime { core: Some(1), priority: Some(60), lock_memory: true });
+        assert_eq!((config.imus[0].depth, config.imus[0].worker), (RAW_DEPTH, 0));
+        assert_eq!((config.imus[1].depth, config.imus[1].worker, config.workers()), (2, 1, 2));
+        let timer_slack_ns = NonZeroU64::new(1000).unwrap();
+        let cores = vec![1, 3];
+        assert_eq!(config.realtime, Realtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!(config.metrics.unwrap().port(), 9464);
     }
 
@@ -209,6 +261,23 @@ mod tests {
     fn all_but_the_imus_has_a_default() {
         let config = Config::from_toml("[[imu]]\nid = \"a\"\ntable = \"a.toml\"\n", Path::new("")).unwrap();
         assert_eq!(config, Config { imus: config.imus.clone(), ..Config::default() });
+    }
+
+    #[test]
+    fn workers_and_their_cores_must_fit() {
+        let faults = |imus: &[usize], core: &str| {
+            let imus =
+                imus.iter().enumerate().map(|(k, n)| format!("[[imu]]\nid = \"i{k}\"\ntable = \"t\"\nworker = {n}\n"));
+            let text = imus.collect::<String>() + &format!("[realtime]\ncore = {core}\n");
+            let faults = Config::from_toml(&text, Path::new("")).err().map(|faults| faults.to_string());
+            faults.unwrap_or_default()
+        };
+        assert_eq!(faults(&[0], "3"), "");
+        assert_eq!(faults(&[1, 0, 1], "[3, 0]"), "");
+        assert!(faults(&[0, 2], "[1, 2, 3]").contains("worker 1 has none"));
+        assert!(faults(&[0, 1], "1").contains("1 cores for 2 workers"));
+        assert!(faults(&[0, 1], "[1, 1]").contains("names a core twice"));
+        assert!(faults(&[0], "[1, \"x\"]").contains("or a list of them"));
     }
 
     #[test]

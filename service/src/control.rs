@@ -3,35 +3,27 @@
 //! Start-up: tables (all faults at once, before anything is touched) -> node -> status stream, which keeps a second
 //! service out -> worker with the IMUs' streams -> file watch -> loop. The order of the end is the reverse.
 
-use crate::config::{Config, Imu};
+use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
 use crate::reload::{self, Look, TICK, TableFile};
+use crate::served::{Preparation, Served};
 use crate::status::{ImuStatus, Status, StatusPublisher};
+use crate::threads::{self, Thread};
 use crate::worker::Worker;
 use crate::worker::channel::Wiring;
-use crate::worker::counters::Counters;
-use iceoryx2::prelude::ipc;
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_client::{join, monotonic_ns};
-use isotherm_shared::stream::{self, Domain, IpcNode};
-use isotherm_shared::table::{CoefficientTable, Digest};
-use isotherm_shared::wire::{CompensatedIncrement, RawSample};
-use rtrb::{Producer, RingBuffer};
+use isotherm_client::{Realtime, join, monotonic_ns, process_kb};
+use isotherm_shared::stream::{Domain, IpcNode};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::ffi::OsString;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
 
-/// Tables on their way to the worker. It takes them at least every few milliseconds; one that finds no room waits for
-/// the next tick.
-const TABLES: usize = 16;
-/// How often the status is published.
+/// How often the status is published while somebody reads it; else with the housekeeping.
 const STATUS: Duration = Duration::from_millis(100);
-/// How often dead peers are cleaned away and counters looked at.
+/// How often dead peers are cleaned away, counters and threads looked at.
 const HOUSEKEEPING: Duration = Duration::from_secs(1);
 
 /// What the control thread is woken for.
@@ -39,114 +31,6 @@ enum Event {
     Signal(i32),
     /// A table's file, by its name, was renamed or closed.
     File(OsString),
-}
-
-/// One IMU as the control thread sees it.
-pub struct Served {
-    /// Name and file.
-    pub imu: Imu,
-    /// The watched file.
-    pub file: TableFile,
-    /// Filled by the worker.
-    pub counters: Arc<Counters>,
-    /// Tables taken over after the first.
-    pub reloads: u64,
-    /// Why the file as it is now is not in force.
-    pub last_error: Option<String>,
-    /// For counting who is connected.
-    pub raw: PortFactory<ipc::Service, RawSample, ()>,
-    /// For counting who is connected.
-    pub increments: PortFactory<ipc::Service, CompensatedIncrement, ()>,
-    tables: Tables,
-    told: Told,
-}
-
-/// Every table that the worker may still hold, the newest last. They are freed here, never by the worker.
-struct Tables {
-    alive: Vec<Arc<CoefficientTable>>,
-    unsent: Option<Arc<CoefficientTable>>,
-    queue: Producer<Arc<CoefficientTable>>,
-}
-
-/// Counter values that have been logged.
-#[derive(Default)]
-struct Told {
-    missing: u64,
-    transport_errors: u64,
-}
-
-impl Tables {
-    fn send(&mut self, table: Arc<CoefficientTable>) {
-        self.alive.push(Arc::clone(&table));
-        self.unsent = Some(table);
-        self.flush();
-    }
-
-    fn flush(&mut self) {
-        if let Some(table) = self.unsent.take()
-            && let Err(rtrb::PushError::Full(table)) = self.queue.push(table)
-        {
-            self.unsent = Some(table);
-        }
-        // The newest is in force, or will be; older ones go when the worker has let go of them.
-        let newest = self.alive.last().map(Arc::clone);
-        self.alive.retain(|table| {
-            Arc::strong_count(table) > 1 || newest.as_ref().is_some_and(|newest| Arc::ptr_eq(table, newest))
-        });
-    }
-
-    fn newest(&self) -> Option<&Arc<CoefficientTable>> {
-        self.alive.last()
-    }
-}
-
-impl Served {
-    /// Digest of the table that the worker used last or would use now.
-    pub fn digest_in_force(&self) -> Option<&Digest> {
-        let id = self.counters.table.load(Relaxed);
-        self.tables.alive.iter().map(|table| table.digest()).find(|digest| digest.id() == id)
-    }
-
-    fn take(&mut self, look: Look, forced: bool) {
-        let id = &self.imu.id;
-        match look {
-            Look::Unchanged => {}
-            Look::Loaded(table) => {
-                let had_failed = self.last_error.take().is_some();
-                let known = self.tables.newest().is_some_and(|newest| newest.digest() == table.digest());
-                if known && !forced {
-                    if had_failed {
-                        info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
-                    }
-                    return;
-                }
-                info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken");
-                self.reloads += u64::from(self.tables.newest().is_some());
-                self.tables.send(Arc::from(table));
-            }
-            Look::Refused(error) => {
-                let error = cut(error.to_string());
-                if self.last_error.as_ref() != Some(&error) {
-                    warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
-                    self.last_error = Some(error);
-                }
-            }
-        }
-    }
-
-    /// Logs what has been lost since the last time.
-    fn tell(&mut self) {
-        let missing = self.counters.missing.load(Relaxed);
-        if missing > self.told.missing {
-            warn!(imu = %self.imu.id, missing, "{} samples were missing in the raw stream", missing - self.told.missing);
-            self.told.missing = missing;
-        }
-        let errors = self.counters.transport_errors.load(Relaxed);
-        if errors > self.told.transport_errors {
-            error!(imu = %self.imu.id, errors, "the transport failed {} times", errors - self.told.transport_errors);
-            self.told.transport_errors = errors;
-        }
-    }
 }
 
 /// Runs the service until SIGTERM or SIGINT.
@@ -158,50 +42,31 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
     let (events, inbox) = mpsc::channel();
     forward_signals(events.clone())?;
 
-    let (mut files, first_tables) = load_tables(config, allow_uncalibrated)?;
+    let (files, first_tables) = load_tables(config, allow_uncalibrated)?;
+    // Before the threads and the streams, so that all their memory is in.
+    let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
+    lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     let node = join(domain)?;
     let publisher = StatusPublisher::create(&node, domain)?;
 
-    let mut queues = Vec::new();
-    let mut wirings = Vec::new();
-    for imu in &config.imus {
-        let (queue, tables) = RingBuffer::new(TABLES);
-        let counters = Arc::new(Counters::default());
-        queues.push((queue, Arc::clone(&counters)));
-        wirings.push(Wiring { imu: imu.clone(), tables, counters });
-    }
     // The first tables are on their way before the streams exist, so that no sample meets an empty channel.
-    let tables: Vec<_> = queues
-        .into_iter()
-        .zip(first_tables)
-        .map(|((queue, counters), look)| {
-            let mut tables = Tables { alive: Vec::new(), unsent: None, queue };
-            if let Look::Loaded(table) = look {
-                tables.send(Arc::from(table));
-                return (tables, counters, None);
-            }
-            let error = match look {
-                Look::Refused(error) => Some(error.to_string()),
-                _ => None,
-            };
-            (tables, counters, error)
-        })
-        .collect();
+    let mut wirings: Vec<Vec<Wiring>> = (0..config.workers()).map(|_| Vec::new()).collect();
+    let mut prepared = Vec::new();
+    for ((imu, file), look) in config.imus.iter().zip(files).zip(first_tables) {
+        let (preparation, wiring) = Preparation::new(imu, file, look);
+        wirings[imu.worker].push(wiring);
+        prepared.push(preparation);
+    }
     let stopped = || matches!(inbox.try_recv(), Ok(Event::Signal(SIGTERM | SIGINT)));
-    let Some(worker) = Worker::start(domain, config, wirings, stopped)? else {
+    let Some(workers) = start_workers(domain, config, wirings, stopped)? else {
         info!("stopped while starting");
         return Ok(());
     };
     if let Some(address) = config.metrics {
         warn!("metrics.listen = {address}: this version serves no metrics");
     }
-
-    let mut served = Vec::new();
-    for ((imu, file), (tables, counters, last_error)) in config.imus.iter().zip(files.drain(..)).zip(tables) {
-        let (raw, increments) = open_for_counting(&node, imu)?;
-        let (reloads, told) = (0, Told::default());
-        served.push(Served { imu: imu.clone(), file, counters, reloads, last_error, raw, increments, tables, told });
-    }
+    let served: Result<Vec<_>, _> = prepared.into_iter().map(|preparation| preparation.served(&node)).collect();
+    let mut served = served?;
     let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
     let (_watcher, failures) = reload::watch(&paths, move |name| {
         // The loop has ended when nobody listens any more.
@@ -211,11 +76,12 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
         warn!("watching a table's folder: {cause}; its files are looked at every {} ms instead", TICK.as_millis());
     }
 
-    let service = Service { domain, config, started, node, publisher, worker };
+    let service = Service { domain, config, started, node, publisher, threads: threads_of(config, &workers), workers };
     info!(
         domain = domain.name(),
         imus = config.imus.len(),
         wait = config.strategy.name(),
+        workers = config.workers(),
         pid = std::process::id(),
         "ready"
     );
@@ -228,13 +94,14 @@ struct Service<'a> {
     started: Instant,
     node: IpcNode,
     publisher: StatusPublisher,
-    worker: Worker,
+    workers: Vec<Worker>,
+    threads: Vec<Thread>,
 }
 
 impl Service<'_> {
-    fn run(self, served: &mut [Served], inbox: &Receiver<Event>) -> Result<(), Failure> {
+    fn run(mut self, served: &mut [Served], inbox: &Receiver<Event>) -> Result<(), Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
-        let mut unpublished = false;
+        let (mut unpublished, mut held_back) = (false, vec![false; self.workers.len()]);
         loop {
             match inbox.recv_timeout(next_tick.saturating_duration_since(Instant::now())) {
                 Ok(Event::Signal(SIGHUP)) => {
@@ -264,10 +131,32 @@ impl Service<'_> {
                 next_tick = now + TICK;
                 look_at_all(served);
             }
-            if self.worker.is_finished() {
-                return self.worker.stop().and(Err(Failure::new(Exit::Failed, "the worker thread ended by itself")));
+            if self.workers.iter().any(Worker::is_finished) {
+                return stop_all(self.workers).and(Err(Failure::new(Exit::Failed, "a worker thread ended by itself")));
             }
-            if now >= next_status {
+            let housekeeping = now >= next_housekeeping;
+            if housekeeping {
+                next_housekeeping = now + HOUSEKEEPING;
+                self.node.try_cleanup_dead_nodes();
+                for imu in served.iter_mut() {
+                    imu.windows.turn(&imu.counters.latency);
+                    imu.tell();
+                }
+                for (index, (thread, told)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
+                    thread.look();
+                    if let Some(time) = thread.held_back().filter(|_| !*told) {
+                        *told = true;
+                        warn!(
+                            worker = index,
+                            "held back for {} ms of the last second in spite of its real-time priority: another thread of at least its \
+                             priority has its core, or the kernel's limit on real-time threads ({}); docs/operations.md tells what to do",
+                            time.as_millis(),
+                            threads::kernels_limit()
+                        );
+                    }
+                }
+            }
+            if housekeeping || (now >= next_status && self.publisher.has_readers()) {
                 next_status = now + STATUS;
                 let result = self.publisher.publish(&self.status(served));
                 if let Err(cause) = &result
@@ -276,11 +165,6 @@ impl Service<'_> {
                     error!("publishing the status: {cause}");
                 }
                 unpublished = result.is_err();
-            }
-            if now >= next_housekeeping {
-                next_housekeeping = now + HOUSEKEEPING;
-                self.node.try_cleanup_dead_nodes();
-                served.iter_mut().for_each(Served::tell);
             }
         }
     }
@@ -294,12 +178,14 @@ impl Service<'_> {
             taken_ns: monotonic_ns(),
             wait: self.config.strategy.name().to_owned(),
             budget_us: self.config.budget_us,
+            workers: self.threads.iter().map(Thread::status).collect(),
+            memory_locked_kb: process_kb("VmLck").unwrap_or(0),
             imus: served.iter().map(ImuStatus::new).collect(),
         }
     }
 
     fn stop(self, served: &mut [Served]) -> Result<(), Failure> {
-        self.worker.stop()?;
+        stop_all(self.workers)?;
         for imu in served {
             imu.tell();
             let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Relaxed);
@@ -310,23 +196,54 @@ impl Service<'_> {
     }
 }
 
+/// Starts every worker; `None` if `give_up` says so before the last is ready.
+fn start_workers(
+    domain: &Domain,
+    config: &Config,
+    wirings: Vec<Vec<Wiring>>,
+    mut give_up: impl FnMut() -> bool,
+) -> Result<Option<Vec<Worker>>, Failure> {
+    let mut workers = Vec::new();
+    for (index, wirings) in wirings.into_iter().enumerate() {
+        match Worker::start(domain, config, index, wirings, &mut give_up) {
+            Ok(Some(worker)) => workers.push(worker),
+            incomplete => {
+                // Those that run already leave their streams in order; what kept the next from starting is what counts.
+                let _ = stop_all(workers);
+                return incomplete.map(|_| None);
+            }
+        }
+    }
+    if let Some(priority) = config.realtime.priority
+        && config.strategy == Strategy::Spin
+    {
+        warn!(
+            "realtime.priority = {priority} and spin: unless the cores are isolated and the kernel's limit is lifted, it stops a worker \
+             for some 50 ms of every second ({}); docs/operations.md tells how, status shows it as held back",
+            threads::kernels_limit()
+        );
+    }
+    Ok(Some(workers))
+}
+
+fn stop_all(workers: Vec<Worker>) -> Result<(), Failure> {
+    workers.into_iter().map(Worker::stop).fold(Ok(()), Result::and)
+}
+
+fn threads_of(config: &Config, workers: &[Worker]) -> Vec<Thread> {
+    let of = |(index, worker): (usize, &Worker)| {
+        let imus = config.imus.iter().filter(|imu| imu.worker == index).map(|imu| imu.id.to_string());
+        Thread::new(worker.thread_id, imus.collect())
+    };
+    workers.iter().enumerate().map(of).collect()
+}
+
 fn look_at_all(served: &mut [Served]) {
     for imu in served {
         let look = imu.file.look(Instant::now());
         imu.take(look, false);
-        imu.tables.flush();
+        imu.flush();
     }
-}
-
-/// What the status has room for; a file can be wrong in many places.
-fn cut(mut text: String) -> String {
-    const MAX: usize = 4096;
-    if text.len() > MAX {
-        let end = (0..=MAX).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
-        text.truncate(end);
-        text.push_str(" ..");
-    }
-    text
 }
 
 fn forward_signals(events: mpsc::Sender<Event>) -> Result<(), Failure> {
@@ -364,14 +281,4 @@ fn load_tables(config: &Config, allow_uncalibrated: bool) -> Result<(Vec<TableFi
     };
     let messages: Vec<_> = failures.iter().map(|failure| failure.message.as_str()).collect();
     Err(Failure::new(worst, messages.join("\n")))
-}
-
-type Streams = (PortFactory<ipc::Service, RawSample, ()>, PortFactory<ipc::Service, CompensatedIncrement, ()>);
-
-/// The streams of an IMU, which the worker has just created, for counting who is on them.
-fn open_for_counting(node: &IpcNode, imu: &Imu) -> Result<Streams, Failure> {
-    let failed = |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
-    let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
-    let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
-    Ok((raw, increments))
 }

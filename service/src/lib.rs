@@ -10,9 +10,11 @@ mod create;
 mod failure;
 mod files;
 mod logging;
-mod realtime;
 mod reload;
+mod served;
 mod status;
+mod threads;
+mod windows;
 mod worker;
 
 use clap::Parser as _;

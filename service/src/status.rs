@@ -1,13 +1,14 @@
 //! What the service tells about itself: a JSON document, published ten times a second on `isotherm/status`.
 
-use crate::control::Served;
 use crate::create::create;
 use crate::failure::{Exit, Failure};
+use crate::served::Served;
 use crate::worker::counters::{Counters, Summary};
 use iceoryx2::port::publisher::Publisher;
-use iceoryx2::prelude::{AllocationStrategy, PortFactory as _, ipc};
+use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::{ConnectError, Options, join_existing, monotonic_ns, publisher_of};
-use isotherm_shared::stream::{self, Domain, IpcNode};
+use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
 use isotherm_shared::wire::Flags;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -36,8 +37,31 @@ pub struct Status {
     pub wait: String,
     /// Latency budget \[us\].
     pub budget_us: f64,
+    /// The worker threads.
+    pub workers: Vec<WorkerStatus>,
+    /// Memory that is kept resident \[kB\].
+    pub memory_locked_kb: u64,
     /// Every IMU served.
     pub imus: Vec<ImuStatus>,
+}
+
+/// One worker thread, as the operating system sees it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct WorkerStatus {
+    /// Its thread's id.
+    pub thread: i32,
+    /// The IMUs that it serves.
+    pub imus: Vec<String>,
+    /// The cores that it may use, as in `0-1`.
+    pub cores: String,
+    /// `SCHED_FIFO` priority; null without one.
+    pub priority: Option<u32>,
+    /// How much later than asked a sleep may end \[ns\]; null where the kernel does not tell.
+    pub timer_slack_ns: Option<u64>,
+    /// Processor time in the last second, of one core \[%\].
+    pub cpu_percent: f64,
+    /// Time in the last second in which it could have run and did not, since others did or the kernel held it back \[ms\].
+    pub held_back_ms: f64,
 }
 
 /// A domain, as iceoryx2's configuration wants it.
@@ -82,6 +106,10 @@ pub struct ImuStatus {
     pub last_reload_error: Option<String>,
     /// Latency since the start; null before the first sample.
     pub latency_ns: Option<Summary>,
+    /// Latency in the last second; null if nothing came in it.
+    pub latency_second_ns: Option<Summary>,
+    /// Latency in the last minute.
+    pub latency_minute_ns: Option<Summary>,
     /// Whether an acquisition process is connected.
     pub acquisition_connected: bool,
     /// Processes that read the increments, the acquisition among them.
@@ -109,6 +137,8 @@ impl ImuStatus {
             reloads: served.reloads,
             last_reload_error: served.last_error.clone(),
             latency_ns: counters.latency.summary(),
+            latency_second_ns: served.windows.second(),
+            latency_minute_ns: served.windows.minute(),
             acquisition_connected: served.raw.dynamic_config().number_of_publishers() > 0,
             readers: served.increments.dynamic_config().number_of_subscribers(),
         }
@@ -122,7 +152,10 @@ impl From<&Domain> for DomainStatus {
 }
 
 /// The status stream's publisher. There can be only one: it is what keeps a second service out of a domain.
-pub struct StatusPublisher(Publisher<ipc::Service, [u8], ()>);
+pub struct StatusPublisher {
+    stream: PortFactory<Ipc, [u8], ()>,
+    publisher: Publisher<Ipc, [u8], ()>,
+}
 
 impl StatusPublisher {
     /// Takes the place.
@@ -148,7 +181,12 @@ impl StatusPublisher {
             let publisher = service.publisher_builder().initial_max_slice_len(INITIAL_BYTES);
             Ok(publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create()?)
         })?;
-        Ok(Self(publisher))
+        Ok(Self { stream: service, publisher })
+    }
+
+    /// Whether anybody has subscribed.
+    pub fn has_readers(&self) -> bool {
+        self.stream.dynamic_config().number_of_subscribers() > 0
     }
 
     /// Publishes a status.
@@ -157,7 +195,7 @@ impl StatusPublisher {
     /// What the transport says.
     pub fn publish(&self, status: &Status) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
-        let sample = self.0.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
+        let sample = self.publisher.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
         sample.write_from_slice(&document).send().map(|_| ()).map_err(|error| error.to_string())
     }
 }

@@ -18,8 +18,9 @@
 //! clock, no allocation, no panic for any bit pattern. What is not finite, which only an extrapolation far outside can make
 //! it, becomes NaN.
 
+use crate::lanes::Values;
 use crate::polynomial::{Polynomial, Side};
-use crate::table::{Axis, CoefficientTable, OutOfRange};
+use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{Bias, NegativeScaleFactor, PositiveScaleFactor};
 use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample};
 
@@ -34,47 +35,31 @@ pub struct Compensation {
 
 /// Compensates one sample; equation (17).
 #[must_use]
+#[inline(always)]
 pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
-    let table = table.content();
-    let mut flags = flags_without_table(raw);
-    let valid_interval = !flags.intersects(Flags::INTERVAL);
+    let content = table.content();
     let ts = raw.interval_ns as f64 / 1e9;
-    let mut dv = [f64::NAN; AXES];
-    for (index, axis) in table.axes.iter().enumerate() {
-        let (head, board) = (raw.head_temperature[index], raw.board_temperature[index]);
-        let (positive, negative) = (raw.positive_pulses[index], raw.negative_pulses[index]);
+    let valid_interval = has_valid_interval(raw);
+    let (mut dv, mut flags) = match table.lanes().inside(&raw.head_temperature, &raw.board_temperature) {
+        Some(values) if valid_interval => (usual(&values, raw, ts, content.gravity), Flags::default()),
+        _ => unusual(content, *raw, ts),
+    };
+    for (index, axis) in content.axes.iter().enumerate() {
         if let Some(limit) = axis.max_rate
             && valid_interval
-            && (f64::from(positive) + f64::from(negative)) / ts > limit
+            && (f64::from(raw.positive_pulses[index]) + f64::from(raw.negative_pulses[index])) / ts > limit
         {
             flags |= Flags::rate(index);
         }
-        let outside = range_flags(index, axis, head, board);
-        flags |= outside;
-        let rejected = outside != Flags::default() && table.out_of_range == OutOfRange::Reject;
-        if !valid_interval || rejected || !head.is_finite() || !board.is_finite() {
-            continue;
-        }
-        let used = |polynomial: &Polynomial, telemetry: f64| match table.out_of_range {
-            OutOfRange::Clamp => polynomial.clamp(telemetry),
-            OutOfRange::Extrapolate | OutOfRange::Reject => telemetry,
-        };
-        dv[index] = increment(
-            (positive, axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board))),
-            (negative, axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board))),
-            axis.bias_at(used(&axis.bias, head)),
-            ts,
-            table.gravity,
-        );
     }
-    if let Some(m) = &table.alignment {
+    if let Some(m) = &content.alignment {
         let sensor = dv;
         for (i, out) in dv.iter_mut().enumerate() {
             *out = finite((m[(i, 0)] * sensor[0] + m[(i, 1)] * sensor[1]) + m[(i, 2)] * sensor[2]);
         }
     }
     let age_ns = raw.timestamp_ns.saturating_sub(raw.telemetry_ns);
-    if let Some(limit) = table.max_age_s
+    if let Some(limit) = content.max_age_s
         && raw.telemetry_ns != 0
         && age_ns as f64 / 1e9 > limit
     {
@@ -83,13 +68,61 @@ pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
     Compensation { velocity_increment: dv, flags }
 }
 
+/// All telemetry inside its ranges and a valid interval: the increments of the three axes \[m/s\].
+#[inline(always)]
+fn usual(values: &Values, raw: &RawSample, ts: f64, gravity: f64) -> [f64; AXES] {
+    let mut dv = [0.0; AXES];
+    for (index, dv) in dv.iter_mut().enumerate() {
+        *dv = increment(
+            (raw.positive_pulses[index], PositiveScaleFactor(values.positive_scale_factor[index])),
+            (raw.negative_pulses[index], NegativeScaleFactor(values.negative_scale_factor[index])),
+            Bias(values.bias[index]),
+            ts,
+            gravity,
+        );
+    }
+    dv
+}
+
+/// Anything else: increments where the policy gives them, and why it was unusual.
+#[cold]
+#[inline(never)]
+fn unusual(table: &Content, raw: RawSample, ts: f64) -> ([f64; AXES], Flags) {
+    let mut flags = flags_without_table(&raw);
+    let mut dv = [f64::NAN; AXES];
+    for (index, axis) in table.axes.iter().enumerate() {
+        let (head, board) = (raw.head_temperature[index], raw.board_temperature[index]);
+        let outside = range_flags(index, axis, head, board);
+        let rejected = outside != Flags::default() && table.out_of_range == OutOfRange::Reject;
+        let unusable = rejected || flags.intersects(Flags::INTERVAL | Flags::not_finite(index));
+        flags |= outside;
+        if unusable {
+            continue;
+        }
+        let used = |polynomial: &Polynomial, telemetry: f64| match table.out_of_range {
+            OutOfRange::Clamp => polynomial.clamp(telemetry),
+            OutOfRange::Extrapolate | OutOfRange::Reject => telemetry,
+        };
+        dv[index] = increment(
+            (raw.positive_pulses[index], axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board))),
+            (raw.negative_pulses[index], axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board))),
+            axis.bias_at(used(&axis.bias, head)),
+            ts,
+            table.gravity,
+        );
+    }
+    (dv, flags)
+}
+
 /// What is said of a sample while its IMU has no table yet: NaN, flagged [`Flags::NO_TABLE`].
 #[must_use]
+#[cold]
 pub fn uncompensated(raw: &RawSample) -> Compensation {
     Compensation { velocity_increment: [f64::NAN; AXES], flags: flags_without_table(raw) | Flags::NO_TABLE }
 }
 
 /// Equation (17) for one axis \[m/s\].
+#[inline(always)]
 fn increment(
     (positive, k_plus): (u32, PositiveScaleFactor),
     (negative, k_minus): (u32, NegativeScaleFactor),
@@ -104,14 +137,20 @@ fn increment(
 }
 
 /// Infinity, which only an extrapolation far outside can give, is no velocity.
+#[inline(always)]
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::NAN }
+}
+
+#[inline]
+const fn has_valid_interval(raw: &RawSample) -> bool {
+    raw.interval_ns != 0 && raw.interval_ns <= MAX_INTERVAL_NS
 }
 
 /// The flags that need no table.
 fn flags_without_table(raw: &RawSample) -> Flags {
     let mut flags = Flags::default();
-    if raw.interval_ns == 0 || raw.interval_ns > MAX_INTERVAL_NS {
+    if !has_valid_interval(raw) {
         flags |= Flags::INTERVAL;
     }
     for index in 0..AXES {
@@ -146,6 +185,7 @@ fn range_flags(index: usize, axis: &Axis, head: f64, board: f64) -> Flags {
 
 /// The answer to a raw sample, all but its delivery: `latency_ns` is 0 and no delivery flag is set.
 #[must_use]
+#[inline(always)]
 pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {
     let (compensation, id) = match table {
         Some(table) => (compensate(table, raw), table.id()),

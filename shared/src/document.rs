@@ -232,6 +232,21 @@ impl<'d, 'a> Section<'d, 'a> {
         integer
     }
 
+    /// A whole number from `range`, or a list of them.
+    pub fn optional_integers(&self, key: &'static str, range: core::ops::RangeInclusive<i64>) -> Option<Vec<i64>> {
+        let value = self.get(key)?.get_ref();
+        let integers = match value.as_array() {
+            Some(list) => list.iter().map(|item| integer_of(item.get_ref())).collect(),
+            None => integer_of(value).map(|integer| vec![integer]),
+        };
+        let integers = integers.filter(|integers| integers.iter().all(|integer| range.contains(integer)));
+        if integers.is_none() {
+            let right = format!("a whole number from {} to {}, or a list of them", range.start(), range.end());
+            self.wrong(key, value, &right);
+        }
+        integers
+    }
+
     /// `true` or `false`.
     pub fn optional_bool(&self, key: &'static str) -> Option<bool> {
         let value = self.get(key)?.get_ref();

@@ -22,8 +22,10 @@
 pub mod compensate;
 pub mod csv;
 pub mod document;
+pub mod lanes;
 pub mod polynomial;
 pub mod recording;
+pub mod recycled;
 pub mod stream;
 pub mod table;
 pub mod units;

@@ -10,11 +10,15 @@
 //!
 //! Only the service creates them, so that depths and limits are its own; everybody else opens them.
 
+use crate::recycled::Recycled;
 use crate::wire::{CompensatedIncrement, RawSample};
 use core::fmt;
 use core::time::Duration;
-use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ipc};
+use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ZeroCopySend, ipc};
+use iceoryx2::service::Service;
 use iceoryx2::service::builder::{event, publish_subscribe};
+use iceoryx2::service::internal::ServiceInternal;
+use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use sha2::{Digest as _, Sha256};
 
 /// Raw samples that a subscriber's queue holds. A full queue discards the newest; an acquisition keeps at most this many
@@ -44,9 +48,39 @@ pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
 /// Length limit of IMU and domain names.
 pub const MAX_NAME: usize = 32;
 
+/// iceoryx2's inter-process variant, but for the bookkeeping of loans, which is [`Recycled`] instead of allocated for each.
+///
+/// Everything that other processes see is that of [`ipc::Service`], and the two meet on the same streams.
+#[derive(Clone, Debug)]
+pub struct Ipc;
+
+impl Service for Ipc {
+    type StaticStorage = <ipc::Service as Service>::StaticStorage;
+    type ConfigSerializer = <ipc::Service as Service>::ConfigSerializer;
+    type PersistentDynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> =
+        <ipc::Service as Service>::PersistentDynamicStorage<T>;
+    type Bag = <ipc::Service as Service>::Bag;
+    type DynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> =
+        <ipc::Service as Service>::DynamicStorage<T>;
+    type ServiceNameHasher = <ipc::Service as Service>::ServiceNameHasher;
+    type SharedMemory = <ipc::Service as Service>::SharedMemory;
+    type ResizableSharedMemory = <ipc::Service as Service>::ResizableSharedMemory;
+    type Connection = <ipc::Service as Service>::Connection;
+    type Event = <ipc::Service as Service>::Event;
+    type Monitoring = <ipc::Service as Service>::Monitoring;
+    type Reactor = <ipc::Service as Service>::Reactor;
+    type ArcThreadSafetyPolicy<T: Send + fmt::Debug + Abandonable> = Recycled<T>;
+    type BlackboardMgmt<T: Send + Sync + fmt::Debug + ZeroCopySend + 'static> =
+        <ipc::Service as Service>::BlackboardMgmt<T>;
+    type BlackboardPayload = <ipc::Service as Service>::BlackboardPayload;
+    type UniqueId = <ipc::Service as Service>::UniqueId;
+}
+
+impl ServiceInternal<Self> for Ipc {}
+
 /// A process's place in a domain.
-pub type IpcNode = Node<ipc::Service>;
-type PublishSubscribe<T> = publish_subscribe::Builder<T, (), ipc::Service>;
+pub type IpcNode = Node<Ipc>;
+type PublishSubscribe<T> = publish_subscribe::Builder<T, (), Ipc>;
 
 /// The raw stream with its full settings, for `open_or_create` by the service.
 #[must_use]
@@ -78,7 +112,7 @@ pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedInc
 
 /// The wake-up event with its full settings, for `open_or_create` by the service.
 #[must_use]
-pub fn wake(node: &IpcNode, imu: &ImuId) -> event::Builder<ipc::Service> {
+pub fn wake(node: &IpcNode, imu: &ImuId) -> event::Builder<Ipc> {
     node.service_builder(&imu.wake()).event().max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES)
 }
 

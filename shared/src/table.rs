@@ -5,6 +5,7 @@ mod toml;
 
 pub use toml::Seal;
 
+use crate::lanes::Lanes;
 use crate::polynomial::{Polynomial, Violation};
 use crate::stream::ImuId;
 use crate::units::{Bias, BiasUnit, NegativeScaleFactor, PositiveScaleFactor, SCALE_FACTOR_UNIT};
@@ -115,7 +116,9 @@ pub struct Content {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoefficientTable {
     content: Content,
+    lanes: Lanes,
     digest: Digest,
+    id: u64,
 }
 
 /// Something in a [`Content`] that cannot be.
@@ -141,8 +144,8 @@ impl CoefficientTable {
     pub fn new(content: Content) -> Result<Self, Vec<Refusal>> {
         let refusals = content.refusals();
         if refusals.is_empty() {
-            let digest = content.digest();
-            Ok(Self { content, digest })
+            let (lanes, digest) = (Lanes::new(&content.axes), content.digest());
+            Ok(Self { content, lanes, id: digest.id(), digest })
         } else {
             Err(refusals)
         }
@@ -150,8 +153,16 @@ impl CoefficientTable {
 
     /// What the table says.
     #[must_use]
+    #[inline]
     pub const fn content(&self) -> &Content {
         &self.content
+    }
+
+    /// All polynomials, for evaluating them at once.
+    #[must_use]
+    #[inline]
+    pub const fn lanes(&self) -> &Lanes {
+        &self.lanes
     }
 
     /// SHA-256 over what matters to the numbers and to whom they belong; see [`Content::canonical`].
@@ -162,8 +173,9 @@ impl CoefficientTable {
 
     /// The first 8 bytes of the digest, big-endian: what an increment carries.
     #[must_use]
-    pub fn id(&self) -> u64 {
-        self.digest.id()
+    #[inline]
+    pub const fn id(&self) -> u64 {
+        self.id
     }
 }
 

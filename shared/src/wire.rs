@@ -213,6 +213,7 @@ impl Flags {
     }
     /// More pulses per second on `axis` (0 to 2) than the table's `max_rate`.
     #[must_use]
+    #[inline]
     pub const fn rate(axis: usize) -> Self {
         Self(1 << (15 + axis))
     }
@@ -231,6 +232,7 @@ impl Flags {
 }
 
 impl core::ops::BitOrAssign for Flags {
+    #[inline]
     fn bitor_assign(&mut self, other: Self) {
         self.0 |= other.0;
     }
@@ -238,6 +240,7 @@ impl core::ops::BitOrAssign for Flags {
 
 impl core::ops::BitOr for Flags {
     type Output = Self;
+    #[inline]
     fn bitor(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }

@@ -12,18 +12,21 @@ use num_rational::BigRational;
 use num_traits::{Signed as _, ToPrimitive as _, Zero as _};
 use proptest::prelude::*;
 
-/// A polynomial near `size` over its range: order 0 to 7, centred and scaled or not.
+/// A polynomial near `size` over its range: order 0 to 7, centred, scaled, or of the telemetry as it is.
 fn polynomial(size: f64) -> impl Strategy<Value = Polynomial> {
     let part = size.abs() * 0.02;
     let higher = prop::collection::vec(-part..part, 0..=7);
-    (higher, prop::bool::ANY, 0.5..1.5f64, 3.0..4.5f64, 0.6..0.9f64).prop_map(
-        move |(higher, centred, low, high, scale)| {
-            let coefficients: Vec<_> = std::iter::once(size).chain(higher).collect();
-            // |x| stays at or below 1 or so, so that the first coefficient keeps its sign.
-            let (center, scale) = if centred { (2.5, 2.5 / scale) } else { (0.0, 5.0) };
-            Polynomial::new(&coefficients, center, scale, [low, high]).unwrap()
-        },
-    )
+    (higher, 0..3, 0.5..1.5f64, 3.0..4.5f64, 0.6..0.9f64).prop_map(move |(higher, kind, low, high, scale)| {
+        // |x| stays at or below 1 or so, or the coefficients fall, so that the first keeps its sign.
+        let (center, scale, fall) = match kind {
+            0 => (2.5, 2.5 / scale, 1.0),
+            1 => (0.0, 5.0, 1.0),
+            _ => (0.0, 1.0, 0.2),
+        };
+        let higher = higher.iter().zip(1..).map(|(coefficient, power)| coefficient * f64::powi(fall, power));
+        let coefficients: Vec<_> = std::iter::once(size).chain(higher).collect();
+        Polynomial::new(&coefficients, center, scale, [low, high]).unwrap()
+    })
 }
 
 prop_compose! {
@@ -62,12 +65,13 @@ prop_compose! {
 }
 
 prop_compose! {
-    fn sample()(
+    /// Every other one inside the ranges of all polynomials, as nearly every real one is.
+    fn sample()(telemetry in prop::sample::select(vec![0.0..5.0f64, 1.5..3.0]))(
         interval_ns in 1..=MAX_INTERVAL_NS,
         positive_pulses in prop::array::uniform3(any::<u32>()),
         negative_pulses in prop::array::uniform3(any::<u32>()),
-        head_temperature in prop::array::uniform3(0.0..5.0f64),
-        board_temperature in prop::array::uniform3(0.0..5.0f64),
+        head_temperature in prop::array::uniform3(telemetry.clone()),
+        board_temperature in prop::array::uniform3(telemetry),
     ) -> RawSample {
         RawSample { interval_ns, positive_pulses, negative_pulses, head_temperature, board_temperature, ..RawSample::default() }
     }

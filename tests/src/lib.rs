@@ -164,6 +164,11 @@ impl World {
         Process { child, log, alive }
     }
 
+    /// Has a process that this world did not start ended with it, and by its watchdog.
+    pub fn watch(&self, pid: u32) {
+        self.alive.lock().unwrap().push(pid);
+    }
+
     /// `isotherm status --json`.
     pub fn status(&self) -> Value {
         serde_json::from_str(&self.run_well(&["status", "--json"])).unwrap()

@@ -1,10 +1,9 @@
 //! Readers beside the acquisition, and peers that use the streams in their own way.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use iceoryx2::prelude::ipc;
 use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::{self, INCREMENT_DEPTH, IpcNode, RAW_DEPTH};
+use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RAW_DEPTH};
 use isotherm_tests::{PATIENCE, RUN, TABLE, World, id, recording, round_trip, same, table, wait_until};
 use std::collections::BTreeSet;
 use std::fs;
@@ -56,7 +55,7 @@ fn a_reader_that_sleeps_sees_a_gap_and_disturbs_nobody() {
     service.terminate();
 }
 
-fn subscribe(node: &IpcNode) -> iceoryx2::port::subscriber::Subscriber<ipc::Service, RawSample, ()> {
+fn subscribe(node: &IpcNode) -> iceoryx2::port::subscriber::Subscriber<Ipc, RawSample, ()> {
     let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
     raw.subscriber_builder().create().unwrap()
 }

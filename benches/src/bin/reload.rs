@@ -28,7 +28,7 @@ fn main() -> ExitCode {
 
 fn bench(reloads: usize) -> Outcome<()> {
     let world = World::new()?;
-    let _service = world.serve("anticipate", None)?;
+    let _service = world.serve("")?;
     let mut acquisition = Acquisition::connect(&IMU.parse()?, &world.options())?;
     let texts = [1, 2].map(|number| TABLE.replace("9.8015", &format!("9.801{number}")));
     let ids = texts.each_ref().map(|text| CoefficientTable::from_toml(text, None).map(|table| table.id()));

@@ -58,5 +58,5 @@ fn imu(text: &str) -> Result<Imu, String> {
     if table.is_empty() {
         return Err("the path of the table is missing".to_owned());
     }
-    Ok(Imu { id, table: table.into() })
+    Ok(Imu::new(id, table.into()))
 }

@@ -1,6 +1,7 @@
 use super::{options, written};
 use crate::failure::{Exit, Failure};
-use crate::status::{ImuStatus, Status as Document, fetch};
+use crate::status::{ImuStatus, Status as Document, WorkerStatus, fetch};
+use crate::worker::counters::Summary;
 use clap::Args;
 use isotherm_client::Domain;
 use std::fmt::Write as _;
@@ -34,6 +35,12 @@ fn describe(status: &Document) -> String {
         "isotherm {} in domain {}, pid {}, up {:.0} s, waiting: {}, latency budget {} us\n",
         status.version, status.domain.name, status.pid, status.uptime_s, status.wait, status.budget_us
     );
+    if status.memory_locked_kb > 0 {
+        let _ = writeln!(text, "memory locked: {} kB", status.memory_locked_kb);
+    }
+    for (index, worker) in status.workers.iter().enumerate() {
+        let _ = describe_worker(&mut text, index, worker);
+    }
     for imu in &status.imus {
         // Writing to a String cannot fail.
         let _ = describe_imu(&mut text, imu);
@@ -63,12 +70,29 @@ fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     let flagged: Vec<_> =
         imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
     writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;
-    match &imu.latency_ns {
-        Some(latency) => {
-            let us = |ns: u64| ns as f64 / 1e3;
-            let (p50, p99, p999, max) = (us(latency.p50), us(latency.p99), us(latency.p999), us(latency.max));
-            writeln!(text, "  latency      p50 {p50:.2} us, p99 {p99:.2} us, p99.9 {p999:.2} us, max {max:.2} us")
-        }
-        None => writeln!(text, "  latency      no samples yet"),
+    writeln!(text, "  latency [us]        p50       p99     p99.9       max     count")?;
+    for (name, summary) in
+        [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]
+    {
+        let Some(Summary { count, p50, p99, p999, max }) = summary else {
+            writeln!(text, "    {name:<8} no samples")?;
+            continue;
+        };
+        let [p50, p99, p999, max] = [p50, p99, p999, max].map(|ns| ns as f64 / 1e3);
+        writeln!(text, "    {name:<8} {p50:>9.2} {p99:>9.2} {p999:>9.2} {max:>9.2} {count:>9}")?;
     }
+    Ok(())
+}
+
+fn describe_worker(text: &mut String, index: usize, worker: &WorkerStatus) -> std::fmt::Result {
+    let priority =
+        worker.priority.map_or_else(|| "no real-time priority".to_owned(), |priority| format!("FIFO {priority}"));
+    writeln!(
+        text,
+        "worker {index}: {}; cores {}, {priority}; in the last second {:.1} % of a core, held back {:.1} ms",
+        worker.imus.join(", "),
+        worker.cores,
+        worker.cpu_percent,
+        worker.held_back_ms
+    )
 }

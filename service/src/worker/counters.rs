@@ -65,11 +65,14 @@ const BUCKETS: usize = ((32 - SUB_BITS + 1) * SUB) as usize;
 pub struct Histogram {
     buckets: Box<[AtomicU64; BUCKETS]>,
     max: AtomicU64,
+    /// Since it was last taken.
+    recent_max: AtomicU64,
 }
 
 impl Default for Histogram {
     fn default() -> Self {
-        Self { buckets: Box::new([const { AtomicU64::new(0) }; BUCKETS]), max: AtomicU64::new(0) }
+        let buckets = Box::new([const { AtomicU64::new(0) }; BUCKETS]);
+        Self { buckets, max: AtomicU64::new(0), recent_max: AtomicU64::new(0) }
     }
 }
 
@@ -78,9 +81,21 @@ impl Histogram {
     #[inline]
     pub fn record(&self, value: u32) {
         bump(&self.buckets[Self::bucket(value)]);
-        if u64::from(value) > self.max.load(Relaxed) {
-            self.max.store(value.into(), Relaxed);
+        for max in [&self.max, &self.recent_max] {
+            if u64::from(value) > max.load(Relaxed) {
+                max.store(value.into(), Relaxed);
+            }
         }
+    }
+
+    /// The largest value since this was asked last. One that comes just now may count for the next time.
+    pub fn take_recent_max(&self) -> u64 {
+        self.recent_max.swap(0, Relaxed)
+    }
+
+    /// The count of each bucket.
+    pub fn counts(&self) -> Vec<u64> {
+        self.buckets.iter().map(|count| count.load(Relaxed)).collect()
     }
 
     /// Below 32 a value is its own bucket; above, each octave has 32.
@@ -99,9 +114,12 @@ impl Histogram {
 
     /// The percentiles of all values so far; `None` before the first.
     pub fn summary(&self) -> Option<Summary> {
-        let counts: Vec<u64> = self.buckets.iter().map(|count| count.load(Relaxed)).collect();
+        Self::summarize(&self.counts(), self.max.load(Relaxed))
+    }
+
+    /// The percentiles of `counts`, given by bucket; `None` if there are none.
+    pub fn summarize(counts: &[u64], max: u64) -> Option<Summary> {
         let total: u64 = counts.iter().sum();
-        let max = self.max.load(Relaxed);
         let percentile = |part: f64| {
             let rank = ((total as f64 * part).ceil() as u64).max(1);
             let mut below = 0;

@@ -1,26 +1,27 @@
-//! The worker thread: receive, compensate, publish.
+//! A worker thread: receive, compensate, publish, for some of the IMUs.
 //!
 //! # Contract
-//! While samples flow the loop takes no lock, logs nothing and makes no system call of its own (with `spin` none at all);
-//! the transport allocates once an answer, when the next one is loaned, after publishing. It never blocks on a peer:
-//! a reader that does not read loses its own increments, and a raw queue is emptied one sample an IMU in turn, so that a
-//! flood on one does not keep the others waiting. Tables are built, checked and freed by the control thread; here a
-//! pointer is exchanged between two samples, so all three axes of an increment come from one table.
+//! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin`, makes no system call
+//! (tests/hot_loop.rs counts them). The other strategies make those that sleeping takes. It never blocks on a peer: a reader that does
+//! not read loses its own increments, and raw queues are emptied one sample in turn, so that a flood on one gets at most every
+//! other turn. Tables are built, checked and freed by the control thread; here a pointer is exchanged between two
+//! samples, so all three axes of an increment come from one table.
 //!
 //! Waiting is bounded by [`wait::BOUND_NS`], under every strategy and even if every notification is lost.
 
+pub mod bells;
 pub mod channel;
 pub mod counters;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
-use crate::realtime::{self, Bells};
+use bells::Bells;
 use channel::{Channel, Wiring};
 use iceoryx2::port::listener::Listener;
-use iceoryx2::prelude::ipc;
-use isotherm_client::{join, monotonic_ns};
-use isotherm_shared::stream::{Domain, RAW_DEPTH};
+use isotherm_client::{Clock, Realtime, join};
+use isotherm_shared::stream::{Domain, Ipc, RAW_DEPTH};
+use std::iter;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -30,18 +31,21 @@ use wait::{Wait, Waiter};
 
 /// A running worker.
 pub struct Worker {
+    /// Its thread's id in the operating system.
+    pub thread_id: i32,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
 
 impl Worker {
-    /// Starts the worker and waits until its streams are there; `None` if `give_up` says so first.
+    /// Starts worker `index` and waits until its streams are there; `None` if `give_up` says so first.
     ///
     /// # Errors
     /// What kept it from starting.
     pub fn start(
         domain: &Domain,
         config: &Config,
+        index: usize,
         wirings: Vec<Wiring>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
@@ -49,14 +53,14 @@ impl Worker {
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
             let (stop, domain, config) = (Arc::clone(&stop), domain.clone(), config.clone());
-            move || run(&domain, &config, wirings, &stop, &ready)
+            move || run(&domain, &config, index, wirings, &stop, &ready)
         };
-        let thread = thread::Builder::new().name("worker".to_owned()).spawn(body);
+        let thread = thread::Builder::new().name(format!("worker-{index}")).spawn(body);
         let thread =
             thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
         loop {
             match started.recv_timeout(Duration::from_millis(20)) {
-                Ok(Ok(())) => return Ok(Some(Self { stop, thread })),
+                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, stop, thread })),
                 Ok(Err(failure)) => return Err(failure),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
@@ -83,7 +87,7 @@ impl Worker {
             let cause = cause.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
             Failure::new(
                 Exit::Failed,
-                format!("the worker thread panicked ({cause}); restart the service and report this"),
+                format!("a worker thread panicked ({cause}); restart the service and report this"),
             )
         })
     }
@@ -92,27 +96,35 @@ impl Worker {
 fn run(
     domain: &Domain,
     config: &Config,
+    index: usize,
     wirings: Vec<Wiring>,
     stop: &AtomicBool,
-    ready: &mpsc::SyncSender<Result<(), Failure>>,
+    ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
-    let (mut channels, listeners) = match open(domain, config, wirings) {
+    let (mut channels, listeners) = match open(domain, config, index, wirings) {
         Ok(opened) => opened,
         Err(failure) => {
             let _ = ready.send(Err(failure));
             return;
         }
     };
-    let _ = ready.send(Ok(()));
+    let _ = ready.send(Ok(rustix::thread::gettid().as_raw_nonzero().get()));
     serve(&mut channels, &listeners, config, stop);
 }
 
 fn open(
     domain: &Domain,
     config: &Config,
+    index: usize,
     wirings: Vec<Wiring>,
-) -> Result<(Vec<Channel>, Vec<Listener<ipc::Service>>), Failure> {
-    realtime::apply(&config.realtime).map_err(|message| Failure::new(Exit::Config, message))?;
+) -> Result<(Vec<Channel>, Vec<Listener<Ipc>>), Failure> {
+    let settings = Realtime {
+        core: config.realtime.cores.get(index).copied(),
+        priority: config.realtime.priority,
+        timer_slack_ns: Some(config.realtime.timer_slack_ns),
+        ..Realtime::default()
+    };
+    settings.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
     let (mut channels, mut listeners) = (Vec::with_capacity(wirings.len()), Vec::with_capacity(wirings.len()));
@@ -126,46 +138,42 @@ fn open(
 }
 
 /// The hot loop.
-fn serve(channels: &mut [Channel], listeners: &[Listener<ipc::Service>], config: &Config, stop: &AtomicBool) {
+fn serve(channels: &mut [Channel], listeners: &[Listener<Ipc>], config: &Config, stop: &AtomicBool) {
+    let mut clock = Clock::new();
     let mut waiter = Waiter::new(config.strategy, channels.len());
     let mut bells = Bells::new(listeners);
+    let mut latest = 0;
     loop {
         let mut served = false;
-        for (index, channel) in channels.iter_mut().enumerate() {
-            if let Some(now) = channel.serve() {
-                waiter.arrived(index, now);
-                served = true;
+        for turn in 0..channels.len() {
+            // Between any two others the one that was served last is looked at again: beside idle IMUs its next sample waits for
+            // one of them, not for all.
+            let again = (latest != turn).then_some(latest);
+            for index in iter::once(turn).chain(again) {
+                if let Some(now) = channels[index].serve(&mut clock) {
+                    waiter.arrived(index, now);
+                    latest = index;
+                    served = true;
+                }
             }
         }
         if stop.load(Relaxed) {
             // What has arrived by now is answered; a sender that goes on regardless cannot keep us.
             for channel in channels.iter_mut() {
-                (0..RAW_DEPTH).take_while(|_| channel.serve().is_some()).count();
+                (0..RAW_DEPTH).take_while(|_| channel.serve(&mut clock).is_some()).count();
             }
             return;
         }
         if served {
             continue;
         }
-        for channel in channels.iter_mut() {
-            channel.take_table();
-        }
         let now = match config.strategy {
             Strategy::Spin => 0,
-            _ => monotonic_ns(),
+            Strategy::Anticipate | Strategy::Block => clock.now(),
         };
         match waiter.next(now) {
             Wait::Spin => core::hint::spin_loop(),
-            Wait::Sleep(time) => {
-                let timed_out = bells.sleep(time);
-                if timed_out && time < wait::BOUND_NS {
-                    waiter.overslept(now + time, monotonic_ns());
-                }
-                // After every sleep: a notification that was lost would suppress all later ones.
-                for listener in listeners {
-                    let _ = listener.try_wait(|_| {});
-                }
-            }
+            Wait::Sleep(time) => bells.sleep(now, time),
         }
     }
 }

@@ -1,22 +1,37 @@
-//! How the worker waits: a pure state machine, told when samples arrive and how late it woke.
+//! How the worker waits: a pure state machine, told when samples arrive and when nothing is there.
 //!
 //! `anticipate` learns each IMU's period and sleeps until a guard before the next sample is due, then spins for a short,
-//! bounded time. The next arrival is predicted from the **earliest** phase seen lately, not from the last arrival: one
-//! late sample must not make the next prediction late. The guard follows the wake-up delays that are observed. Streams
-//! that have stopped or come irregularly are waited for asleep; when the rate leaves no time to sleep, it spins.
+//! bounded time. Samples are expected on a grid whose phase is that of the **earliest** ones seen lately, not of the last arrival:
+//! one late sample must not make the next prediction late. The guard follows the wake-up delays that are observed.
+//! Streams that have stopped or come irregularly are waited for asleep; when the rate leaves no time to sleep, it spins.
 
 use crate::config::Strategy;
 
 /// Longest sleep \[ns\]: what a lost or missing wake-up may cost.
 pub const BOUND_NS: u64 = 20_000_000;
-/// Arrivals near the prediction before a stream counts as periodic.
+/// Arrivals on the grid before a stream counts as periodic.
 const CONFIDENT: u32 = 8;
-/// How the period follows the observed ones, and the phase the later arrivals.
-const PERIOD_GAIN: f64 = 1.0 / 32.0;
-const PHASE_DRIFT: f64 = 1.0 / 256.0;
-/// Limits of the guard \[ns\].
-const GUARD_MIN: f64 = 30_000.0;
-const GUARD_MAX: f64 = 500_000.0;
+/// What an arrival off the grid costs, and one that comes whole periods late.
+const ODD: u32 = 4;
+const SKIPPED: u32 = 2;
+/// How far from the grid an arrival may be \[parts of a period\].
+const ON_GRID: f64 = 0.25;
+/// How much of a difference the period takes over from each pair of neighbours.
+const PERIOD_GAIN: f64 = 1.0 / 64.0;
+/// When this many samples have come after the grid, it moves to the earliest of them.
+const WINDOW: u32 = 32;
+/// The guard covers this part of the wake-up delays: each that is longer lengthens it by nearly a step, each other shortens it
+/// by the rest of a step \[ns\].
+const COVERED: f64 = 0.98;
+const DELAY_STEP: f64 = 8_000.0;
+/// What the guard has over that delay \[ns\].
+const MARGIN: f64 = 10_000.0;
+/// Limits of the guard \[ns\], and the part of a period that it may take: so much of a core.
+const GUARD_MIN: f64 = 20_000.0;
+const GUARD_MAX: f64 = 200_000.0;
+const GUARD_PART: f64 = 0.25;
+/// Where it wants a larger part of a period there is no time to sleep.
+const SPIN_PART: f64 = 1.0 / 3.0;
 /// Shorter sleeps are not worth their system call \[ns\].
 const SHORTEST_SLEEP_NS: u64 = 20_000;
 /// A stream without a known period is spun for this long after a sample \[ns\]: an acquisition that sends as soon as it
@@ -39,7 +54,10 @@ pub enum Wait {
 pub struct Waiter {
     strategy: Strategy,
     rhythms: Vec<Rhythm>,
-    guard: f64,
+    /// How late a sleep ends at worst, but for the rarest \[ns\].
+    delay: f64,
+    /// When the last sleep was to end, until the worker is awake.
+    wake: Option<u64>,
     /// When any stream's sample was served last.
     last: u64,
 }
@@ -47,17 +65,18 @@ pub struct Waiter {
 impl Waiter {
     /// For `streams` streams.
     pub fn new(strategy: Strategy, streams: usize) -> Self {
-        Self { strategy, rhythms: vec![Rhythm::default(); streams], guard: GUARD_MIN * 2.0, last: 0 }
+        let rhythms = vec![Rhythm::default(); streams];
+        Self { strategy, rhythms, delay: 2.0 * GUARD_MIN, wake: None, last: 0 }
     }
 
     /// A sample of `stream` was served at `now`.
     #[inline]
     pub fn arrived(&mut self, stream: usize, now: u64) {
         if self.strategy == Strategy::Anticipate {
+            self.awake(now);
+            // Only sleeps tell of the delay. One that leaves no time to sleep must not stay for ever.
+            self.delay -= self.delay / 4096.0;
             self.last = now;
-            // Only sleeps that run their time tell how long the guard has to be. One that leaves no time to sleep must
-            // not stay for ever.
-            self.guard -= (self.guard - GUARD_MIN) / 4096.0;
             self.rhythms[stream].arrived(now);
         }
     }
@@ -68,79 +87,115 @@ impl Waiter {
         match self.strategy {
             Strategy::Spin => Wait::Spin,
             Strategy::Block => Wait::Sleep(BOUND_NS),
-            Strategy::Anticipate => self.anticipate(now),
+            Strategy::Anticipate => {
+                self.awake(now);
+                self.anticipate(now)
+            }
         }
     }
 
     fn anticipate(&mut self, now: u64) -> Wait {
         let shortest = self.rhythms.iter().filter_map(Rhythm::known_period).fold(f64::INFINITY, f64::min);
-        let guard = self.guard as u64;
-        let due = self.rhythms.iter_mut().filter_map(|rhythm| rhythm.due(now, 2 * guard)).min();
-        let Some(due) = due else {
+        let wanted = (self.delay + MARGIN).clamp(GUARD_MIN, GUARD_MAX);
+        let guard = wanted.min((shortest * GUARD_PART).max(GUARD_MIN)) as u64;
+        let Some(due) = self.rhythms.iter_mut().filter_map(|rhythm| rhythm.due(now, 2 * guard)).min() else {
             return if now.saturating_sub(self.last) < LINGER_NS { Wait::Spin } else { Wait::Sleep(BOUND_NS) };
         };
         let sleep = due.saturating_sub(guard).saturating_sub(now);
-        if sleep < SHORTEST_SLEEP_NS || self.guard > shortest / 3.0 {
-            Wait::Spin
-        } else {
-            Wait::Sleep(sleep.min(BOUND_NS))
+        if sleep < SHORTEST_SLEEP_NS || wanted > shortest * SPIN_PART {
+            return Wait::Spin;
         }
+        let sleep = sleep.min(BOUND_NS);
+        self.wake = Some(now + sleep);
+        Wait::Sleep(sleep)
     }
 
-    /// A sleep that was to end at `planned` ran its full time and ended at `now`.
-    pub fn overslept(&mut self, planned: u64, now: u64) {
-        let needed = now.saturating_sub(planned) as f64 * 1.25 + 10_000.0;
-        let next = if needed > self.guard { needed } else { self.guard + (needed - self.guard) / 64.0 };
-        self.guard = next.clamp(GUARD_MIN, GUARD_MAX);
+    /// The worker is awake: how late after a sleep that ran its time? A delay that no guard could cover, as when the host of a
+    /// virtual machine has taken it away, says nothing about the next one.
+    fn awake(&mut self, now: u64) {
+        if let Some(delay) = self.wake.take().and_then(|wake| now.checked_sub(wake))
+            && delay as f64 <= GUARD_MAX
+        {
+            let longer = delay as f64 > self.delay;
+            self.delay += DELAY_STEP * if longer { COVERED } else { COVERED - 1.0 };
+            self.delay = self.delay.clamp(0.0, GUARD_MAX);
+        }
     }
 }
 
-/// The period and phase of one stream.
+/// The grid on which one stream's samples come.
 #[derive(Clone, Debug, Default)]
 struct Rhythm {
     last: u64,
     /// \[ns\]; 0 until two samples have come.
     period: f64,
+    /// The next point of the grid, or the last one if its sample is awaited still.
     due: u64,
     confidence: u32,
     misses: u32,
-    /// How late samples come after the earliest phase, a maximum that decays \[ns\].
+    /// Whether the last sample was off the grid.
+    odd: bool,
+    /// How many samples have come on or after the grid since it was moved, and how late the earliest of them was \[ns\].
+    after: u32,
+    earliest: f64,
+    /// How late samples come, a maximum that decays \[ns\].
     lateness: f64,
 }
 
 impl Rhythm {
     fn arrived(&mut self, now: u64) {
-        let step = now.saturating_sub(self.last) as f64;
-        let first = self.last == 0;
-        self.last = now;
+        let step = now.saturating_sub(core::mem::replace(&mut self.last, now));
         self.misses = 0;
-        if first {
+        if self.confidence == 0 {
+            self.begin(step, now);
             return;
         }
-        let off = (step - self.period).abs();
-        // While it is being learned a period must fit more closely, or twice the period would pass for it.
-        let gate = if self.confidence < CONFIDENT { 4.0 } else { 2.0 };
-        if off <= self.period / gate {
-            self.period += (step - self.period) * PERIOD_GAIN;
-            // A sample that comes well before the prediction is a late one of the prediction before.
-            let period = self.period as u64;
-            let expected = if now + period / 2 < self.due { self.due - period } else { self.due };
-            let late = now.saturating_sub(expected) as f64;
-            let phase = if now < expected || self.confidence == 0 {
-                now
-            } else {
-                expected + late.min(self.period * PHASE_DRIFT) as u64
-            };
-            self.due = phase + period;
-            self.lateness = late.max(self.lateness - self.lateness / 256.0);
-            self.confidence = (self.confidence + 1).min(2 * CONFIDENT);
+        // The nearest point of the grid: when a late sample comes the prediction may have moved on already.
+        let ahead = ((now as f64 - self.due as f64) / self.period).round() * self.period;
+        let expected = self.due.saturating_add_signed(ahead as i64);
+        let late = now as f64 - expected as f64;
+        self.due = expected + self.period as u64;
+        let last_was_odd = core::mem::replace(&mut self.odd, late.abs() > self.period * ON_GRID);
+        if self.odd {
+            self.doubt(ODD, step, now);
+            return;
+        }
+        self.lateness = late.max(self.lateness - self.lateness / 256.0);
+        self.follow(late);
+        if (step as f64 / self.period).round() != 1.0 {
+            self.doubt(SKIPPED, step, now);
         } else {
-            // One odd step costs some confidence; when it is used up, learn anew from here.
-            self.confidence = self.confidence.saturating_sub(CONFIDENT / 2);
-            if self.confidence == 0 {
-                self.period = step;
+            self.confidence = (self.confidence + 1).min(2 * CONFIDENT);
+            if !last_was_odd {
+                self.period += (step as f64 - self.period) * PERIOD_GAIN;
             }
-            self.due = now + self.period as u64;
+        }
+    }
+
+    /// Moves the grid to the earliest samples: at once to one that comes before it, and later when all have come after it for a
+    /// while.
+    fn follow(&mut self, late: f64) {
+        self.after += 1;
+        self.earliest = if self.after == 1 { late } else { self.earliest.min(late) };
+        if late < 0.0 || self.after == WINDOW {
+            self.due = self.due.saturating_add_signed(self.earliest as i64);
+            self.after = 0;
+        }
+    }
+
+    /// Takes the last step for the period; the next samples will tell.
+    fn begin(&mut self, step: u64, now: u64) {
+        self.period = step.max(1) as f64;
+        self.due = now + step;
+        self.after = 0;
+        self.confidence = 1;
+    }
+
+    /// Loses confidence; without any, it begins anew.
+    fn doubt(&mut self, by: u32, step: u64, now: u64) {
+        self.confidence = self.confidence.saturating_sub(by);
+        if self.confidence == 0 {
+            self.begin(step, now);
         }
     }
 
@@ -152,9 +207,7 @@ impl Rhythm {
     /// When the next sample is due, if the stream is periodic and has not stopped. A prediction that has passed by more
     /// than `patience`, or what samples are usually late, was missed and gives way to the next.
     fn due(&mut self, now: u64, patience: u64) -> Option<u64> {
-        if self.confidence < CONFIDENT {
-            return None;
-        }
+        self.known_period()?;
         let usual = (self.lateness * 1.25).min(self.period / 8.0);
         let patience = patience.max(usual as u64);
         while now > self.due + patience {
@@ -191,12 +244,9 @@ mod tests {
                         hit = true;
                     }
                     Wait::Sleep(time) => {
-                        hit = now + time < at;
-                        // A notification ends the sleep early; a full one wakes 20 us late.
-                        if hit {
-                            waiter.overslept(now + time, now + time + 20_000);
-                        }
-                        now = if hit { now + time + 20_000 } else { at };
+                        // A notification ends the sleep early; either way it takes 20 us to wake.
+                        now = at.min(now + time) + 20_000;
+                        hit = now < at;
                     }
                 }
             }
@@ -268,7 +318,7 @@ mod tests {
     fn one_long_oversleep_does_not_make_it_spin_for_ever() {
         let mut waiter = Waiter::new(Strategy::Anticipate, 1);
         run(&mut waiter, &periodic(MS, 500_000, 200, |_| 0));
-        waiter.overslept(0, 450_000);
+        waiter.delay = GUARD_MAX;
         run(&mut waiter, &periodic(MS + 200 * 500_000, 500_000, 10_000, |_| 0));
         let (awake, spinning) = run(&mut waiter, &periodic(MS + 10_200 * 500_000, 500_000, 4000, |_| 0));
         assert!(share(&awake) > 0.99 && spinning < 0.25, "{} {spinning}", share(&awake));
@@ -335,15 +385,27 @@ mod tests {
     }
 
     #[test]
-    fn the_guard_follows_the_delay_within_its_limits() {
-        let mut waiter = Waiter::new(Strategy::Anticipate, 1);
-        waiter.overslept(0, 300_000);
-        assert!(waiter.guard > 300_000.0);
-        waiter.overslept(0, 100 * MS);
-        assert_eq!(waiter.guard, GUARD_MAX);
-        for _ in 0..2000 {
-            waiter.overslept(0, 1_000);
-        }
-        assert!(waiter.guard < GUARD_MIN * 1.1);
+    fn the_guard_covers_the_usual_delays_and_forgets_the_rare_ones() {
+        // Delays of up to 60 us, and one in a hundred of 3 ms.
+        let usual = |k: u64| if k.is_multiple_of(100) { 3 * MS } else { pseudo_random(k) % 60_000 };
+        let guard_for = |delay: &dyn Fn(u64) -> u64| {
+            let mut waiter = Waiter::new(Strategy::Anticipate, 1);
+            let mut now = MS;
+            for k in 0..20_000 {
+                let at = MS + k * 2_500_000;
+                while now < at {
+                    now = match waiter.next(now) {
+                        Wait::Spin => now + 1_000,
+                        Wait::Sleep(time) => at.min(now + time) + delay(k),
+                    };
+                }
+                now = now.max(at);
+                waiter.arrived(0, now);
+            }
+            waiter.delay
+        };
+        let (usual, short) = (guard_for(&usual), guard_for(&|_| 1_000));
+        assert!((50_000.0..75_000.0).contains(&usual), "{usual}");
+        assert!(short < 2_000.0, "{short}");
     }
 }

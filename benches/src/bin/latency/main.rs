@@ -1,0 +1,137 @@
+//! Latency as users can check it: Isotherm beside what it is built on and what it replaces, in one run on one machine.
+//!
+//! Without a subcommand: round trips through five paths in alternating blocks ([`closed`]), then samples sent by the clock under
+//! each waiting strategy ([`waits`]). The subcommands measure under load, many IMUs, and many samples in flight.
+//!
+//! Real processes: this one is the acquisition, its children are this very program as the service, an echo, a socket server.
+#![allow(clippy::print_stdout, reason = "the tables are the product")]
+
+mod closed;
+mod floor;
+mod load;
+mod open;
+mod paths;
+mod report;
+mod scale;
+mod statistics;
+mod throughput;
+mod waits;
+
+use clap::{Parser, Subcommand};
+use isotherm_benches::{Outcome, become_child, pin};
+use serde_json::{Value, json};
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// Measures the latency of Isotherm beside bare shared memory, iceoryx2 and a Unix socket
+#[derive(Debug, Parser)]
+struct Arguments {
+    #[command(subcommand)]
+    what: Option<What>,
+    /// Print one JSON document
+    #[arg(long, global = true)]
+    json: bool,
+    /// Ten times the samples, for deep tails
+    #[arg(long, global = true, conflicts_with = "smoke")]
+    long: bool,
+    /// A few samples only, to see that everything works
+    #[arg(long, global = true)]
+    smoke: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Only the second part: samples sent by the clock under each waiting strategy
+    Waits,
+    /// Round trips beside two CPU-hungry neighbours, with and without real-time settings, with and without reloads
+    Load,
+    /// 1, 8 and 32 IMUs, one and two workers
+    Scale,
+    /// 16 samples in flight
+    Throughput,
+}
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug)]
+pub enum Effort {
+    /// To see that it works.
+    Smoke,
+    /// Within a minute.
+    Usual,
+    /// Ten times that.
+    Long,
+}
+
+impl Effort {
+    /// `usual`, a tenth of it at most, or ten times as much.
+    pub fn of(self, smoke: usize, usual: usize) -> usize {
+        match self {
+            Self::Smoke => smoke,
+            Self::Usual => usual,
+            Self::Long => usual * 10,
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let words: Vec<_> = std::env::args().skip(1).collect();
+    let words: Vec<_> = words.iter().map(String::as_str).collect();
+    let result = match words.as_slice() {
+        ["serve", ..] => {
+            become_child();
+            return isotherm_service::main();
+        }
+        ["child", core, role @ ..] => {
+            become_child();
+            pin(core.parse().ok());
+            child(role)
+        }
+        _ => bench(&Arguments::parse()),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            println!("latency: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// What this program is as a child process.
+fn child(role: &[&str]) -> Outcome<()> {
+    match role {
+        ["floor", path] => floor::answer(path),
+        ["echo", domain, root, depth] => paths::echo(domain, root, depth.parse()?),
+        ["socket", path] => paths::socket_server(path),
+        ["hungry"] => load::hungry(),
+        _ => Err("unknown role".into()),
+    }
+}
+
+fn bench(arguments: &Arguments) -> Outcome<()> {
+    let (started, machine) = (Instant::now(), report::machine());
+    let effort = match (arguments.smoke, arguments.long) {
+        (true, _) => Effort::Smoke,
+        (_, true) => Effort::Long,
+        _ => Effort::Usual,
+    };
+    let mut document = match arguments.what {
+        None => {
+            let mut document = closed::measure(effort)?;
+            document["waits"] = waits::measure(effort)?;
+            document
+        }
+        Some(What::Waits) => json!({"waits": waits::measure(effort)?}),
+        Some(What::Load) => load::measure(effort)?,
+        Some(What::Scale) => scale::measure(effort)?,
+        Some(What::Throughput) => throughput::measure(effort)?,
+    };
+    document["machine"] = machine;
+    document["seconds"] = Value::from(started.elapsed().as_secs_f64());
+    if arguments.json {
+        println!("{document:#}");
+    } else {
+        report::print(&document);
+    }
+    Ok(())
+}

@@ -1,0 +1,323 @@
+//! The ways in which a sample can get its answer, all used alike: fill a sample in, send it, wait, have the answer copied out.
+
+use core::fmt::Debug;
+use core::mem::MaybeUninit;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{BackpressureStrategy, IceoryxSend, Node, NodeBuilder, SignalHandlingMode, ZeroCopySend, ipc};
+use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::builder::publish_subscribe::Builder;
+use isotherm_benches::{Outcome, PATIENCE, Spin, TABLE};
+use isotherm_client::{Acquisition, CompensatedIncrement, Domain, RawSample};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::table::CoefficientTable;
+use std::fs;
+use std::hint::{black_box, spin_loop};
+use std::io::{Read as _, Write as _};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::time::{Duration, Instant};
+
+/// One way to send a sample and get its answer.
+pub trait Path {
+    /// Sends the sample and waits for the answer.
+    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement>;
+}
+
+/// The sample that is sent, an IMU at rest.
+pub fn sample() -> RawSample {
+    RawSample {
+        interval_ns: 2_500_000,
+        positive_pulses: [140, 0, 150],
+        negative_pulses: [0, 110, 0],
+        head_temperature: [2.4, 2.41, 2.42],
+        board_temperature: [2.5, 2.51, 2.52],
+        ..RawSample::default()
+    }
+}
+
+/// The client library, waiting for the answer by spinning.
+pub struct Isotherm(pub Acquisition);
+
+impl Path for Isotherm {
+    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+        let mut loan = self.0.loan()?;
+        let (session, sequence) = (loan.session, loan.sequence);
+        *loan = RawSample { session, sequence, ..*sample };
+        self.0.send(loan)?;
+        let mut spin = Spin::default();
+        loop {
+            if let Some(increment) = self.0.receive()? {
+                return Ok(increment);
+            }
+            spin.go_on()?;
+        }
+    }
+}
+
+/// A bare pair of iceoryx2's publish-subscribe streams, at its best: the next sample loaned ahead, queues of two.
+pub struct Bare {
+    publisher: Publisher<ipc::Service, RawSample, ()>,
+    spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
+    subscriber: Subscriber<ipc::Service, CompensatedIncrement, ()>,
+    _node: Node<ipc::Service>,
+}
+
+impl Bare {
+    /// Connects to the [`echo`] of this domain, which may not be ready yet.
+    pub fn connect(domain: &Domain, depth: usize) -> Outcome<Self> {
+        let node = node(domain)?;
+        let raw = stream::<RawSample>(&node, "bench/raw", depth)?.open_or_create()?;
+        let publisher =
+            raw.publisher_builder().max_loaned_samples(2).backpressure_strategy(BackpressureStrategy::DiscardData);
+        let publisher = publisher.create()?;
+        let answers = stream::<CompensatedIncrement>(&node, "bench/increment", depth)?.open_or_create()?;
+        let subscriber = answers.subscriber_builder().create()?;
+        let deadline = Instant::now() + PATIENCE;
+        while subscriber.receive()?.is_none() {
+            // Until the echo has subscribed nobody gets these.
+            publisher.send_copy(RawSample::default())?;
+            std::thread::sleep(Duration::from_millis(1));
+            if Instant::now() > deadline {
+                return Err("the echo does not answer".into());
+            }
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        while subscriber.receive()?.is_some() {}
+        Ok(Self { spare: Some(publisher.loan()?), publisher, subscriber, _node: node })
+    }
+
+    /// Sends a sample; the next is loaned behind it.
+    pub fn send(&mut self, sample: &RawSample) -> Outcome<()> {
+        let mut loan = match self.spare.take() {
+            Some(loan) => loan,
+            None => self.publisher.loan()?,
+        };
+        *loan = *sample;
+        loan.send()?;
+        self.spare = Some(self.publisher.loan()?);
+        Ok(())
+    }
+
+    /// An answer, if one is there.
+    pub fn receive(&self) -> Outcome<Option<CompensatedIncrement>> {
+        Ok(self.subscriber.receive()?.map(|sample| *sample))
+    }
+}
+
+impl Path for Bare {
+    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+        self.send(sample)?;
+        let mut spin = Spin::default();
+        loop {
+            if let Some(increment) = self.receive()? {
+                return Ok(increment);
+            }
+            spin.go_on()?;
+        }
+    }
+}
+
+/// The other end of a [`Bare`] pair: copies each sample out and answers with its numbers, without compensating anything.
+pub fn echo(domain: &str, root: &str, depth: usize) -> Outcome<()> {
+    let node = node(&Domain::new(domain, root)?)?;
+    let raw = stream::<RawSample>(&node, "bench/raw", depth)?.open_or_create()?;
+    let subscriber = raw.subscriber_builder().create()?;
+    let answers = stream::<CompensatedIncrement>(&node, "bench/increment", depth)?.open_or_create()?;
+    let answers = answers.publisher_builder().max_loaned_samples(2);
+    let answers = answers.backpressure_strategy(BackpressureStrategy::DiscardData).create()?;
+    let mut spare: SampleMutUninit<ipc::Service, MaybeUninit<CompensatedIncrement>, ()> = answers.loan_uninit()?;
+    loop {
+        let Some(sample) = subscriber.receive()? else {
+            spin_loop();
+            continue;
+        };
+        let raw = black_box(*sample);
+        let increment = CompensatedIncrement { session: raw.session, sequence: raw.sequence, ..Default::default() };
+        spare.write_payload(increment).send()?;
+        drop(sample);
+        spare = answers.loan_uninit()?;
+    }
+}
+
+/// iceoryx2 as anybody would use it; only the domain is this bench's own.
+fn node(domain: &Domain) -> Outcome<Node<ipc::Service>> {
+    let node = NodeBuilder::new().config(&domain.config()?).signal_handling_mode(SignalHandlingMode::Disabled);
+    Ok(node.create()?)
+}
+
+fn stream<T: IceoryxSend + ZeroCopySend + Debug>(
+    node: &Node<ipc::Service>,
+    name: &str,
+    depth: usize,
+) -> Outcome<Builder<T, (), ipc::Service>> {
+    let builder = node.service_builder(&name.try_into()?).publish_subscribe::<T>();
+    let builder = builder.max_publishers(1).max_subscribers(1).subscriber_max_buffer_size(depth);
+    Ok(builder.history_size(0).enable_safe_overflow(true))
+}
+
+/// The kernel called as a function.
+pub struct InProcess(CoefficientTable);
+
+impl InProcess {
+    /// With the table that the service has.
+    pub fn new() -> Outcome<Self> {
+        CoefficientTable::from_toml(TABLE, None).map(Self).map_err(|faults| faults.to_string().into())
+    }
+}
+
+impl Path for InProcess {
+    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+        Ok(answer(Some(&self.0), black_box(sample)))
+    }
+}
+
+const RAW_BYTES: usize = size_of::<RawSample>();
+const INCREMENT_BYTES: usize = size_of::<CompensatedIncrement>();
+
+/// A blocking Unix socket with the kernel behind it.
+pub struct Socket(UnixStream);
+
+impl Socket {
+    /// Connects to the [`socket_server`], which may not be ready yet.
+    pub fn connect(path: &std::path::Path) -> Outcome<Self> {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            match UnixStream::connect(path) {
+                Ok(stream) => {
+                    stream.set_read_timeout(Some(PATIENCE))?;
+                    return Ok(Self(stream));
+                }
+                Err(error) if Instant::now() > deadline => return Err(error.into()),
+                Err(_) => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+    }
+}
+
+impl Path for Socket {
+    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+        self.0.write_all(&raw_bytes(sample))?;
+        let mut bytes = [0; INCREMENT_BYTES];
+        self.0.read_exact(&mut bytes)?;
+        Ok(increment_of(&bytes))
+    }
+}
+
+/// Answers every sample that comes through the socket at `path`.
+pub fn socket_server(path: &str) -> Outcome<()> {
+    let table = CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?;
+    // Bound aside, so that a client that finds it can connect.
+    let aside = format!("{path}.new");
+    let listener = UnixListener::bind(&aside)?;
+    fs::rename(&aside, path)?;
+    let (mut stream, _) = listener.accept()?;
+    let mut bytes = [0; RAW_BYTES];
+    loop {
+        stream.read_exact(&mut bytes)?;
+        stream.write_all(&increment_bytes(&answer(Some(&table), &raw_of(&bytes))))?;
+    }
+}
+
+/// Takes numbers off a row of bytes.
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    fn word<const N: usize>(&mut self) -> [u8; N] {
+        let (word, rest) = self.0.split_first_chunk().unwrap_or((&[0; N], &[]));
+        self.0 = rest;
+        *word
+    }
+
+    fn u64(&mut self) -> u64 {
+        u64::from_ne_bytes(self.word())
+    }
+
+    fn u32s(&mut self) -> [u32; 3] {
+        [(); 3].map(|()| u32::from_ne_bytes(self.word()))
+    }
+
+    fn f64s(&mut self) -> [f64; 3] {
+        [(); 3].map(|()| f64::from_ne_bytes(self.word()))
+    }
+}
+
+/// Puts numbers one behind the other.
+struct Writer<const N: usize>([u8; N], usize);
+
+impl<const N: usize> Writer<N> {
+    const fn new() -> Self {
+        Self([0; N], 0)
+    }
+
+    fn put(&mut self, bytes: &[u8]) {
+        self.0[self.1..self.1 + bytes.len()].copy_from_slice(bytes);
+        self.1 += bytes.len();
+    }
+}
+
+fn raw_bytes(raw: &RawSample) -> [u8; RAW_BYTES] {
+    let mut writer = Writer::new();
+    for word in [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns] {
+        writer.put(&word.to_ne_bytes());
+    }
+    raw.positive_pulses.iter().chain(&raw.negative_pulses).for_each(|word| writer.put(&word.to_ne_bytes()));
+    raw.head_temperature.iter().chain(&raw.board_temperature).for_each(|word| writer.put(&word.to_ne_bytes()));
+    writer.0
+}
+
+fn raw_of(bytes: &[u8; RAW_BYTES]) -> RawSample {
+    let mut reader = Reader(bytes);
+    RawSample {
+        session: reader.u64(),
+        sequence: reader.u64(),
+        timestamp_ns: reader.u64(),
+        interval_ns: reader.u64(),
+        sent_ns: reader.u64(),
+        telemetry_ns: reader.u64(),
+        positive_pulses: reader.u32s(),
+        negative_pulses: reader.u32s(),
+        head_temperature: reader.f64s(),
+        board_temperature: reader.f64s(),
+    }
+}
+
+fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT_BYTES] {
+    let mut writer = Writer::new();
+    for word in [increment.session, increment.sequence, increment.timestamp_ns, increment.interval_ns] {
+        writer.put(&word.to_ne_bytes());
+    }
+    increment.velocity_increment.iter().for_each(|word| writer.put(&word.to_ne_bytes()));
+    writer.put(&increment.table.to_ne_bytes());
+    writer.put(&increment.flags.to_ne_bytes());
+    writer.put(&increment.latency_ns.to_ne_bytes());
+    writer.0
+}
+
+fn increment_of(bytes: &[u8; INCREMENT_BYTES]) -> CompensatedIncrement {
+    let mut reader = Reader(bytes);
+    CompensatedIncrement {
+        session: reader.u64(),
+        sequence: reader.u64(),
+        timestamp_ns: reader.u64(),
+        interval_ns: reader.u64(),
+        velocity_increment: reader.f64s(),
+        table: reader.u64(),
+        flags: u32::from_ne_bytes(reader.word()),
+        latency_ns: u32::from_ne_bytes(reader.word()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_socket_carries_the_payloads_unchanged() {
+        let raw = RawSample { session: 1, sequence: 2, timestamp_ns: 3, sent_ns: 5, telemetry_ns: 6, ..sample() };
+        assert_eq!(raw_of(&raw_bytes(&raw)), raw);
+        let increment = InProcess::new().unwrap().round_trip(&raw).unwrap();
+        let increment = CompensatedIncrement { flags: 7, latency_ns: 8, ..increment };
+        assert_eq!(increment_of(&increment_bytes(&increment)), increment);
+    }
+}

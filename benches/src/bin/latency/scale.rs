@@ -1,0 +1,67 @@
+//! How latency grows with the number of IMUs: those that only exist, and those that all send.
+
+use crate::Effort;
+use crate::open::{self, Schedule};
+use crate::paths::{Isotherm, Path as _, sample};
+use crate::statistics::figures;
+use isotherm_benches::{Outcome, World, cores, imu, pin, worker_time};
+use isotherm_client::Acquisition;
+use serde_json::{Map, Value, json};
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+/// How many IMUs.
+const COUNTS: [usize; 3] = [1, 8, 32];
+/// Rate at which every IMU sends where all do \[Hz\].
+const RATE: u32 = 400;
+
+pub fn measure(effort: Effort) -> Outcome<Value> {
+    let cores = cores();
+    let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
+    pin(mine.filter(|_| theirs.is_some()));
+    let core = theirs.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
+
+    let mut idle = Map::new();
+    for count in COUNTS {
+        let world = World::new()?;
+        let _service = world.serve_many(count, 1, &format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
+        let mut path = Isotherm(Acquisition::connect(&imu(0).parse()?, &world.options())?);
+        let trips = effort.of(5_000, 200_000);
+        let mut times = Vec::with_capacity(trips);
+        for turn in 0..trips + trips / 20 {
+            let sent = Instant::now();
+            black_box(path.round_trip(&sample())?);
+            if turn >= trips / 20 {
+                times.push(u32::try_from(sent.elapsed().as_nanos()).unwrap_or(u32::MAX));
+            }
+        }
+        idle.insert(count.to_string(), figures(times).into());
+    }
+
+    let mut active = Map::new();
+    for (count, workers) in [(1, 1), (8, 1), (8, 2), (32, 1), (32, 2)] {
+        let world = World::new()?;
+        // Two workers want a core each, and the sender one: where there are two in all, the scheduler has to find them.
+        let core = if workers == 1 { core.as_str() } else { "" };
+        let service = world.serve_many(count, workers, core)?;
+        let acquisitions = (0..count).map(|index| Ok(Acquisition::connect(&imu(index).parse()?, &world.options())?));
+        let mut acquisitions = acquisitions.collect::<Outcome<Vec<_>>>()?;
+        let schedule = Schedule {
+            period: Duration::from_secs(1) / RATE,
+            warm_up: RATE as usize / 4,
+            count: effort.of(50, 6 * RATE as usize),
+            spin: true,
+        };
+        let mut start = None;
+        let latencies =
+            open::run(&mut acquisitions, schedule, || start = Some((Instant::now(), worker_time(&service))))?;
+        let (begun, before) = start.ok_or("nothing was counted")?;
+        let share = worker_time(&service).saturating_sub(before).as_secs_f64() / begun.elapsed().as_secs_f64();
+        let mut figures = latencies.figures();
+        figures.insert("cpu_percent".to_owned(), json!((share * 1e4).round() / 1e2));
+        active.insert(format!("{count} IMUs, {workers} workers"), figures.into());
+    }
+    let p50 = |count: &str| idle[count]["p50_ns"].as_f64();
+    let each = p50("32").zip(p50("1")).map(|(many, one)| (many - one) / 31.0);
+    Ok(json!({"scale": {"idle": idle, "ns_per_idle_stream": each, "active": active, "rate_hz": RATE}}))
+}

@@ -1,0 +1,134 @@
+//! Percentiles that have enough samples behind them, ratios of neighbours in time, and how sure these are.
+
+use serde_json::{Map, Value, json};
+
+/// A percentile with fewer samples beyond it is not given.
+const BEYOND: usize = 20;
+/// Resamplings behind an interval.
+const RESAMPLINGS: usize = 2000;
+
+/// The percentiles that are given, by name.
+pub const PARTS: [(&str, f64); 5] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p999", 0.999), ("p9999", 0.9999)];
+
+/// The percentile of sorted values, if enough of them lie beyond it.
+pub fn percentile(sorted: &[u32], part: f64) -> Option<f64> {
+    let rank = ((sorted.len() as f64 * part).ceil() as usize).max(1);
+    (sorted.len() >= rank + BEYOND).then(|| f64::from(sorted[rank - 1]))
+}
+
+/// All percentiles \[ns\], the largest value and how many there are.
+pub fn figures(mut values: Vec<u32>) -> Map<String, Value> {
+    values.sort_unstable();
+    let percentiles = PARTS.iter().map(|(name, part)| (format!("{name}_ns"), json!(percentile(&values, *part))));
+    let mut figures: Map<_, _> = percentiles.collect();
+    figures.insert("max_ns".to_owned(), json!(values.last()));
+    figures.insert("count".to_owned(), json!(values.len()));
+    figures
+}
+
+/// Ratios of percentiles of `upper` to `lower`, given round by round: the median over the rounds, and the interval in which 95 % of
+/// the medians lie when rounds are drawn anew. A round is what shares processes and memory; blocks within it are not
+/// independent.
+pub fn ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
+    let ratio = |(name, part): &(&str, f64)| {
+        let one = |(upper, lower): (&Vec<u32>, &Vec<u32>)| Some(percentile(upper, *part)? / percentile(lower, *part)?);
+        let all: Option<Vec<f64>> = upper.iter().zip(lower).map(one).collect();
+        ((*name).to_owned(), all.and_then(|all| interval(&all)).unwrap_or(Value::Null))
+    };
+    PARTS.iter().take(4).map(ratio).collect::<Map<_, _>>().into()
+}
+
+fn interval(values: &[f64]) -> Option<Value> {
+    let center = median(values.to_vec())?;
+    let mut draw = Draw::new(values.len());
+    let medians = (0..RESAMPLINGS).filter_map(|_| median((0..values.len()).map(|_| values[draw.next()]).collect()));
+    Some(around(center, medians.collect()))
+}
+
+/// The ratio of a percentile of all of `upper` to that of all of `lower`, which were measured turn by turn, and the interval in which
+/// 95 % of the ratios lie when turns are drawn anew. For percentiles for which a turn alone has not enough samples.
+pub fn pooled_ratio(upper: &[Vec<u32>], lower: &[Vec<u32>], part: f64) -> Value {
+    let of = |turns: &[Vec<u32>], chosen: &[usize]| {
+        let mut pool: Vec<u32> = chosen.iter().flat_map(|turn| &turns[*turn]).copied().collect();
+        pool.sort_unstable();
+        percentile(&pool, part)
+    };
+    let ratio = |chosen: &[usize]| Some(of(upper, chosen)? / of(lower, chosen)?);
+    let turns = upper.len().min(lower.len());
+    let Some(center) = ratio(&(0..turns).collect::<Vec<_>>()) else { return Value::Null };
+    let mut draw = Draw::new(turns);
+    let drawn = (0..RESAMPLINGS / 10).filter_map(|_| ratio(&(0..turns).map(|_| draw.next()).collect::<Vec<_>>()));
+    around(center, drawn.collect())
+}
+
+fn around(center: f64, mut drawn: Vec<f64>) -> Value {
+    drawn.sort_by(f64::total_cmp);
+    let at = |part: f64| drawn.get((drawn.len().saturating_sub(1) as f64 * part).round() as usize);
+    json!({"ratio": center, "low": at(0.025), "high": at(0.975)})
+}
+
+/// Indices below a number, the same ones in every run.
+struct Draw {
+    state: u64,
+    below: u64,
+}
+
+impl Draw {
+    const fn new(below: usize) -> Self {
+        Self { state: 0x9E37_79B9_7F4A_7C15, below: below as u64 }
+    }
+
+    fn next(&mut self) -> usize {
+        // xorshift64
+        self.state ^= self.state << 13;
+        self.state ^= self.state >> 7;
+        self.state ^= self.state << 17;
+        (self.state % self.below) as usize
+    }
+}
+
+/// `None` for nothing.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    match values.len() {
+        0 => None,
+        odd if odd % 2 == 1 => Some(values[middle]),
+        _ => Some(f64::midpoint(values[middle - 1], values[middle])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_percentile_wants_twenty_values_beyond_it() {
+        let sorted: Vec<u32> = (1..=2000).collect();
+        assert_eq!((percentile(&sorted, 0.5), percentile(&sorted, 0.99)), (Some(1000.0), Some(1980.0)));
+        assert_eq!((percentile(&sorted[1..], 0.99), percentile(&sorted, 0.999)), (None, None));
+    }
+
+    #[test]
+    fn the_interval_of_ratios_holds_their_median() {
+        let lower = vec![vec![100; 100]; 9];
+        let upper: Vec<_> = (0..9).map(|round| vec![200 + round; 100]).collect();
+        let p50 = &ratios(&upper, &lower)["p50"];
+        let [ratio, low, high] = ["ratio", "low", "high"].map(|name| p50[name].as_f64().unwrap());
+        assert_eq!(ratio, 2.04);
+        assert!((2.0..2.04).contains(&low) && high > 2.04 && high <= 2.08, "{low} {high}");
+        assert_eq!(ratios(&upper, &lower)["p999"], Value::Null);
+    }
+
+    #[test]
+    fn a_pooled_ratio_takes_all_turns_together() {
+        let lower = vec![(1..=300).collect::<Vec<u32>>(); 8];
+        let upper: Vec<Vec<u32>> = (0..8).map(|turn| (1..=300).map(|k| 2 * k + turn % 2).collect()).collect();
+        // A turn alone has three samples beyond p99.
+        assert_eq!(ratios(&upper, &lower)["p99"], Value::Null);
+        let p99 = &pooled_ratio(&upper, &lower, 0.99);
+        let [ratio, low, high] = ["ratio", "low", "high"].map(|name| p99[name].as_f64().unwrap());
+        assert!(low <= ratio && ratio <= high && (2.0..2.01).contains(&low) && high < 2.01, "{low} {ratio} {high}");
+        assert_eq!(pooled_ratio(&upper, &lower, 0.999), Value::Null);
+    }
+}

@@ -1,0 +1,98 @@
+//! Many samples in flight: how many a second, and what one costs, beside a bare iceoryx2 pair used alike.
+
+use crate::Effort;
+use crate::paths::{Bare, sample};
+use crate::statistics::median;
+use isotherm_benches::{IMU, Outcome, Spin, World, cores, pin};
+use isotherm_client::{Acquisition, RawSample};
+use serde_json::{Value, json};
+use std::time::Instant;
+
+/// Samples in flight.
+const FLYING: usize = 16;
+/// Samples of a block.
+const BLOCK: usize = 50_000;
+
+pub fn measure(effort: Effort) -> Outcome<Value> {
+    let cores = cores();
+    let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
+    pin(mine.filter(|_| theirs.is_some()));
+    let core = theirs.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
+    let pinned = theirs.map(|core| core.to_string()).unwrap_or_default();
+    let rounds = effort.of(2, 20);
+    let (mut isotherm, mut iceoryx2) = (Vec::new(), Vec::new());
+    for _ in 0..rounds {
+        let (one, other) = (World::new()?, World::new()?);
+        let service = one.serve(&format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
+        let mut acquisition = Acquisition::connect(&IMU.parse()?, &one.options())?;
+        service.pause();
+        let (name, root) = (other.domain().name(), other.domain().root_path());
+        let echo = other.spawn(&["child", &pinned, "echo", name, root, &FLYING.to_string()])?;
+        let mut bare = Bare::connect(other.domain(), FLYING)?;
+        echo.pause();
+
+        service.resume();
+        isotherm.push(block(
+            &mut acquisition,
+            |acquisition| {
+                let mut loan = acquisition.loan()?;
+                let (session, sequence) = (loan.session, loan.sequence);
+                *loan = RawSample { session, sequence, ..sample() };
+                Ok(acquisition.send(loan)?)
+            },
+            |acquisition| Ok(acquisition.receive()?.is_some()),
+        )?);
+        service.pause();
+        echo.resume();
+        iceoryx2.push(block(&mut bare, |bare| bare.send(&sample()), |bare| Ok(bare.receive()?.is_some()))?);
+        echo.pause();
+    }
+    let ratio = median(isotherm.iter().zip(&iceoryx2).map(|(isotherm, bare)| isotherm / bare).collect());
+    let path = |times: Vec<f64>| {
+        let ns = median(times);
+        json!({"ns_per_sample": ns, "samples_per_s": ns.map(|ns| (1e9 / ns).round())})
+    };
+    Ok(json!({"throughput": {
+        "in_flight": FLYING,
+        "rounds": rounds,
+        "isotherm": path(isotherm),
+        "iceoryx2": path(iceoryx2),
+        "ns_per_sample isotherm/iceoryx2": ratio,
+    }}))
+}
+
+/// Nanoseconds a sample.
+fn block<T>(
+    path: &mut T,
+    mut send: impl FnMut(&mut T) -> Outcome<()>,
+    mut receive: impl FnMut(&mut T) -> Outcome<bool>,
+) -> Outcome<f64> {
+    let (mut sent, mut received) = (0, 0);
+    let mut started = Instant::now();
+    let mut spin = Spin::default();
+    // The first tenth warms up.
+    while received < BLOCK + BLOCK / 10 {
+        while sent < received + FLYING {
+            send(path)?;
+            sent += 1;
+        }
+        if receive(path)? {
+            received += 1;
+            spin = Spin::default();
+            if received == BLOCK / 10 {
+                started = Instant::now();
+            }
+        } else {
+            spin.go_on()?;
+        }
+    }
+    let elapsed = started.elapsed();
+    while received < sent {
+        if receive(path)? {
+            received += 1;
+        } else {
+            spin.go_on()?;
+        }
+    }
+    Ok(elapsed.as_secs_f64() * 1e9 / BLOCK as f64)
+}

@@ -1,0 +1,135 @@
+//! What a thread that must not wait asks of the operating system: a core, a real-time priority, resident memory, sleeps that
+//! end when they should.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), isotherm_client::RealtimeError> {
+//! use isotherm_client::Realtime;
+//!
+//! // In the thread that sends and receives, before it connects.
+//! Realtime { core: Some(2), priority: Some(50), lock_memory: true, ..Realtime::default() }.apply()
+//! # }
+//! ```
+//! A thread that never sleeps and has a real-time priority is stopped by the kernel for some 50 ms of every second, unless its
+//! core is its own and the kernel's limit has been lifted: `docs/operations.md` tells how.
+#![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding")]
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
+use std::fs;
+use std::io;
+use std::num::NonZeroU64;
+
+/// Stack that is touched when memory is locked, so that no later call has to wait for a page of it.
+const STACK: usize = 256 * 1024;
+
+/// Settings of a thread; whatever is not set stays as it is.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct Realtime {
+    /// The core that the thread is bound to.
+    pub core: Option<usize>,
+    /// `SCHED_FIFO` priority, 1 to 99.
+    pub priority: Option<i32>,
+    /// Keeps all memory of the process resident, what it gets later included, so that no access waits for a page.
+    pub lock_memory: bool,
+    /// How much later than asked a sleep may end, so that the kernel can join it with others \[ns\]; 50 000 unless set.
+    /// Means nothing under `SCHED_FIFO`, where sleeps are exact.
+    pub timer_slack_ns: Option<NonZeroU64>,
+}
+
+/// Which setting failed, why, and what would help.
+#[derive(Debug, thiserror::Error)]
+#[error("{setting}: {cause}; {remedy}")]
+pub struct RealtimeError {
+    /// The setting, by its name in [`Realtime`].
+    pub setting: &'static str,
+    cause: String,
+    remedy: String,
+}
+
+impl Realtime {
+    /// Applies the settings to the calling thread, and the memory lock to the process.
+    ///
+    /// # Errors
+    /// The first setting that fails; those before it, in the order of the fields, are in force.
+    pub fn apply(&self) -> Result<(), RealtimeError> {
+        if let Some(core) = self.core {
+            bind(core).map_err(|cause| RealtimeError {
+                setting: "core",
+                cause: format!("binding to core {core}: {cause}"),
+                remedy: format!("this process may use {}; give one of them", allowed_cores()),
+            })?;
+        }
+        if let Some(priority) = self.priority {
+            set_fifo(priority).map_err(|cause| RealtimeError {
+                setting: "priority",
+                cause: format!("SCHED_FIFO {priority}: {cause}"),
+                remedy: format!(
+                    "grant CAP_SYS_NICE (systemd: AmbientCapabilities=CAP_SYS_NICE) or raise the limit to {priority} (`ulimit -r`; systemd: \
+                     LimitRTPRIO={priority}; now {}); in a control group with cpu.rt_runtime_us that must not be 0",
+                    limit(Resource::Rtprio, 1)
+                ),
+            })?;
+        }
+        if self.lock_memory {
+            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|cause| RealtimeError {
+                setting: "lock_memory",
+                cause: format!("locking memory: {cause}"),
+                remedy: format!(
+                    "grant CAP_IPC_LOCK (systemd: AmbientCapabilities=CAP_IPC_LOCK) or raise the limit (`ulimit -l`; systemd: \
+                     LimitMEMLOCK=infinity; now {} kB, the process has {} kB)",
+                    limit(Resource::Memlock, 1024),
+                    process_kb("VmSize").map_or_else(|| "?".to_owned(), |kb| kb.to_string())
+                ),
+            })?;
+            touch_stack();
+        }
+        if let Some(slack) = self.timer_slack_ns {
+            set_current_timer_slack(Some(slack)).map_err(|cause| RealtimeError {
+                setting: "timer_slack_ns",
+                cause: format!("setting {slack} ns: {cause}"),
+                remedy: "leave it out".to_owned(),
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// A figure of `/proc/self/status` in kB: `VmSize`, `VmLck`, `VmRSS`.
+#[must_use]
+pub fn process_kb(name: &str) -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+fn bind(core: usize) -> io::Result<()> {
+    if core >= CpuSet::MAX_CPU {
+        return Err(io::Error::from(io::ErrorKind::InvalidInput));
+    }
+    let mut set = CpuSet::new();
+    set.set(core);
+    Ok(sched_setaffinity(None, &set)?)
+}
+
+fn allowed_cores() -> String {
+    let status = fs::read_to_string("/proc/thread-self/status").unwrap_or_default();
+    let list = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).map(str::trim);
+    format!("cores {}", list.unwrap_or("?"))
+}
+
+fn limit(resource: Resource, unit: u64) -> String {
+    getrlimit(resource).current.map_or_else(|| "unlimited".to_owned(), |limit| (limit / unit).to_string())
+}
+
+fn set_fifo(priority: i32) -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: a plain system call on the calling thread (0) that reads one structure, which lives through the call.
+    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
+    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+#[inline(never)]
+fn touch_stack() {
+    core::hint::black_box([1_u8; STACK]);
+}

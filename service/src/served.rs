@@ -1,0 +1,188 @@
+//! One IMU as the control thread sees it: its table's file, the tables on their way to the worker, what has been told.
+
+use crate::config::Imu;
+use crate::failure::{Exit, Failure};
+use crate::reload::{Look, TableFile};
+use crate::windows::Windows;
+use crate::worker::channel::Wiring;
+use crate::worker::counters::Counters;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_shared::stream::{self, Ipc, IpcNode};
+use isotherm_shared::table::{CoefficientTable, Digest};
+use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use rtrb::{Producer, RingBuffer};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use tracing::{error, info, warn};
+
+/// Tables on their way to the worker. It takes them at least every few milliseconds; one that finds no room waits for
+/// the next tick.
+const TABLES: usize = 16;
+/// One IMU before its streams exist.
+pub struct Preparation {
+    imu: Imu,
+    file: TableFile,
+    counters: Arc<Counters>,
+    last_error: Option<String>,
+    tables: Tables,
+}
+
+impl Preparation {
+    /// Sends the first table on its way; the worker's end comes along.
+    pub fn new(imu: &Imu, file: TableFile, first: Look) -> (Self, Wiring) {
+        let (queue, taken) = RingBuffer::new(TABLES);
+        let mut tables = Tables { alive: Vec::new(), unsent: None, queue };
+        let last_error = match first {
+            Look::Loaded(table) => {
+                tables.send(Arc::from(table));
+                None
+            }
+            Look::Refused(error) => Some(cut(error.to_string())),
+            Look::Unchanged => None,
+        };
+        let counters = Arc::new(Counters::default());
+        let wiring = Wiring { imu: imu.clone(), tables: taken, counters: Arc::clone(&counters) };
+        (Self { imu: imu.clone(), file, counters, last_error, tables }, wiring)
+    }
+
+    /// Once the worker has created the streams.
+    ///
+    /// # Errors
+    /// If they cannot be opened.
+    pub fn served(self, node: &IpcNode) -> Result<Served, Failure> {
+        let Self { imu, file, counters, last_error, tables } = self;
+        let failed =
+            |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
+        let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let (reloads, windows, told) = (0, Windows::default(), Told::default());
+        Ok(Served { imu, file, counters, reloads, last_error, raw, increments, windows, tables, told })
+    }
+}
+
+/// One IMU as the control thread sees it.
+pub struct Served {
+    /// Name and file.
+    pub imu: Imu,
+    /// The watched file.
+    pub file: TableFile,
+    /// Filled by the worker.
+    pub counters: Arc<Counters>,
+    /// Tables taken over after the first.
+    pub reloads: u64,
+    /// Why the file as it is now is not in force.
+    pub last_error: Option<String>,
+    /// For counting who is connected.
+    pub raw: PortFactory<Ipc, RawSample, ()>,
+    /// For counting who is connected.
+    pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
+    /// Latency of late.
+    pub windows: Windows,
+    tables: Tables,
+    told: Told,
+}
+
+/// Every table that the worker may still hold, the newest last. They are freed here, never by the worker.
+struct Tables {
+    alive: Vec<Arc<CoefficientTable>>,
+    unsent: Option<Arc<CoefficientTable>>,
+    queue: Producer<Arc<CoefficientTable>>,
+}
+
+/// Counter values that have been logged.
+#[derive(Default)]
+struct Told {
+    missing: u64,
+    transport_errors: u64,
+}
+
+impl Tables {
+    fn send(&mut self, table: Arc<CoefficientTable>) {
+        self.alive.push(Arc::clone(&table));
+        self.unsent = Some(table);
+        self.flush();
+    }
+
+    fn flush(&mut self) {
+        if let Some(table) = self.unsent.take()
+            && let Err(rtrb::PushError::Full(table)) = self.queue.push(table)
+        {
+            self.unsent = Some(table);
+        }
+        // The newest is in force, or will be; older ones go when the worker has let go of them.
+        let newest = self.alive.last().map(Arc::clone);
+        self.alive.retain(|table| {
+            Arc::strong_count(table) > 1 || newest.as_ref().is_some_and(|newest| Arc::ptr_eq(table, newest))
+        });
+    }
+
+    fn newest(&self) -> Option<&Arc<CoefficientTable>> {
+        self.alive.last()
+    }
+}
+
+impl Served {
+    /// Hands over what the worker's queue had no room for, and frees what it has let go of.
+    pub fn flush(&mut self) {
+        self.tables.flush();
+    }
+
+    /// Digest of the table that the worker used last or would use now.
+    pub fn digest_in_force(&self) -> Option<&Digest> {
+        let id = self.counters.table.load(Relaxed);
+        self.tables.alive.iter().map(|table| table.digest()).find(|digest| digest.id() == id)
+    }
+
+    /// Takes over what a look at the file has found; `forced` even if it is the table in force.
+    pub fn take(&mut self, look: Look, forced: bool) {
+        let id = &self.imu.id;
+        match look {
+            Look::Unchanged => {}
+            Look::Loaded(table) => {
+                let had_failed = self.last_error.take().is_some();
+                let known = self.tables.newest().is_some_and(|newest| newest.digest() == table.digest());
+                if known && !forced {
+                    if had_failed {
+                        info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
+                    }
+                    return;
+                }
+                info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken");
+                self.reloads += u64::from(self.tables.newest().is_some());
+                self.tables.send(Arc::from(table));
+            }
+            Look::Refused(error) => {
+                let error = cut(error.to_string());
+                if self.last_error.as_ref() != Some(&error) {
+                    warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
+                    self.last_error = Some(error);
+                }
+            }
+        }
+    }
+
+    /// Logs what has been lost since the last time.
+    pub fn tell(&mut self) {
+        let missing = self.counters.missing.load(Relaxed);
+        if missing > self.told.missing {
+            warn!(imu = %self.imu.id, missing, "{} samples were missing in the raw stream", missing - self.told.missing);
+            self.told.missing = missing;
+        }
+        let errors = self.counters.transport_errors.load(Relaxed);
+        if errors > self.told.transport_errors {
+            error!(imu = %self.imu.id, errors, "the transport failed {} times", errors - self.told.transport_errors);
+            self.told.transport_errors = errors;
+        }
+    }
+}
+
+/// What the status has room for; a file can be wrong in many places.
+fn cut(mut text: String) -> String {
+    const MAX: usize = 4096;
+    if text.len() > MAX {
+        let end = (0..=MAX).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        text.truncate(end);
+        text.push_str(" ..");
+    }
+    text
+}

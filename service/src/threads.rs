@@ -1,0 +1,101 @@
+//! What the operating system says of the worker threads: settings in force, processor time, and time held back.
+
+use crate::status::WorkerStatus;
+use std::fs;
+use std::time::{Duration, Instant};
+
+/// `SCHED_FIFO` in `/proc`.
+const FIFO: &str = "1";
+/// A thread with a real-time priority that has been held back for longer within a second has met the kernel's limit.
+const HELD_BACK: Duration = Duration::from_millis(10);
+
+/// One thread of this process, looked at once in a while.
+#[derive(Debug)]
+pub struct Thread {
+    id: i32,
+    imus: Vec<String>,
+    last: Option<(Instant, Times)>,
+    cpu_percent: f64,
+    held_back: Duration,
+}
+
+/// Since the thread began.
+#[derive(Clone, Copy, Debug, Default)]
+struct Times {
+    ran: Duration,
+    waited: Duration,
+}
+
+impl Thread {
+    /// The thread with this id, which serves these IMUs.
+    pub const fn new(id: i32, imus: Vec<String>) -> Self {
+        Self { id, imus, last: None, cpu_percent: 0.0, held_back: Duration::ZERO }
+    }
+
+    /// Looks at what it has done since the last look.
+    pub fn look(&mut self) {
+        let now = (Instant::now(), self.times());
+        if let Some((then, times)) = self.last.replace(now) {
+            let passed = now.0.duration_since(then).as_secs_f64();
+            self.cpu_percent = 100.0 * now.1.ran.saturating_sub(times.ran).as_secs_f64() / passed.max(1e-9);
+            self.held_back = now.1.waited.saturating_sub(times.waited);
+        }
+    }
+
+    /// How long it has been held back between the last two looks, if that is more than a real-time thread should meet.
+    pub fn held_back(&self) -> Option<Duration> {
+        (self.priority().is_some() && self.held_back > HELD_BACK).then_some(self.held_back)
+    }
+
+    /// For the status.
+    pub fn status(&self) -> WorkerStatus {
+        let status = self.read("status");
+        let cores = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
+        // The slack of a thread is in the folder of a process of that number.
+        let slack = fs::read_to_string(format!("/proc/{}/timerslack_ns", self.id));
+        WorkerStatus {
+            thread: self.id,
+            imus: self.imus.clone(),
+            cores: cores.unwrap_or("?").trim().to_owned(),
+            priority: self.priority(),
+            timer_slack_ns: slack.ok().and_then(|slack| slack.trim().parse().ok()),
+            cpu_percent: self.cpu_percent,
+            held_back_ms: self.held_back.as_secs_f64() * 1e3,
+        }
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(format!("/proc/self/task/{}/{name}", self.id)).unwrap_or_default()
+    }
+
+    /// proc_pid_stat(5): behind the name in brackets, field 40 is the priority and 41 the policy.
+    fn priority(&self) -> Option<u32> {
+        let stat = self.read("stat");
+        let fields: Vec<_> = stat.rsplit(") ").next()?.split(' ').collect();
+        (*fields.get(41 - 3)? == FIFO).then(|| fields.get(40 - 3)?.parse().ok())?
+    }
+
+    /// Nanoseconds on a core and in a run queue.
+    fn times(&self) -> Times {
+        let text = self.read("schedstat");
+        let mut numbers = text.split(' ').map(|number| Duration::from_nanos(number.parse().unwrap_or(0)));
+        Times { ran: numbers.next().unwrap_or_default(), waited: numbers.next().unwrap_or_default() }
+    }
+}
+
+/// What the kernel allows real-time threads, as far as it says so.
+pub fn kernels_limit() -> String {
+    let number = |path: &str| fs::read_to_string(path).ok().and_then(|text| text.trim().parse::<i64>().ok());
+    let runtime = number("/proc/sys/kernel/sched_rt_runtime_us");
+    let period = number("/proc/sys/kernel/sched_rt_period_us");
+    let server = number("/sys/kernel/debug/sched/fair_server/cpu0/runtime");
+    let mut limits = Vec::new();
+    if let (Some(runtime), Some(period)) = (runtime, period) {
+        limits.push(match runtime {
+            -1 => "sched_rt_runtime_us -1 (no limit)".to_owned(),
+            _ => format!("sched_rt_runtime_us {runtime} of {period}"),
+        });
+    }
+    limits.extend(server.map(|runtime| format!("fair server {} ms of each second", runtime / 1_000_000)));
+    if limits.is_empty() { "not told".to_owned() } else { limits.join(", ") }
+}
