@@ -33,8 +33,8 @@
 //! * [`IncrementReader`] is for everybody else: navigation, loggers.
 //!
 //! # Guarantees
-//! * Sending and receiving take no lock and make no system call while service and readers stay the same, but the one that
-//!   wakes a service that sleeps; the transport allocates once a sample, after it has been sent.
+//! * Sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same, but
+//!   the one that wakes a service that sleeps.
 //! * Nothing is lost in silence: at most [`Acquisition::depth`] samples are unanswered at once, the next is handed back
 //!   ([`SendError::Full`]) and may wait, be dropped, or be summed with its successor ([`RawSample::merge`]).
 //! * A service that dies and returns is sent again what it had not answered; each answer is handed out once, in order.
