@@ -4,7 +4,7 @@
 //! [`Rc`](std::rc::Rc) that is one allocation a sample for as long as samples flow; here the memory of the sample that
 //! was sent last serves the one that is loaned next, so that a running system allocates nothing.
 //!
-//! Not `Send`, not `Sync`, like `Rc`. The freed blocks are a list of the thread's own, at most [`KEPT`] of them.
+//! Not `Send`, not `Sync`, like `Rc`. The freed blocks are a list of the thread's own, at most 64 of them.
 #![expect(unsafe_code, reason = "no safe reference count lets its memory be chosen")]
 
 use core::cell::{Cell, RefCell};
