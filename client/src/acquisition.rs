@@ -2,16 +2,18 @@
 
 use crate::clock::{Clock, monotonic_ns};
 use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
+use crate::peers::{depth_of, publisher_of, subscribers_of};
 use crate::pending::Pending;
+use crate::resources::reserve;
 use core::fmt;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, IceoryxSend, PortFactory as _};
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_shared::stream::{ImuId, Ipc, IpcNode, RAW_DEPTH};
+use isotherm_shared::stream::{ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
@@ -144,7 +146,9 @@ impl Acquisition {
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
         let deadline = deadline(options.timeout);
         let node = until(deadline, || join_existing(&options.domain))?;
-        until(deadline, || Self::attach(&node, imu, options)).map(|parts| parts(node))
+        let parts = until(deadline, || Self::attach(&node, imu, options))?;
+        reserve(&options.domain)?;
+        Ok(parts(node))
     }
 
     fn attach(
@@ -177,8 +181,14 @@ impl Acquisition {
         })?;
         let depth = depth_of(&raw, &increments);
         let subscriber = increments.subscriber_builder().buffer_size(depth).create();
-        let subscriber =
-            subscriber.map_err(|error| ConnectError::transport("subscribing to the increment stream", error))?;
+        let subscriber = subscriber.map_err(|error| match error {
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                // Dead ones hold their places until they are cleaned away.
+                node.try_cleanup_dead_nodes();
+                ConnectError::NoRoom { imu: imu.clone(), pids: subscribers_of(&increments) }
+            }
+            other => ConnectError::transport("subscribing to the increment stream", other),
+        })?;
         let notifier = wake.notifier_builder().create();
         let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
         let imu = imu.clone();
@@ -432,36 +442,4 @@ fn transport(phase: &'static str, cause: impl ToString) -> TransportError {
 /// A number that no other session is likely to have; the standard library's hash keys are random in every process.
 fn random() -> u64 {
     RandomState::new().hash_one(monotonic_ns())
-}
-
-/// The depth of the service's queue: the subscriber of `raw` that belongs to the node that publishes the increments.
-fn depth_of(
-    raw: &publish_subscribe::PortFactory<Ipc, RawSample, ()>,
-    increments: &publish_subscribe::PortFactory<Ipc, CompensatedIncrement, ()>,
-) -> usize {
-    let (mut service, mut depth) = (None, RAW_DEPTH);
-    increments.dynamic_config().list_publishers(|details| {
-        service = Some(details.node_id);
-        CallbackProgression::Stop
-    });
-    raw.dynamic_config().list_subscribers(|details| {
-        if Some(details.node_id) == service {
-            depth = details.buffer_size;
-        }
-        CallbackProgression::Continue
-    });
-    depth
-}
-
-/// The publisher of a stream that can have only one: its id, which no other ever has, and its process.
-pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
-    stream: &publish_subscribe::PortFactory<Ipc, T, ()>,
-) -> Option<(u128, Option<i32>)> {
-    let mut found = None;
-    stream.dynamic_config().list_publishers(|details| {
-        let pid = details.node_id.pid::<Ipc>().ok().map(|pid| pid.value());
-        found = Some((details.publisher_id.value(), pid));
-        CallbackProgression::Stop
-    });
-    found
 }

@@ -1,9 +1,10 @@
 //! Joining a domain: where it is, how a process gets its node, and how long that may take.
 
-use crate::acquisition::publisher_of;
+use crate::peers::publisher_of;
+use crate::resources::{SHARED_MEMORY, check_room};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
-use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
+use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, INCREMENT_SUBSCRIBERS, ImuId, IpcNode};
 use std::collections::HashMap;
 use std::fs;
 use std::io;
@@ -91,8 +92,13 @@ pub enum ConnectError {
         pid: Option<i32>,
     },
     /// The stream has no room for another reader.
-    #[error("IMU {0}: all reader places are taken; stop one of the readers")]
-    NoRoom(ImuId),
+    #[error("IMU {imu}: all {INCREMENT_SUBSCRIBERS} reader places are taken, by processes {pids:?}; stop one of them")]
+    NoRoom {
+        /// The IMU asked for.
+        imu: ImuId,
+        /// Those that read.
+        pids: Vec<i32>,
+    },
     /// The domain belongs to another user.
     #[error(
         "domain {domain:?} belongs to another user ({root} or its shared memory cannot be opened); run as the service's user"
@@ -106,6 +112,9 @@ pub enum ConnectError {
     /// The domain cannot be used.
     #[error(transparent)]
     Domain(#[from] DomainError),
+    /// The machine has no room, or the process no descriptors left. Says what to do.
+    #[error("{0}")]
+    Exhausted(String),
     /// Anything else that the transport says.
     #[error(
         "transport: {phase}: {cause}; {remedy}",
@@ -143,6 +152,7 @@ pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
 /// [`ConnectError::Permission`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
 pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     check_owner(domain)?;
+    check_room(0)?;
     sweep_half_created(domain);
     let config = domain.config()?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
@@ -181,7 +191,7 @@ pub fn sweep_half_created(domain: &Domain) {
     let mut seen: HashMap<PathBuf, Instant> = HashMap::new();
     loop {
         let mut waiting = false;
-        for (path, age) in in_mode("/dev/shm", &domain.prefix(), 0o200) {
+        for (path, age) in in_mode(SHARED_MEMORY, &domain.prefix(), 0o200) {
             // An age from a clock that was stepped says nothing; having watched it for the limit does.
             let watched = seen.entry(path.clone()).or_insert_with(Instant::now).elapsed();
             if age.is_some_and(|age| age > limit) || watched > limit {
@@ -228,7 +238,7 @@ pub(crate) fn until<T>(
         };
         let now = Instant::now();
         let hopeless = match error {
-            ConnectError::Permission { .. } | ConnectError::Domain(_) => true,
+            ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_) => true,
             ConnectError::NoSuchImu { .. } => now.duration_since(*unserved_since.get_or_insert(now)) > PATIENCE,
             _ => {
                 unserved_since = None;

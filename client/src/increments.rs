@@ -2,6 +2,8 @@
 
 use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
 use crate::once::Once;
+use crate::peers::subscribers_of;
+use crate::resources::reserve;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
@@ -130,9 +132,13 @@ impl IncrementReader {
             other => ConnectError::transport("opening the increment stream", other),
         })?;
         let subscriber = stream.subscriber_builder().create().map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => ConnectError::NoRoom(self.imu.clone()),
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                node.try_cleanup_dead_nodes();
+                ConnectError::NoRoom { imu: self.imu.clone(), pids: subscribers_of(&stream) }
+            }
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;
+        reserve(&self.domain)?;
         self.subscriber = Some(subscriber);
         Ok(())
     }

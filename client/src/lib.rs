@@ -47,10 +47,12 @@ mod clock;
 mod connect;
 mod increments;
 mod once;
+mod peers;
 mod pending;
 mod realtime;
+mod resources;
 
-pub use acquisition::{Acquisition, CompensateError, InFlight, Loan, SendError, TransportError, publisher_of};
+pub use acquisition::{Acquisition, CompensateError, InFlight, Loan, SendError, TransportError};
 pub use clock::{Clock, monotonic_ns};
 pub use connect::{
     ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing,
@@ -59,4 +61,6 @@ pub use connect::{
 pub use increments::IncrementReader;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
+pub use peers::{publisher_of, subscribers_of};
 pub use realtime::{Realtime, RealtimeError, process_kb};
+pub use resources::{check_room, reserve};

@@ -1,6 +1,6 @@
 //! The service's configuration: a file, the command line, or both.
 
-use crate::files::{TableFileError, read_text};
+use crate::files::{Guard, TableFileError, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::{ImuId, RAW_DEPTH};
 use std::collections::BTreeSet;
@@ -112,8 +112,8 @@ impl Config {
     ///
     /// # Errors
     /// Everything that is wrong with the file.
-    pub fn load(path: &Path) -> Result<Self, TableFileError> {
-        let (text, _) = read_text(path)?;
+    pub fn load(path: &Path, guard: Guard) -> Result<Self, TableFileError> {
+        let (text, _) = read_text(path, guard)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::from_toml(&text, folder).map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })
     }

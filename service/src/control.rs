@@ -5,18 +5,24 @@
 
 use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
+use crate::files::Guard;
 use crate::reload::{self, Look, TICK, TableFile};
 use crate::served::{Preparation, Served};
+use crate::sigbus;
 use crate::status::{ImuStatus, Status, StatusPublisher};
-use crate::threads::{self, Thread};
+use crate::systemd::Manager;
+use crate::threads::{self, Change, Thread};
 use crate::worker::Worker;
 use crate::worker::channel::Wiring;
-use isotherm_client::{Realtime, join, monotonic_ns, process_kb};
+use crate::worker::counters::Counters;
+use isotherm_client::{Realtime, check_room, join, monotonic_ns, process_kb, reserve};
 use isotherm_shared::stream::{Domain, IpcNode};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::ffi::OsString;
-use std::sync::atomic::Ordering::Relaxed;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
@@ -37,15 +43,18 @@ enum Event {
 ///
 /// # Errors
 /// Why it could not start or go on.
-pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result<(), Failure> {
+pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Guard) -> Result<(), Failure> {
     let started = Instant::now();
     let (events, inbox) = mpsc::channel();
     forward_signals(events.clone())?;
+    raise_descriptor_limit();
+    let mut manager = Manager::from_environment();
 
-    let (files, first_tables) = load_tables(config, allow_uncalibrated)?;
+    let (files, first_tables) = load_tables(config, allow_uncalibrated, guard)?;
     // Before the threads and the streams, so that all their memory is in.
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
+    check_room(config.imus.len())?;
     let node = join(domain)?;
     let publisher = StatusPublisher::create(&node, domain)?;
 
@@ -67,6 +76,7 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
     }
     let served: Result<Vec<_>, _> = prepared.into_iter().map(|preparation| preparation.served(&node)).collect();
     let mut served = served?;
+    reserve(domain)?;
     let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
     let (_watcher, failures) = reload::watch(&paths, move |name| {
         // The loop has ended when nobody listens any more.
@@ -76,7 +86,9 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool) -> Result
         warn!("watching a table's folder: {cause}; its files are looked at every {} ms instead", TICK.as_millis());
     }
 
-    let service = Service { domain, config, started, node, publisher, threads: threads_of(config, &workers), workers };
+    let threads = threads_of(config, &workers);
+    manager.ready();
+    let service = Service { domain, config, started, node, publisher, threads, workers, manager };
     info!(
         domain = domain.name(),
         imus = config.imus.len(),
@@ -96,6 +108,7 @@ struct Service<'a> {
     publisher: StatusPublisher,
     workers: Vec<Worker>,
     threads: Vec<Thread>,
+    manager: Manager,
 }
 
 impl Service<'_> {
@@ -106,10 +119,12 @@ impl Service<'_> {
             match inbox.recv_timeout(next_tick.saturating_duration_since(Instant::now())) {
                 Ok(Event::Signal(SIGHUP)) => {
                     info!("SIGHUP: loading all tables");
+                    self.manager.reloading();
                     for imu in served.iter_mut() {
                         let look = imu.file.load();
                         imu.take(look, true);
                     }
+                    self.manager.ready();
                 }
                 Ok(Event::Signal(signal)) => {
                     info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
@@ -130,6 +145,7 @@ impl Service<'_> {
             if now >= next_tick {
                 next_tick = now + TICK;
                 look_at_all(served);
+                self.feel_workers(now);
             }
             if self.workers.iter().any(Worker::is_finished) {
                 return stop_all(self.workers).and(Err(Failure::new(Exit::Failed, "a worker thread ended by itself")));
@@ -155,6 +171,7 @@ impl Service<'_> {
                         );
                     }
                 }
+                self.manager.status(&summary(served));
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
                 next_status = now + STATUS;
@@ -166,6 +183,24 @@ impl Service<'_> {
                 }
                 unpublished = result.is_err();
             }
+        }
+    }
+
+    /// Tells of workers that have come to stand still. While none does, the service manager is told that all is well.
+    fn feel_workers(&mut self, now: Instant) {
+        for (index, thread) in self.threads.iter_mut().enumerate() {
+            match thread.feel() {
+                Some(Change::StandsStill) => error!(
+                    worker = index,
+                    imus = thread.imus(),
+                    "stands still: its loop has not turned for a second, its IMUs are not served; if it stays so, restart the service"
+                ),
+                Some(Change::Moves) => info!(worker = index, imus = thread.imus(), "moves again"),
+                None => {}
+            }
+        }
+        if !self.threads.iter().any(Thread::stands_still) {
+            self.manager.alive(now);
         }
     }
 
@@ -184,11 +219,12 @@ impl Service<'_> {
         }
     }
 
-    fn stop(self, served: &mut [Served]) -> Result<(), Failure> {
+    fn stop(mut self, served: &mut [Served]) -> Result<(), Failure> {
+        self.manager.stopping();
         stop_all(self.workers)?;
         for imu in served {
             imu.tell();
-            let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Relaxed);
+            let count = |counter: &AtomicU64| counter.load(Relaxed);
             let counters = &imu.counters;
             info!(imu = %imu.imu.id, received = count(&counters.received), compensated = count(&counters.compensated), missing = count(&counters.missing), "stopped");
         }
@@ -227,15 +263,33 @@ fn start_workers(
 }
 
 fn stop_all(workers: Vec<Worker>) -> Result<(), Failure> {
-    workers.into_iter().map(Worker::stop).fold(Ok(()), Result::and)
+    workers.iter().for_each(Worker::tell_to_stop);
+    workers.into_iter().map(Worker::join).fold(Ok(()), Result::and)
 }
 
 fn threads_of(config: &Config, workers: &[Worker]) -> Vec<Thread> {
     let of = |(index, worker): (usize, &Worker)| {
         let imus = config.imus.iter().filter(|imu| imu.worker == index).map(|imu| imu.id.to_string());
-        Thread::new(worker.thread_id, imus.collect())
+        Thread::new(worker.thread_id, imus.collect(), Arc::clone(&worker.pulse))
     };
     workers.iter().enumerate().map(of).collect()
+}
+
+/// A service needs some 16 descriptors an IMU, and a few for each client: more than the usual soft limit with many of them.
+fn raise_descriptor_limit() {
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    // If it stays, so be it: what is missing then says so itself.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+}
+
+/// One line for the service manager.
+fn summary(served: &[Served]) -> String {
+    let sum = |counter: fn(&Counters) -> &AtomicU64| {
+        served.iter().map(|imu| counter(&imu.counters).load(Relaxed)).sum::<u64>()
+    };
+    let (compensated, missing) = (sum(|counters| &counters.compensated), sum(|counters| &counters.missing));
+    let refused = served.iter().filter(|imu| imu.last_error.is_some()).count();
+    format!("{} IMUs, {compensated} increments, {missing} samples missing, {refused} table files refused", served.len())
 }
 
 fn look_at_all(served: &mut [Served]) {
@@ -248,6 +302,7 @@ fn look_at_all(served: &mut [Served]) {
 
 fn forward_signals(events: mpsc::Sender<Event>) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
+    sigbus::explain().map_err(failed)?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
     let body = move || {
         for signal in signals.forever() {
@@ -260,8 +315,13 @@ fn forward_signals(events: mpsc::Sender<Event>) -> Result<(), Failure> {
 }
 
 /// Loads every table, and reports the faults of all of them together.
-fn load_tables(config: &Config, allow_uncalibrated: bool) -> Result<(Vec<TableFile>, Vec<Look>), Failure> {
-    let mut files: Vec<_> = config.imus.iter().map(|imu| TableFile::new(imu.id.clone(), imu.table.clone())).collect();
+fn load_tables(
+    config: &Config,
+    allow_uncalibrated: bool,
+    guard: Guard,
+) -> Result<(Vec<TableFile>, Vec<Look>), Failure> {
+    let mut files: Vec<_> =
+        config.imus.iter().map(|imu| TableFile::new(imu.id.clone(), imu.table.clone(), guard)).collect();
     let looks: Vec<_> = files.iter_mut().map(TableFile::load).collect();
     let mut failures = Vec::new();
     for (imu, look) in config.imus.iter().zip(&looks) {

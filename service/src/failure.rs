@@ -60,6 +60,7 @@ impl From<ConnectError> for Failure {
         let exit = match error {
             ConnectError::NoService(_) | ConnectError::NoSuchImu { .. } => Exit::Unavailable,
             ConnectError::Domain(_) => Exit::Usage,
+            ConnectError::Exhausted(_) => Exit::Io,
             _ => Exit::Failed,
         };
         Self::new(exit, error.to_string())

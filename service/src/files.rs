@@ -76,11 +76,27 @@ impl fmt::Display for TableFileError {
     }
 }
 
+/// Whether a file that everybody may write is refused.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Guard {
+    /// Refused: what the service follows is in the hands of every user of the machine.
+    Strict,
+    /// Taken: one who runs a command names its files.
+    Lax,
+}
+
+impl Guard {
+    /// As `--allow-world-writable` says.
+    pub const fn allowing(world_writable: bool) -> Self {
+        if world_writable { Self::Lax } else { Self::Strict }
+    }
+}
+
 /// The text of a table or configuration with the state of the file that it was read from.
 ///
 /// # Errors
-/// If it cannot be read, is no regular file, over 1 MiB, not UTF-8, or changes while it is read.
-pub fn read_text(path: &Path) -> Result<(String, Identity), TableFileError> {
+/// If it cannot be read, may be written by everybody though guarded, is no regular file, over 1 MiB, not UTF-8, or changes while it is read.
+pub fn read_text(path: &Path, guard: Guard) -> Result<(String, Identity), TableFileError> {
     let io = |error: io::Error| TableFileError::Io { path: path.to_owned(), cause: error.to_string() };
     let refused = |line, message: String| TableFileError::Refused {
         path: path.to_owned(),
@@ -91,6 +107,10 @@ pub fn read_text(path: &Path) -> Result<(String, Identity), TableFileError> {
     let before = file.metadata().map_err(io)?;
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));
+    }
+    if guard == Guard::Strict && before.mode() & 0o002 != 0 {
+        let path = path.display();
+        return Err(refused(1, format!("everybody may write it; chmod o-w {path}, or give --allow-world-writable")));
     }
     let mut bytes = Vec::new();
     (&mut file).take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
@@ -115,8 +135,12 @@ pub fn read_text(path: &Path) -> Result<(String, Identity), TableFileError> {
 ///
 /// # Errors
 /// Everything that is wrong with the file.
-pub fn load_table(path: &Path, expected: Option<&ImuId>) -> Result<(CoefficientTable, Identity), TableFileError> {
-    let (text, identity) = read_text(path)?;
+pub fn load_table(
+    path: &Path,
+    expected: Option<&ImuId>,
+    guard: Guard,
+) -> Result<(CoefficientTable, Identity), TableFileError> {
+    let (text, identity) = read_text(path, guard)?;
     let table = CoefficientTable::from_toml(&text, expected);
     let table = table.map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })?;
     Ok((table, identity))

@@ -5,7 +5,7 @@
 //! target written, a file system that does not notify). A file that was renamed or closed is loaded at once; one that is
 //! just seen to differ, or that is not good, must have stayed the same for [`SETTLE`] first: its writer may not be done.
 
-use crate::files::{Identity, TableFileError, load_table};
+use crate::files::{Guard, Identity, TableFileError, load_table};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
@@ -61,6 +61,7 @@ pub fn watch(
 pub struct TableFile {
     imu: ImuId,
     path: PathBuf,
+    guard: Guard,
     /// The state that was loaded or refused last.
     seen: Option<Identity>,
     /// A new state and since when it has been seen.
@@ -80,8 +81,8 @@ pub enum Look {
 
 impl TableFile {
     /// The file of `imu`'s table, not looked at yet.
-    pub const fn new(imu: ImuId, path: PathBuf) -> Self {
-        Self { imu, path, seen: None, candidate: None }
+    pub const fn new(imu: ImuId, path: PathBuf, guard: Guard) -> Self {
+        Self { imu, path, guard, seen: None, candidate: None }
     }
 
     /// Where it is.
@@ -93,7 +94,7 @@ impl TableFile {
     pub fn load(&mut self) -> Look {
         self.candidate = None;
         self.seen = Identity::of(&self.path);
-        match load_table(&self.path, Some(&self.imu)) {
+        match load_table(&self.path, Some(&self.imu), self.guard) {
             Ok((table, identity)) => {
                 self.seen = Some(identity);
                 Look::Loaded(Box::new(table))
@@ -143,7 +144,7 @@ mod tests {
     fn file(folder: &tempfile::TempDir) -> TableFile {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
-        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path);
+        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, Guard::Strict);
         assert!(matches!(file.load(), Look::Loaded(_)));
         file
     }

@@ -62,6 +62,8 @@ pub struct WorkerStatus {
     pub cpu_percent: f64,
     /// Time in the last second in which it could have run and did not, since others did or the kernel held it back \[ms\].
     pub held_back_ms: f64,
+    /// Whether its loop has not turned for a second: its IMUs are not served.
+    pub stands_still: bool,
 }
 
 /// A domain, as iceoryx2's configuration wants it.

@@ -1,13 +1,18 @@
 //! What the operating system says of the worker threads: settings in force, processor time, and time held back.
 
+use crate::reload::TICK;
 use crate::status::WorkerStatus;
 use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 /// `SCHED_FIFO` in `/proc`.
 const FIFO: &str = "1";
 /// A thread with a real-time priority that has been held back for longer within a second has met the kernel's limit.
 const HELD_BACK: Duration = Duration::from_millis(10);
+/// A worker that has not moved for so many looks in a row, the control loop's, stands still: a second.
+const STILL: u32 = (1_000 / TICK.as_millis()) as u32;
 
 /// One thread of this process, looked at once in a while.
 #[derive(Debug)]
@@ -17,6 +22,18 @@ pub struct Thread {
     last: Option<(Instant, Times)>,
     cpu_percent: f64,
     held_back: Duration,
+    pulse: Arc<AtomicU64>,
+    last_pulse: u64,
+    looks_without: u32,
+}
+
+/// What [`Thread::feel`] tells.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Change {
+    /// The loop has not turned for a second.
+    StandsStill,
+    /// It turns again.
+    Moves,
 }
 
 /// Since the thread began.
@@ -28,8 +45,33 @@ struct Times {
 
 impl Thread {
     /// The thread with this id, which serves these IMUs.
-    pub const fn new(id: i32, imus: Vec<String>) -> Self {
-        Self { id, imus, last: None, cpu_percent: 0.0, held_back: Duration::ZERO }
+    pub const fn new(id: i32, imus: Vec<String>, pulse: Arc<AtomicU64>) -> Self {
+        let (last_pulse, looks_without) = (0, 0);
+        Self { id, imus, last: None, cpu_percent: 0.0, held_back: Duration::ZERO, pulse, last_pulse, looks_without }
+    }
+
+    /// Looks whether its loop has turned. Looks are counted, not time: when the whole process is stopped none are taken. Tells when it has come to
+    /// stand still, and when it moves again.
+    pub fn feel(&mut self) -> Option<Change> {
+        let pulse = self.pulse.load(Relaxed);
+        if pulse == self.last_pulse {
+            self.looks_without = self.looks_without.saturating_add(1);
+            (self.looks_without == STILL).then_some(Change::StandsStill)
+        } else {
+            let stood_still = self.stands_still();
+            (self.last_pulse, self.looks_without) = (pulse, 0);
+            stood_still.then_some(Change::Moves)
+        }
+    }
+
+    /// Whether its loop has not turned for a second.
+    pub const fn stands_still(&self) -> bool {
+        self.looks_without >= STILL
+    }
+
+    /// The IMUs that it serves, for messages.
+    pub fn imus(&self) -> String {
+        self.imus.join(", ")
     }
 
     /// Looks at what it has done since the last look.
@@ -61,6 +103,7 @@ impl Thread {
             timer_slack_ns: slack.ok().and_then(|slack| slack.trim().parse().ok()),
             cpu_percent: self.cpu_percent,
             held_back_ms: self.held_back.as_secs_f64() * 1e3,
+            stands_still: self.stands_still(),
         }
     }
 

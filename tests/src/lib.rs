@@ -150,7 +150,32 @@ impl World {
 
     /// Starts `isotherm` in the background.
     pub fn spawn(&self, arguments: &[&str]) -> Process {
-        let mut child = self.isotherm(arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        self.start(self.isotherm(arguments))
+    }
+
+    /// As [`isotherm`](Self::isotherm), started by a shell that has done something before, `unshare` of its mounts included.
+    pub fn isotherm_after(&self, unshare: &[&str], preparation: &str, arguments: &[&str]) -> Command {
+        let plain = self.isotherm(arguments);
+        let mut command = match unshare {
+            [] => Command::new("sh"),
+            options => {
+                let mut command = Command::new("unshare");
+                command.args(options).arg("sh");
+                command
+            }
+        };
+        command
+            .args(["-c", &format!("{preparation} && exec \"$0\" \"$@\"")])
+            .arg(plain.get_program())
+            .args(plain.get_args());
+        command.envs(plain.get_envs().filter_map(|(name, value)| Some((name, value?)))).env_remove("ISOTHERM_LOG");
+        command.stdin(Stdio::null()).current_dir(self.folder.path());
+        command
+    }
+
+    /// Starts a command in the background.
+    pub fn start(&self, mut command: Command) -> Process {
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         self.alive.lock().unwrap().push(child.id());
         let alive = Arc::clone(&self.alive);
         let log = Arc::<(Mutex<Vec<String>>, Condvar)>::default();
@@ -223,6 +248,12 @@ impl Process {
         let enough = |lines: &mut Vec<String>| lines.iter().filter(|line| line.contains(text)).count() < count;
         let (lines, waited) = bell.wait_timeout_while(lines.lock().unwrap(), PATIENCE, enough).unwrap();
         assert!(!waited.timed_out(), "{count} x {text:?} did not come into the log:\n{}", lines.join("\n"));
+    }
+
+    /// Whether it has ended.
+    pub fn has_ended(&self) -> bool {
+        fs::read_to_string(format!("/proc/{}/stat", self.pid()))
+            .map_or(true, |stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('Z')))
     }
 
     /// Sends a signal.
@@ -309,6 +340,23 @@ pub fn binary() -> PathBuf {
 /// An IMU's id.
 pub fn id(name: &str) -> ImuId {
     name.parse().unwrap()
+}
+
+/// Whether this user may have mounts of its own.
+pub fn may_mount() -> bool {
+    let tried = Command::new("unshare").args(["-m", "mount", "-t", "tmpfs", "tmpfs", "/dev/shm"]).output();
+    let may = tried.is_ok_and(|output| output.status.success());
+    if !may {
+        eprintln!("not tested: this user may not mount");
+    }
+    may
+}
+
+/// The thread of a process that has this name.
+pub fn thread_of(pid: u32, name: &str) -> i32 {
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten();
+    let mut named = tasks.filter(|task| fs::read_to_string(task.path().join("comm")).unwrap().trim() == name);
+    named.next().unwrap().file_name().into_string().unwrap().parse().unwrap()
 }
 
 /// Bytes as text.

@@ -1,7 +1,7 @@
 //! What the hot loop and the client do not do while samples flow: allocate, and, when spinning, call the system. Seen from outside.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{PATIENCE, TABLE, World, wait_until};
+use isotherm_tests::{PATIENCE, TABLE, World, thread_of, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
@@ -102,7 +102,7 @@ fn spinning_makes_no_system_call_on_either_side() {
         client.go_on();
         let received = || world.imu_status()["received"].as_u64().unwrap();
         wait_until("samples", || received() > 5_000);
-        let worker = thread_of(service.pid(), "worker-0");
+        let worker = Pid::from_raw(thread_of(service.pid(), "worker-0"));
         let main = Pid::from_raw(client.child.id().cast_signed());
         for thread in [worker, main] {
             let before = received();
@@ -120,13 +120,6 @@ fn spinning_makes_no_system_call_on_either_side() {
             }
         }
     }
-}
-
-/// The thread of a process that has this name.
-fn thread_of(pid: u32, name: &str) -> Pid {
-    let tasks = fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten();
-    let mut named = tasks.filter(|task| fs::read_to_string(task.path().join("comm")).unwrap().trim() == name);
-    Pid::from_raw(named.next().unwrap().file_name().into_string().unwrap().parse().unwrap())
 }
 
 /// System calls of a thread within a time; `None` if it may not be traced.

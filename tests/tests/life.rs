@@ -137,13 +137,14 @@ fn an_imu_that_is_not_served_is_named() {
     service.terminate();
 }
 
-/// What a process leaves that is killed while it creates something, old enough to be recognised and just begun.
+/// What a process leaves that is killed while it creates something: old enough to be recognised, just begun, and of a time that
+/// is still to come, since the clock has been set back.
 #[test]
 fn half_created_leftovers_do_not_keep_a_service_from_starting() {
-    for age in [Duration::from_secs(60), Duration::ZERO] {
+    let now = SystemTime::now();
+    for modified in [now - Duration::from_secs(60), now, now + Duration::from_secs(3_600)] {
         let world = World::new();
         world.serve_recording().kill();
-        let modified = SystemTime::now() - age;
         let half_create = |path: &std::path::Path, mode: u32| {
             let file = File::options().write(true).create(true).truncate(mode == 0o200).open(path).unwrap();
             file.set_modified(modified).unwrap();
@@ -283,4 +284,48 @@ fn an_interrupted_feed_leaves_no_half_of_a_file() {
         );
         service.terminate();
     }
+}
+
+/// What the service has of the machine: descriptors, objects in shared memory, files of its domain, resident memory in kB.
+fn holdings(world: &World, pid: u32) -> [usize; 4] {
+    let count = |folder: &str| fs::read_dir(folder).map_or(0, Iterator::count);
+    let prefix = world.domain().prefix();
+    let objects = fs::read_dir("/dev/shm").unwrap().flatten();
+    let objects = objects.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix)).count();
+    let root = world.domain().root_path();
+    let files = ["", "/nodes", "/services"].iter().map(|folder| count(&format!("{root}{folder}"))).sum();
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix(" kB")).unwrap();
+    [count(&format!("/proc/{pid}/fd")), objects, files, resident.trim().parse().unwrap()]
+}
+
+#[test]
+fn clients_that_come_and_go_or_are_killed_leave_nothing_with_the_service() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let sample = recording()[0];
+    let live = |count: usize| {
+        for life in 0..count {
+            let mut reader = world.reader("imu-a");
+            let mut acquisition = world.acquisition("imu-a");
+            round_trip(&mut acquisition, &sample);
+            assert!(reader.receive().unwrap().is_some());
+            if life % 10 == 0 {
+                drop(acquisition);
+                let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
+                wait_until("the feed", || reader.receive().unwrap().is_some());
+                feed.kill();
+            }
+        }
+        // The dead are cleaned away; what the service has mapped of them it lets go of with the next answer.
+        wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
+        round_trip(&mut world.acquisition("imu-a"), &sample);
+        wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
+        holdings(&world, service.pid())
+    };
+    let before = live(40);
+    let after = live(160);
+    assert!(after[0] <= before[0] && after[1] <= before[1] && after[2] <= before[2], "{before:?} -> {after:?}");
+    assert!(after[3] < before[3] + 1024, "resident memory [kB]: {before:?} -> {after:?}");
+    service.terminate();
 }

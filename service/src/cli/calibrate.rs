@@ -1,6 +1,6 @@
 use super::{Aside, apart};
 use crate::failure::{Exit, Failure};
-use crate::files::{TableFileError, open_recording, read_text};
+use crate::files::{Guard, TableFileError, open_recording, read_text};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use isotherm_calibration::calibrate::{
@@ -124,7 +124,7 @@ impl Calibrate {
 
 /// A campaign file with its text.
 pub fn load_campaign(path: &Path) -> Result<(String, Campaign), Failure> {
-    let (text, _) = read_text(path)?;
+    let (text, _) = read_text(path, Guard::Lax)?;
     let campaign = Campaign::from_toml(&text);
     let campaign = campaign.map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })?;
     Ok((text, campaign))

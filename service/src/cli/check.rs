@@ -1,7 +1,7 @@
 use super::written;
 use crate::config::Config;
 use crate::failure::{Exit, Failure};
-use crate::files::{Output, TableFileError, load_table, read_text};
+use crate::files::{Guard, Output, TableFileError, load_table, read_text};
 use clap::Args;
 use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
@@ -21,6 +21,9 @@ pub struct Check {
     /// Write a table's digest into it, so that a later change or a half-written copy is noticed
     #[arg(long)]
     seal: bool,
+    /// Take files that everybody may write; without this they are refused, as by the service
+    #[arg(long)]
+    allow_world_writable: bool,
     /// Tables, configurations and campaign files; - is stdin
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -37,7 +40,7 @@ impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let mut failures = Vec::new();
         for path in &self.files {
-            match check(path, self.seal) {
+            match check(path, self.seal, Guard::allowing(self.allow_world_writable)) {
                 Ok(line) => written(None, writeln!(io::stdout(), "{}: {line}", path.display()))?,
                 Err(failure) => failures.push(failure),
             }
@@ -49,8 +52,8 @@ impl Check {
     }
 }
 
-fn check(path: &Path, seal: bool) -> Result<String, Failure> {
-    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path)?.0 };
+fn check(path: &Path, seal: bool, guard: Guard) -> Result<String, Failure> {
+    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, guard)?.0 };
     let refuse = |faults| Failure::from(TableFileError::Refused { path: path.to_owned(), faults });
     match kind(&text).map_err(refuse)? {
         Kind::Table if seal && path == Path::new("-") => {
@@ -86,7 +89,7 @@ fn check(path: &Path, seal: bool) -> Result<String, Failure> {
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let mut failures = Vec::new();
             for imu in &config.imus {
-                if let Err(error) = load_table(&imu.table, Some(&imu.id)) {
+                if let Err(error) = load_table(&imu.table, Some(&imu.id), guard) {
                     failures.push(Failure::from(error));
                 }
             }

@@ -1,6 +1,6 @@
 use super::{apart, written};
 use crate::failure::Failure;
-use crate::files::{Output, load_table, open_recording};
+use crate::files::{Guard, Output, load_table, open_recording};
 use clap::Args;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::recording::{IncrementWriter, RawReader};
@@ -28,7 +28,7 @@ pub struct Replay {
 impl Replay {
     pub fn run(self) -> Result<(), Failure> {
         apart(&[(&self.recording, "the recording itself"), (&self.table, "the table")], &[self.output.as_deref()])?;
-        let (table, _) = load_table(&self.table, None)?;
+        let (table, _) = load_table(&self.table, None, Guard::Lax)?;
         let source = open_recording(&self.recording);
         let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
         let failed = |error| Failure::recording(&self.recording, &error);

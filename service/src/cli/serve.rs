@@ -1,6 +1,7 @@
 use crate::config::{Config, Imu, MAX_IMUS};
 use crate::control;
 use crate::failure::{Exit, Failure};
+use crate::files::Guard;
 use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
@@ -23,6 +24,9 @@ pub struct Serve {
     /// Serve an IMU whose table file does not exist yet: NaN until it appears
     #[arg(long)]
     allow_uncalibrated: bool,
+    /// Take a configuration or tables that everybody may write; without this they are refused
+    #[arg(long)]
+    allow_world_writable: bool,
     /// Log lines for people or for machines
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     log_format: LogFormat,
@@ -31,8 +35,9 @@ pub struct Serve {
 impl Serve {
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
+        let guard = Guard::allowing(self.allow_world_writable);
         let mut config = match &self.config {
-            Some(path) => Config::load(path)?,
+            Some(path) => Config::load(path, guard)?,
             None => Config::default(),
         };
         for imu in self.imu {
@@ -48,7 +53,7 @@ impl Serve {
             );
             return Err(Failure::new(Exit::Usage, message));
         }
-        control::run(domain, &config, self.allow_uncalibrated)
+        control::run(domain, &config, self.allow_uncalibrated, guard)
     }
 }
 

@@ -3,7 +3,7 @@ use super::parse::{
 };
 use super::{PAPER, seconds, written};
 use crate::failure::{Exit, Failure};
-use crate::files::{Output, load_table};
+use crate::files::{Guard, Output, load_table};
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -227,7 +227,7 @@ impl Common {
             Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
         };
         let given = match &self.truth {
-            Some(path) => load_table(path, None)?.0,
+            Some(path) => load_table(path, None, Guard::Lax)?.0,
             None => {
                 let paper = CoefficientTable::from_toml(PAPER, None);
                 paper.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?

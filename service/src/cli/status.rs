@@ -94,5 +94,6 @@ fn describe_worker(text: &mut String, index: usize, worker: &WorkerStatus) -> st
         worker.cores,
         worker.cpu_percent,
         worker.held_back_ms
-    )
+    )?;
+    if worker.stands_still { writeln!(text, "  STANDS STILL: its IMUs are not served") } else { Ok(()) }
 }

@@ -2,7 +2,7 @@ use super::calibrate::{bytes_bar, now, tool};
 use super::parse::{direction, gravity};
 use super::{Aside, apart, seconds, written};
 use crate::failure::{Exit, Failure};
-use crate::files::{load_table, open_recording};
+use crate::files::{Guard, load_table, open_recording};
 use clap::Args;
 use isotherm_calibration::report::verification::{Source, html};
 use isotherm_calibration::stability::{Collector, Force, Setup, Stability};
@@ -54,7 +54,7 @@ impl Verify {
     pub fn run(self) -> Result<(), Failure> {
         let inputs = [(self.recording.as_path(), "the recording"), (&self.table, "the table")];
         apart(&inputs, &[self.report.as_deref()])?;
-        let (table, _) = load_table(&self.table, None)?;
+        let (table, _) = load_table(&self.table, None, Guard::Lax)?;
         let report = self.report.as_deref().map(|path| Aside::create(Some(path))).transpose()?;
         let source = open_recording(&self.recording);
         let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;

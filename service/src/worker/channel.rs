@@ -9,9 +9,9 @@ use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::sample_mut::SampleMut;
-use isotherm_client::Clock;
+use isotherm_client::{Clock, subscribers_of};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
+use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use rtrb::Consumer;
@@ -84,7 +84,16 @@ impl Channel {
                 other => Trouble::Other(other.to_string()),
             })
         })?;
-        let subscriber = create(node, domain, &name("raw subscriber"), taken, || {
+        let crowded = || {
+            Failure::new(
+                Exit::Failed,
+                format!(
+                    "reading the raw stream of IMU {id}: all {RAW_SUBSCRIBERS} places are taken, by processes {:?}; stop one of them",
+                    subscribers_of(&raw)
+                ),
+            )
+        };
+        let subscriber = create(node, domain, &name("raw subscriber"), crowded, || {
             raw.subscriber_builder().buffer_size(depth).create().map_err(|error| match error {
                 SubscriberCreateError::ExceedsMaxSupportedSubscribers => Trouble::Taken,
                 other => Trouble::Other(other.to_string()),

@@ -18,21 +18,27 @@ use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
 use bells::Bells;
 use channel::{Channel, Wiring};
+use counters::bump;
 use iceoryx2::port::listener::Listener;
 use isotherm_client::{Clock, Realtime, join};
 use isotherm_shared::stream::{Domain, Ipc, RAW_DEPTH};
 use std::iter;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use wait::{Wait, Waiter};
+
+/// How long a worker that has been told to stop may take to end.
+const STOPPING: Duration = Duration::from_secs(2);
 
 /// A running worker.
 pub struct Worker {
     /// Its thread's id in the operating system.
     pub thread_id: i32,
+    /// Rises with every turn of its loop, that is at least every [`wait::BOUND_NS`].
+    pub pulse: Arc<AtomicU64>,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
@@ -49,18 +55,18 @@ impl Worker {
         wirings: Vec<Wiring>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let stop = Arc::new(AtomicBool::new(false));
+        let (stop, pulse) = <(Arc<AtomicBool>, Arc<AtomicU64>)>::default();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
-            let (stop, domain, config) = (Arc::clone(&stop), domain.clone(), config.clone());
-            move || run(&domain, &config, index, wirings, &stop, &ready)
+            let (stop, pulse, domain, config) = (Arc::clone(&stop), Arc::clone(&pulse), domain.clone(), config.clone());
+            move || run(&domain, &config, index, wirings, (&stop, &pulse), &ready)
         };
         let thread = thread::Builder::new().name(format!("worker-{index}")).spawn(body);
         let thread =
             thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
         loop {
             match started.recv_timeout(Duration::from_millis(20)) {
-                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, stop, thread })),
+                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, pulse, stop, thread })),
                 Ok(Err(failure)) => return Err(failure),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
@@ -76,12 +82,26 @@ impl Worker {
         self.thread.is_finished()
     }
 
-    /// Lets it answer what has arrived and end.
+    /// Has it answer what has arrived and end.
+    pub fn tell_to_stop(&self) {
+        self.stop.store(true, Relaxed);
+    }
+
+    /// Waits for its end, after [`tell_to_stop`](Self::tell_to_stop).
     ///
     /// # Errors
-    /// If it had panicked.
-    pub fn stop(self) -> Result<(), Failure> {
-        self.stop.store(true, Relaxed);
+    /// If it had panicked, or does not end.
+    pub fn join(self) -> Result<(), Failure> {
+        let begun = Instant::now();
+        while !self.thread.is_finished() {
+            if begun.elapsed() > STOPPING {
+                return Err(Failure::new(
+                    Exit::Failed,
+                    format!("a worker thread does not end within {} s", STOPPING.as_secs()),
+                ));
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
         self.thread.join().map_err(|panic| {
             let cause = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
             let cause = cause.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
@@ -98,7 +118,7 @@ fn run(
     config: &Config,
     index: usize,
     wirings: Vec<Wiring>,
-    stop: &AtomicBool,
+    (stop, pulse): (&AtomicBool, &AtomicU64),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
     let (mut channels, listeners) = match open(domain, config, index, wirings) {
@@ -109,7 +129,7 @@ fn run(
         }
     };
     let _ = ready.send(Ok(rustix::thread::gettid().as_raw_nonzero().get()));
-    serve(&mut channels, &listeners, config, stop);
+    serve(&mut channels, &listeners, config, stop, pulse);
 }
 
 fn open(
@@ -138,12 +158,13 @@ fn open(
 }
 
 /// The hot loop.
-fn serve(channels: &mut [Channel], listeners: &[Listener<Ipc>], config: &Config, stop: &AtomicBool) {
+fn serve(channels: &mut [Channel], listeners: &[Listener<Ipc>], config: &Config, stop: &AtomicBool, pulse: &AtomicU64) {
     let mut clock = Clock::new();
     let mut waiter = Waiter::new(config.strategy, channels.len());
     let mut bells = Bells::new(listeners);
     let mut latest = 0;
     loop {
+        bump(pulse);
         let mut served = false;
         for turn in 0..channels.len() {
             // Between any two others the one that was served last is looked at again: beside idle IMUs its next sample waits for
@@ -175,5 +196,42 @@ fn serve(channels: &mut [Channel], listeners: &[Listener<Ipc>], config: &Config,
             Wait::Spin => core::hint::spin_loop(),
             Wait::Sleep(time) => bells.sleep(now, time),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn worker(body: impl FnOnce(&AtomicBool) + Send + 'static) -> Worker {
+        let stop = Arc::<AtomicBool>::default();
+        let thread = {
+            let stop = Arc::clone(&stop);
+            thread::spawn(move || body(&stop))
+        };
+        Worker { thread_id: 0, pulse: Arc::default(), stop, thread }
+    }
+
+    #[test]
+    fn a_panic_becomes_the_failure_that_ends_the_process() {
+        let failed = worker(|_| panic!("index out of bounds")).join().unwrap_err();
+        assert_eq!(failed.exit, Exit::Failed);
+        assert!(failed.message.contains("a worker thread panicked (index out of bounds)"), "{failed}");
+    }
+
+    #[test]
+    fn one_that_does_not_end_is_not_waited_for() {
+        let (told, over) = mpsc::channel::<()>();
+        let stuck = worker(move |_| drop(over.recv()));
+        stuck.tell_to_stop();
+        assert!(stuck.join().unwrap_err().message.contains("does not end within"));
+        drop(told);
+        let obedient = worker(|stop| {
+            while !stop.load(Relaxed) {
+                thread::yield_now();
+            }
+        });
+        obedient.tell_to_stop();
+        obedient.join().unwrap();
     }
 }

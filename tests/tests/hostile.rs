@@ -1,0 +1,289 @@
+//! Peers that are careless or mean: the service goes on, serves the others exactly, and says what is wrong.
+#![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use iceoryx2::port::subscriber::Subscriber;
+use isotherm_client::{Acquisition, ConnectError, Options, RawSample, join};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::stream::{INCREMENT_SUBSCRIBERS, Ipc, IpcNode, RAW_SUBSCRIBERS};
+use isotherm_tests::{RUN, TABLE, World, binary, id, recording, round_trip, table, text, wait_until};
+use std::fs::{self, File, Permissions};
+use std::os::unix::fs::{FileExt as _, PermissionsExt as _, chown};
+use std::os::unix::process::CommandExt as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// A service for `imu-a` and `imu-b`.
+fn serve_two(world: &World) -> isotherm_tests::Process {
+    world.write("imu-a.toml", TABLE);
+    world.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
+    world.serve(&["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"])
+}
+
+/// That an IMU is served exactly.
+fn serves(acquisition: &mut Acquisition, samples: &[RawSample]) {
+    let exact = table(TABLE);
+    for sample in samples {
+        let increment = round_trip(acquisition, sample);
+        let raw = RawSample { session: increment.session, sequence: increment.sequence, ..*sample };
+        let expected = answer(Some(&exact), &raw);
+        assert_eq!(increment.velocity_increment.map(f64::to_bits), expected.velocity_increment.map(f64::to_bits));
+    }
+}
+
+fn publisher(node: &IpcNode, imu: &str) -> iceoryx2::port::publisher::Publisher<Ipc, RawSample, ()> {
+    let raw = node.service_builder(&id(imu).raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let discard = iceoryx2::prelude::BackpressureStrategy::DiscardData;
+    raw.publisher_builder().backpressure_strategy(discard).create().unwrap()
+}
+
+#[test]
+fn a_flood_on_one_imu_does_not_starve_the_other() {
+    let world = World::new();
+    let service = serve_two(&world);
+    let mut acquisition = world.acquisition("imu-a");
+    let over = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let node = join(world.domain()).unwrap();
+            let flood = publisher(&node, "imu-b");
+            let mut sequence = 0_u64;
+            while !over.load(Ordering::Relaxed) {
+                // Jumps, repeats and rates that no hardware has.
+                sequence = if sequence.is_multiple_of(7) { sequence.wrapping_add(u64::MAX / 3) } else { sequence + 1 };
+                let _ = flood.send_copy(RawSample { session: sequence / 1000, sequence, ..recording_at(sequence) });
+            }
+        });
+        serves(&mut acquisition, &recording()[..500]);
+        over.store(true, Ordering::Relaxed);
+    });
+    let status = world.status();
+    assert_eq!(status["imus"][0]["compensated"], 500);
+    assert!(status["imus"][1]["received"].as_u64().unwrap() > 500, "{status}");
+    assert!(status["imus"][1]["gaps"].as_u64().unwrap() > 0);
+    service.terminate();
+}
+
+fn recording_at(index: u64) -> RawSample {
+    RawSample { interval_ns: index, positive_pulses: [index as u32; 3], ..RawSample::default() }
+}
+
+/// Where in shared memory, by file and offset, the `needle` is now.
+fn find_in_shared_memory(world: &World, needle: &[u8]) -> Vec<(File, u64)> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir("/dev/shm").unwrap().flatten() {
+        if !entry.file_name().to_string_lossy().starts_with(&world.domain().prefix()) {
+            continue;
+        }
+        let bytes = fs::read(entry.path()).unwrap_or_default();
+        let places = bytes.windows(needle.len()).enumerate().filter(|(_, window)| *window == needle);
+        for (offset, _) in places {
+            found.push((File::options().write(true).open(entry.path()).unwrap(), offset as u64));
+        }
+    }
+    found
+}
+
+/// A process of the same user can write into the samples that it has sent.
+#[test]
+fn a_sample_that_changes_after_it_was_sent_harms_only_its_own_increment() {
+    let world = World::new();
+    let service = serve_two(&world);
+    let mut neighbour = world.acquisition("imu-b");
+    let mut acquisition = world.acquisition("imu-a");
+    let samples = recording();
+    let marker = [0xDEAD_BEEF_u32, 0x0BAD_CAFE, 0xFEED_F00D];
+    serves(&mut acquisition, &[RawSample { positive_pulses: marker, ..samples[0] }; 80]);
+    // They are 48 bytes behind the beginning of each sample that has been in use.
+    let places = find_in_shared_memory(&world, marker.map(u32::to_ne_bytes).as_flattened());
+    assert!(!places.is_empty());
+    let over = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut state = 7_u64;
+            while !over.load(Ordering::Relaxed) {
+                for (file, offset) in &places {
+                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    // Behind session and sequence, by which answers find their way.
+                    let bytes = [state.to_ne_bytes(), (!state).to_ne_bytes()].concat();
+                    file.write_all_at(&bytes.repeat(6), offset - 32).unwrap();
+                }
+            }
+        });
+        for sample in samples.iter().take(2_000) {
+            let increment = round_trip(&mut acquisition, sample);
+            assert!(increment.velocity_increment.iter().all(|dv| !dv.is_infinite()));
+        }
+        serves(&mut neighbour, &samples[..200]);
+        over.store(true, Ordering::Relaxed);
+    });
+    serves(&mut acquisition, &samples[..80]);
+    assert_eq!(world.status()["imus"][0]["transport_errors"], 0);
+    service.terminate();
+}
+
+#[test]
+fn memory_that_is_taken_away_ends_the_service_with_a_message() {
+    let world = World::new();
+    let service = world.serve_recording();
+    for entry in fs::read_dir("/dev/shm").unwrap().flatten() {
+        let name = entry.file_name().into_string().unwrap();
+        if name.starts_with(&world.domain().prefix()) && name.ends_with("__0.data") {
+            // The status stream's memory, which is written at least every second.
+            File::options().write(true).open(entry.path()).unwrap().set_len(0).unwrap();
+        }
+    }
+    let (status, log) = service.wait();
+    assert_eq!(status.code(), Some(74), "{log}");
+    assert!(log.contains("SIGBUS: shared memory that is in use has been taken away"), "{log}");
+}
+
+fn subscribe(node: &IpcNode, count: usize) -> Vec<Subscriber<Ipc, RawSample, ()>> {
+    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    (0..count).map_while(|_| raw.subscriber_builder().create().ok()).collect()
+}
+
+#[test]
+fn one_that_takes_every_place_is_named_and_those_who_are_there_go_on() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let node = join(world.domain()).unwrap();
+    let recorders = subscribe(&node, 100);
+    assert_eq!(recorders.len(), RAW_SUBSCRIBERS - 1, "the service has one");
+    serves(&mut world.acquisition("imu-a"), &recording()[..100]);
+    let readers: Vec<_> = (0..INCREMENT_SUBSCRIBERS).map(|_| world.reader("imu-a")).collect();
+    let options = Options { timeout: Duration::from_millis(200), ..world.options() };
+    match Acquisition::connect(&id("imu-a"), &options) {
+        Err(error @ ConnectError::NoRoom { .. }) => {
+            let pid = std::process::id();
+            assert!(
+                error.to_string().contains(&format!("all 16 reader places are taken, by processes [{pid}]")),
+                "{error}"
+            );
+        }
+        other => panic!("{other:?}"),
+    }
+    drop(readers);
+    serves(&mut world.acquisition("imu-a"), &recording()[..100]);
+
+    // The service's own place, while it is away.
+    service.kill();
+    let mut more = Vec::new();
+    wait_until("the dead service's place", || {
+        more.extend(subscribe(&node, 1));
+        !more.is_empty() || node.try_cleanup_dead_nodes().cleanups > 100
+    });
+    let refused = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let message = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(1), "{message}");
+    assert!(message.contains("all 8 places are taken, by processes ["), "{message}");
+    drop((more, recorders));
+    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    serves(&mut world.acquisition("imu-a"), &recording()[..10]);
+    service.terminate();
+}
+
+#[test]
+fn streams_that_somebody_else_created_are_named_whatever_is_wrong_with_them() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    let node = join(world.domain()).unwrap();
+    let refused = |what: &str| {
+        let output = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(
+            message.contains(&format!("creating {what}: another process has created it with other settings")),
+            "{message}"
+        );
+    };
+    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<u64>().create().unwrap();
+    refused("the raw stream of IMU imu-a");
+    drop(raw);
+    let increments = node.service_builder(&id("imu-a").increment()).publish_subscribe::<[u8]>().create().unwrap();
+    refused("the increment stream of IMU imu-a");
+    drop(increments);
+    let wake = node.service_builder(&id("imu-a").wake()).event().max_notifiers(1).create().unwrap();
+    refused("the wake-up event of IMU imu-a");
+    drop(wake);
+    let status = isotherm_shared::stream::status_name();
+    let status = node.service_builder(&status).publish_subscribe::<u32>().create().unwrap();
+    refused("the status stream");
+    drop(status);
+    let service = world.serve_recording();
+    serves(&mut world.acquisition("imu-a"), &recording()[..10]);
+    service.terminate();
+}
+
+#[test]
+fn peers_that_are_stopped_cost_the_others_nothing_and_go_on() {
+    let world = World::new();
+    let service = serve_two(&world);
+    let feed = world.spawn(&["feed", "--imu", "imu-b", "--rate", "1000", "--window", "16", RUN, "-o", "fed.csv"]);
+    let status = |imu: usize| world.status()["imus"][imu].clone();
+    wait_until("samples", || status(1)["received"].as_u64().unwrap() > 200);
+    let reader = world.reader("imu-a");
+    feed.stop();
+    let before = status(1)["received"].as_u64().unwrap();
+    serves(&mut world.acquisition("imu-a"), &recording());
+    assert!(status(1)["received"].as_u64().unwrap() <= before + 16);
+    assert_eq!((status(0)["gaps"].clone(), status(1)["gaps"].clone()), (0.into(), 0.into()));
+    feed.go_on();
+    let (ended, log) = feed.wait();
+    assert!(ended.success(), "{log}");
+    let replayed = world.run_well(&["replay", "--table", "imu-b.toml", RUN]);
+    assert!(fs::read_to_string(world.path("fed.csv")).unwrap() == replayed);
+    drop(reader);
+    service.terminate();
+}
+
+/// Runs `isotherm` as nobody, in this world; `None` if this user may not become another.
+fn as_nobody(world: &World, arguments: &[&str]) -> Option<(Option<i32>, String)> {
+    const NOBODY: u32 = 65_534;
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("not tested: only root can be another user");
+        return None;
+    }
+    fs::set_permissions(world.path(""), Permissions::from_mode(0o777)).unwrap();
+    let program = world.path("isotherm");
+    if !program.exists() {
+        fs::copy(binary(), &program).unwrap();
+        fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+    }
+    let mut command = world.isotherm(arguments);
+    let environment: Vec<_> =
+        command.get_envs().map(|(name, value)| (name.to_owned(), value.map(ToOwned::to_owned))).collect();
+    command = std::process::Command::new(&program);
+    command.args(arguments).uid(NOBODY).gid(NOBODY).current_dir(world.path(""));
+    command.envs(environment.into_iter().filter_map(|(name, value)| Some((name, value?))));
+    let output = command.output().unwrap();
+    Some((output.status.code(), text(&output.stderr)))
+}
+
+#[test]
+fn another_user_is_told_why_it_gets_nothing_and_root_too() {
+    let world = World::new();
+    let service = world.serve_recording();
+    for arguments in
+        [&["status"][..], &["feed", "--imu", "imu-a", RUN], &["clean"], &["serve", "--imu", "imu-a=imu-a.toml"]]
+    {
+        let Some((code, message)) = as_nobody(&world, arguments) else { return };
+        assert_eq!(code, Some(1), "{arguments:?}: {message}");
+        assert!(
+            message.contains("belongs to another user") && message.contains("run as the service's user"),
+            "{message}"
+        );
+    }
+    serves(&mut world.acquisition("imu-a"), &recording()[..10]);
+    service.terminate();
+    world.run_well(&["clean"]);
+
+    // A domain of nobody's; root could open its files, and would get nothing.
+    fs::create_dir(world.domain().root_path()).unwrap();
+    chown(world.domain().root_path(), Some(65_534), Some(65_534)).unwrap();
+    for arguments in [&["status"][..], &["feed", "--imu", "imu-a", RUN]] {
+        let output = world.run(arguments);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(text(&output.stderr).contains("run as the service's user"), "{}", text(&output.stderr));
+    }
+}
