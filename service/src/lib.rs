@@ -1,10 +1,11 @@
 //! `isotherm`: the compensation service and the tools around it.
 //!
-//! A library only so that a bench can be the service in one of its processes; the program is [`main`].
+//! A library so that a bench can be the service in one of its processes, and so that what reads untrusted input can be fuzzed; the program
+//! is [`main`].
 
 mod clean;
 mod cli;
-mod config;
+pub mod config;
 mod control;
 mod create;
 mod failure;
@@ -17,7 +18,7 @@ mod status;
 mod systemd;
 mod threads;
 mod windows;
-mod worker;
+pub mod worker;
 
 use clap::Parser as _;
 use failure::Exit;

@@ -4,6 +4,7 @@ use crate::config::Imu;
 use crate::create::{Trouble, create};
 use crate::failure::{Exit, Failure};
 use crate::worker::counters::{Counters, add, bump};
+use crate::worker::order::Order;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::publisher::Publisher;
@@ -41,8 +42,7 @@ pub struct Channel {
     budget_ns: u64,
     /// Looks at which readers' returns are still to be collected.
     uncollected: u32,
-    /// Session and highest sequence of the last samples.
-    last: Option<(u64, u64)>,
+    order: Order,
     /// Loaned ahead, so that loaning costs the answer no time.
     spare: Option<Answer>,
     publisher: Publisher<Ipc, CompensatedIncrement, ()>,
@@ -108,7 +108,7 @@ impl Channel {
             counters: wiring.counters,
             budget_ns,
             uncollected: 0,
-            last: None,
+            order: Order::default(),
             spare: publisher.loan().ok(),
             publisher,
             raw: subscriber,
@@ -151,7 +151,8 @@ impl Channel {
         // sender's memory again, whatever the sender does to it.
         let raw = core::hint::black_box(*sample);
         let since = if raw.sent_ns == 0 { clock.now() } else { raw.sent_ns };
-        let missing = self.note(&raw);
+        let arrival = self.order.note(raw.session, raw.sequence);
+        let missing = arrival.missing;
 
         let increment = loan.payload_mut();
         *increment = answer(self.table.as_deref(), &raw);
@@ -177,6 +178,12 @@ impl Channel {
             bump(&counters.gaps);
             add(&counters.missing, missing);
         }
+        if arrival.repeated {
+            bump(&counters.repeats);
+        }
+        if arrival.begins {
+            bump(&counters.sessions);
+        }
         counters.count_flags(flags);
         counters.latency.record(latency_ns);
         Some(now)
@@ -192,24 +199,5 @@ impl Channel {
             self.uncollected -= 1;
             let _ = self.publisher.loan_uninit();
         }
-    }
-
-    /// How many samples of its session are missing before this one.
-    #[inline]
-    fn note(&mut self, raw: &RawSample) -> u64 {
-        let (missing, highest) = match self.last {
-            Some((session, highest)) if session == raw.session => {
-                if raw.sequence <= highest {
-                    bump(&self.counters.repeats);
-                }
-                (raw.sequence.saturating_sub(highest).saturating_sub(1), highest.max(raw.sequence))
-            }
-            _ => {
-                bump(&self.counters.sessions);
-                (0, raw.sequence)
-            }
-        };
-        self.last = Some((raw.session, highest));
-        missing
     }
 }

@@ -12,6 +12,7 @@
 pub mod bells;
 pub mod channel;
 pub mod counters;
+pub mod order;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
@@ -222,7 +223,7 @@ mod tests {
     #[test]
     fn one_that_does_not_end_is_not_waited_for() {
         let (told, over) = mpsc::channel::<()>();
-        let stuck = worker(move |_| drop(over.recv()));
+        let stuck = worker(move |_| _ = over.recv());
         stuck.tell_to_stop();
         assert!(stuck.join().unwrap_err().message.contains("does not end within"));
         drop(told);
