@@ -4,7 +4,7 @@ use isotherm_client::{Domain, Options};
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::error::Error;
-use std::fs;
+use std::fs::{self, File};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -17,6 +17,9 @@ pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
 pub const IMU: &str = "imu-paper";
 /// No answer takes longer, or something is broken.
 pub const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Where processes of a domain log, in its folder.
+const LOG: &str = "log";
 
 /// What a bench does, or why it cannot.
 pub type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -96,7 +99,15 @@ impl World {
         let mut command = Command::new(std::env::current_exe()?);
         command.args(words).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
-        Ok(Partner(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()?))
+        let log = File::options().append(true).create(true).open(self.path(LOG))?;
+        Ok(Partner(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log).spawn()?))
+    }
+
+    /// The last lines that processes of the domain have logged.
+    pub fn log(&self) -> String {
+        let text = fs::read_to_string(self.path(LOG)).unwrap_or_default();
+        let lines: Vec<_> = text.lines().collect();
+        lines[lines.len().saturating_sub(20)..].join("\n")
     }
 }
 
@@ -117,6 +128,11 @@ impl Partner {
     /// Lets it run again.
     pub fn resume(&self) {
         self.signal(Signal::CONT);
+    }
+
+    /// Asks it to end.
+    pub fn terminate(&self) {
+        self.signal(Signal::TERM);
     }
 
     fn signal(&self, signal: Signal) {

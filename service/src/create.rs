@@ -6,13 +6,16 @@
 
 use crate::failure::{Exit, Failure};
 use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::prelude::ServiceName;
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use isotherm_client::in_mode;
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, IpcNode};
+use serde::Deserialize;
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -35,7 +38,8 @@ pub enum Trouble {
     Other(String),
 }
 
-/// Tries until it works, nothing more can be done, or the time is over. `name` is for the operator.
+/// Tries until it works, nothing more can be done, or the time is over. `name` is for the operator; `stream` is what is created, if that is a
+/// stream.
 ///
 /// # Errors
 /// What still stands in the way. `taken` says what it means that a publisher's place is taken for good.
@@ -43,6 +47,7 @@ pub fn create<T>(
     node: &IpcNode,
     domain: &Domain,
     name: &str,
+    stream: Option<&ServiceName>,
     taken: impl Fn() -> Failure,
     mut attempt: impl FnMut() -> Result<T, Trouble>,
 ) -> Result<T, Failure> {
@@ -57,6 +62,11 @@ pub fn create<T>(
             Trouble::HalfCreated if waited < LIMIT => remove_half_created(domain),
             Trouble::InFlux if waited < LIMIT => {
                 node.blocking_cleanup_dead_nodes(Duration::from_millis(100));
+                if waited > 2 * CREATION_TIMEOUT
+                    && let Some(stream) = stream
+                {
+                    remove_remains(domain, stream);
+                }
             }
             Trouble::Taken => {
                 let cleaned = node.try_cleanup_dead_nodes().cleanups > 0;
@@ -92,14 +102,63 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     )
 }
 
-/// Removes the files of services that are still not readable long after they were begun.
+/// Removes the files of services that are still not readable long after they were begun, and of those whose memory is gone: a process that removes
+/// a service removes that first, and was killed in between. The transport has waited for it in vain before this is called.
 fn remove_half_created(domain: &Domain) {
-    let folder = format!("{}/services", domain.root_path());
-    for (path, age) in in_mode(&folder, &domain.prefix(), 0o600) {
-        if age.is_none_or(|age| age > 2 * CREATION_TIMEOUT) {
-            tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
-            let _ = fs::remove_file(path);
-        }
+    let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
+    let unfinished = in_mode(&folder, &prefix, 0o600);
+    let unfinished = unfinished.into_iter().filter(|(_, age)| age.is_none_or(|age| age > 2 * CREATION_TIMEOUT));
+    let finished = in_mode(&folder, &prefix, 0o400);
+    let without_memory = finished
+        .into_iter()
+        .filter(|(path, _)| Remains::read(path).is_some_and(|remains| remains.memory(&prefix).is_none()));
+    for (path, _) in unfinished.chain(without_memory) {
+        tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// Removes what is there of a stream that is neither usable nor goes away: a process was killed after it had marked it for destruction, which only
+/// the last one that uses it does.
+fn remove_remains(domain: &Domain, stream: &ServiceName) {
+    let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
+    for (path, _) in in_mode(&folder, &prefix, 0o400) {
+        let Some(remains) = Remains::read(&path).filter(|remains| remains.service_name == stream.as_str()) else {
+            continue;
+        };
+        tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-removed");
+        // In this order, as the transport does.
+        remains.memory(&prefix).into_iter().chain([path]).for_each(|path| drop(fs::remove_file(path)));
+    }
+}
+
+/// What is read of the file that the transport writes for a service.
+#[derive(Deserialize)]
+struct Remains {
+    service_name: String,
+    unique_service_id: ServiceId,
+}
+
+#[derive(Deserialize)]
+struct ServiceId {
+    payload_value: u64,
+    unique_value: u64,
+}
+
+impl Remains {
+    fn read(path: &Path) -> Option<Self> {
+        toml::from_str(&fs::read_to_string(path).ok()?).ok()
+    }
+
+    /// The object in shared memory that belongs to it.
+    fn memory(&self, prefix: &str) -> Option<PathBuf> {
+        let ServiceId { payload_value, unique_value } = self.unique_service_id;
+        let ending = format!("_{}.dynamic", (u128::from(unique_value) << 64) | u128::from(payload_value));
+        let mut objects = fs::read_dir("/dev/shm").ok()?.flatten().map(|entry| entry.path());
+        objects.find(|path| {
+            let name = path.file_name().and_then(|name| name.to_str());
+            name.is_some_and(|name| name.starts_with(prefix) && name.ends_with(&ending))
+        })
     }
 }
 

@@ -167,7 +167,9 @@ impl StatusPublisher {
     pub fn create(node: &IpcNode, domain: &Domain) -> Result<Self, Failure> {
         let name = "the status stream";
         let untaken = || Failure::new(Exit::Failed, format!("creating {name}: it is taken"));
-        let service = create(node, domain, name, untaken, || Ok(stream::status(node).open_or_create()?))?;
+        let service = create(node, domain, name, Some(&stream::status_name()), untaken, || {
+            Ok(stream::status(node).open_or_create()?)
+        })?;
         let taken = || {
             let pid = publisher_of(&service).and_then(|(_, pid)| pid);
             let pid = pid.map(|pid| format!(", pid {pid}")).unwrap_or_default();
@@ -179,7 +181,7 @@ impl StatusPublisher {
                 ),
             )
         };
-        let publisher = create(node, domain, name, taken, || {
+        let publisher = create(node, domain, name, None, taken, || {
             let publisher = service.publisher_builder().initial_max_slice_len(INITIAL_BYTES);
             Ok(publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create()?)
         })?;

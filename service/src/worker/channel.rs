@@ -72,13 +72,16 @@ impl Channel {
             )
         };
         let name = |stream: &str| format!("the {stream} of IMU {id}");
-        let raw = create(node, domain, &name("raw stream"), taken, || Ok(stream::raw(node, &id).open_or_create()?))?;
-        let increments = create(node, domain, &name("increment stream"), taken, || {
+        let raw = create(node, domain, &name("raw stream"), Some(&id.raw()), taken, || {
+            Ok(stream::raw(node, &id).open_or_create()?)
+        })?;
+        let increments = create(node, domain, &name("increment stream"), Some(&id.increment()), taken, || {
             Ok(stream::increment(node, &id).open_or_create()?)
         })?;
-        let wake =
-            create(node, domain, &name("wake-up event"), taken, || Ok(stream::wake(node, &id).open_or_create()?))?;
-        let listener = create(node, domain, &name("listener"), taken, || {
+        let wake = create(node, domain, &name("wake-up event"), Some(&id.wake()), taken, || {
+            Ok(stream::wake(node, &id).open_or_create()?)
+        })?;
+        let listener = create(node, domain, &name("listener"), None, taken, || {
             wake.listener_builder().create().map_err(|error| match error {
                 ListenerCreateError::ExceedsMaxSupportedListeners => Trouble::Taken,
                 other => Trouble::Other(other.to_string()),
@@ -93,13 +96,13 @@ impl Channel {
                 ),
             )
         };
-        let subscriber = create(node, domain, &name("raw subscriber"), crowded, || {
+        let subscriber = create(node, domain, &name("raw subscriber"), None, crowded, || {
             raw.subscriber_builder().buffer_size(depth).create().map_err(|error| match error {
                 SubscriberCreateError::ExceedsMaxSupportedSubscribers => Trouble::Taken,
                 other => Trouble::Other(other.to_string()),
             })
         })?;
-        let publisher = create(node, domain, &name("increment publisher"), taken, || {
+        let publisher = create(node, domain, &name("increment publisher"), None, taken, || {
             Ok(increments.publisher_builder().max_loaned_samples(1).create()?)
         })?;
         let channel = Self {

@@ -78,7 +78,7 @@ impl Worker {
         }
     }
 
-    /// Whether it has ended, which it does only after [`stop`](Self::stop) or a panic.
+    /// Whether it has ended, which it does only after [`tell_to_stop`](Self::tell_to_stop) or a panic.
     pub fn is_finished(&self) -> bool {
         self.thread.is_finished()
     }

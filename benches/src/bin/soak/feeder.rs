@@ -1,0 +1,153 @@
+//! An acquisition and a reader that know what every answer must be: samples are a function of their sequence.
+
+use isotherm_benches::{Outcome, PATIENCE, TABLE};
+use isotherm_client::{Acquisition, CompensatedIncrement, IncrementReader, Options, RawSample, monotonic_ns};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::table::CoefficientTable;
+use std::collections::HashSet;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Samples in flight at most.
+const WINDOW: usize = 16;
+/// A killed service is back by then, or it does not come back.
+const RETURN: Duration = Duration::from_secs(15);
+
+/// The text of table `number` for an IMU: each has a gravity of its own.
+pub fn table_text(imu: &str, number: u32) -> String {
+    let gravity = format!("{:.4}", 9.8 + f64::from(number) * 1e-4);
+    TABLE.replace("9.8015", &gravity).replace("\"imu-paper\"", &format!("\"{imu}\""))
+}
+
+/// Tables 0 to `count` - 1 of an IMU.
+pub fn tables(imu: &str, count: u32) -> Outcome<Vec<CoefficientTable>> {
+    (0..count).map(|number| Ok(CoefficientTable::from_toml(&table_text(imu, number), None)?)).collect()
+}
+
+fn sample(sequence: u64) -> RawSample {
+    let mix = |salt: u64| {
+        let mixed = (sequence ^ salt).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40
+    };
+    let volts = |salt| 0.9 + mix(salt) as f64 * (3.3 / f64::from(1 << 24));
+    RawSample {
+        sequence,
+        timestamp_ns: sequence * 500_000,
+        interval_ns: 500_000,
+        positive_pulses: [1, 2, 3].map(|salt| (mix(salt) % 100_000) as u32),
+        negative_pulses: [4, 5, 6].map(|salt| (mix(salt) % 100_000) as u32),
+        head_temperature: [7, 8, 9].map(volts),
+        board_temperature: [10, 11, 12].map(volts),
+        ..RawSample::default()
+    }
+}
+
+/// Whether an increment is exactly that of its sample under the table that it names.
+pub fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -> bool {
+    let Some(table) = tables.iter().find(|table| table.id() == increment.table) else { return false };
+    let raw = RawSample { session: increment.session, ..sample(increment.sequence) };
+    let expected = answer(Some(table), &raw);
+    let bits = |increment: &CompensatedIncrement| increment.velocity_increment.map(f64::to_bits);
+    bits(increment) == bits(&expected) && increment.timestamp_ns == expected.timestamp_ns
+}
+
+/// What a feeder has seen, for others to look at meanwhile.
+#[derive(Debug, Default)]
+pub struct Seen {
+    pub sent: AtomicU64,
+    pub answered: AtomicU64,
+    pub wrong: AtomicU64,
+    /// Answers that were not that of the next sample: lost or repeated ones.
+    pub disorder: AtomicU64,
+    /// The table of the last answer, and when it came \[ns\].
+    pub table: AtomicU64,
+    pub answered_ns: AtomicU64,
+}
+
+impl Seen {
+    pub fn lost(&self) -> u64 {
+        self.sent.load(Relaxed) - self.answered.load(Relaxed)
+    }
+}
+
+/// Sends at a rate until it is told to stop, then waits for what is unanswered.
+pub fn feed(
+    imu: &str,
+    options: &Options,
+    period: Duration,
+    tables: &[CoefficientTable],
+    seen: &Seen,
+    stop: &AtomicBool,
+) -> Outcome<()> {
+    let mut acquisition = Acquisition::connect(&imu.parse()?, &Options { timeout: RETURN, ..options.clone() })?;
+    let (mut due, mut expected) = (Instant::now(), 0);
+    let mut take = |acquisition: &mut Acquisition, wait: Duration| -> Outcome<bool> {
+        let Some(increment) = acquisition.receive_timeout(wait)? else { return Ok(false) };
+        seen.wrong.fetch_add(u64::from(!is_exact(&increment, tables)), Relaxed);
+        seen.disorder.fetch_add(u64::from(increment.sequence != expected), Relaxed);
+        expected = increment.sequence + 1;
+        seen.table.store(increment.table, Relaxed);
+        seen.answered_ns.store(monotonic_ns(), Relaxed);
+        seen.answered.fetch_add(1, Relaxed);
+        Ok(true)
+    };
+    while !stop.load(Relaxed) {
+        due += period;
+        while Instant::now() < due || acquisition.in_flight() >= WINDOW.min(acquisition.depth()) {
+            take(&mut acquisition, due.saturating_duration_since(Instant::now()).min(Duration::from_millis(1)))?;
+            if stop.load(Relaxed) {
+                break;
+            }
+        }
+        if acquisition.in_flight() >= WINDOW {
+            break;
+        }
+        // What a service that was away has made late is not made up for.
+        due = due.max(Instant::now() - period);
+        let mut loan = acquisition.loan()?;
+        let (session, sequence) = (loan.session, loan.sequence);
+        *loan = RawSample { session, ..sample(sequence) };
+        acquisition.send(loan)?;
+        seen.sent.fetch_add(1, Relaxed);
+    }
+    let deadline = Instant::now() + RETURN;
+    while acquisition.in_flight() > 0 && Instant::now() < deadline {
+        take(&mut acquisition, Duration::from_millis(1))?;
+    }
+    Ok(())
+}
+
+/// Reads for a time; how many increments, how many of them wrong, how many twice.
+pub fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientTable]) -> Outcome<[u64; 3]> {
+    let mut reader = IncrementReader::connect(imu.parse()?, options)?;
+    let (started, mut known, mut counts) = (Instant::now(), HashSet::new(), [0; 3]);
+    while started.elapsed() < time {
+        if let Some(increment) = reader.receive_timeout(Duration::from_millis(1))? {
+            counts[0] += 1;
+            counts[1] += u64::from(!is_exact(&increment, tables));
+            counts[2] += u64::from(!known.insert((increment.session, increment.sequence)));
+        }
+    }
+    Ok(counts)
+}
+
+/// A child's role: an acquisition that is killed some day.
+pub fn send_for_ever(imu: &str, options: &Options) -> Outcome<()> {
+    let mut acquisition = Acquisition::connect(&imu.parse()?, options)?;
+    loop {
+        let mut loan = acquisition.loan()?;
+        let (session, sequence) = (loan.session, loan.sequence);
+        *loan = RawSample { session, ..sample(sequence) };
+        acquisition.compensate(loan, PATIENCE)?;
+        thread::sleep(Duration::from_micros(500));
+    }
+}
+
+/// A child's role: a reader that is killed some day.
+pub fn read_for_ever(imu: &str, options: &Options) -> Outcome<()> {
+    let mut reader = IncrementReader::connect(imu.parse()?, options)?;
+    loop {
+        reader.receive_timeout(Duration::from_millis(10))?;
+    }
+}
