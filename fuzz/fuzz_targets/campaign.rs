@@ -1,0 +1,54 @@
+//! A campaign file and its samples, with a zero byte between them; without a campaign file, the example's. What is refused
+//! is refused with a line and a reason. What is accepted goes through checks and calibration, by both methods, without a panic
+//! and within the limits of time and memory, and a table that comes out is one that its file gives back.
+#![no_main]
+
+use isotherm_calibration::calibrate::{Method, Options, calibrate, observable};
+use isotherm_calibration::campaign::{Campaign, read};
+use isotherm_calibration::checks::{check, set_points};
+use isotherm_fuzz::check_faults;
+use isotherm_shared::recording::CampaignReader;
+use isotherm_shared::table::CoefficientTable;
+use libfuzzer_sys::fuzz_target;
+
+const EXAMPLE: &str = include_str!("../../examples/campaign/campaign.toml");
+
+fuzz_target!(|bytes: &[u8]| {
+    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    let Ok(text) = str::from_utf8(&bytes[..end]) else { return };
+    let text = if text.is_empty() { EXAMPLE } else { text };
+    let campaign = match Campaign::from_toml(text) {
+        Ok(campaign) => campaign,
+        Err(faults) => return check_faults(text, &faults),
+    };
+    assert!(!campaign.positions.is_empty());
+    for (index, position) in campaign.positions.iter().enumerate() {
+        let length = position.specific_force.iter().map(|f| f * f).sum::<f64>().sqrt();
+        assert!((length - 1.0).abs() < 1e-9, "{position:?}");
+        let (force, by_tilt) = campaign.force(index, Some([1e-3, -1e-3]));
+        assert!(force.iter().chain(by_tilt.iter().flatten()).all(|f| f.is_finite()));
+    }
+    let observable = observable(&campaign);
+    let Some(samples) = bytes.get(end + 1..) else { return };
+    let Ok(dwells) = CampaignReader::new(samples).and_then(|rows| read(&campaign, rows)) else { return };
+    for dwell in &dwells {
+        assert!(dwell.rows >= 1 && dwell.lines[0] <= dwell.lines[1] && dwell.position < campaign.positions.len());
+        assert!((1..=512).contains(&dwell.blocks.len()));
+    }
+    let stays = set_points(&dwells, campaign.positions.len());
+    assert_eq!(stays.iter().map(|stay| stay.dwells.len()).sum::<usize>(), dwells.len());
+    for finding in check(&campaign, &dwells, &stays, &[]) {
+        assert!(!finding.message.is_empty());
+    }
+    if observable.is_err() {
+        return;
+    }
+    for method in [Method::OneStage, Method::TwoStage] {
+        let options = Options { method, alignment: method == Method::TwoStage, ..Options::default() };
+        if let Ok(calibration) = calibrate(&campaign, dwells.clone(), options) {
+            let table = calibration.table;
+            let again = CoefficientTable::from_toml(&table.to_toml(), Some(&campaign.imu));
+            assert_eq!(again.expect("a valid table").digest(), table.digest());
+        }
+    }
+});

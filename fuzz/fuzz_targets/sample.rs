@@ -1,0 +1,68 @@
+//! Samples of any bits, one after the other as a peer may write them into shared memory. Each is answered by tables of every
+//! policy and by none as `checked` promises; the order of their sessions and sequences is what counting says; merging two sums
+//! them or changes nothing.
+#![no_main]
+
+use isotherm_fuzz::{SAMPLE, checked, sample};
+use isotherm_service::worker::order::{Arrival, Order};
+use isotherm_shared::table::{CoefficientTable, OutOfRange};
+use isotherm_shared::wire::MAX_INTERVAL_NS;
+use libfuzzer_sys::fuzz_target;
+use std::sync::LazyLock;
+
+/// Two tables, one of them with an alignment and limits, with each policy.
+static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
+    let texts = [include_str!("../../tests/data/imu-a.toml"), include_str!("../../examples/tables/imu-b.toml")];
+    let contents = texts.map(|text| CoefficientTable::from_toml(text, None).expect("a valid table").content().clone());
+    let with = |(out_of_range, _): (OutOfRange, _)| {
+        contents.clone().map(|mut content| {
+            content.out_of_range = out_of_range;
+            CoefficientTable::new(content).expect("a valid table")
+        })
+    };
+    OutOfRange::NAMES.into_iter().flat_map(with).collect()
+});
+
+fuzz_target!(|bytes: &[u8]| {
+    let (chunks, _) = bytes.as_chunks::<SAMPLE>();
+    let samples: Vec<_> = chunks.iter().map(sample).collect();
+    let mut order = Order::default();
+    // The sequences since the session began.
+    let (mut session, mut seen) = (None, Vec::new());
+    let (mut missing, mut new) = (0_u128, 0_u128);
+    for raw in &samples {
+        for table in TABLES.iter().map(Some).chain([None]) {
+            checked(table, raw);
+        }
+        if session != Some(raw.session) {
+            (session, seen, missing, new) = (Some(raw.session), Vec::new(), 0, 0);
+        }
+        let arrival = order.note(raw.session, raw.sequence);
+        let repeated = seen.iter().any(|sequence| *sequence >= raw.sequence);
+        assert_eq!(arrival, Arrival { missing: arrival.missing, repeated, begins: seen.is_empty() });
+        assert!(!repeated || arrival.missing == 0);
+        seen.push(raw.sequence);
+        missing += u128::from(arrival.missing);
+        new += u128::from(!repeated);
+        // From the first to the highest, each has come or is missing.
+        let highest = seen.iter().max().expect("not empty");
+        assert_eq!(missing + new, u128::from(highest - seen[0]) + 1);
+    }
+    for pair in samples.windows(2) {
+        let (mut sum, later) = (pair[0], &pair[1]);
+        let merged = sum.merge(later).is_ok();
+        let pulses = |raw: &isotherm_shared::wire::RawSample| {
+            [raw.positive_pulses, raw.negative_pulses].as_flattened().iter().map(|n| u64::from(*n)).collect::<Vec<_>>()
+        };
+        let added: Vec<_> = pulses(&pair[0]).iter().zip(pulses(later)).map(|(a, b)| a + b).collect();
+        let interval = u128::from(pair[0].interval_ns) + u128::from(later.interval_ns);
+        let fits = added.iter().all(|n| *n <= u64::from(u32::MAX)) && interval <= u128::from(MAX_INTERVAL_NS);
+        assert_eq!(merged, fits);
+        let (pulses_now, interval_now) = (pulses(&sum), u128::from(sum.interval_ns));
+        if merged {
+            assert_eq!((pulses_now, interval_now), (added, interval));
+        } else {
+            assert_eq!((pulses_now, sum.interval_ns), (pulses(&pair[0]), pair[0].interval_ns));
+        }
+    }
+});
