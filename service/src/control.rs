@@ -6,6 +6,7 @@
 use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
 use crate::files::Guard;
+use crate::leftovers::Leftovers;
 use crate::reload::{self, Look, TICK, TableFile};
 use crate::served::{Preparation, Served};
 use crate::sigbus;
@@ -88,7 +89,8 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
 
     let threads = threads_of(config, &workers);
     manager.ready();
-    let service = Service { domain, config, started, node, publisher, threads, workers, manager };
+    let leftovers = Leftovers::new(domain, &node);
+    let service = Service { domain, config, started, node, publisher, threads, workers, manager, leftovers };
     info!(
         domain = domain.name(),
         imus = config.imus.len(),
@@ -109,6 +111,7 @@ struct Service<'a> {
     workers: Vec<Worker>,
     threads: Vec<Thread>,
     manager: Manager,
+    leftovers: Leftovers,
 }
 
 impl Service<'_> {
@@ -154,6 +157,7 @@ impl Service<'_> {
             if housekeeping {
                 next_housekeeping = now + HOUSEKEEPING;
                 self.node.try_cleanup_dead_nodes();
+                self.leftovers.sweep(&self.node, served);
                 for imu in served.iter_mut() {
                     imu.windows.turn(&imu.counters.latency);
                     imu.tell();

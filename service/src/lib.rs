@@ -10,6 +10,7 @@ mod control;
 mod create;
 mod failure;
 mod files;
+mod leftovers;
 mod logging;
 mod reload;
 mod served;

@@ -6,6 +6,7 @@ use crate::reload::{Look, TableFile};
 use crate::windows::Windows;
 use crate::worker::channel::Wiring;
 use crate::worker::counters::Counters;
+use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::{CoefficientTable, Digest};
@@ -55,8 +56,9 @@ impl Preparation {
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let (reloads, windows, told) = (0, Windows::default(), Told::default());
-        Ok(Served { imu, file, counters, reloads, last_error, raw, increments, windows, tables, told })
+        Ok(Served { imu, file, counters, reloads, last_error, raw, increments, wake, windows, tables, told })
     }
 }
 
@@ -76,6 +78,8 @@ pub struct Served {
     pub raw: PortFactory<Ipc, RawSample, ()>,
     /// For counting who is connected.
     pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
+    /// For finding those that have died.
+    pub wake: event::PortFactory<Ipc>,
     /// Latency of late.
     pub windows: Windows,
     tables: Tables,

@@ -1,0 +1,128 @@
+//! What killed clients leave behind and the transport does not clear away.
+//!
+//! The transport cleans up after a dead process as long as it finds what that one was doing. Killed while it joined, a process leaves files that
+//! say nothing; killed while it made a port, it can leave that port listed for ever, with its place taken. Both are looked for once a second, and
+//! removed when their process has been dead for [`PASSES`] such looks, which leaves the transport its turn.
+
+use crate::served::Served;
+use iceoryx2::identifiers::UniqueNodeId;
+use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
+use iceoryx2::service::internal::ServiceInternal as _;
+use iceoryx2::service::service_hash::ServiceHash;
+use isotherm_client::in_mode;
+use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
+use rustix::process::{Flock, FlockType, fcntl_getlk};
+use std::collections::{BTreeSet, HashMap};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use tracing::{debug, info};
+
+/// Looks in a row that must have found a process dead before what it left is removed.
+const PASSES: u32 = 3;
+
+/// What has been found so far.
+#[derive(Debug)]
+pub struct Leftovers {
+    nodes: PathBuf,
+    prefix: String,
+    own: u32,
+    /// Dead nodes by number, with the looks that have found them.
+    dead: HashMap<u128, u32>,
+}
+
+impl Leftovers {
+    /// Of the domain that `node` is in.
+    pub fn new(domain: &Domain, node: &IpcNode) -> Self {
+        let nodes = Path::new(domain.root_path()).join("nodes");
+        Self { nodes, prefix: domain.prefix(), own: pid(node.id().value()), dead: HashMap::new() }
+    }
+
+    /// Looks once, and removes what has been dead for long enough.
+    pub fn sweep(&mut self, node: &IpcNode, served: &[Served]) {
+        for (path, age) in in_mode("/dev/shm", &self.prefix, 0o200) {
+            if age.is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
+                let _ = fs::remove_file(path);
+            }
+        }
+        // Should the numbers ever be made otherwise, nothing more is done.
+        if self.own != std::process::id() {
+            return;
+        }
+        let ports: Vec<_> = served.iter().flat_map(ports).collect();
+        let mut numbers = self.numbers();
+        numbers.extend(ports.iter().map(|(node, _)| node.value()));
+        numbers.retain(|number| !self.lives(*number));
+        self.dead.retain(|number, _| numbers.contains(number));
+        for number in numbers {
+            let looks = self.dead.entry(number).or_default();
+            *looks += 1;
+            if *looks < PASSES {
+                continue;
+            }
+            let mut removed = true;
+            for (port, service) in ports.iter().filter(|(port, _)| port.value() == number) {
+                let result = Ipc::__internal_remove_node_from_service(port, service, node.config());
+                debug!("removing a port of dead process {}: {result:?}", pid(number));
+                removed &= result.is_ok();
+            }
+            if removed {
+                info!(pid = pid(number), "removed what a killed process had left half-made");
+                self.remove(number);
+                self.dead.remove(&number);
+            }
+        }
+    }
+
+    /// The nodes that have a folder or a file.
+    fn numbers(&self) -> BTreeSet<u128> {
+        let names = fs::read_dir(&self.nodes).into_iter().flatten().flatten();
+        let names = names.filter_map(|entry| entry.file_name().into_string().ok());
+        names
+            .filter_map(|name| name.strip_prefix(&self.prefix).unwrap_or(&name).split('.').next()?.parse().ok())
+            .collect()
+    }
+
+    /// Whether the process of a node may be alive. One that cannot be seen from here still holds its lock.
+    fn lives(&self, number: u128) -> bool {
+        let pid = pid(number);
+        if pid == self.own || Path::new(&format!("/proc/{pid}")).exists() {
+            return true;
+        }
+        let monitor = self.nodes.join(format!("{}{number}.node_monitor", self.prefix));
+        let lock = File::open(monitor).and_then(|file| Ok(fcntl_getlk(&file, &Flock::from(FlockType::WriteLock))?));
+        lock.is_ok_and(|holder| holder.is_some())
+    }
+
+    /// Removes the files of a dead node.
+    fn remove(&self, number: u128) {
+        let folder = self.nodes.join(number.to_string());
+        let inner = fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        let outer = ["node_monitor", "node_monitor_context", "node_monitor_owner_lock"];
+        let outer = outer.map(|name| self.nodes.join(format!("{}{number}.{name}", self.prefix)));
+        for path in inner.chain(outer) {
+            // Most are not there.
+            let _ = fs::remove_file(path);
+        }
+        let _ = fs::remove_dir(folder);
+    }
+}
+
+/// The process of a node, which is part of its number.
+const fn pid(number: u128) -> u32 {
+    (number >> 64) as u32
+}
+
+/// The ports that are listed for an IMU: their nodes, and the services that list them.
+fn ports(imu: &Served) -> Vec<(UniqueNodeId, ServiceHash)> {
+    let mut ports = Vec::new();
+    let mut note = |node: UniqueNodeId, service: &ServiceHash| {
+        ports.push((node, *service));
+        CallbackProgression::Continue
+    };
+    let (raw, increments, wake) = (&imu.raw, &imu.increments, &imu.wake);
+    raw.dynamic_config().list_publishers(|port| note(port.node_id, raw.service_hash()));
+    raw.dynamic_config().list_subscribers(|port| note(port.node_id, raw.service_hash()));
+    increments.dynamic_config().list_subscribers(|port| note(port.node_id, increments.service_hash()));
+    wake.dynamic_config().list_notifiers(|port| note(port.node_id, wake.service_hash()));
+    ports
+}
