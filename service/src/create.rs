@@ -5,15 +5,18 @@
 //! half-created is removed here; everything else is retried for a bounded time.
 
 use crate::failure::{Exit, Failure};
+use crate::leftovers::{self, Port, ports_of};
 use iceoryx2::port::publisher::PublisherCreateError;
-use iceoryx2::prelude::ServiceName;
+use iceoryx2::prelude::{IceoryxSend, ServiceName};
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
+use iceoryx2::service::port_factory::publish_subscribe;
 use isotherm_client::in_mode;
-use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, IpcNode};
+use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
+use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -22,7 +25,7 @@ use std::time::{Duration, Instant};
 /// How long creating one stream may take.
 const LIMIT: Duration = Duration::from_secs(3);
 /// How long a place that a dead process holds may take to be freed.
-const PLACE: Duration = Duration::from_millis(500);
+const PLACE: Duration = Duration::from_secs(1);
 
 /// What stands in the way of creating something.
 pub enum Trouble {
@@ -30,8 +33,8 @@ pub enum Trouble {
     HalfCreated,
     /// Other processes create or remove it just now, or died doing so.
     InFlux,
-    /// Its one publisher's place is taken.
-    Taken,
+    /// Every place is taken, by these.
+    Taken(Vec<Port>),
     /// It exists with other settings or another payload.
     Foreign(String),
     /// Anything else.
@@ -68,10 +71,14 @@ pub fn create<T>(
                     remove_remains(domain, stream);
                 }
             }
-            Trouble::Taken => {
-                let cleaned = node.try_cleanup_dead_nodes().cleanups > 0;
-                if !cleaned && waited > PLACE {
+            Trouble::Taken(ports) => {
+                if waited > PLACE {
                     return Err(taken());
+                }
+                node.try_cleanup_dead_nodes();
+                // The transport has had its turn.
+                if waited > PLACE / 4 {
+                    leftovers::remove_dead(domain, node, &ports);
                 }
             }
             Trouble::Foreign(cause) => {
@@ -220,10 +227,14 @@ impl From<EventOpenOrCreateError> for Trouble {
     }
 }
 
-impl From<PublisherCreateError> for Trouble {
-    fn from(error: PublisherCreateError) -> Self {
+impl Trouble {
+    /// Why a publisher of `stream` was not created.
+    pub fn of_publisher<T: IceoryxSend + fmt::Debug + ?Sized>(
+        error: PublisherCreateError,
+        stream: &publish_subscribe::PortFactory<Ipc, T, ()>,
+    ) -> Self {
         match error {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => Self::Taken,
+            PublisherCreateError::ExceedsMaxSupportedPublishers => Self::Taken(ports_of(stream)),
             other => Self::Other(other.to_string()),
         }
     }

@@ -6,13 +6,15 @@
 
 use crate::served::Served;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
+use iceoryx2::prelude::{CallbackProgression, IceoryxSend, PortFactory as _};
 use iceoryx2::service::internal::ServiceInternal as _;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
 use isotherm_client::in_mode;
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use std::collections::{BTreeSet, HashMap};
+use std::fmt;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use tracing::{debug, info};
@@ -48,7 +50,8 @@ impl Leftovers {
         if self.own != std::process::id() {
             return;
         }
-        let ports: Vec<_> = served.iter().flat_map(ports).collect();
+        let of = |imu: &Served| [ports_of(&imu.raw), ports_of(&imu.increments), ports_of_event(&imu.wake)].concat();
+        let ports: Vec<_> = served.iter().flat_map(of).collect();
         let mut numbers = self.numbers();
         numbers.extend(ports.iter().map(|(node, _)| node.value()));
         numbers.retain(|number| !self.lives(*number));
@@ -112,17 +115,40 @@ const fn pid(number: u128) -> u32 {
     (number >> 64) as u32
 }
 
-/// The ports that are listed for an IMU: their nodes, and the services that list them.
-fn ports(imu: &Served) -> Vec<(UniqueNodeId, ServiceHash)> {
+/// A port that is listed: its node, and the service that lists it.
+pub type Port = (UniqueNodeId, ServiceHash);
+
+/// The ports of a stream.
+pub fn ports_of<T: IceoryxSend + fmt::Debug + ?Sized>(
+    stream: &publish_subscribe::PortFactory<Ipc, T, ()>,
+) -> Vec<Port> {
     let mut ports = Vec::new();
-    let mut note = |node: UniqueNodeId, service: &ServiceHash| {
-        ports.push((node, *service));
+    let mut note = |node: UniqueNodeId| {
+        ports.push((node, *stream.service_hash()));
         CallbackProgression::Continue
     };
-    let (raw, increments, wake) = (&imu.raw, &imu.increments, &imu.wake);
-    raw.dynamic_config().list_publishers(|port| note(port.node_id, raw.service_hash()));
-    raw.dynamic_config().list_subscribers(|port| note(port.node_id, raw.service_hash()));
-    increments.dynamic_config().list_subscribers(|port| note(port.node_id, increments.service_hash()));
-    wake.dynamic_config().list_notifiers(|port| note(port.node_id, wake.service_hash()));
+    stream.dynamic_config().list_publishers(|port| note(port.node_id));
+    stream.dynamic_config().list_subscribers(|port| note(port.node_id));
     ports
+}
+
+/// The ports of a wake-up event.
+pub fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
+    let mut ports = Vec::new();
+    let mut note = |node: UniqueNodeId| {
+        ports.push((node, *event.service_hash()));
+        CallbackProgression::Continue
+    };
+    event.dynamic_config().list_notifiers(|port| note(port.node_id));
+    event.dynamic_config().list_listeners(|port| note(port.node_id));
+    ports
+}
+
+/// Removes those ports whose process is dead.
+pub fn remove_dead(domain: &Domain, node: &IpcNode, ports: &[Port]) {
+    let dead = Leftovers::new(domain, node);
+    for (port, service) in ports.iter().filter(|(port, _)| !dead.lives(port.value())) {
+        let result = Ipc::__internal_remove_node_from_service(port, service, node.config());
+        debug!("removing a port of dead process {}: {result:?}", pid(port.value()));
+    }
 }

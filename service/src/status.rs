@@ -1,6 +1,6 @@
 //! What the service tells about itself: a JSON document, published ten times a second on `isotherm/status`.
 
-use crate::create::create;
+use crate::create::{Trouble, create};
 use crate::failure::{Exit, Failure};
 use crate::served::Served;
 use crate::worker::counters::{Counters, Summary};
@@ -183,7 +183,8 @@ impl StatusPublisher {
         };
         let publisher = create(node, domain, name, None, taken, || {
             let publisher = service.publisher_builder().initial_max_slice_len(INITIAL_BYTES);
-            Ok(publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create()?)
+            let publisher = publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create();
+            publisher.map_err(|error| Trouble::of_publisher(error, &service))
         })?;
         Ok(Self { stream: service, publisher })
     }

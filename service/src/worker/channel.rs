@@ -3,6 +3,7 @@
 use crate::config::Imu;
 use crate::create::{Trouble, create};
 use crate::failure::{Exit, Failure};
+use crate::leftovers::{ports_of, ports_of_event};
 use crate::worker::counters::{Counters, add, bump};
 use crate::worker::order::Order;
 use iceoryx2::port::listener::Listener;
@@ -83,7 +84,7 @@ impl Channel {
         })?;
         let listener = create(node, domain, &name("listener"), None, taken, || {
             wake.listener_builder().create().map_err(|error| match error {
-                ListenerCreateError::ExceedsMaxSupportedListeners => Trouble::Taken,
+                ListenerCreateError::ExceedsMaxSupportedListeners => Trouble::Taken(ports_of_event(&wake)),
                 other => Trouble::Other(other.to_string()),
             })
         })?;
@@ -98,12 +99,13 @@ impl Channel {
         };
         let subscriber = create(node, domain, &name("raw subscriber"), None, crowded, || {
             raw.subscriber_builder().buffer_size(depth).create().map_err(|error| match error {
-                SubscriberCreateError::ExceedsMaxSupportedSubscribers => Trouble::Taken,
+                SubscriberCreateError::ExceedsMaxSupportedSubscribers => Trouble::Taken(ports_of(&raw)),
                 other => Trouble::Other(other.to_string()),
             })
         })?;
         let publisher = create(node, domain, &name("increment publisher"), None, taken, || {
-            Ok(increments.publisher_builder().max_loaned_samples(1).create()?)
+            let publisher = increments.publisher_builder().max_loaned_samples(1).create();
+            publisher.map_err(|error| Trouble::of_publisher(error, &increments))
         })?;
         let channel = Self {
             tables: wiring.tables,
