@@ -160,7 +160,7 @@ impl Service<'_> {
                 self.leftovers.sweep(&self.node, served);
                 for imu in served.iter_mut() {
                     imu.windows.turn(&imu.counters.latency);
-                    imu.tell();
+                    imu.tell(false);
                 }
                 for (index, (thread, told)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
                     thread.look();
@@ -227,7 +227,7 @@ impl Service<'_> {
         self.manager.stopping();
         stop_all(self.workers)?;
         for imu in served {
-            imu.tell();
+            imu.tell(true);
             let count = |counter: &AtomicU64| counter.load(Relaxed);
             let counters = &imu.counters;
             info!(imu = %imu.imu.id, received = count(&counters.received), compensated = count(&counters.compensated), missing = count(&counters.missing), "stopped");

@@ -14,11 +14,15 @@ use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rtrb::{Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
 
 /// Tables on their way to the worker. It takes them at least every few milliseconds; one that finds no room waits for
 /// the next tick.
 const TABLES: usize = 16;
+/// How long losses that go on are not logged again.
+const AGAIN: Duration = Duration::from_secs(60);
+
 /// One IMU before its streams exist.
 pub struct Preparation {
     imu: Imu,
@@ -93,11 +97,12 @@ struct Tables {
     queue: Producer<Arc<CoefficientTable>>,
 }
 
-/// Counter values that have been logged.
+/// Counter values that have been logged, and when.
 #[derive(Default)]
 struct Told {
     missing: u64,
     transport_errors: u64,
+    at: Option<Instant>,
 }
 
 impl Tables {
@@ -165,17 +170,20 @@ impl Served {
         }
     }
 
-    /// Logs what has been lost since the last time.
-    pub fn tell(&mut self) {
+    /// Logs what has been lost since the last time; at once, but then for a minute not again, unless this is the `last` time.
+    pub fn tell(&mut self, last: bool) {
+        if !last && self.told.at.is_some_and(|told| told.elapsed() < AGAIN) {
+            return;
+        }
         let missing = self.counters.missing.load(Relaxed);
         if missing > self.told.missing {
             warn!(imu = %self.imu.id, missing, "{} samples were missing in the raw stream", missing - self.told.missing);
-            self.told.missing = missing;
+            (self.told.missing, self.told.at) = (missing, Some(Instant::now()));
         }
         let errors = self.counters.transport_errors.load(Relaxed);
         if errors > self.told.transport_errors {
             error!(imu = %self.imu.id, errors, "the transport failed {} times", errors - self.told.transport_errors);
-            self.told.transport_errors = errors;
+            (self.told.transport_errors, self.told.at) = (errors, Some(Instant::now()));
         }
     }
 }

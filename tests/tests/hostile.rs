@@ -61,6 +61,8 @@ fn a_flood_on_one_imu_does_not_starve_the_other() {
     assert_eq!(status["imus"][0]["compensated"], 500);
     assert!(status["imus"][1]["received"].as_u64().unwrap() > 500, "{status}");
     assert!(status["imus"][1]["gaps"].as_u64().unwrap() > 0);
+    service.wait_for_log("samples were missing");
+    assert_eq!(service.count_in_log("samples were missing"), 1, "a flood does not fill the log");
     service.terminate();
 }
 
