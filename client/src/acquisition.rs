@@ -2,10 +2,10 @@
 
 use crate::clock::{Clock, monotonic_ns};
 use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
+use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
 use crate::peers::{depth_of, publisher_of, subscribers_of};
 use crate::pending::Pending;
 use crate::resources::reserve;
-use core::fmt;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
@@ -30,69 +30,6 @@ const SILENCE_NS: u64 = 1_000_000_000;
 const OVERTAKEN_NS: u64 = 100_000_000;
 /// Samples that may be in the caller's hands, loaned and not sent yet.
 const LOANS: usize = 4;
-
-/// A raw sample in shared memory that is yours until it is sent. Dereferences to [`RawSample`].
-///
-/// `session` and `sequence` are filled in already. A sequence may be raised, to tell of samples that were lost before
-/// they could be sent; the service then flags the gap.
-pub struct Loan(SampleMut<Ipc, RawSample, ()>);
-
-impl core::ops::Deref for Loan {
-    type Target = RawSample;
-    fn deref(&self) -> &RawSample {
-        self.0.payload()
-    }
-}
-
-impl core::ops::DerefMut for Loan {
-    fn deref_mut(&mut self) -> &mut RawSample {
-        self.0.payload_mut()
-    }
-}
-
-impl fmt::Debug for Loan {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Loan").field(&**self).finish()
-    }
-}
-
-/// Why a sample was not sent. It comes back where the caller can still use it.
-#[derive(Debug, thiserror::Error)]
-pub enum SendError {
-    /// As many samples as the service's queue holds are unanswered. Wait and send again, drop it, or sum the next one
-    /// into it with [`RawSample::merge`].
-    #[error("the service's queue is full of unanswered samples")]
-    Full(Loan),
-    /// The sequence is not above the last one sent in this session.
-    #[error("the sequence does not rise above the last one sent")]
-    Sequence(Loan),
-    /// The transport failed. The sample is lost, and the service will flag the gap.
-    #[error("transport: sending a raw sample: {0}")]
-    Transport(String),
-}
-
-/// The transport failed.
-#[derive(Debug, thiserror::Error)]
-#[error("transport: {phase}: {cause}")]
-pub struct TransportError {
-    phase: &'static str,
-    cause: String,
-}
-
-/// Why a round trip gave no increment.
-#[derive(Debug, thiserror::Error)]
-pub enum CompensateError {
-    /// The sample could not be sent.
-    #[error(transparent)]
-    Send(#[from] SendError),
-    /// No answer in time. The sample stays in flight: it is sent again when the service returns, and a later
-    /// [`receive`](Acquisition::receive) may still get its answer.
-    #[error("no answer from the service in time; `isotherm status` tells whether it runs")]
-    Timeout,
-    /// The transport failed.
-    #[error(transparent)]
-    Receive(#[from] TransportError),
-}
 
 /// The one acquisition process of an IMU.
 ///
@@ -132,11 +69,6 @@ struct Recovery {
     /// Whether an answer has been handed out since the last look.
     progress: bool,
 }
-
-/// Samples of the old session are unanswered, this many.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
-#[error("{0} samples of this session are unanswered; receive their answers first")]
-pub struct InFlight(pub usize);
 
 impl Acquisition {
     /// Connects as the acquisition of `imu`, waiting for the service if need be.
@@ -433,10 +365,6 @@ impl Acquisition {
         let _ = self.notifier.notify();
         Ok(())
     }
-}
-
-fn transport(phase: &'static str, cause: impl ToString) -> TransportError {
-    TransportError { phase, cause: cause.to_string() }
 }
 
 /// A number that no other session is likely to have; the standard library's hash keys are random in every process.

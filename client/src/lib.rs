@@ -46,13 +46,14 @@ mod acquisition;
 mod clock;
 mod connect;
 mod increments;
+mod loan;
 mod once;
 mod peers;
 mod pending;
 mod realtime;
 mod resources;
 
-pub use acquisition::{Acquisition, CompensateError, InFlight, Loan, SendError, TransportError};
+pub use acquisition::Acquisition;
 pub use clock::{Clock, monotonic_ns};
 pub use connect::{
     ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing,
@@ -61,6 +62,7 @@ pub use connect::{
 pub use increments::IncrementReader;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
+pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
 pub use peers::{publisher_of, subscribers_of};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use resources::{check_room, reserve};

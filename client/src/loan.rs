@@ -1,0 +1,78 @@
+//! A sample on its way, and what can go wrong with it.
+
+use core::fmt;
+use iceoryx2::sample_mut::SampleMut;
+use isotherm_shared::stream::Ipc;
+use isotherm_shared::wire::RawSample;
+
+/// A raw sample in shared memory that is yours until it is sent. Dereferences to [`RawSample`].
+///
+/// `session` and `sequence` are filled in already. A sequence may be raised, to tell of samples that were lost before
+/// they could be sent; the service then flags the gap.
+pub struct Loan(pub(crate) SampleMut<Ipc, RawSample, ()>);
+
+impl core::ops::Deref for Loan {
+    type Target = RawSample;
+    fn deref(&self) -> &RawSample {
+        self.0.payload()
+    }
+}
+
+impl core::ops::DerefMut for Loan {
+    fn deref_mut(&mut self) -> &mut RawSample {
+        self.0.payload_mut()
+    }
+}
+
+impl fmt::Debug for Loan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Loan").field(&**self).finish()
+    }
+}
+
+/// Why a sample was not sent. It comes back where the caller can still use it.
+#[derive(Debug, thiserror::Error)]
+pub enum SendError {
+    /// As many samples as the service's queue holds are unanswered. Wait and send again, drop it, or sum the next one
+    /// into it with [`RawSample::merge`].
+    #[error("the service's queue is full of unanswered samples")]
+    Full(Loan),
+    /// The sequence is not above the last one sent in this session.
+    #[error("the sequence does not rise above the last one sent")]
+    Sequence(Loan),
+    /// The transport failed. The sample is lost, and the service will flag the gap.
+    #[error("transport: sending a raw sample: {0}")]
+    Transport(String),
+}
+
+/// The transport failed.
+#[derive(Debug, thiserror::Error)]
+#[error("transport: {phase}: {cause}")]
+pub struct TransportError {
+    phase: &'static str,
+    cause: String,
+}
+
+/// Why a round trip gave no increment.
+#[derive(Debug, thiserror::Error)]
+pub enum CompensateError {
+    /// The sample could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+    /// No answer in time. The sample stays in flight: it is sent again when the service returns, and a later
+    /// [`receive`](crate::Acquisition::receive) may still get its answer.
+    #[error("no answer from the service in time; `isotherm status` tells whether it runs")]
+    Timeout,
+    /// The transport failed.
+    #[error(transparent)]
+    Receive(#[from] TransportError),
+}
+
+/// Samples of the old session are unanswered, this many.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
+#[error("{0} samples of this session are unanswered; receive their answers first")]
+pub struct InFlight(pub usize);
+
+pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> TransportError {
+    TransportError { phase, cause: cause.to_string() }
+}
