@@ -6,7 +6,7 @@
 use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
 use crate::files::Guard;
-use crate::leftovers::Leftovers;
+use crate::leftovers::{self, Leftovers};
 use crate::reload::{self, Look, TICK, TableFile};
 use crate::served::{Preparation, Served};
 use crate::sigbus;
@@ -56,6 +56,7 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     check_room(config.imus.len())?;
+    leftovers::adopt_domain(domain);
     let node = join(domain)?;
     let publisher = StatusPublisher::create(&node, domain)?;
 

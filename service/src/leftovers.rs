@@ -5,22 +5,43 @@
 //! removed when their process has been dead for [`PASSES`] such looks, which leaves the transport its turn.
 
 use crate::served::Served;
+use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::prelude::{CallbackProgression, IceoryxSend, PortFactory as _};
+use iceoryx2::prelude::{CallbackProgression, FilePath, IceoryxSend, PortFactory as _, SemanticString as _};
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
 use isotherm_client::in_mode;
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
+use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use std::collections::{BTreeSet, HashMap};
 use std::fmt;
 use std::fs::{self, File};
+use std::io::Write as _;
+use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
 use tracing::{debug, info};
 
 /// Looks in a row that must have found a process dead before what it left is removed.
 const PASSES: u32 = 3;
+
+/// Has the transport take the domain's configuration for that of dead processes that have left none. It would read one from the current
+/// directory otherwise, look in another domain, and leave what is there.
+pub fn adopt_domain(domain: &Domain) {
+    let adopt = || -> Option<()> {
+        let text = toml::to_string(&domain.config().ok()?).ok()?;
+        // A file, since nothing else is taken, but one that nobody else sees.
+        let mut file = File::from(memfd_create("isotherm", MemfdFlags::CLOEXEC).ok()?);
+        file.write_all(text.as_bytes()).ok()?;
+        let path = format!("/proc/self/fd/{}", file.as_raw_fd());
+        Config::setup_global_config_from_file(&FilePath::new(path.as_bytes()).ok()?).ok()?;
+        Some(())
+    };
+    if adopt().is_none() {
+        debug!("the transport keeps its own configuration for dead processes that have left none");
+    }
+}
 
 /// What has been found so far.
 #[derive(Debug)]
