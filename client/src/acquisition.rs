@@ -337,24 +337,25 @@ impl Acquisition {
         // A dead service stays listed until it is cleaned away, which its successor does before it takes the place.
         let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
         if service != self.recovery.service {
-            self.send_again(self.pending.unanswered_count())?;
+            // Those too that are answered and wait for their turn: the new service would take the next ones for a gap otherwise.
+            self.send_again(self.pending.len(), true)?;
             self.recovery.service = service;
             self.recovery.silent_since_ns = now;
         } else if self.pending.overtaken() > 0 && now.saturating_sub(self.recovery.resent_ns) > OVERTAKEN_NS {
             // The service answers in order: what an answered sample has overtaken never reached it.
             self.recovery.resent_ns = now;
-            self.send_again(self.pending.overtaken())?;
+            self.send_again(self.pending.overtaken(), false)?;
         } else if now.saturating_sub(self.recovery.silent_since_ns) > self.recovery.patience_ns {
             self.recovery.silent_since_ns = now;
             self.recovery.patience_ns = self.recovery.patience_ns.saturating_mul(2);
-            self.send_again(1)?;
+            self.send_again(1, false)?;
         }
         Ok(())
     }
 
-    /// Sends the oldest unanswered samples once more, as they were.
-    fn send_again(&mut self, count: usize) -> Result<(), TransportError> {
-        for sample in self.pending.unanswered().take(count) {
+    /// Sends the oldest samples once more, as they were; those without an answer, or `answered` ones too.
+    fn send_again(&mut self, count: usize, answered: bool) -> Result<(), TransportError> {
+        for sample in self.pending.samples(answered).take(count) {
             let mut copy = match self.spare.take() {
                 Some(spare) => spare,
                 None => self.fresh()?,

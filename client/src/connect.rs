@@ -1,7 +1,7 @@
 //! Joining a domain: where it is, how a process gets its node, and how long that may take.
 
 use crate::peers::publisher_of;
-use crate::resources::{SHARED_MEMORY, check_room};
+use crate::resources::{SHARED_MEMORY, check_folder, check_room};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, INCREMENT_SUBSCRIBERS, ImuId, IpcNode};
@@ -53,7 +53,9 @@ impl Options {
 /// # Errors
 /// If name or folder cannot be used.
 pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
-    let from_environment = std::env::var(DOMAIN_VARIABLE).ok().filter(|name| !name.is_empty());
+    // What is not UTF-8 is no domain's name, and refused as such.
+    let from_environment = std::env::var_os(DOMAIN_VARIABLE).map(|name| name.to_string_lossy().into_owned());
+    let from_environment = from_environment.filter(|name| !name.is_empty());
     let name = name.map(str::to_owned).or(from_environment).unwrap_or_else(|| Domain::DEFAULT.to_owned());
     let root = match std::env::var(ROOT_VARIABLE) {
         Ok(root) if !root.is_empty() => {
@@ -153,6 +155,7 @@ pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
 pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     check_owner(domain)?;
     check_room(0)?;
+    check_folder(domain)?;
     sweep_half_created(domain);
     let config = domain.config()?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
@@ -170,6 +173,10 @@ pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     match fs::metadata(domain.root_path()) {
         Ok(metadata) if !metadata.is_dir() => {
             let cause = format!("{} is not a folder; remove it, or use another --domain", domain.root_path());
+            Err(ConnectError::transport("joining the domain", cause))
+        }
+        Ok(metadata) if metadata.permissions().mode() & 0o002 != 0 => {
+            let cause = format!("everybody may write {0}; chmod o-w {0}", domain.root_path());
             Err(ConnectError::transport("joining the domain", cause))
         }
         Ok(metadata) if metadata.uid() != rustix::process::geteuid().as_raw() => Err(permission(domain)),

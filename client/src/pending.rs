@@ -67,13 +67,9 @@ impl Pending {
         Some(answer)
     }
 
-    /// The samples that are still without an answer, oldest first.
-    pub(crate) fn unanswered(&self) -> impl Iterator<Item = &RawSample> {
-        self.entries.iter().filter(|(_, answer)| answer.is_none()).map(|(sample, _)| sample)
-    }
-
-    pub(crate) fn unanswered_count(&self) -> usize {
-        self.unanswered().count()
+    /// The samples that are still without an answer, oldest first; or all of them, those too whose answers wait for their turn.
+    pub(crate) fn samples(&self, answered: bool) -> impl Iterator<Item = &RawSample> {
+        self.entries.iter().filter(move |(_, answer)| answered || answer.is_none()).map(|(sample, _)| sample)
     }
 
     /// How many unanswered samples have an answered one behind them.
@@ -107,8 +103,8 @@ mod tests {
             assert!(!pending.accept(&answer(sequence)));
             assert!(pending.pop_answered().is_none());
         }
-        assert_eq!(pending.unanswered().map(|s| s.sequence).collect::<Vec<_>>(), [10]);
-        assert_eq!((pending.unanswered_count(), pending.overtaken()), (1, 1));
+        let samples = |answered| pending.samples(answered).map(|sample| sample.sequence).collect::<Vec<_>>();
+        assert_eq!((samples(false), samples(true), pending.overtaken()), (vec![10], vec![10, 11, 20], 1));
         assert!(pending.accept(&answer(10)));
         let order: Vec<_> = std::iter::from_fn(|| pending.pop_answered()).map(|a| a.sequence).collect();
         assert_eq!(order, [11, 20]);

@@ -8,12 +8,13 @@ use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
-use std::fs::{self, File};
-use std::os::unix::fs::MetadataExt as _;
+use std::fs::{self, DirBuilder, File};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 
 /// Where the transport's memory is.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// What a client's streams and their connections take at most, and a service without IMUs \[bytes\].
+const ROOM_OF_A_CLIENT: u64 = 256 << 10;
 const ROOM: u64 = 1 << 20;
 /// What an IMU takes of a service at most, its connections included \[bytes\].
 const ROOM_OF_AN_IMU: u64 = 640 << 10;
@@ -27,12 +28,33 @@ const DESCRIPTORS_OF_AN_IMU: usize = 20;
 /// [`ConnectError::Exhausted`], with what is missing and where.
 pub fn check_room(imus: usize) -> Result<(), ConnectError> {
     check_descriptors(imus)?;
-    let needed = ROOM + imus as u64 * ROOM_OF_AN_IMU;
+    let needed = if imus == 0 { ROOM_OF_A_CLIENT } else { ROOM + imus as u64 * ROOM_OF_AN_IMU };
     let unwritable = |error: Errno| {
         ConnectError::Exhausted(format!("shared memory {SHARED_MEMORY} cannot be written ({error}); mount it writable"))
     };
     access(SHARED_MEMORY, Access::WRITE_OK).map_err(unwritable)?;
     if free().is_some_and(|free| free < needed) { Err(full(needed)) } else { Ok(()) }
+}
+
+/// Whether the domain's folder, which is made if need be, can be written and has room for the small files of streams and processes.
+pub(crate) fn check_folder(domain: &Domain) -> Result<(), ConnectError> {
+    const ROOM: u64 = 64 << 10;
+    const FILES: u64 = 64;
+    let root = domain.root_path();
+    let failed = |cause: String| {
+        ConnectError::Exhausted(format!(
+            "the domain's folder {root}: {cause}; ISOTHERM_ROOT names the folder above, which must be writable"
+        ))
+    };
+    let made = DirBuilder::new().recursive(true).mode(0o750).create(root);
+    made.map_err(|error| failed(error.to_string()))?;
+    access(root, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| failed(error.to_string()))?;
+    let Ok(room) = statvfs(root) else { return Ok(()) };
+    let (bytes, files) = (room.f_bavail * room.f_frsize, room.f_favail);
+    if (room.f_blocks > 0 && bytes < ROOM) || (room.f_files > 0 && files < FILES) {
+        return Err(failed(format!("its file system is full ({} kB and {files} files free)", bytes / 1024)));
+    }
+    Ok(())
 }
 
 /// Has the kernel give this user's memory of `domain` its pages now, so that none is missing later.

@@ -1,7 +1,7 @@
 //! Removing what a domain leaves behind: a few small files that the transport keeps for the next start.
 
 use crate::failure::{Exit, Failure};
-use iceoryx2::node::NodeView as _;
+use iceoryx2::node::{NodeListFailure, NodeView as _};
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
 use isotherm_client::{Domain, check_owner, sweep_half_created};
 use isotherm_shared::stream::Ipc;
@@ -45,20 +45,25 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
 fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
     let mut user = None;
-    let listed = Node::<Ipc>::list(&config, |node| {
-        user = match &node {
-            NodeState::Alive(view) => match view.id().pid::<Ipc>() {
-                Ok(pid) => Some(format!("pid {}", pid.value())),
-                Err(_) => Some("a process".to_owned()),
-            },
-            NodeState::Inaccessible(_) | NodeState::Undefined(_) => {
-                Some("a process that cannot be identified".to_owned())
-            }
-            NodeState::Dead(_) => return CallbackProgression::Continue,
-        };
-        CallbackProgression::Stop
-    });
-    let failed = |error| format!("listing the processes of domain {:?}: {error}", domain.name());
+    let folder = Path::new(domain.root_path()).join(FOLDERS[0]);
+    let listed = if folder.is_dir() {
+        Node::<Ipc>::list(&config, |node| {
+            user = match &node {
+                NodeState::Alive(view) => match view.id().pid::<Ipc>() {
+                    Ok(pid) => Some(format!("pid {}", pid.value())),
+                    Err(_) => Some("a process".to_owned()),
+                },
+                NodeState::Inaccessible(_) | NodeState::Undefined(_) => {
+                    Some("a process that cannot be identified".to_owned())
+                }
+                NodeState::Dead(_) => return CallbackProgression::Continue,
+            };
+            CallbackProgression::Stop
+        })
+    } else {
+        Ok(())
+    };
+    let failed = |error: NodeListFailure| format!("listing the processes of domain {:?}: {error}", domain.name());
     listed.map_err(|error| Failure::new(Exit::Failed, failed(error)))?;
     let needle = format!("/dev/shm/{}", domain.prefix());
     let mapped = || {

@@ -7,7 +7,9 @@
 use crate::served::Served;
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::prelude::{CallbackProgression, FilePath, IceoryxSend, PortFactory as _, SemanticString as _};
+use iceoryx2::prelude::{
+    CallbackProgression, FilePath, IceoryxSend, Node, NodeState, PortFactory as _, SemanticString as _,
+};
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
@@ -21,7 +23,7 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
-use tracing::{debug, info};
+use tracing::{debug, error, info};
 
 /// Looks in a row that must have found a process dead before what it left is removed.
 const PASSES: u32 = 3;
@@ -43,12 +45,28 @@ pub fn adopt_domain(domain: &Domain) {
     }
 }
 
+/// Has the transport clear away what dead processes have left, without joining the domain.
+pub fn clear_dead(domain: &Domain) {
+    let Ok(config) = domain.config() else { return };
+    let listed = Node::<Ipc>::list(&config, |node| {
+        if let NodeState::Dead(view) = node {
+            // Another process may be at it.
+            let _ = view.try_remove_stale_resources();
+        }
+        CallbackProgression::Continue
+    });
+    if let Err(error) = listed {
+        debug!("listing dead processes: {error}");
+    }
+}
+
 /// What has been found so far.
 #[derive(Debug)]
 pub struct Leftovers {
     nodes: PathBuf,
     prefix: String,
     own: u32,
+    told_of_removal: bool,
     /// Dead nodes by number, with the looks that have found them.
     dead: HashMap<u128, u32>,
 }
@@ -57,11 +75,26 @@ impl Leftovers {
     /// Of the domain that `node` is in.
     pub fn new(domain: &Domain, node: &IpcNode) -> Self {
         let nodes = Path::new(domain.root_path()).join("nodes");
-        Self { nodes, prefix: domain.prefix(), own: pid(node.id().value()), dead: HashMap::new() }
+        Self {
+            nodes,
+            prefix: domain.prefix(),
+            own: pid(node.id().value()),
+            told_of_removal: false,
+            dead: HashMap::new(),
+        }
     }
 
     /// Looks once, and removes what has been dead for long enough.
     pub fn sweep(&mut self, node: &IpcNode, served: &[Served]) {
+        let removed = !self.nodes.exists();
+        if removed && !self.told_of_removal {
+            error!(
+                "{} has been removed under the running service: clients that are connected go on, no other can connect; restart the service, and \
+                 keep domains in /run/isotherm, where nobody tidies up",
+                self.nodes.display()
+            );
+        }
+        self.told_of_removal = removed;
         for (path, age) in in_mode("/dev/shm", &self.prefix, 0o200) {
             if age.is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
                 let _ = fs::remove_file(path);

@@ -162,7 +162,7 @@ impl Served {
             }
             Look::Refused(error) => {
                 let error = cut(error.to_string());
-                if self.last_error.as_ref() != Some(&error) {
+                if forced || self.last_error.as_ref() != Some(&error) {
                     warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
                     self.last_error = Some(error);
                 }

@@ -17,7 +17,7 @@ impl Manager {
     /// Whoever started this process, as its environment says.
     pub fn from_environment() -> Self {
         // Twice as often as asked, as the manual page advises.
-        let period = sd_notify::watchdog_enabled().map(|timeout| timeout / 2);
+        let period = sd_notify::watchdog_enabled().filter(|timeout| !timeout.is_zero()).map(|timeout| timeout / 2);
         if let Some(period) = period {
             info!("the service manager's watchdog is fed every {} ms while all workers move", period.as_millis());
         }

@@ -183,6 +183,7 @@ fn sighup_loads_all_tables() {
     bench.service.wait_for_log("table refused");
     bench.service.signal(Signal::HUP);
     bench.service.wait_for_log_lines("SIGHUP", 4);
+    bench.service.wait_for_log_lines("table refused", 2);
     bench.wait_for("a bad file changes nothing", TABLE);
     bench.end();
 }

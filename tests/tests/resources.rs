@@ -2,9 +2,9 @@
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_tests::{RUN, TABLE, World, may_mount, recording, round_trip, table, text, variant, wait_until};
-use rustix::fs::inotify;
 use std::fs;
 use std::io::Write as _;
+use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::PermissionsExt as _;
 
 /// A shell's words that give the commands behind them a shared memory of their own.
@@ -72,6 +72,49 @@ fn shared_memory_that_fills_up_later_hurts_nobody_who_is_there() {
 }
 
 #[test]
+fn what_a_killed_service_has_left_does_not_keep_the_next_one_out() {
+    if !may_mount() {
+        return;
+    }
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    // Room for one service, not for two.
+    let preparation = own_memory("size=2600k")
+        + " && for n in 1 2 3; do timeout -s KILL 1 \"$0\" serve --imu imu-a=imu-a.toml 2> log || true; grep ready log; done";
+    let mut command = world.isotherm_after(&["-m"], &preparation, &["clean"]);
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stdout).matches("ready").count(), 3, "{}", fs::read_to_string(world.path("log")).unwrap());
+}
+
+#[test]
+fn a_domains_folder_that_cannot_be_used_is_named() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    let serve = |root: &str| {
+        let mut command = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        let output = command.env("ISOTHERM_ROOT", root).output().unwrap();
+        assert_eq!(output.status.code(), Some(74), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("the domain's folder "), "{}", text(&output.stderr));
+    };
+    serve("/dev/null");
+    serve("/proc");
+    if may_mount() {
+        fs::create_dir(world.path("small")).unwrap();
+        for options in ["size=16k", "ro", "size=1m,nr_inodes=8"] {
+            let mount = format!("mount -t tmpfs -o {options} tmpfs small && export ISOTHERM_ROOT=$PWD/small");
+            let mut command = world.isotherm_after(&["-m"], &mount, &["serve", "--imu", "imu-a=imu-a.toml"]);
+            let output = command.output().unwrap();
+            assert_eq!(output.status.code(), Some(74), "{options}: {}", text(&output.stderr));
+            assert!(text(&output.stderr).contains("the domain's folder "), "{options}: {}", text(&output.stderr));
+        }
+    }
+    let mut command = world.isotherm(&["status"]);
+    let output = command.env("ISOTHERM_DOMAIN", std::ffi::OsStr::from_bytes(b"\xff")).output().unwrap();
+    assert_eq!(output.status.code(), Some(64), "{}", text(&output.stderr));
+}
+
+#[test]
 fn too_few_descriptors_are_named_as_the_cause() {
     let mut refused = 0;
     for limit in (10..=66).step_by(4) {
@@ -136,14 +179,14 @@ fn a_full_disk_leaves_the_old_file_whole() {
 fn without_file_watches_tables_are_looked_at() {
     let world = World::new();
     world.write("imu-a.toml", TABLE);
-    // As many watchers as a user may have; other tests of this moment do without as well.
-    let mut watchers = Vec::new();
-    while let Ok(watcher) = inotify::init(inotify::CreateFlags::CLOEXEC) {
-        watchers.push(watcher);
-        assert!(watchers.len() < 100_000, "there is no limit");
+    // A user namespace has a limit of its own.
+    let limit = "echo 0 > /proc/sys/user/max_inotify_instances";
+    if !world.isotherm_after(&["-Ur"], limit, &["--version"]).output().is_ok_and(|output| output.status.success()) {
+        eprintln!("not tested: this user may not have a user namespace");
+        return;
     }
-    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
-    drop(watchers);
+    let service = world.start(world.isotherm_after(&["-Ur"], limit, &["serve", "--imu", "imu-a=imu-a.toml"]));
+    service.wait_for_log("ready");
     assert_eq!(service.count_in_log("watching a table's folder"), 1, "{}", service.log());
     assert_eq!(service.count_in_log("looked at every 50 ms instead"), 1, "{}", service.log());
     world.replace("imu-a.toml", &variant(1));

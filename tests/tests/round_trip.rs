@@ -394,3 +394,18 @@ fn a_recording_is_never_overwritten_by_its_increments() {
     }
     assert_eq!(fs::read(world.path("run.csv")).unwrap(), fs::read(RUN).unwrap());
 }
+
+#[test]
+fn a_bad_row_ends_feed_and_replay_after_the_same_increments() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let mut rows: Vec<_> = fs::read_to_string(RUN).unwrap().lines().take(101).map(str::to_owned).collect();
+    rows.push("garbage".to_owned());
+    world.write("bad.csv", &rows.join("\n"));
+    let fed = world.run(&["feed", "--imu", "imu-a", "bad.csv"]);
+    let replayed = world.run(&["replay", "--table", "imu-a.toml", "bad.csv"]);
+    assert_eq!((fed.status.code(), replayed.status.code()), (Some(65), Some(65)), "{}", text(&fed.stderr));
+    assert_eq!(text(&fed.stdout), text(&replayed.stdout));
+    assert_eq!(text(&fed.stdout).lines().count(), 101);
+    service.terminate();
+}

@@ -70,7 +70,15 @@ impl Feed {
         let (mut due, mut session) = (heard, None);
         let result = (|| {
             for sample in reader {
-                let sample = sample.map_err(failed)?;
+                let sample = match sample {
+                    Ok(sample) => sample,
+                    Err(error) => {
+                        // What has been sent is written, as `replay` would have.
+                        line.drain()?;
+                        line.writer.flush().map_err(Interrupted::Write)?;
+                        return Err(failed(error).into());
+                    }
+                };
                 if session.is_some_and(|session| session != sample.session) {
                     line.drain()?;
                     line.acquisition.begin_session().map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
