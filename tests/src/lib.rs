@@ -21,7 +21,7 @@ use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Condvar, Mutex};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -180,13 +180,13 @@ impl World {
         let alive = Arc::clone(&self.alive);
         let log = Arc::<(Mutex<Vec<String>>, Condvar)>::default();
         let (sink, stderr) = (Arc::clone(&log), BufReader::new(child.stderr.take().unwrap()));
-        thread::spawn(move || {
+        let reader = thread::spawn(move || {
             for line in stderr.lines().map_while(Result::ok) {
                 sink.0.lock().unwrap().push(line);
                 sink.1.notify_all();
             }
         });
-        Process { child, log, alive }
+        Process { child, log, reader: Some(reader), alive }
     }
 
     /// Has a process that this world did not start ended with it, and by its watchdog.
@@ -218,6 +218,7 @@ impl Drop for World {
 pub struct Process {
     child: Child,
     log: Arc<(Mutex<Vec<String>>, Condvar)>,
+    reader: Option<JoinHandle<()>>,
     alive: Arc<Mutex<Vec<u32>>>,
 }
 
@@ -301,6 +302,8 @@ impl Process {
             assert!(Instant::now() < deadline, "it does not end:\n{}", self.log());
             thread::sleep(Duration::from_millis(2));
         };
+        // Its last lines may still be on their way.
+        self.reader.take().unwrap().join().unwrap();
         (status, self.log())
     }
 }
