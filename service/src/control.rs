@@ -56,18 +56,8 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     leftovers::adopt_domain(domain);
-    // What a predecessor has left may be what is missing. It is not gone at the first try: its nodes go one after the other.
-    let tries = (0..10).find(|_| {
-        let enough = check_room(config.imus.len()).is_ok();
-        if !enough {
-            leftovers::clear_dead(domain);
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        enough
-    });
-    if tries.is_none() {
-        check_room(config.imus.len())?;
-    }
+    leftovers::make_room(domain, config.imus.len());
+    check_room(config.imus.len())?;
     let node = join(domain)?;
     let publisher = StatusPublisher::create(&node, domain)?;
 

@@ -13,7 +13,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
-use isotherm_client::in_mode;
+use isotherm_client::{check_room, in_mode};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
@@ -23,6 +23,8 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::fd::AsRawFd as _;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
 use tracing::{debug, error, info};
 
 /// Looks in a row that must have found a process dead before what it left is removed.
@@ -45,8 +47,20 @@ pub fn adopt_domain(domain: &Domain) {
     }
 }
 
+/// Where there is no room for a service of `imus` IMUs, has what its predecessor has left cleared away. That is not gone at the first try: its
+/// nodes go one after the other.
+pub fn make_room(domain: &Domain, imus: usize) {
+    for _ in 0..10 {
+        if check_room(imus).is_ok() {
+            return;
+        }
+        clear_dead(domain);
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// Has the transport clear away what dead processes have left, without joining the domain.
-pub fn clear_dead(domain: &Domain) {
+fn clear_dead(domain: &Domain) {
     let Ok(config) = domain.config() else { return };
     let listed = Node::<Ipc>::list(&config, |node| {
         if let NodeState::Dead(view) = node {

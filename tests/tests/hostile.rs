@@ -280,6 +280,14 @@ fn another_user_is_told_why_it_gets_nothing_and_root_too() {
     service.terminate();
     world.run_well(&["clean"]);
 
+    // One that everybody may write is nobody's to trust.
+    fs::create_dir(world.domain().root_path()).unwrap();
+    fs::set_permissions(world.domain().root_path(), Permissions::from_mode(0o777)).unwrap();
+    let output = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).contains("everybody may write "), "{}", text(&output.stderr));
+    fs::remove_dir(world.domain().root_path()).unwrap();
+
     // A domain of nobody's; root could open its files, and would get nothing.
     fs::create_dir(world.domain().root_path()).unwrap();
     chown(world.domain().root_path(), Some(65_534), Some(65_534)).unwrap();

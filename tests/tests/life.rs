@@ -246,6 +246,7 @@ fn clean_touches_no_other_domain_and_nothing_that_is_not_ours() {
     round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
     // With the folder gone the transport knows nobody, but the service has its memory mapped.
     fs::remove_dir_all(world.domain().root_path()).unwrap();
+    service.wait_for_log("has been removed under the running service");
     let refused = world.run(&["clean"]);
     assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stderr));
     drop(service);
