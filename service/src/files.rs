@@ -4,7 +4,7 @@ use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use std::fmt;
-use std::fs::{self, File, Metadata, OpenOptions};
+use std::fs::{self, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Read as _, Write};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::{Path, PathBuf};
@@ -264,11 +264,12 @@ fn permissions(existing: Option<&Metadata>) -> fs::Permissions {
 ///
 /// # Errors
 /// If it cannot be opened.
+#[cfg(feature = "tools")]
 pub fn open_recording(path: &Path) -> io::Result<Box<dyn io::Read>> {
     if path == Path::new("-") {
         return Ok(Box::new(io::stdin()));
     }
-    let file = File::open(path)?;
+    let file = fs::File::open(path)?;
     if file.metadata()?.is_dir() {
         return Err(io::Error::from(io::ErrorKind::IsADirectory));
     }

@@ -3,8 +3,8 @@ use crate::config::Config;
 use crate::failure::{Exit, Failure};
 use crate::files::{Guard, Output, TableFileError, load_table, read_text};
 use clap::Args;
-use isotherm_calibration::calibrate::observable;
-use isotherm_calibration::campaign::Campaign;
+#[cfg(feature = "tools")]
+use isotherm_calibration::{calibrate::observable, campaign::Campaign};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::table::{CoefficientTable, Seal};
 use std::io::{self, Read as _, Write as _};
@@ -79,11 +79,17 @@ fn check(path: &Path, seal: bool, guard: Guard) -> Result<String, Failure> {
         Kind::Campaign if seal => {
             Err(Failure::new(Exit::Config, format!("{}: a campaign; only tables are sealed", path.display())))
         }
+        #[cfg(feature = "tools")]
         Kind::Campaign => {
             let campaign = Campaign::from_toml(&text).map_err(refuse)?;
             let observable = observable(&campaign);
             observable.map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
             Ok(format!("campaign of {}, {} positions that observe everything", campaign.imu, campaign.positions.len()))
+        }
+        #[cfg(not(feature = "tools"))]
+        Kind::Campaign => {
+            let message = "a campaign; this program is built without what reads one (feature \"tools\")";
+            Err(Failure::new(Exit::Usage, format!("{}: {message}", path.display())))
         }
         Kind::Config => {
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;

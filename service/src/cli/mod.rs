@@ -1,32 +1,55 @@
 //! The command line: one file a command.
 
-mod calibrate;
 mod check;
-mod clean;
-mod demo;
-mod feed;
-mod parse;
-mod regress;
-mod replay;
 mod serve;
-mod simulate;
 mod status;
-mod verify;
+#[cfg(feature = "tools")]
+mod tools;
 
 use crate::failure::{Exit, Failure};
-use crate::files::{Output, remove_unfinished_on_signals};
+use crate::files::remove_unfinished_on_signals;
 use clap::{Parser, Subcommand};
 use isotherm_client::{Domain, Options};
-use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::Path;
 use std::time::Duration;
 
-/// The published tables of the source paper.
-const PAPER: &str = include_str!("../../../examples/tables/imu-paper.toml");
+/// Of what this program was built, for a report of a fault.
+const LONG_VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    "\ncommit: ",
+    env!("ISOTHERM_COMMIT"),
+    "\nfeatures: ",
+    env!("ISOTHERM_FEATURES"),
+    "\nbuilt: ",
+    env!("ISOTHERM_BUILT")
+);
+
+#[cfg(feature = "tools")]
+const EXAMPLES: &str = "Examples:
+  isotherm demo                                           the whole chain, on embedded data
+  isotherm serve --imu imu-a=imu-a.toml                   serve an IMU until SIGTERM
+  isotherm feed --imu imu-a run.csv -o increments.csv     send it a recording, from another terminal
+  isotherm status
+  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html
+Exit codes: 0 done, 1 failed, 64 usage, 65 bad data, 69 no service, 74 input or output, 78 bad configuration or table";
+#[cfg(not(feature = "tools"))]
+const EXAMPLES: &str = "Examples:
+  isotherm serve --imu imu-a=imu-a.toml
+  isotherm status
+This is a build without the tools (feature \"tools\"): calibrate, feed, replay and the others are not in it.
+Exit codes: 0 done, 1 failed, 64 usage, 69 no service, 74 input or output, 78 bad configuration or table";
 
 /// Compensates accelerometer pulses for temperature, live over shared memory and offline.
 #[derive(Debug, Parser)]
-#[command(name = "isotherm", version, propagate_version = true, arg_required_else_help = true)]
+#[command(
+    name = "isotherm",
+    version,
+    long_version = LONG_VERSION,
+    propagate_version = true,
+    arg_required_else_help = true,
+    after_help = EXAMPLES
+)]
 pub struct Cli {
     /// The world of service and clients; two domains never meet
     ///
@@ -39,17 +62,12 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Demo(demo::Demo),
     Serve(serve::Serve),
-    Feed(feed::Feed),
-    Replay(replay::Replay),
-    Calibrate(calibrate::Calibrate),
-    Regress(regress::Regress),
-    Verify(verify::Verify),
     Check(check::Check),
-    Simulate(simulate::Simulate),
     Status(status::Status),
-    Clean(clean::Clean),
+    #[cfg(feature = "tools")]
+    #[command(flatten)]
+    Tool(tools::Tool),
 }
 
 impl Cli {
@@ -60,27 +78,22 @@ impl Cli {
     pub fn run(self) -> Result<(), Failure> {
         let domain = isotherm_client::domain(self.domain.as_deref());
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-        if matches!(
-            self.command,
-            Command::Replay(_) | Command::Calibrate(_) | Command::Verify(_) | Command::Simulate(_) | Command::Check(_)
-        ) {
-            let handled = remove_unfinished_on_signals();
-            handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
-        }
         match self.command {
-            Command::Demo(demo) => demo.run(domain),
             Command::Serve(serve) => serve.run(&domain),
-            Command::Feed(feed) => feed.run(domain),
-            Command::Replay(replay) => replay.run(),
-            Command::Calibrate(calibrate) => calibrate.run(),
-            Command::Verify(verify) => verify.run(),
-            Command::Regress(regress) => regress.run(),
-            Command::Check(check) => check.run(),
-            Command::Simulate(simulate) => simulate.run(),
+            Command::Check(check) => {
+                clear_up_on_signals()?;
+                check.run()
+            }
             Command::Status(status) => status.run(domain),
-            Command::Clean(clean) => clean.run(&domain),
+            #[cfg(feature = "tools")]
+            Command::Tool(tool) => tool.run(domain),
         }
     }
+}
+
+/// For commands that write files and do not handle signals themselves.
+fn clear_up_on_signals() -> Result<(), Failure> {
+    remove_unfinished_on_signals().map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))
 }
 
 fn options(domain: Domain, timeout: Duration) -> Options {
@@ -94,57 +107,4 @@ fn written(path: Option<&Path>, result: io::Result<()>) -> Result<(), Failure> {
         Err(error) => Err(Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error)),
         Ok(()) => Ok(()),
     }
-}
-
-/// Refuses to write over what a command reads, and two outputs into one file.
-fn apart(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Result<(), Failure> {
-    let regular = |path: &Path| std::fs::canonicalize(path).ok().filter(|path| path.is_file());
-    let usage = |message: String| Err(Failure::new(Exit::Usage, message));
-    for (index, output) in outputs.iter().enumerate() {
-        let Some(output) = output else { continue };
-        let same = |other: &Path| *output == other || regular(output).is_some_and(|path| regular(other) == Some(path));
-        if let Some((_, what)) = inputs.iter().find(|(input, _)| *input != Path::new("-") && same(input)) {
-            return usage(format!("{} is {what}; write to another file", output.display()));
-        }
-        if outputs[..index].iter().flatten().any(|other| same(other)) {
-            return usage(format!("{} is named for two outputs; give each a file of its own", output.display()));
-        }
-    }
-    Ok(())
-}
-
-/// A whole file that is made aside and becomes visible when everything has succeeded.
-struct Aside {
-    path: Option<PathBuf>,
-    output: Output,
-}
-
-impl Aside {
-    /// Prepares it; `None` or `-` is stdout.
-    fn create(path: Option<&Path>) -> Result<Self, Failure> {
-        let output = Output::create(path);
-        let output = output.map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
-        Ok(Self { path: path.map(Path::to_owned), output })
-    }
-
-    /// Writes its whole text.
-    fn write(mut self, text: &str) -> Result<Self, Failure> {
-        let result = self.output.write_all(text.as_bytes()).and_then(|()| self.output.flush());
-        written(self.path.as_deref(), result)?;
-        Ok(self)
-    }
-
-    /// Makes it visible.
-    fn finish(self) -> Result<(), Failure> {
-        written(self.path.as_deref(), self.output.finish())
-    }
-}
-
-/// A number of seconds over 0.
-fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
-    if !(seconds > 0.0 && seconds <= 1e6) {
-        return Err("give a number of seconds over 0 and up to 1000000".to_owned());
-    }
-    Ok(Duration::from_secs_f64(seconds))
 }

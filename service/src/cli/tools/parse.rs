@@ -1,6 +1,6 @@
 //! Values of the options, from text; what is wrong becomes clap's usage error.
 
-use crate::cli::seconds;
+use super::seconds;
 use isotherm_calibration::positions::Scheme;
 use isotherm_shared::table::GRAVITY_RANGE;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
