@@ -7,6 +7,7 @@ use std::io::{self, Write as _};
 
 /// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm clean\n  isotherm clean --domain bench")]
 pub struct Clean {}
 
 impl Clean {

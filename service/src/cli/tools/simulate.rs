@@ -31,7 +31,10 @@ const BAR_ROWS: u64 = 4096;
 ///
 /// The coefficients that the data come from are written beside them as truth.toml.
 #[derive(Debug, Args)]
-#[command(arg_required_else_help = true)]
+#[command(
+    arg_required_else_help = true,
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate run -o run"
+)]
 pub struct Simulate {
     #[command(subcommand)]
     what: What,

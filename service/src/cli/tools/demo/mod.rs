@@ -33,6 +33,7 @@ const STOP: Duration = Duration::from_secs(5);
 ///
 /// Starts real processes in a domain of their own, prints what they did, leaves a report and nothing else.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo --report -")]
 pub struct Demo {
     /// Where the report goes; - for none
     #[arg(long, value_name = "FILE", default_value = "isotherm-demo-report.txt")]

@@ -1,0 +1,183 @@
+//! What the documents and the program's own help say is so.
+#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use isotherm_tests::{World, binary, text};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// Every document with its text.
+fn documents() -> Vec<(PathBuf, String)> {
+    let mut paths = vec![];
+    for folder in ["", "docs", "fuzz"] {
+        let entries = fs::read_dir(Path::new(ROOT).join(folder)).unwrap().map(|entry| entry.unwrap().path());
+        paths.extend(entries.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    }
+    assert!(paths.len() > 10);
+    paths.sort();
+    paths.into_iter().map(|path| (path.clone(), fs::read_to_string(&path).unwrap())).collect()
+}
+
+/// As a heading's link is made: letters, digits, `-`, `_` and spaces, which become `-`.
+fn anchor(heading: &str) -> String {
+    let heading = heading.trim_start_matches('#').trim().to_lowercase();
+    let kept = heading.chars().filter(|letter| letter.is_alphanumeric() || "-_ ".contains(*letter));
+    kept.map(|letter| if letter == ' ' { '-' } else { letter }).collect()
+}
+
+#[test]
+fn links_lead_somewhere() {
+    let mut links = 0;
+    let mut dead = Vec::new();
+    for (path, document) in documents() {
+        for target in document.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target) {
+            if target.contains("://") {
+                continue;
+            }
+            links += 1;
+            let (file, fragment) = target.split_once('#').unwrap_or((target, ""));
+            let file = if file.is_empty() { path.clone() } else { path.parent().unwrap().join(file) };
+            let headings = || {
+                let text = fs::read_to_string(&file).unwrap_or_default();
+                text.lines().filter(|line| line.starts_with('#')).map(anchor).collect::<Vec<_>>()
+            };
+            if !file.exists() || !fragment.is_empty() && !headings().contains(&fragment.to_owned()) {
+                dead.push(format!("{}: {target}", path.display()));
+            }
+        }
+    }
+    assert!(links > 40, "{links}");
+    assert!(dead.is_empty(), "{}", dead.join("\n"));
+}
+
+/// The command lines in a document: in blocks, and in running text between back quotes.
+fn command_lines(document: &str) -> impl Iterator<Item = &str> {
+    let blocks = document.lines().map(|line| line.trim().trim_start_matches("$ "));
+    let quoted = document.split('`').skip(1).step_by(2);
+    blocks.chain(quoted).filter(|line| line.starts_with("isotherm ") && !line.contains('\n'))
+}
+
+/// The help of a command; nothing if there is none.
+fn help(command: &[&str]) -> Option<String> {
+    let output = Command::new(binary()).args(command).arg("--help").output().unwrap();
+    output.status.success().then(|| text(&output.stdout))
+}
+
+#[test]
+fn commands_and_options_in_the_documents_exist() {
+    let mut known = BTreeMap::<Vec<String>, Option<String>>::new();
+    let mut wrong = BTreeSet::new();
+    let mut count = 0;
+    for (path, document) in documents().into_iter().filter(|(path, _)| !path.ends_with("CHANGELOG.md")) {
+        for line in command_lines(&document) {
+            let line_end = line.find([';', '|', '#', '>', '&', '(', ')']).unwrap_or(line.len());
+            let words: Vec<_> = line[..line_end].split_whitespace().skip(1).collect();
+            let command: Vec<_> =
+                words.iter().take_while(|word| is_name(word)).map(|word| (*word).to_owned()).collect();
+            // The longest beginning that is a command: the rest are its arguments.
+            let help_of = |command: &[String]| help(&command.iter().map(String::as_str).collect::<Vec<_>>());
+            let depth =
+                if matches!(command.first().map(String::as_str), Some("simulate" | "campaign")) { 2 } else { 1 };
+            let command = command[..command.len().min(depth)].to_vec();
+            if command.is_empty() && !words.iter().any(|word| word.starts_with("--")) {
+                continue;
+            }
+            count += 1;
+            let help = known.entry(command.clone()).or_insert_with(|| help_of(&command));
+            let Some(help) = help else {
+                wrong.insert(format!("{}: no such command: {line}", path.display()));
+                continue;
+            };
+            let options = words.iter().filter(|word| word.starts_with("--") && word.len() > 2);
+            for option in options.map(|word| word.trim_end_matches([',', ']', '`']).split('=').next().unwrap()) {
+                if !help.contains(option) {
+                    wrong.insert(format!("{}: no option {option}: {line}", path.display()));
+                }
+            }
+        }
+    }
+    assert!(count > 40, "{count}");
+    assert!(wrong.is_empty(), "{}", wrong.into_iter().collect::<Vec<_>>().join("\n"));
+}
+
+fn is_name(word: &str) -> bool {
+    word.chars().all(|letter| letter.is_ascii_lowercase() || letter == '-') && !word.starts_with('-')
+}
+
+/// The blocks of the quick start, in one shell.
+#[test]
+fn the_quick_start_works_as_it_stands() {
+    let world = World::new();
+    for folder in ["tests/data", "examples"] {
+        let made = Command::new("cp").args(["-r", "--parents", folder]).arg(world.path("")).current_dir(ROOT).status();
+        assert!(made.unwrap().success());
+    }
+    let document = fs::read_to_string(Path::new(ROOT).join("docs/quickstart.md")).unwrap();
+    let blocks = document.split("```sh\n").skip(1).map(|rest| rest.split("```").next().unwrap());
+    let script = format!(
+        "set -eu -o pipefail\ntrap 'kill $(jobs -p) 2> /dev/null || true' EXIT\n{}",
+        blocks.collect::<String>()
+    );
+    let mut shell = Command::new("bash");
+    let path = format!("{}:{}", binary().parent().unwrap().display(), std::env::var("PATH").unwrap());
+    shell.args(["-m", "-c", &script]).env("PATH", path).current_dir(world.path("")).stdin(Stdio::null());
+    shell.env("ISOTHERM_DOMAIN", world.domain().name()).env("ISOTHERM_ROOT", world.path(""));
+    let output = shell.output().unwrap();
+    let (printed, said) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{script}\n--\n{printed}\n--\n{said}");
+    assert!(printed.contains("\"reloads\": 1"), "{printed}");
+}
+
+#[test]
+fn the_version_tells_commit_and_features() {
+    let world = World::new();
+    let version = world.run_well(&["--version"]);
+    assert!(version.starts_with(&format!("isotherm {}\n", env!("CARGO_PKG_VERSION"))), "{version}");
+    let line = |name: &str| version.lines().find_map(|line| line.strip_prefix(name).map(str::to_owned)).unwrap();
+    let repository = Command::new("git").args(["rev-parse", "HEAD"]).current_dir(ROOT).output();
+    if repository.is_ok_and(|output| output.status.success()) {
+        let commit = line("commit: ");
+        let (hash, date) = commit.split_once(' ').unwrap();
+        assert!(hash.len() == 12 && u64::from_str_radix(hash, 16).is_ok() && date.len() == 12, "{version}");
+    }
+    assert!(line("features: ").split(' ').any(|feature| feature == "tools"), "{version}");
+}
+
+#[test]
+fn manual_pages_completions_and_examples_are_there_for_every_command() {
+    let world = World::new();
+    let commands: Vec<_> = help(&[])
+        .unwrap()
+        .split("Commands:")
+        .nth(1)
+        .unwrap()
+        .split("Options:")
+        .next()
+        .unwrap()
+        .lines()
+        // Four and more spaces begin the second line of a description.
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
+        .map(|line| line.split_whitespace().next().unwrap().to_owned())
+        .filter(|name| name != "help")
+        .collect();
+    assert!(commands.len() > 10, "{commands:?}");
+    world.run_well(&["man", "-o", "man"]);
+    let completions = world.run_well(&["completions", "bash"]);
+    for command in &commands {
+        assert!(help(&[command]).unwrap().contains("Examples:"), "isotherm {command} --help has no examples");
+        let page = fs::read_to_string(world.path(&format!("man/isotherm-{command}.1"))).unwrap();
+        assert!(page.contains(".SH DESCRIPTION") && page.contains("Examples:"), "{page}");
+        assert!(completions.contains(command.as_str()), "{command}");
+    }
+    let script = world.write("completions", &completions);
+    let mut shell = Command::new("bash");
+    shell.arg("-c").arg(format!(
+        "source {} && COMP_WORDS=(isotherm stat) COMP_CWORD=1 && _isotherm isotherm stat isotherm && echo \"${{COMPREPLY[*]}}\"",
+        script.display()
+    ));
+    let output = shell.output().unwrap();
+    assert_eq!(text(&output.stdout), "status\n", "{}", text(&output.stderr));
+}
