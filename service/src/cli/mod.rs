@@ -11,6 +11,8 @@ mod replay;
 mod serve;
 mod simulate;
 mod status;
+#[cfg(feature = "top")]
+mod top;
 mod verify;
 
 use crate::failure::{Exit, Failure};
@@ -49,6 +51,8 @@ enum Command {
     Check(check::Check),
     Simulate(simulate::Simulate),
     Status(status::Status),
+    #[cfg(feature = "top")]
+    Top(top::Top),
     Clean(clean::Clean),
 }
 
@@ -78,6 +82,8 @@ impl Cli {
             Command::Check(check) => check.run(),
             Command::Simulate(simulate) => simulate.run(),
             Command::Status(status) => status.run(domain),
+            #[cfg(feature = "top")]
+            Command::Top(top) => top.run(domain),
             Command::Clean(clean) => clean.run(&domain),
         }
     }
