@@ -158,7 +158,8 @@ impl From<&CoefficientTable> for Ranges {
     fn from(table: &CoefficientTable) -> Self {
         let axes = &table.content().axes;
         let board = |axis: usize| {
-            let [positive, negative] = [axes[axis].positive_scale_factor.range(), axes[axis].negative_scale_factor.range()];
+            let [positive, negative] =
+                [axes[axis].positive_scale_factor.range(), axes[axis].negative_scale_factor.range()];
             [positive[0].max(negative[0]), positive[1].min(negative[1])]
         };
         let head = |axis: usize| axes[axis].bias.range();
@@ -300,7 +301,8 @@ impl StatusReader {
         let mut latest = None;
         loop {
             let sample = self.subscriber.receive();
-            let sample = sample.map_err(|error| Failure::new(Exit::Failed, format!("receiving the status: {error}")))?;
+            let sample =
+                sample.map_err(|error| Failure::new(Exit::Failed, format!("receiving the status: {error}")))?;
             match sample {
                 Some(sample) => latest = Some(sample),
                 None => break,

@@ -13,7 +13,9 @@ use std::time::Duration;
 /// Waits for a service that is not there, and goes on when it returns. Keys: q quits, up and down select an IMU, p pauses, ? tells the
 /// rest. NO_COLOR switches colours off.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  isotherm top\n  isotherm top --domain bench\n  ssh -t vehicle sudo -u isotherm isotherm top")]
+#[command(
+    after_help = "Examples:\n  isotherm top\n  isotherm top --domain bench\n  ssh -t vehicle sudo -u isotherm isotherm top"
+)]
 pub struct Top {}
 
 impl Top {

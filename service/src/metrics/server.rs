@@ -195,7 +195,11 @@ mod tests {
 
     #[test]
     fn requests_of_all_sorts_are_answered() {
-        for request in ["GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n", "GET /metrics?x=1 HTTP/1.0\n\n", "HEAD /metrics HTTP/1.1\r\n\r\n"] {
+        for request in [
+            "GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n",
+            "GET /metrics?x=1 HTTP/1.0\n\n",
+            "HEAD /metrics HTTP/1.1\r\n\r\n",
+        ] {
             assert!(is_complete(request.as_bytes()) && status_of(request.as_bytes()).ends_with("200 OK"), "{request}");
         }
         for (request, status) in [

@@ -36,9 +36,12 @@ const OF_IMU: [OfImu; 14] = [
     (Kind::Gauge, "isotherm_table_taken_timestamp_seconds", "When the table in force was taken over.", |imu| {
         imu.table_taken_unix_s
     }),
-    (Kind::Gauge, "isotherm_table_modified_timestamp_seconds", "When the file of the table in force was changed.", |imu| {
-        imu.table_modified_unix_s
-    }),
+    (
+        Kind::Gauge,
+        "isotherm_table_modified_timestamp_seconds",
+        "When the file of the table in force was changed.",
+        |imu| imu.table_modified_unix_s,
+    ),
     (Kind::Gauge, "isotherm_acquisition_connected", "Whether an acquisition is connected.", |imu| {
         count(imu.acquisition_connected.into())
     }),
@@ -130,7 +133,9 @@ impl Text {
             let mut total = 0;
             for (index, count) in imu.latency_distribution.counts.iter().enumerate() {
                 total += count;
-                let bound = BOUNDS_NS.get(index).map_or_else(|| "+Inf".to_owned(), |bound| format!("{:e}", *bound as f64 / 1e9));
+                let bound = BOUNDS_NS
+                    .get(index)
+                    .map_or_else(|| "+Inf".to_owned(), |bound| format!("{:e}", *bound as f64 / 1e9));
                 self.sample(&format!("{name}_bucket"), &[("imu", &imu.id), ("le", &bound)], total);
             }
             self.sample(&format!("{name}_sum"), &[("imu", &imu.id)], imu.latency_distribution.sum_s);

@@ -20,15 +20,15 @@ pub const FEW_LINES: u16 = 6;
 /// Columns of the latency's figures.
 const FIGURES: u16 = 42;
 /// Columns before a curve.
-const MEANS: u16 = 38;
+const MEANS: u16 = 39;
 
 /// Draws all there is. What is left of the height makes curves and histogram higher.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let Some(imu) = model.imu() else { return };
     let look = model.look;
     let spare = area.height.saturating_sub(FULL_LINES + 2);
-    let curve = 1 + (spare / 5).min(2);
-    let histogram = 3 + (spare - 3 * (curve - 1)).min(5);
+    let curve = 1 + (spare / 5).min(3);
+    let histogram = 3 + (spare - 3 * (curve - 1)).min(8);
     let refused = u16::from(imu.last_reload_error.is_some());
     let parts = [3 + refused, 1 + AXES as u16, 1 + AXES as u16 * curve, 2 + histogram].map(Constraint::Length);
     let parts = parts.into_iter().chain([Constraint::Min(0)]);
@@ -57,7 +57,8 @@ pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     for (axis, places) in (0..AXES).map(|axis| (axis, Place::of(imu, axis))) {
         spans.push(Span::raw(format!("A{} ", axis + 1)));
         for place in places {
-            let text = place.part().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
+            let text =
+                place.part().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
             spans.push(Span::styled(text, look.weight(place.weight())));
         }
     }
@@ -68,9 +69,9 @@ pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     lines.push(Line::from(vec![label("m/s"), Span::raw(means)]));
     let latency = imu.latency_minute_ns.map_or("-".to_owned(), |latency| {
         let [p50, p999, max] = [latency.p50, latency.p999, latency.max].map(|ns| microseconds(Some(ns)));
-        format!("p50 {p50} p99.9 {p999} max {max}")
+        format!("p50 {p50} 99.9 {p999} max {max}")
     });
-    lines.push(Line::from(vec![label("us"), Span::raw(latency)]));
+    lines.push(Line::from(vec![label("min us"), Span::raw(latency)]));
     lines.push(Line::from(vec![
         label("missing"),
         Span::raw(imu.missing.to_string()),
@@ -82,25 +83,27 @@ pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
 
 fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
     let look = model.look;
-    let rest = usize::from(width).saturating_sub(imu.id.len() + 4);
-    let title = format!("{0}{0} {1} {2}", look.rule(), imu.id, look.rule().repeat(rest));
+    let rule = look.rule().repeat(2);
+    let digest = imu.table.as_deref().map_or("no table", short);
+    let title = format!("{rule} {} {rule} {digest} {rule} ", imu.id);
+    let room = usize::from(width).saturating_sub(title.chars().count());
+    let file = end_of(&imu.table_file, room);
+    let title = format!("{title}{file} {}", look.rule().repeat(room.saturating_sub(file.chars().count() + 1)));
     let now = unix_s();
     let since = |unix_s: Option<f64>| unix_s.map_or("-".to_owned(), |then| age(now - then));
     let table = match &imu.table {
-        Some(table) => format!(
-            "{}  {}  taken {} ago, file of {} ago, {} reloads, {} refused",
-            short(table),
-            imu.table_file,
+        Some(_) => format!(
+            "taken {} ago, file of {} ago; {} reloads, {} refused",
             since(imu.table_taken_unix_s),
             since(imu.table_modified_unix_s),
             imu.reloads,
             imu.refusals
         ),
-        None => format!("none: increments are NaN until {} appears", imu.table_file),
+        None => "none: increments are NaN until the file is there".to_owned(),
     };
-    let acquisition = if imu.acquisition_connected { "acquisition connected" } else { "no acquisition" };
+    let acquisition = if imu.acquisition_connected { "acquisition" } else { "NO acquisition" };
     let samples = format!(
-        "{} received, {} missing in {} gaps, {} repeated; {acquisition}, {} readers",
+        "{}, {} missing in {} gaps, {} repeated; {acquisition}, {} readers",
         imu.received, imu.missing, imu.gaps, imu.repeats, imu.readers
     );
     let mut lines = vec![Line::styled(title, look.heading()), labelled(look, "table", table)];
@@ -155,9 +158,15 @@ fn gauge(look: Look, place: Place, width: usize) -> Vec<Span<'static>> {
     };
     let at = at.unwrap_or(bar);
     cells.insert(at, marker);
-    let [before, after] = [&cells[..at], cells.get(at + 2..).unwrap_or_default()].map(|cells| cells.iter().collect::<String>());
+    let [before, after] =
+        [&cells[..at], cells.get(at + 2..).unwrap_or_default()].map(|cells| cells.iter().collect::<String>());
     let marker = if at == bar { String::new() } else { marker.to_string() };
-    vec![value, Span::raw(format!(" {low}|{before}")), Span::styled(marker, style), Span::raw(format!("{after}|{high}"))]
+    vec![
+        value,
+        Span::raw(format!(" {low}|{before}")),
+        Span::styled(marker, style),
+        Span::raw(format!("{after}|{high}")),
+    ]
 }
 
 fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
@@ -168,7 +177,7 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let title = match &model.unread {
         Some(error) => Line::styled(format!("increments cannot be read: {error}"), look.weight(Weight::Warning)),
         None => Line::styled(
-            format!("{:<4}{:>12}{:>12}{:>9} {}", "", "mean m/s", "m/s2", "span", format_args!("m/s2 of the last {seconds:.0} s")),
+            format!("{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s", "", "mean m/s", "m/s2", "span"),
             look.label(),
         ),
     };
@@ -229,7 +238,7 @@ fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatu
 
     let [head, bars, axis] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(picture);
-    let counts = model.minute();
+    let (counts, seconds) = model.distribution();
     let columns = (picture.width / (BOUNDS_NS.len() as u16 + 1)).clamp(1, 3);
     let budget_ns = budget * 1e3;
     let bar = |(index, count): (usize, &u64)| {
@@ -239,7 +248,7 @@ fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatu
         vec![SparklineBar::from(height).style(Some(style)); columns.into()]
     };
     let data: Vec<_> = counts.iter().enumerate().flat_map(bar).collect();
-    frame.render_widget(Line::styled("the last minute, logarithmic", look.label()), head);
+    frame.render_widget(Line::styled(format!("the last {seconds:.0} s, logarithmic"), look.label()), head);
     frame.render_widget(Sparkline::default().data(data).bar_set(look.bars()), bars);
     let step = usize::from(columns) * 6;
     let label = format!("{:<4$}{:<step$}{:<step$}{:<step$}1s", "", "1us", "100us", "10ms", usize::from(columns) * 2);
@@ -270,6 +279,12 @@ fn flag_line(model: &Model, imu: &ImuStatus) -> Line<'static> {
 fn short(digest: &str) -> &str {
     let digits = digest.strip_prefix("sha256:").unwrap_or(digest);
     digits.get(..16).unwrap_or(digits)
+}
+
+/// The end of a path that is too long: its beginning tells less.
+fn end_of(path: &str, room: usize) -> String {
+    let over = path.chars().count().saturating_sub(room);
+    if over == 0 { path.to_owned() } else { format!("..{}", path.chars().skip(over + 2).collect::<String>()) }
 }
 
 /// Five digits or so.

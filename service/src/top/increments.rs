@@ -25,7 +25,8 @@ impl Point {
         let sum = |axis: usize| increments.iter().map(|increment| increment.velocity_increment[axis]).sum::<f64>();
         let sums = core::array::from_fn(sum);
         let count = increments.len() as f64;
-        (count > 0.0).then(|| Self { increment: sums.map(|sum| sum / count), specific_force: sums.map(|sum| sum / time) })
+        (count > 0.0)
+            .then(|| Self { increment: sums.map(|sum| sum / count), specific_force: sums.map(|sum| sum / time) })
     }
 }
 

@@ -69,12 +69,7 @@ impl Model {
     }
 
     /// Takes what one tick has brought.
-    pub fn take(
-        &mut self,
-        news: Option<Status>,
-        waiting: Option<Waiting>,
-        point: Result<Option<Point>, ConnectError>,
-    ) {
+    pub fn take(&mut self, news: Option<Status>, waiting: Option<Waiting>, point: Result<Option<Point>, ConnectError>) {
         self.waiting = waiting;
         if let Some(status) = news {
             self.keep(status);
@@ -179,14 +174,14 @@ impl Model {
         self.waiting.is_none().then_some(rate)
     }
 
-    /// Latency of the selected IMU in the last minute, by coarse buckets.
-    pub fn minute(&self) -> Vec<u64> {
-        let counts = |status: &Status| status.imus.get(self.selected()).map(|imu| imu.latency_distribution.counts.clone());
-        let now = self.status().and_then(counts).unwrap_or_default();
-        // Before that the service may have run for any time.
-        let before = self.before(MINUTE_NS).and_then(counts);
-        let before = before.unwrap_or_else(|| vec![0; now.len()]);
-        now.iter().zip(before).map(|(now, before)| now.saturating_sub(before)).collect()
+    /// Latency of the selected IMU by coarse buckets, and over what time \[s\]: the last minute, or what is known of it.
+    pub fn distribution(&self) -> (Vec<u64>, f64) {
+        let Some((before, now)) = self.before(MINUTE_NS).zip(self.status()) else { return (Vec::new(), 0.0) };
+        let counts = |status: &Status| {
+            status.imus.get(self.selected()).map(|imu| imu.latency_distribution.counts.clone()).unwrap_or_default()
+        };
+        let risen = counts(now).into_iter().zip(counts(before)).map(|(now, before)| now.saturating_sub(before));
+        (risen.collect(), (now.taken_ns - before.taken_ns) as f64 * 1e-9)
     }
 
     /// How an IMU does: the worst that can be said of it.
@@ -211,8 +206,10 @@ impl Model {
             say("losing samples", bad)
         } else if Place::all_of(imu).any(|place| place.part().is_none_or(|part| !(0.0..=1.0).contains(&part))) {
             say("out of range", bad)
-        } else if rises(|imu| imu.flagged.values().sum()) {
+        } else if rises(|imu| imu.flagged.iter().filter(|(name, _)| *name != "late").map(|(_, count)| count).sum()) {
             say("flagged", warning)
+        } else if rises(|imu| imu.flagged.get("late").copied().unwrap_or(0)) {
+            say("late", warning)
         } else if Place::all_of(imu).any(|place| place.weight() != Weight::Good) {
             say("near range end", warning)
         } else {

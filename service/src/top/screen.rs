@@ -23,7 +23,7 @@ T [%]     telemetry within the calibrated range, coldest to warmest sensor; 0 an
 miss      raw samples that never came
 flag/s    flags on the increments per second
 latency   from sending a sample to just before publishing its increment
-histogram of the last minute, heights logarithmic; over the budget in another colour, or not
+histogram of the last minute at most, logarithmic; what is over the budget stands out
 
 isotherm status prints the same once, --json for scripts";
 
@@ -67,13 +67,20 @@ pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
 fn header(model: &Model, width: u16) -> Line<'static> {
     let style = model.look.inverse();
     let Some(status) = model.status() else {
-        return Line::styled(format!("{:width$}", format!(" Isotherm, domain {}", model.domain), width = width.into()), style);
+        return Line::styled(
+            format!("{:width$}", format!(" Isotherm, domain {}", model.domain), width = width.into()),
+            style,
+        );
     };
     let workers: Vec<_> = status
         .workers
         .iter()
         .map(|worker| {
-            let held = if worker.held_back_ms >= 1.0 { format!(", held {:.0} ms", worker.held_back_ms) } else { String::new() };
+            let held = if worker.held_back_ms >= 1.0 {
+                format!(", held {:.0} ms", worker.held_back_ms)
+            } else {
+                String::new()
+            };
             format!("{:.0} %{held}", worker.cpu_percent)
         })
         .collect();
@@ -99,7 +106,12 @@ fn banner(model: &Model, waiting: &Waiting) -> String {
 fn keys(model: &Model) -> Line<'static> {
     let key = |key: &'static str| Span::styled(key, model.look.inverse());
     let mut spans = vec![key("q"), " quit  ".into(), key("up down"), " IMU  ".into()];
-    spans.extend([key("p"), if model.paused { " go on  ".into() } else { " pause  ".into() }, key("?"), " help".into()]);
+    spans.extend([
+        key("p"),
+        if model.paused { " go on  ".into() } else { " pause  ".into() },
+        key("?"),
+        " help".into(),
+    ]);
     if model.paused {
         spans.push("  ".into());
         spans.push(Span::styled("PAUSED", model.look.weight(Weight::Warning)));
