@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use tracing::{info, warn};
 
 /// An older snapshot is not shown: who made it hangs, and a monitor had better know.
-const FRESH: Duration = Duration::from_secs(10);
+const FRESH: Duration = Duration::from_secs(5);
 
 /// What the control thread told last.
 type Latest = Mutex<Option<(Instant, Arc<Status>)>>;

@@ -85,7 +85,7 @@ fn header(model: &Model, width: u16) -> Line<'static> {
         })
         .collect();
     let text = format!(
-        " Isotherm {}  domain {}  pid {}  up {}  {}  cpu {}",
+        " Isotherm {}  {}  pid {}  up {}  {}  cpu {}",
         status.version,
         status.domain.name,
         status.pid,

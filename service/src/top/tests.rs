@@ -118,11 +118,7 @@ fn everything_is_on_a_screen_of_80_by_24() {
     let screen = text(&mut model(&["imu-a"], PLAIN, |_| {}), 80, 24);
     has(
         &screen,
-        &[
-            "Isotherm 0.1.0  domain lab  pid 4711  up 10 s  anticipate  cpu 6 %",
-            "imu-a",
-            "400    0.41    118.8   25..75",
-        ],
+        &["Isotherm 0.1.0  lab  pid 4711  up 10 s  anticipate  cpu 6 %", "imu-a", "400    0.41    118.8   25..75"],
     );
     has(
         &screen,
