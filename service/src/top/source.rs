@@ -36,11 +36,12 @@ impl Source {
     pub fn connect(domain: Domain) -> Result<Self, Failure> {
         let now = Instant::now();
         let mut source = Self { domain, reader: None, heard: now, next_attempt: now, cause: String::new() };
-        let first = source.attempt(now).and_then(|()| source.read());
-        match first {
-            Err(failure) if failure.exit != Exit::Unavailable => Err(failure),
-            _ => Ok(source),
+        match source.attempt(now).and_then(|()| source.read()) {
+            Err(failure) if failure.exit == Exit::Unavailable => source.cause = failure.message,
+            Err(failure) => return Err(failure),
+            Ok(_) => {}
         }
+        Ok(source)
     }
 
     /// The newest status since the last look; and what is waited for, if it is.
@@ -61,6 +62,7 @@ impl Source {
         };
         if news.is_some() {
             self.heard = now;
+            self.cause.clear();
             return (news, None);
         }
         let time = now.duration_since(self.heard);
@@ -77,7 +79,6 @@ impl Source {
     fn attempt(&mut self, now: Instant) -> Result<(), Failure> {
         self.next_attempt = now + RETRY;
         self.reader = Some(StatusReader::connect(&self.domain)?);
-        self.cause.clear();
         Ok(())
     }
 
