@@ -211,6 +211,9 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
             if config.metrics.is_none() {
                 metrics
                     .fault("listen", format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464"));
+            } else if cfg!(not(feature = "metrics")) {
+                let remedy = "build it with `--features metrics`, or remove [metrics]";
+                metrics.fault("listen", format!("this isotherm was built without metrics; {remedy}"));
             }
         }
         metrics.finish();

@@ -7,10 +7,12 @@ use crate::config::{Config, Strategy};
 use crate::failure::{Exit, Failure};
 use crate::files::Guard;
 use crate::leftovers::{self, Leftovers};
+#[cfg(feature = "metrics")]
+use crate::metrics::Metrics;
 use crate::reload::{self, Look, TICK, TableFile};
 use crate::served::{Preparation, Served};
 use crate::sigbus;
-use crate::status::{ImuStatus, Status, StatusPublisher};
+use crate::status::{ImuStatus, Status, StatusPublisher, unix_s};
 use crate::systemd::Manager;
 use crate::threads::{self, Change, Thread};
 use crate::worker::Worker;
@@ -52,6 +54,8 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     let mut manager = Manager::from_environment();
 
     let (files, first_tables) = load_tables(config, allow_uncalibrated, guard)?;
+    #[cfg(feature = "metrics")]
+    let metrics = config.metrics.map(Metrics::start).transpose()?;
     // Before the threads and the streams, so that all their memory is in.
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
@@ -74,9 +78,6 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
         info!("stopped while starting");
         return Ok(());
     };
-    if let Some(address) = config.metrics {
-        warn!("metrics.listen = {address}: this version serves no metrics");
-    }
     let served: Result<Vec<_>, _> = prepared.into_iter().map(|preparation| preparation.served(&node)).collect();
     let mut served = served?;
     reserve(domain)?;
@@ -92,7 +93,20 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     let threads = threads_of(config, &workers);
     manager.ready();
     let leftovers = Leftovers::new(domain, &node);
-    let service = Service { domain, config, started, node, publisher, threads, workers, manager, leftovers };
+    let service = Service {
+        domain,
+        config,
+        started,
+        started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
+        node,
+        publisher,
+        #[cfg(feature = "metrics")]
+        metrics,
+        threads,
+        workers,
+        manager,
+        leftovers,
+    };
     info!(
         domain = domain.name(),
         imus = config.imus.len(),
@@ -108,8 +122,11 @@ struct Service<'a> {
     domain: &'a Domain,
     config: &'a Config,
     started: Instant,
+    started_unix_s: f64,
     node: IpcNode,
     publisher: StatusPublisher,
+    #[cfg(feature = "metrics")]
+    metrics: Option<Metrics>,
     workers: Vec<Worker>,
     threads: Vec<Thread>,
     manager: Manager,
@@ -181,7 +198,12 @@ impl Service<'_> {
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
                 next_status = now + STATUS;
-                let result = self.publisher.publish(&self.status(served));
+                let status = Arc::new(self.status(served));
+                let result = self.publisher.publish(&status);
+                #[cfg(feature = "metrics")]
+                if let Some(metrics) = &self.metrics {
+                    metrics.tell(&status);
+                }
                 if let Err(cause) = &result
                     && !unpublished
                 {
@@ -216,6 +238,7 @@ impl Service<'_> {
             pid: std::process::id(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             uptime_s: self.started.elapsed().as_secs_f64(),
+            started_unix_s: self.started_unix_s,
             taken_ns: monotonic_ns(),
             wait: self.config.strategy.name().to_owned(),
             budget_us: self.config.budget_us,

@@ -27,6 +27,11 @@ impl Identity {
     pub fn of(path: &Path) -> Option<Self> {
         fs::metadata(path).ok().map(|metadata| Self::from(&metadata))
     }
+
+    /// When its content was changed, in seconds of Unix time.
+    pub fn modified_unix_s(&self) -> f64 {
+        self.modified.0 as f64 + self.modified.1 as f64 * 1e-9
+    }
 }
 
 impl From<&Metadata> for Identity {

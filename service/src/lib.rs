@@ -13,12 +13,16 @@ mod failure;
 mod files;
 mod leftovers;
 mod logging;
+#[cfg(feature = "metrics")]
+mod metrics;
 mod reload;
 mod served;
 mod sigbus;
 mod status;
 mod systemd;
 mod threads;
+#[cfg(feature = "top")]
+mod top;
 mod windows;
 pub mod worker;
 

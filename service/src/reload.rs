@@ -90,6 +90,11 @@ impl TableFile {
         &self.path
     }
 
+    /// When the file that was loaded or refused last was changed, in seconds of Unix time.
+    pub fn modified_unix_s(&self) -> Option<f64> {
+        self.seen.map(|seen| seen.modified_unix_s())
+    }
+
     /// Loads the file as it is.
     pub fn load(&mut self) -> Look {
         self.candidate = None;

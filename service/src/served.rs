@@ -3,13 +3,14 @@
 use crate::config::Imu;
 use crate::failure::{Exit, Failure};
 use crate::reload::{Look, TableFile};
+use crate::status::unix_s;
 use crate::windows::Windows;
 use crate::worker::channel::Wiring;
 use crate::worker::counters::Counters;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
-use isotherm_shared::table::{CoefficientTable, Digest};
+use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rtrb::{Producer, RingBuffer};
 use std::sync::Arc;
@@ -28,7 +29,7 @@ pub struct Preparation {
     imu: Imu,
     file: TableFile,
     counters: Arc<Counters>,
-    last_error: Option<String>,
+    last_error: Option<Refused>,
     tables: Tables,
 }
 
@@ -39,10 +40,10 @@ impl Preparation {
         let mut tables = Tables { alive: Vec::new(), unsent: None, queue };
         let last_error = match first {
             Look::Loaded(table) => {
-                tables.send(Arc::from(table));
+                tables.send(Arc::from(table), file.modified_unix_s());
                 None
             }
-            Look::Refused(error) => Some(cut(error.to_string())),
+            Look::Refused(error) => Some(Refused::now(cut(error.to_string()))),
             Look::Unchanged => None,
         };
         let counters = Arc::new(Counters::default());
@@ -62,7 +63,8 @@ impl Preparation {
         let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let (reloads, windows, told) = (0, Windows::default(), Told::default());
-        Ok(Served { imu, file, counters, reloads, last_error, raw, increments, wake, windows, tables, told })
+        let refusals = u64::from(last_error.is_some());
+        Ok(Served { imu, file, counters, reloads, refusals, last_error, raw, increments, wake, windows, tables, told })
     }
 }
 
@@ -76,8 +78,10 @@ pub struct Served {
     pub counters: Arc<Counters>,
     /// Tables taken over after the first.
     pub reloads: u64,
+    /// Files refused, one that is away included.
+    pub refusals: u64,
     /// Why the file as it is now is not in force.
-    pub last_error: Option<String>,
+    pub last_error: Option<Refused>,
     /// For counting who is connected.
     pub raw: PortFactory<Ipc, RawSample, ()>,
     /// For counting who is connected.
@@ -90,9 +94,34 @@ pub struct Served {
     told: Told,
 }
 
+/// Why a file is not in force, and since when.
+#[derive(Clone, Debug)]
+pub struct Refused {
+    /// What is wrong with it.
+    pub error: String,
+    /// Unix time \[s\].
+    pub since_unix_s: f64,
+}
+
+impl Refused {
+    fn now(error: String) -> Self {
+        Self { error, since_unix_s: unix_s() }
+    }
+}
+
+/// A table that the worker may still hold.
+pub struct Sent {
+    /// The table.
+    pub table: Arc<CoefficientTable>,
+    /// When it was taken over, Unix time \[s\].
+    pub taken_unix_s: f64,
+    /// When its file was changed, Unix time \[s\].
+    pub modified_unix_s: Option<f64>,
+}
+
 /// Every table that the worker may still hold, the newest last. They are freed here, never by the worker.
 struct Tables {
-    alive: Vec<Arc<CoefficientTable>>,
+    alive: Vec<Sent>,
     unsent: Option<Arc<CoefficientTable>>,
     queue: Producer<Arc<CoefficientTable>>,
 }
@@ -106,8 +135,8 @@ struct Told {
 }
 
 impl Tables {
-    fn send(&mut self, table: Arc<CoefficientTable>) {
-        self.alive.push(Arc::clone(&table));
+    fn send(&mut self, table: Arc<CoefficientTable>, modified_unix_s: Option<f64>) {
+        self.alive.push(Sent { table: Arc::clone(&table), taken_unix_s: unix_s(), modified_unix_s });
         self.unsent = Some(table);
         self.flush();
     }
@@ -119,14 +148,11 @@ impl Tables {
             self.unsent = Some(table);
         }
         // The newest is in force, or will be; older ones go when the worker has let go of them.
-        let newest = self.alive.last().map(Arc::clone);
-        self.alive.retain(|table| {
-            Arc::strong_count(table) > 1 || newest.as_ref().is_some_and(|newest| Arc::ptr_eq(table, newest))
+        let mut left = self.alive.len();
+        self.alive.retain(|sent| {
+            left -= 1;
+            left == 0 || Arc::strong_count(&sent.table) > 1
         });
-    }
-
-    fn newest(&self) -> Option<&Arc<CoefficientTable>> {
-        self.alive.last()
     }
 }
 
@@ -136,10 +162,10 @@ impl Served {
         self.tables.flush();
     }
 
-    /// Digest of the table that the worker used last or would use now.
-    pub fn digest_in_force(&self) -> Option<&Digest> {
+    /// The table that the worker used last or would use now.
+    pub fn in_force(&self) -> Option<&Sent> {
         let id = self.counters.table.load(Relaxed);
-        self.tables.alive.iter().map(|table| table.digest()).find(|digest| digest.id() == id)
+        self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
     }
 
     /// Takes over what a look at the file has found; `forced` even if it is the table in force.
@@ -149,22 +175,24 @@ impl Served {
             Look::Unchanged => {}
             Look::Loaded(table) => {
                 let had_failed = self.last_error.take().is_some();
-                let known = self.tables.newest().is_some_and(|newest| newest.digest() == table.digest());
-                if known && !forced {
+                let newest = self.tables.alive.last_mut().filter(|newest| newest.table.digest() == table.digest());
+                if let Some(newest) = newest.filter(|_| !forced) {
+                    newest.modified_unix_s = self.file.modified_unix_s();
                     if had_failed {
                         info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
                     }
                     return;
                 }
                 info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken");
-                self.reloads += u64::from(self.tables.newest().is_some());
-                self.tables.send(Arc::from(table));
+                self.reloads += u64::from(!self.tables.alive.is_empty());
+                self.tables.send(Arc::from(table), self.file.modified_unix_s());
             }
             Look::Refused(error) => {
                 let error = cut(error.to_string());
-                if forced || self.last_error.as_ref() != Some(&error) {
+                if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
                     warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
-                    self.last_error = Some(error);
+                    self.refusals += 1;
+                    self.last_error = Some(Refused::now(error));
                 }
             }
         }

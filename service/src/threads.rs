@@ -95,6 +95,7 @@ impl Thread {
         let cores = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
         // The slack of a thread is in the folder of a process of that number.
         let slack = fs::read_to_string(format!("/proc/{}/timerslack_ns", self.id));
+        let times = self.last.map(|(_, times)| times).unwrap_or_default();
         WorkerStatus {
             thread: self.id,
             imus: self.imus.clone(),
@@ -102,6 +103,8 @@ impl Thread {
             priority: self.priority(),
             timer_slack_ns: slack.ok().and_then(|slack| slack.trim().parse().ok()),
             cpu_percent: self.cpu_percent,
+            cpu_s: times.ran.as_secs_f64(),
+            held_back_s: times.waited.as_secs_f64(),
             held_back_ms: self.held_back.as_secs_f64() * 1e3,
             stands_still: self.stands_still(),
         }

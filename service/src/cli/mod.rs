@@ -5,6 +5,8 @@ mod serve;
 mod status;
 #[cfg(feature = "tools")]
 mod tools;
+#[cfg(feature = "top")]
+mod top;
 
 use crate::failure::{Exit, Failure};
 use crate::files::remove_unfinished_on_signals;
@@ -65,6 +67,8 @@ enum Command {
     Serve(serve::Serve),
     Check(check::Check),
     Status(status::Status),
+    #[cfg(feature = "top")]
+    Top(top::Top),
     #[cfg(feature = "tools")]
     #[command(flatten)]
     Tool(tools::Tool),
@@ -85,6 +89,8 @@ impl Cli {
                 check.run()
             }
             Command::Status(status) => status.run(domain),
+            #[cfg(feature = "top")]
+            Command::Top(top) => top.run(domain),
             #[cfg(feature = "tools")]
             Command::Tool(tool) => tool.run(domain),
         }

@@ -190,6 +190,7 @@ impl Channel {
             bump(&counters.sessions);
         }
         counters.count_flags(flags);
+        counters.keep_telemetry(&raw);
         counters.latency.record(latency_ns);
         Some(now)
     }

@@ -1,0 +1,381 @@
+//! Metrics for Prometheus: every one of them is fed, named in the documents, and served to whoever asks, however rude others are.
+#![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use isotherm_client::{Flags, RawSample, join, monotonic_ns};
+use isotherm_shared::stream::Ipc;
+use isotherm_tests::{PATIENCE, Process, TABLE, World, id, recording, round_trip, wait_until};
+use nix::sys::ptrace;
+use nix::sys::wait::{WaitPidFlag, waitpid};
+use nix::unistd::Pid;
+use rustix::process::Signal;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::thread;
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// A configuration of `imu-a` that serves metrics on any free port.
+fn configure(world: &World, more: &str) {
+    world.write("imu-a.toml", TABLE);
+    let imu = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
+    world.write("service.toml", &format!("{imu}{more}[metrics]\nlisten = \"127.0.0.1:0\"\n"));
+}
+
+/// Where a service's metrics are.
+fn address(service: &Process) -> String {
+    service.wait_for_log("metrics at http://");
+    let log = service.log();
+    let (_, rest) = log.split_once("metrics at http://").unwrap();
+    rest.split('/').next().unwrap().to_owned()
+}
+
+fn serve(world: &World) -> (Process, String) {
+    let service = world.serve(&["--config", "service.toml", "--allow-uncalibrated"]);
+    let address = address(&service);
+    wait_until("the first page", || scrape_or_none(&address).is_some());
+    (service, address)
+}
+
+/// Everything that comes back for these bytes, until the connection ends.
+fn ask(address: &str, request: &[u8]) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.write_all(request).unwrap();
+    let mut answer = Vec::new();
+    // A server that refuses what it has not read to the end resets the connection.
+    let _ = stream.read_to_end(&mut answer);
+    String::from_utf8(answer).unwrap()
+}
+
+fn scrape(address: &str) -> Scrape {
+    let answer = ask(address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    let (head, page) = answer.split_once("\r\n\r\n").unwrap();
+    assert!(head.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/plain; version=0.0.4"), "{head}");
+    Scrape::read(page)
+}
+
+/// A page of metrics, as a reader of the text format sees it.
+struct Scrape {
+    /// Type by family.
+    kinds: BTreeMap<String, String>,
+    /// Value by name and labels, as they are written.
+    samples: BTreeMap<String, f64>,
+}
+
+impl Scrape {
+    /// Checks the order that the format asks for while it reads.
+    fn read(page: &str) -> Self {
+        let (mut kinds, mut samples) = (BTreeMap::new(), BTreeMap::new());
+        let mut family = String::new();
+        for line in page.lines() {
+            if let Some(help) = line.strip_prefix("# HELP ") {
+                let (name, help) = help.split_once(' ').unwrap();
+                assert!(!help.is_empty() && !kinds.contains_key(name), "{line}");
+                family = name.to_owned();
+            } else if let Some(kind) = line.strip_prefix("# TYPE ") {
+                assert_eq!(kind.split_once(' ').unwrap().0, family, "{line}");
+                kinds.insert(family.clone(), kind.split_once(' ').unwrap().1.to_owned());
+            } else {
+                let (series, value) = line.rsplit_once(' ').unwrap();
+                let name = series.split('{').next().unwrap();
+                let suffix = name.strip_prefix(family.as_str()).unwrap_or_else(|| panic!("{line} within {family}"));
+                let histogram = kinds[&family] == "histogram";
+                assert!(
+                    suffix.is_empty() != histogram && (!histogram || matches!(suffix, "_bucket" | "_sum" | "_count")),
+                    "{line}"
+                );
+                assert!(samples.insert(series.to_owned(), value.parse().unwrap()).is_none(), "{line} is there twice");
+            }
+        }
+        Self { kinds, samples }
+    }
+
+    fn value(&self, series: &str) -> f64 {
+        *self.samples.get(series).unwrap_or_else(|| panic!("{series} is not there"))
+    }
+
+    /// Names that a query can use.
+    fn names(&self) -> BTreeSet<String> {
+        self.samples.keys().map(|series| series.split('{').next().unwrap().to_owned()).collect()
+    }
+}
+
+/// One sample after the other, as no acquisition of ours would send them.
+struct Careless<'a> {
+    world: &'a World,
+    publisher: iceoryx2::port::publisher::Publisher<Ipc, RawSample, ()>,
+    sent: u64,
+}
+
+impl Careless<'_> {
+    fn send(&mut self, sample: RawSample) {
+        self.sent += 1;
+        self.publisher.send_copy(sample).unwrap();
+        let sent = self.sent;
+        wait_until("a sample's answer", || self.world.imu_status()["received"] == sent);
+    }
+}
+
+#[test]
+fn every_metric_is_fed() {
+    let world = World::new();
+    configure(&world, "");
+    let sensitive = TABLE
+        .replace("out_of_range = \"clamp\"", "out_of_range = \"clamp\"\nmax_age_s = 1.0")
+        .replace("name = ", "max_rate = 1e6\nname = ");
+    // It has no table at first.
+    fs::remove_file(world.path("imu-a.toml")).unwrap();
+    let (service, address) = serve(&world);
+    let node = join(world.domain()).unwrap();
+    let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
+    let discard = iceoryx2::prelude::BackpressureStrategy::DiscardData;
+    let publisher = raw.publisher_builder().backpressure_strategy(discard).create().unwrap();
+    let mut sender = Careless { world: &world, publisher, sent: 0 };
+    let sent_ns = || monotonic_ns().saturating_sub(1_000_000);
+    let plain = RawSample { session: 1, sequence: 0, sent_ns: sent_ns(), ..recording()[0] };
+    sender.send(plain);
+    wait_until("the refusal of a missing file", || {
+        scrape(&address).value("isotherm_reload_failed{imu=\"imu-a\"}") == 1.0
+    });
+    for text in [TABLE, "format = 2\n", &sensitive] {
+        let digest = world.imu_status()["table"].clone();
+        let refusals = world.imu_status()["refusals"].clone();
+        world.replace("imu-a.toml", text);
+        wait_until("a reload or a refusal", || {
+            let status = world.imu_status();
+            status["table"] != digest || status["refusals"] != refusals
+        });
+    }
+
+    let all = |value: f64| RawSample { head_temperature: [value; 3], board_temperature: [value; 3], ..plain };
+    let fast = RawSample { positive_pulses: [u32::MAX; 3], ..plain };
+    let stale = RawSample { timestamp_ns: 10_000_000_000, telemetry_ns: 1, ..plain };
+    let odd = [all(-9.0), all(9.0), all(f64::NAN), fast, stale, RawSample { interval_ns: 0, ..plain }];
+    for (sample, sequence) in odd.into_iter().zip(10..) {
+        sender.send(RawSample { sequence, ..sample });
+    }
+    sender.send(RawSample { sequence: 3, sent_ns: sent_ns(), ..plain });
+
+    let scrape = scrape(&address);
+    let all_names: Vec<_> = Flags::NAMES.iter().map(|(_, name)| *name).collect();
+    for flag in all_names {
+        assert!(scrape.value(&format!("isotherm_flagged_total{{imu=\"imu-a\",flag=\"{flag}\"}}")) > 0.0, "{flag}");
+    }
+    // Of these it cannot be said from outside when they rise: the transport does not fail, and nobody is held back where there is room.
+    let quiet = ["isotherm_transport_errors_total", "isotherm_worker_held_back_seconds_total"];
+    for (series, value) in &scrape.samples {
+        let name = series.split('{').next().unwrap();
+        if scrape.kinds.get(name).is_some_and(|kind| kind == "counter") && !quiet.contains(&name) {
+            assert!(*value > 0.0, "{series} is not fed");
+        }
+    }
+    for (name, value) in [
+        ("isotherm_samples_received_total", 8.0),
+        ("isotherm_increments_total", 8.0),
+        ("isotherm_samples_missing_total", 9.0),
+        ("isotherm_gaps_total", 1.0),
+        ("isotherm_samples_repeated_total", 1.0),
+        ("isotherm_sessions_total", 1.0),
+        ("isotherm_reloads_total", 1.0),
+        ("isotherm_reload_failed", 0.0),
+        ("isotherm_acquisition_connected", 1.0),
+        ("isotherm_latency_seconds_count", 8.0),
+    ] {
+        assert_eq!(scrape.value(&format!("{name}{{imu=\"imu-a\"}}")), value, "{name}");
+    }
+    assert!(scrape.value("isotherm_reloads_refused_total{imu=\"imu-a\"}") >= 2.0);
+    let bucket = |le: &str| scrape.value(&format!("isotherm_latency_seconds_bucket{{imu=\"imu-a\",le=\"{le}\"}}"));
+    assert_eq!((bucket("2e-7"), bucket("+Inf")), (0.0, 8.0));
+    let buckets: Vec<_> = ["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "1e-1", "1e0"].map(bucket).into();
+    assert!(buckets.is_sorted() && bucket("5e-4") < 8.0, "cumulative; some were sent a millisecond ago: {buckets:?}");
+    assert!(scrape.value("isotherm_latency_seconds_sum{imu=\"imu-a\"}") > 1e-3);
+    for (axis, place) in [("a1", "head"), ("a3", "board")] {
+        let value = |name: &str| scrape.value(&format!("{name}{{imu=\"imu-a\",axis=\"{axis}\",place=\"{place}\"}}"));
+        let telemetry = if place == "head" { plain.head_temperature[0] } else { plain.board_temperature[2] };
+        assert_eq!(value("isotherm_telemetry"), telemetry);
+        assert_eq!((value("isotherm_telemetry_range_low"), value("isotherm_telemetry_range_high")), (0.9, 4.2));
+    }
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
+    let started = scrape.value("process_start_time_seconds");
+    for name in ["isotherm_table_taken_timestamp_seconds", "isotherm_table_modified_timestamp_seconds"] {
+        let time = scrape.value(&format!("{name}{{imu=\"imu-a\"}}"));
+        assert!((started - 1.0..=now).contains(&time), "{name} {time}, from {started} to {now}");
+    }
+    assert!(scrape.value("process_resident_memory_bytes") > 1e6 && scrape.value("process_open_fds") > 10.0);
+    assert_eq!(scrape.value("isotherm_latency_budget_seconds"), 5e-5);
+    assert!(
+        scrape.samples.keys().any(|series| series.starts_with("isotherm_table_info{imu=\"imu-a\",table=\"sha256:"))
+    );
+    service.terminate();
+}
+
+/// Everything in `text` that looks like a metric of ours.
+fn metrics_in(text: &str) -> BTreeSet<String> {
+    let words = text.split(|character: char| !character.is_ascii_alphanumeric() && character != '_');
+    let ours = words.filter(|word| word.starts_with("isotherm_") || word.starts_with("process_"));
+    ours.map(str::to_owned).collect()
+}
+
+#[test]
+fn dashboard_and_documents_name_what_there_is_and_all_of_it() {
+    let world = World::new();
+    configure(&world, "");
+    let (service, address) = serve(&world);
+    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    wait_until("the sample", || scrape(&address).value("isotherm_increments_total{imu=\"imu-a\"}") == 1.0);
+    let scrape = scrape(&address);
+    let names = scrape.names();
+
+    let dashboard: Value =
+        serde_json::from_str(&fs::read_to_string(format!("{ROOT}/examples/grafana-dashboard.json")).unwrap()).unwrap();
+    let mut used = BTreeSet::new();
+    let mut places = BTreeSet::new();
+    for panel in dashboard["panels"].as_array().unwrap() {
+        assert!(places.insert(panel["id"].as_u64()), "{panel}");
+        for target in panel["targets"].as_array().into_iter().flatten() {
+            assert_eq!(target["datasource"]["uid"], "${datasource}");
+            used.extend(metrics_in(target["expr"].as_str().unwrap()));
+        }
+    }
+    for variable in dashboard["templating"]["list"].as_array().unwrap() {
+        used.extend(metrics_in(&variable["query"].to_string()));
+    }
+    assert!(used.is_subset(&names), "in the dashboard only: {:?}", used.difference(&names));
+
+    let documents = fs::read_to_string(format!("{ROOT}/docs/operations.md")).unwrap();
+    let (_, documents) = documents.split_once("\n## Metrics\n").unwrap();
+    let documents = documents.split("\n## ").next().unwrap();
+    let documented: BTreeSet<_> =
+        documents.lines().filter(|line| line.starts_with("| `isotherm_") || line.starts_with("| `process_")).collect();
+    let kind = |name: &str| scrape.kinds.get(name);
+    for name in scrape.kinds.keys() {
+        let row = documented
+            .iter()
+            .find(|row| row.starts_with(&format!("| `{name}`")) || row.starts_with(&format!("| `{name}{{")));
+        let row = row.unwrap_or_else(|| panic!("{name} is not documented"));
+        assert!(row.contains(&format!("| {} |", kind(name).unwrap())), "{row}");
+    }
+    assert_eq!(documented.len(), scrape.kinds.len(), "documented are also metrics that are not there: {documented:?}");
+    let mentioned = metrics_in(documents);
+    let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).cloned().collect();
+    let unknown: Vec<_> = mentioned.difference(&known).collect();
+    assert!(unknown.is_empty(), "documents tell of {unknown:?}");
+    service.terminate();
+}
+
+#[test]
+fn rude_peers_keep_nobody_out() {
+    let world = World::new();
+    configure(&world, "");
+    let (service, address) = serve(&world);
+    let descriptors = || fs::read_dir(format!("/proc/{}/fd", service.pid())).unwrap().count();
+    let before = descriptors();
+
+    let idle: Vec<_> = (0..200).map(|_| TcpStream::connect(&address).unwrap()).collect();
+    scrape(&address);
+    assert!(descriptors() <= before + 20, "{before} before, {} now", descriptors());
+    let mut slow = TcpStream::connect(&address).unwrap();
+    slow.write_all(b"GET /metrics HTTP/1.1\r\n").unwrap();
+    scrape(&address);
+    slow.write_all(b"Host: x\r\n\r\n").unwrap();
+    slow.set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut first = [0; 12];
+    slow.read_exact(&mut first).unwrap();
+    assert_eq!(&first, b"HTTP/1.1 200", "one that takes its time is served too");
+    // Which the rest of the page then waits for.
+    scrape(&address);
+
+    let status = |request: &[u8]| ask(&address, request).lines().next().unwrap_or_default().to_owned();
+    assert_eq!(status(b"GET / HTTP/1.1\r\n\r\n"), "HTTP/1.1 404 Not Found");
+    assert!(ask(&address, b"GET / HTTP/1.1\r\n\r\n").ends_with("the metrics are at /metrics\n"));
+    assert_eq!(status(b"POST /metrics HTTP/1.1\r\nContent-Length: 3\r\n\r\nabc"), "HTTP/1.1 405 Method Not Allowed");
+    assert_eq!(status(&[b"\x16\x03\x01\x00\xff\0\xfe".as_slice(), b"\r\n\r\n"].concat()), "HTTP/1.1 400 Bad Request");
+    let head = ask(&address, b"HEAD /metrics HTTP/1.1\r\n\r\n");
+    assert!(head.starts_with("HTTP/1.1 200 OK") && head.ends_with("\r\n\r\n"), "{head}");
+    let mut huge = TcpStream::connect(&address).unwrap();
+    huge.set_write_timeout(Some(PATIENCE)).unwrap();
+    let line = [b"X: ".as_slice(), &[b'x'; 1000], b"\r\n"].concat();
+    // 100 MB, had anybody listened to the end.
+    let refused = (0..100_000).any(|_| huge.write_all(&line).is_err());
+    assert!(refused, "headers without end are not refused");
+    scrape(&address);
+
+    // Answers that nobody fetches, and a flood of connections.
+    let unread: Vec<_> = (0..50)
+        .map(|_| {
+            let mut stream = TcpStream::connect(&address).unwrap();
+            stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+            stream
+        })
+        .collect();
+    thread::scope(|scope| {
+        scope.spawn(|| (0..2000).for_each(|_| drop(TcpStream::connect(&address))));
+        (0..10).for_each(|_| drop(scrape(&address)));
+    });
+    let mut acquisition = world.acquisition("imu-a");
+    round_trip(&mut acquisition, &recording()[0]);
+    drop((idle, slow, unread, huge));
+    wait_until("their descriptors' return", || descriptors() <= before + 20);
+    assert!(!service.has_ended());
+    service.terminate();
+}
+
+#[test]
+fn a_control_thread_that_hangs_is_no_healthy_service() {
+    let world = World::new();
+    configure(&world, "");
+    let (service, address) = serve(&world);
+    let main = Pid::from_raw(service.pid().cast_signed());
+    if ptrace::seize(main, ptrace::Options::empty()).is_ok() {
+        ptrace::interrupt(main).unwrap();
+        waitpid(main, Some(WaitPidFlag::__WALL)).unwrap();
+        wait_until("the refusal", || scrape_or_none(&address).is_none());
+        let answer = ask(&address, b"GET /metrics HTTP/1.1\r\n\r\n");
+        assert!(answer.starts_with("HTTP/1.1 503") && answer.contains("it starts, or hangs"), "{answer}");
+        ptrace::detach(main, None).unwrap();
+        wait_until("metrics", || scrape_or_none(&address).is_some());
+    } else {
+        eprintln!("not tested: this user may not trace a process");
+    }
+    service.terminate();
+}
+
+fn scrape_or_none(address: &str) -> Option<Scrape> {
+    let answer = ask(address, b"GET /metrics HTTP/1.1\r\n\r\n");
+    answer.starts_with("HTTP/1.1 200").then(|| Scrape::read(answer.split_once("\r\n\r\n").unwrap().1))
+}
+
+#[test]
+fn the_port_is_ours_or_the_start_fails_and_nothing_listens_unasked() {
+    let world = World::new();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap();
+    configure(&world, "");
+    let text = fs::read_to_string(world.path("service.toml")).unwrap().replace("127.0.0.1:0", &address.to_string());
+    world.write("service.toml", &text);
+    let (status, log) = world.spawn(&["serve", "--config", "service.toml"]).wait();
+    assert_eq!(status.code(), Some(74), "{log}");
+    assert!(log.contains(&format!("metrics.listen = \"{address}\": ")) && log.contains("give a free port"), "{log}");
+    drop(taken);
+    // Twice: the port can be taken again at once, also when the one before was killed with connections open.
+    for _ in 0..2 {
+        let service = world.serve(&["--config", "service.toml"]);
+        let _open = TcpStream::connect(address).unwrap();
+        wait_until("the page", || scrape_or_none(&address.to_string()).is_some());
+        service.kill();
+    }
+    world.write("service.toml", &text.replace(&address.to_string(), "0.0.0.0:0"));
+    let service = world.serve(&["--config", "service.toml"]);
+    service.wait_for_log("whoever reaches this port may read the metrics");
+    service.signal(Signal::TERM);
+    service.wait();
+
+    let quiet = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let threads = fs::read_dir(format!("/proc/{}/task", quiet.pid())).unwrap().flatten();
+    let mut names = threads.map(|thread| fs::read_to_string(thread.path().join("comm")).unwrap());
+    assert!(!names.any(|name| name.trim() == "metrics"), "off by default");
+    quiet.terminate();
+}

@@ -1,0 +1,224 @@
+//! The live screen, on a terminal of its own.
+#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use isotherm_tests::{PATIENCE, RUN, World, kill, text, wait_until};
+use nix::pty::{OpenptyResult, openpty};
+use nix::sys::termios::{Termios, tcgetattr};
+use rustix::process::Signal;
+use rustix::termios::{Winsize, tcsetwinsize};
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::num::NonZeroU16;
+use std::os::fd::OwnedFd;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// `isotherm top` on a terminal.
+struct Top {
+    child: Child,
+    keyboard: File,
+    /// Kept open, so that what the terminal was set to can be asked for afterwards.
+    terminal: OwnedFd,
+    before: Termios,
+    seen: Arc<Mutex<(vt100::Parser, Vec<u8>)>>,
+}
+
+impl Top {
+    fn start(world: &World, (columns, rows): (u16, u16), environment: &[(&str, &str)]) -> Self {
+        let OpenptyResult { master, slave } = openpty(None, None).unwrap();
+        tcsetwinsize(&slave, Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
+        let before = tcgetattr(&slave).unwrap();
+        let plain = world.isotherm(&["top"]);
+        // As at a login: the terminal is the session's own, and signals come from it.
+        let mut command = Command::new("setsid");
+        command.arg("--ctty").arg(plain.get_program()).args(plain.get_args()).current_dir(world.path(""));
+        command.envs(plain.get_envs().filter_map(|(name, value)| Some((name, value?))));
+        command.env("TERM", "xterm-256color").env("LC_ALL", "C.UTF-8").env_remove("NO_COLOR");
+        command.envs(environment.iter().copied());
+        let side = || Stdio::from(slave.try_clone().unwrap());
+        let child = command.stdin(side()).stdout(side()).stderr(side()).spawn().unwrap();
+        world.watch(child.id());
+        let seen = Arc::new(Mutex::new((vt100::Parser::new(cells(rows), cells(columns), 0), Vec::new())));
+        let (sink, mut output) = (Arc::clone(&seen), File::from(master.try_clone().unwrap()));
+        thread::spawn(move || {
+            let mut buffer = [0; 4096];
+            while let Ok(length @ 1..) = output.read(&mut buffer) {
+                let mut seen = sink.lock().unwrap();
+                seen.0.process(&buffer[..length]);
+                seen.1.extend_from_slice(&buffer[..length]);
+            }
+        });
+        Self { child, keyboard: File::from(master), terminal: slave, before, seen }
+    }
+
+    fn screen(&self) -> String {
+        self.seen.lock().unwrap().0.screen().contents()
+    }
+
+    /// Everything that has been written to the terminal.
+    fn written(&self) -> Vec<u8> {
+        self.seen.lock().unwrap().1.clone()
+    }
+
+    fn wait_for(&self, what: &str, condition: impl Fn(&str) -> bool) -> String {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let screen = self.screen();
+            if condition(&screen) {
+                return screen;
+            }
+            assert!(Instant::now() < deadline, "{what} did not come onto the screen:\n{screen}");
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn has(&self, part: &str) -> String {
+        self.wait_for(part, |screen| screen.contains(part))
+    }
+
+    fn press(&mut self, keys: &str) {
+        self.keyboard.write_all(keys.as_bytes()).unwrap();
+    }
+
+    fn resize(&self, (columns, rows): (u16, u16)) {
+        self.seen.lock().unwrap().0.screen_mut().set_size(cells(rows), cells(columns));
+        tcsetwinsize(&self.terminal, Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
+    }
+
+    /// Waits for its end. The terminal must be as it was.
+    fn end(&mut self) -> ExitStatus {
+        let mut status = None;
+        wait_until("the end of top", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        assert_eq!(tcgetattr(&self.terminal).unwrap(), self.before, "keys are read and shown as before");
+        wait_until("the terminal's first screen", || {
+            let seen = self.seen.lock().unwrap();
+            !seen.0.screen().alternate_screen() && !seen.0.screen().hide_cursor()
+        });
+        status.unwrap()
+    }
+}
+
+impl Drop for Top {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn cells(count: u16) -> NonZeroU16 {
+    NonZeroU16::new(count).unwrap()
+}
+
+/// Samples received, as the screen has it.
+fn received(screen: &str) -> Option<u64> {
+    screen.lines().find_map(|line| line.strip_prefix("samples ")?.trim_start().split(',').next()?.parse().ok())
+}
+
+/// An SGR sequence that sets a colour.
+fn sets_colour(written: &[u8]) -> bool {
+    let written = String::from_utf8_lossy(written);
+    let sequences = written.split("\x1b[").skip(1).filter_map(|rest| {
+        let end = rest.find(|character: char| !matches!(character, '0'..='9' | ';' | ':'))?;
+        rest[end..].starts_with('m').then_some(&rest[..end])
+    });
+    let numbers =
+        |sequence: &str| sequence.split([';', ':']).filter_map(|number| number.parse().ok()).collect::<Vec<u32>>();
+    sequences.flat_map(numbers).any(|number| matches!(number, 30..=38 | 40..=48 | 90..=107))
+}
+
+#[test]
+fn the_screen_lives_pauses_and_leaves_the_terminal_as_it_was() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "100", RUN]);
+    let mut top = Top::start(&world, (80, 24), &[]);
+    let screen = top.wait_for("samples", |screen| received(screen).is_some_and(|count| count > 0));
+    for part in ["imu-a", "117fc01d0047a7a2", "head [V]", "●", "latency us", "p99.9", "flags", "q quit", "? help"] {
+        assert!(screen.contains(part), "{part} is not in\n{screen}");
+    }
+    let count = received(&screen);
+    top.wait_for("more samples", |screen| received(screen) > count);
+    top.wait_for("increments", |screen| screen.lines().any(|line| line.starts_with("A3    +0.0")));
+    assert!(sets_colour(&top.written()));
+
+    top.press("p");
+    let still = received(&top.has("PAUSED"));
+    // Nothing to wait for: it is what does not happen.
+    thread::sleep(Duration::from_millis(700));
+    assert_eq!(received(&top.screen()), still);
+    top.press("p");
+    top.wait_for("more samples after the pause", |screen| received(screen) > still);
+    top.press("?");
+    top.has("within the calibrated range");
+    top.press("q");
+    top.wait_for("the screen behind the help", |screen| !screen.contains("within the calibrated range"));
+    top.press("q");
+    assert!(top.end().success());
+    drop(feed);
+    service.terminate();
+}
+
+#[test]
+fn a_small_terminal_without_colours_is_served_and_a_signal_restores_it() {
+    let world = World::new();
+    let service = world.serve_recording();
+    let top = &mut Top::start(&world, (80, 24), &[("NO_COLOR", "1"), ("LC_ALL", "C")]);
+    let screen = top.has("no acquisition");
+    assert!(screen.is_ascii(), "{screen}");
+    top.resize((40, 10));
+    let screen = top.wait_for("the small screen", |screen| screen.contains("% of range") && screen.contains("q quit"));
+    assert!(!screen.contains("latency us"), "{screen}");
+    top.resize((120, 40));
+    top.wait_for("the large screen", |screen| screen.contains("latency us") && screen.contains("117fc01d0047a7a2"));
+    assert!(!sets_colour(&top.written()), "a colour in spite of NO_COLOR");
+    kill(top.child.id(), Signal::TERM);
+    assert!(top.end().success());
+
+    let mut top = Top::start(&world, (80, 24), &[]);
+    top.has("no acquisition");
+    top.press("\x03");
+    assert!(top.end().success(), "Ctrl-C is a key here");
+    service.terminate();
+}
+
+#[test]
+fn it_waits_for_a_service_and_goes_on_when_one_returns() {
+    let world = World::new();
+    let mut top = Top::start(&world, (80, 24), &[]);
+    let screen = top.has("waiting for the service since");
+    assert!(screen.contains("isotherm serve --domain"), "the remedy is there: {screen}");
+    for round in 0..2 {
+        let service = world.serve_recording();
+        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "100", RUN]);
+        let pid = format!("pid {}", service.pid());
+        top.wait_for("the service", |screen| screen.contains(&pid) && received(screen).is_some_and(|count| count > 0));
+        let marked = |screen: &str| screen.lines().any(|line| line.starts_with("A3    +0.0"));
+        top.wait_for("increments", marked);
+        if round == 0 {
+            service.kill();
+            top.has("below is what it told last");
+            top.has("not served");
+        } else {
+            drop(feed);
+            service.terminate();
+        }
+    }
+    top.press("q");
+    assert!(top.end().success());
+}
+
+#[test]
+fn where_there_is_no_screen_it_says_so() {
+    let world = World::new();
+    let output = world.run(&["top"]);
+    assert_eq!(output.status.code(), Some(64));
+    assert!(text(&output.stderr).contains("`isotherm status` prints the same once"), "{}", text(&output.stderr));
+    let mut dumb = Top::start(&world, (80, 24), &[("TERM", "dumb")]);
+    assert_eq!(dumb.end().code(), Some(64));
+    assert!(dumb.screen().contains("a terminal with a cursor that moves"), "{}", dumb.screen());
+}
