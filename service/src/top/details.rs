@@ -291,7 +291,7 @@ fn end_of(path: &str, room: usize) -> String {
 fn significant(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
-        size if size < 1e-3 || size >= 1e5 => format!("{value:.1e}"),
+        size if !(1e-3..1e5).contains(&size) => format!("{value:.1e}"),
         size if size < 10.0 => format!("{value:.4}"),
         size if size < 100.0 => format!("{value:.3}"),
         _ => format!("{value:.1}"),
