@@ -10,6 +10,8 @@ const SONAME: &str = "libisotherm_client.so.0";
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,{SONAME}");
+    // Beside another library with iceoryx2 in it each uses its own. And it stays loaded: threads may have messages of it.
+    println!("cargo::rustc-cdylib-link-arg=-Wl,-Bsymbolic,-z,nodelete");
     // target/release, from target/release/build/isotherm-client-c-../out.
     let folder = std::env::var_os("OUT_DIR");
     if let Some(folder) = folder.as_deref().and_then(|out| Path::new(out).ancestors().nth(3)) {

@@ -30,8 +30,8 @@
  * ISOTHERM_ERROR_BUSY and nothing is done. A sample on loan may be filled in by any thread. Different handles are independent of each
  * other, and functions without a handle may be called at any time. Nothing may be called from a signal handler.
  *
- * Processes. A child made by fork() cannot use its parent's handles (ISOTHERM_ERROR_FORKED; closing one there does nothing) nor its
- * samples, and connects anew. exec() needs no care.
+ * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED), must not touch its samples,
+ * and connects anew. exec() needs no care.
  *
  * Real time. isotherm_loan, _send, _receive and _discard allocate nothing, take no lock and make no system call while service and
  * readers stay the same, but the one that wakes a service that sleeps. Messages of errors are allocated.
@@ -403,10 +403,11 @@ isotherm_code isotherm_acquisition_connect(const char *imu,
                                            isotherm_acquisition **acquisition);
 
 /**
- * Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed. No other call may
- * be in the handle.
+ * Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
+ *
+ * ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
  */
-void isotherm_acquisition_close(isotherm_acquisition *acquisition);
+isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
 
 /**
  * Loans a sample to fill in where it lies, in shared memory: nothing is copied from here on. `*sample` is yours until it is sent
@@ -517,9 +518,11 @@ isotherm_code isotherm_reader_connect(const char *imu,
                                       isotherm_reader **reader);
 
 /**
- * Leaves the stream and frees the handle. NULL is allowed. No other call may be in the handle.
+ * Leaves the stream and frees the handle. NULL is allowed.
+ *
+ * ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
  */
-void isotherm_reader_close(isotherm_reader *reader);
+isotherm_code isotherm_reader_close(isotherm_reader *reader);
 
 /**
  * The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.

@@ -66,7 +66,7 @@ static isotherm_code run(isotherm_acquisition *acquisition, FILE *recording, int
         }
         /* While the service's queue is full this sample is still ours: take an increment, and there is room. */
         while ((code = isotherm_send(acquisition, sample)) == ISOTHERM_FULL)
-            if ((code = take(acquisition, 10ull * SECOND)) != ISOTHERM_OK)
+            if ((code = take(acquisition, 20ull * SECOND)) != ISOTHERM_OK)
                 return code;
         if (code != ISOTHERM_OK)
             return code;
@@ -76,7 +76,7 @@ static isotherm_code run(isotherm_acquisition *acquisition, FILE *recording, int
             return code;
     }
     while (isotherm_in_flight(acquisition) > 0)
-        if ((code = take(acquisition, 10ull * SECOND)) != ISOTHERM_OK)
+        if ((code = take(acquisition, 20ull * SECOND)) != ISOTHERM_OK)
             return code;
     return ISOTHERM_OK;
 }

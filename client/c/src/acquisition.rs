@@ -94,12 +94,13 @@ pub unsafe extern "C" fn isotherm_acquisition_connect(
     }
 }
 
-/// Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed. No other call may
-/// be in the handle.
+/// Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
+///
+/// ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_acquisition) {
-    // SAFETY: NULL or open and not used again, as the header asks for.
-    unsafe { close(acquisition, |handle| &handle.0) };
+pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+    // SAFETY: NULL, or open and not used again, as the header asks for.
+    unsafe { close(acquisition, |handle| &handle.0) }
 }
 
 /// Loans a sample to fill in where it lies, in shared memory: nothing is copied from here on. `*sample` is yours until it is sent
@@ -225,7 +226,7 @@ pub unsafe extern "C" fn isotherm_compensate(
     })
 }
 
-/// A number that an acquisition has; 0 if it cannot be entered, the code of which is lost.
+/// A number that an acquisition has; 0 if the handle cannot be used.
 fn number<T: Default>(acquisition: *const isotherm_acquisition, read: impl FnOnce(&Acquisition) -> T) -> T {
     let mut number = T::default();
     with(acquisition, |session| {

@@ -1,6 +1,6 @@
 //! What C holds: one caller at a time, in the process that made it, and nothing unwinds out of it.
 
-use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL};
+use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
 use crate::code::{Failure, NULL, code, isotherm_code};
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -108,15 +108,22 @@ pub(crate) unsafe fn create<T, H>(
 /// Takes a handle back from C.
 ///
 /// # Safety
-/// `handle` is NULL, or came from [`create`] and is not used again.
-pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) {
+/// `handle` is NULL, or came from [`create`] and is not used again if this gives [`ISOTHERM_OK`].
+pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) -> isotherm_code {
     // SAFETY: the caller's contract.
-    let Some(alive) = (unsafe { handle.as_ref() }) else { return };
-    // In a forked child it stays where it is: leaving the streams is the parent's business.
-    if !content(alive).is_forked() {
-        // SAFETY: made by `Box::into_raw`, and by the caller's contract nobody else's any more.
-        let _ = catch_unwind(AssertUnwindSafe(|| drop(unsafe { Box::from_raw(handle) })));
+    let Some(alive) = (unsafe { handle.as_ref() }).map(content) else { return ISOTHERM_OK };
+    if alive.is_forked() {
+        // Leaving the streams is the parent's business.
+        return code(Err(FORKED));
     }
+    if alive.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) == Err(IN_USE) {
+        return code(Err(BUSY));
+    }
+    outside(|| {
+        // SAFETY: made by `Box::into_raw`, nobody is in it, and by the caller's contract nobody will be.
+        drop(unsafe { Box::from_raw(handle) });
+        Ok(())
+    })
 }
 
 extern "C" fn count_fork() {
@@ -126,7 +133,7 @@ extern "C" fn count_fork() {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::code::isotherm_code::{ISOTHERM_ERROR_NULL, ISOTHERM_OK};
+    use crate::code::isotherm_code::ISOTHERM_ERROR_NULL;
     use crate::code::isotherm_error_message;
     use iceoryx2::prelude::ipc_threadsafe::Service;
     use std::ffi::CStr;
@@ -144,12 +151,18 @@ mod tests {
 
     #[test]
     fn one_caller_at_a_time() {
-        let handle = Handle::new(0);
-        let outer = enter(Some(&handle), |_| {
-            assert_eq!(enter(Some(&handle), |_| Ok(())), ISOTHERM_ERROR_BUSY);
+        let open = Box::into_raw(Box::new(Handle::new(0)));
+        // SAFETY: not closed before the end.
+        let handle = unsafe { open.as_ref() };
+        let outer = enter(handle, |_| {
+            assert_eq!(enter(handle, |_| Ok(())), ISOTHERM_ERROR_BUSY);
+            // SAFETY: as above.
+            assert_eq!(unsafe { close(open, |handle| handle) }, ISOTHERM_ERROR_BUSY);
             Ok(())
         });
-        assert_eq!((outer, enter(Some(&handle), |_| Ok(()))), (ISOTHERM_OK, ISOTHERM_OK));
+        assert_eq!((outer, enter(handle, |_| Ok(()))), (ISOTHERM_OK, ISOTHERM_OK));
+        // SAFETY: not used any more.
+        assert_eq!(unsafe { close(open, |handle| handle) }, ISOTHERM_OK);
         assert_eq!(enter(None::<&Handle<u8>>, |_| Ok(())), ISOTHERM_ERROR_NULL);
     }
 

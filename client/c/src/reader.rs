@@ -58,11 +58,13 @@ pub unsafe extern "C" fn isotherm_reader_connect(
     }
 }
 
-/// Leaves the stream and frees the handle. NULL is allowed. No other call may be in the handle.
+/// Leaves the stream and frees the handle. NULL is allowed.
+///
+/// ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) {
-    // SAFETY: NULL or open and not used again, as the header asks for.
-    unsafe { close(reader, |handle| &handle.0) };
+pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> isotherm_code {
+    // SAFETY: NULL, or open and not used again, as the header asks for.
+    unsafe { close(reader, |handle| &handle.0) }
 }
 
 /// The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.
