@@ -3,7 +3,6 @@
 #include <iostream>
 #include <isotherm.hpp>
 #include <type_traits>
-#include <vector>
 
 using namespace std::chrono_literals;
 using isotherm::Acquisition, isotherm::IncrementReader, isotherm::Sample;
@@ -65,9 +64,10 @@ int main(int, char **words)
     // One that has been sent cannot be sent again.
     CHECK(thrown([&] { (void)acquisition.send(sample); }) == ISOTHERM_ERROR_NULL);
 
-    std::vector<Sample> sent;
-    for (sample = acquisition.loan(); acquisition.send(sample); sample = acquisition.loan())
+    do {
+        sample = acquisition.loan();
         sample->interval_ns = 1;
+    } while (acquisition.send(sample));
     CHECK(sample && acquisition.in_flight() == acquisition.depth());
     auto moved = std::move(sample);
     CHECK(moved && !sample && !acquisition.send(moved) && moved);

@@ -14,8 +14,8 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 const C: (&str, &str) = ("cc", "-std=c11");
 const CPP: (&str, &str) = ("c++", "-std=c++17");
 
-/// Compiles a program of the repository, with `flags` besides; `None`, and a word about it, if there is no such compiler.
-fn compile(world: &World, (compiler, standard): (&str, &str), source: &str, flags: &[&str]) -> Option<PathBuf> {
+/// Compiles a program of the repository; `None`, and a word about it, if there is no such compiler.
+fn compile(world: &World, (compiler, standard): (&str, &str), source: &str) -> Option<PathBuf> {
     if Command::new(compiler).arg("--version").output().is_err() {
         eprintln!("not tested: there is no {compiler}");
         return None;
@@ -28,7 +28,7 @@ fn compile(world: &World, (compiler, standard): (&str, &str), source: &str, flag
     }
     let (folder, program) = (world.path(""), world.path(&source.replace('/', "-").replace('.', "_")));
     let mut command = Command::new(compiler);
-    command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-pthread"]).args(flags);
+    command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-pthread"]);
     command.arg(format!("-I{ROOT}/client/include")).arg(format!("{ROOT}/{source}")).arg("-o").arg(&program);
     command.arg(format!("-L{}", folder.display())).arg(format!("-Wl,-rpath,{}", folder.display()));
     let output = command.arg("-lisotherm_client").output().unwrap();
@@ -82,7 +82,7 @@ fn the_examples_compensate_exactly() {
     let world = World::new();
     let service = world.serve_recording();
     for (language, source) in [(C, "examples/c/acquisition.c"), (CPP, "examples/cpp/acquisition.cpp")] {
-        let Some(program) = compile(&world, language, source, &[]) else { continue };
+        let Some(program) = compile(&world, language, source) else { continue };
         run(&world, &program, &["imu-a", RUN], "out.csv");
         is_exact(&rows(&world, "out.csv"), &recording());
     }
@@ -95,7 +95,7 @@ fn the_reader_reads_all() {
     const SENT: usize = 200;
     let world = World::new();
     let [reader, acquisition] =
-        ["examples/c/reader.c", "examples/c/acquisition.c"].map(|source| compile(&world, C, source, &[]).unwrap());
+        ["examples/c/reader.c", "examples/c/acquisition.c"].map(|source| compile(&world, C, source).unwrap());
     // Before there is a service.
     let mut reading = start(&world, &reader, &["imu-a", &SENT.to_string()], "read.csv");
     let service = world.serve_recording();
@@ -113,7 +113,7 @@ fn the_reader_reads_all() {
 fn a_c_program_loses_nothing_when_the_service_is_killed() {
     let world = World::new();
     let mut service = world.serve_recording();
-    let program = compile(&world, C, "examples/c/acquisition.c", &[]).unwrap();
+    let program = compile(&world, C, "examples/c/acquisition.c").unwrap();
     let mut running = start(&world, &program, &["imu-a", "/dev/stdin"], "out.csv");
     let mut reader = world.reader("imu-a");
     let mut input = running.stdin.take().unwrap();
@@ -143,7 +143,7 @@ fn a_c_program_loses_nothing_when_the_service_is_killed() {
 fn whatever_is_done_wrong_is_answered_by_a_code() {
     let world = World::new();
     let service = world.serve_recording();
-    let program = compile(&world, C, "tests/programs/abuse.c", &[]).unwrap();
+    let program = compile(&world, C, "tests/programs/abuse.c").unwrap();
     run(&world, &program, &["imu-a", &service.pid().to_string()], "out");
     // It goes on as if nothing had been.
     assert_eq!(world.imu_status()["transport_errors"], 0);
@@ -154,7 +154,7 @@ fn whatever_is_done_wrong_is_answered_by_a_code() {
 fn the_wrapper_keeps_its_promises() {
     let world = World::new();
     let service = world.serve_recording();
-    let Some(program) = compile(&world, CPP, "tests/programs/wrapper.cpp", &[]) else { return };
+    let Some(program) = compile(&world, CPP, "tests/programs/wrapper.cpp") else { return };
     run(&world, &program, &["imu-a"], "out");
     service.terminate();
 }
@@ -163,7 +163,7 @@ fn the_wrapper_keeps_its_promises() {
 fn round_trips_allocate_nothing() {
     let world = World::new();
     let service = world.serve_recording();
-    let program = compile(&world, C, "tests/programs/allocations.c", &[]).unwrap();
+    let program = compile(&world, C, "tests/programs/allocations.c").unwrap();
     run(&world, &program, &["imu-a", "20000"], "out");
     assert_eq!(fs::read_to_string(world.path("out")).unwrap(), "0\n");
     service.terminate();
@@ -176,17 +176,16 @@ fn valgrind_finds_nothing() {
         eprintln!("not tested: there is no valgrind");
         return;
     }
-    let world = World::new();
-    let service = world.serve_recording();
-    let own = service.pid().to_string();
-    for (source, arguments) in
-        [("examples/c/acquisition.c", ["imu-a", RUN]), ("tests/programs/abuse.c", ["imu-a", own.as_str()])]
-    {
-        let program = compile(&world, C, source, &[]).unwrap();
-        let options =
-            ["--quiet", "--error-exitcode=9", "--leak-check=full", "--errors-for-leak-kinds=definite,indirect"];
-        let words = [&options[..], &[program.to_str().unwrap()], &arguments].concat();
+    for (source, recording) in [("examples/c/acquisition.c", true), ("tests/programs/abuse.c", false)] {
+        let world = World::new();
+        let service = world.serve_recording();
+        let program = compile(&world, C, source).unwrap();
+        let pid = service.pid().to_string();
+        let lost = ["--show-leak-kinds=definite,indirect", "--errors-for-leak-kinds=definite,indirect"];
+        let options = ["--quiet", "--error-exitcode=9", "--leak-check=full", lost[0], lost[1]];
+        let last = if recording { RUN } else { &pid };
+        let words = [&options[..], &[program.to_str().unwrap(), "imu-a", last]].concat();
         run(&world, Path::new("valgrind"), &words, "out.csv");
+        service.terminate();
     }
-    service.terminate();
 }
