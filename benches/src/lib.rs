@@ -1,5 +1,7 @@
 //! What the benches share: a domain of their own with the service in it as a child process, pinning, and what `/proc` tells.
 
+pub mod statistics;
+
 use isotherm_client::{Domain, Options};
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};

@@ -7,7 +7,7 @@
 use crate::Effort;
 use crate::floor::Floor;
 use crate::paths::{Bare, InProcess, Isotherm, Path, Socket, sample};
-use crate::statistics::{figures, ratios};
+use isotherm_benches::statistics::{figures, ratios};
 use isotherm_benches::{IMU, Outcome, Partner, World, cores, pin, preemptions, stolen};
 use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Map, Value, json};

@@ -2,7 +2,7 @@
 
 use crate::Effort;
 use crate::open::{self, Latencies, Schedule};
-use crate::statistics::pooled_ratio;
+use isotherm_benches::statistics::pooled_ratio;
 use isotherm_benches::{IMU, Outcome, Partner, TABLE, World, cores, pin, stolen};
 use isotherm_client::{Acquisition, Realtime};
 use serde_json::{Map, Value, json};

@@ -13,7 +13,6 @@ mod open;
 mod paths;
 mod report;
 mod scale;
-mod statistics;
 mod throughput;
 mod waits;
 

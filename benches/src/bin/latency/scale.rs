@@ -3,7 +3,7 @@
 use crate::Effort;
 use crate::open::{self, Schedule};
 use crate::paths::{Isotherm, Path as _, sample};
-use crate::statistics::figures;
+use isotherm_benches::statistics::figures;
 use isotherm_benches::{Outcome, World, cores, imu, pin, worker_time};
 use isotherm_client::Acquisition;
 use serde_json::{Map, Value, json};

@@ -2,7 +2,7 @@
 
 use crate::Effort;
 use crate::paths::{Bare, sample};
-use crate::statistics::median;
+use isotherm_benches::statistics::median;
 use isotherm_benches::{IMU, Outcome, Spin, World, cores, pin};
 use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Value, json};

@@ -1,0 +1,67 @@
+//! Makes `client/include/isotherm.h` from the code of the C interface; with `--check` only says whether it is up to date.
+//!
+//!     cargo run --manifest-path client/c/header/Cargo.toml [-- --check]
+
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Where the interface is defined, from `client/c`.
+const SOURCES: [&str; 7] = [
+    "../../shared/src/wire.rs",
+    "src/acquisition.rs",
+    "src/code.rs",
+    "src/flags.rs",
+    "src/reader.rs",
+    "src/thread.rs",
+    "src/values.rs",
+];
+
+/// What rustdoc needs and C does not.
+const WORDS: [(&str, &str); 8] = [
+    ("\\[", "["),
+    ("\\]", "]"),
+    ("1..=[`MAX_INTERVAL_NS`]", "1 to ISOTHERM_MAX_INTERVAL_NS"),
+    ("[`Flags::INTERVAL`]", "ISOTHERM_FLAG_INTERVAL"),
+    ("[`RawSample`]", "isotherm_raw_sample"),
+    ("See [`Flags`].", "ISOTHERM_FLAG_.., joined by |; isotherm_flags_text names them."),
+    // One comment for the whole file, then its guard.
+    ("*/\n\n\n#ifndef", "*/\n\n#ifndef"),
+    ("#endif  /* ISOTHERM_H */\n\n", ""),
+];
+
+fn main() -> Result<ExitCode, Box<dyn Error>> {
+    let interface = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let header = interface.join("../include/isotherm.h");
+    let made = made(&interface)?;
+    if !std::env::args().any(|word| word == "--check") {
+        fs::write(header, made)?;
+    } else if fs::read_to_string(header)? != made {
+        eprintln!(
+            "client/include/isotherm.h is not what the code says; make it anew: \
+             cargo run --manifest-path client/c/header/Cargo.toml"
+        );
+        return Ok(ExitCode::FAILURE);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn made(interface: &Path) -> Result<String, Box<dyn Error>> {
+    let mut config = cbindgen::Config::from_file(interface.join("header/cbindgen.toml"))?;
+    let version = version(&fs::read_to_string(interface.join("../../Cargo.toml"))?)?;
+    config.after_includes = config.after_includes.map(|text| text.replace("@VERSION@", &version));
+    let mut builder = cbindgen::Builder::new().with_config(config);
+    for source in SOURCES {
+        builder = builder.with_src(interface.join(source));
+    }
+    let mut text = Vec::new();
+    builder.generate()?.write(&mut text);
+    Ok(WORDS.iter().fold(String::from_utf8(text)?, |text, (rust, c)| text.replace(rust, c)))
+}
+
+/// The first one in the workspace's manifest.
+fn version(manifest: &str) -> Result<String, &'static str> {
+    let line = manifest.lines().find_map(|line| line.strip_prefix("version = \"")).ok_or("no version")?;
+    Ok(line.trim_end_matches('"').to_owned())
+}

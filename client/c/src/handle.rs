@@ -1,0 +1,183 @@
+//! What C holds: one caller at a time, in the process that made it, and nothing unwinds out of it.
+
+use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
+use crate::code::{Failure, NULL, code, isotherm_code};
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
+
+const FREE: u8 = 0;
+const IN_USE: u8 = 1;
+/// A call has panicked; what it left behind is not used again.
+const BROKEN: u8 = 2;
+
+/// How many forks lie between this process and the one that loaded the library.
+static FORKS: AtomicU32 = AtomicU32::new(0);
+
+/// The content, and what guards it.
+///
+/// Acquisitions and readers are not `Send`: the transport's ports and loans share a count that is not atomic
+/// (`isotherm_shared::recycled`), and nothing else stands in the way, as a test below has the compiler say. All holders of such
+/// a count lie within one handle, loans included, and whoever enters it has seen all that was done by those before: so a
+/// handle may be used, and closed, by any thread.
+#[derive(Debug)]
+pub(crate) struct Handle<T> {
+    state: AtomicU8,
+    forks: u32,
+    content: UnsafeCell<T>,
+}
+
+impl<T> Handle<T> {
+    fn new(content: T) -> Self {
+        Self { state: AtomicU8::new(FREE), forks: FORKS.load(Ordering::Relaxed), content: UnsafeCell::new(content) }
+    }
+
+    fn is_forked(&self) -> bool {
+        self.forks != FORKS.load(Ordering::Relaxed)
+    }
+
+    /// Does `work` with the content, if nobody else does.
+    #[inline]
+    fn enter(&self, work: impl FnOnce(&mut T) -> Result<(), Failure>) -> Result<(), Failure> {
+        if self.is_forked() {
+            return Err(FORKED);
+        }
+        match self.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) {
+            Ok(_) => {}
+            Err(IN_USE) => return Err(BUSY),
+            Err(_) => return Err(INTERNAL),
+        }
+        // SAFETY: the state lets one in at a time.
+        let result = catch_unwind(AssertUnwindSafe(|| work(unsafe { &mut *self.content.get() })));
+        self.state.store(if result.is_ok() { FREE } else { BROKEN }, Ordering::Release);
+        result.unwrap_or(Err(INTERNAL))
+    }
+}
+
+const BUSY: Failure = Failure::fixed(
+    ISOTHERM_ERROR_BUSY,
+    c"another call is in this handle, in another thread or beneath a signal handler; use a handle from one place at a time",
+);
+const FORKED: Failure = Failure::fixed(
+    ISOTHERM_ERROR_FORKED,
+    c"the handle is of the process that this one was forked from; connect anew in the child",
+);
+const INTERNAL: Failure = Failure::fixed(
+    ISOTHERM_ERROR_INTERNAL,
+    c"a fault of this library, which stderr has; close the handle, and please report it",
+);
+
+/// A call into a handle, or NULL.
+#[inline]
+pub(crate) fn enter<T>(handle: Option<&Handle<T>>, work: impl FnOnce(&mut T) -> Result<(), Failure>) -> isotherm_code {
+    code(handle.ok_or(NULL).and_then(|handle| handle.enter(work)))
+}
+
+/// A call without a handle.
+pub(crate) fn outside(work: impl FnOnce() -> Result<(), Failure>) -> isotherm_code {
+    code(catch_unwind(AssertUnwindSafe(work)).unwrap_or(Err(INTERNAL)))
+}
+
+/// Makes a handle and hands it to C, which gets NULL if there is none.
+///
+/// # Safety
+/// `place` is NULL or can be written.
+pub(crate) unsafe fn create<T, H>(
+    place: *mut *mut H,
+    wrap: fn(Handle<T>) -> H,
+    make: impl FnOnce() -> Result<T, Failure>,
+) -> isotherm_code {
+    if place.is_null() {
+        return code(Err(NULL));
+    }
+    // SAFETY: the caller's contract.
+    unsafe { place.write(core::ptr::null_mut()) };
+    outside(|| {
+        static ONCE: Once = Once::new();
+        // SAFETY: registers a function that does nothing but count, which is allowed in a forked child. If there is no memory to
+        // register it, forks are not noticed.
+        ONCE.call_once(|| _ = unsafe { libc::pthread_atfork(None, None, Some(count_fork)) });
+        let handle = Box::new(wrap(Handle::new(make()?)));
+        // SAFETY: as above.
+        unsafe { place.write(Box::into_raw(handle)) };
+        Ok(())
+    })
+}
+
+/// Takes a handle back from C.
+///
+/// # Safety
+/// `handle` is NULL, or came from [`create`] and is not used again if this gives [`ISOTHERM_OK`].
+pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) -> isotherm_code {
+    // SAFETY: the caller's contract.
+    let Some(alive) = (unsafe { handle.as_ref() }).map(content) else { return ISOTHERM_OK };
+    if alive.is_forked() {
+        // Leaving the streams is the parent's business.
+        return code(Err(FORKED));
+    }
+    if alive.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) == Err(IN_USE) {
+        return code(Err(BUSY));
+    }
+    outside(|| {
+        // SAFETY: made by `Box::into_raw`, nobody is in it, and by the caller's contract nobody will be.
+        drop(unsafe { Box::from_raw(handle) });
+        Ok(())
+    })
+}
+
+extern "C" fn count_fork() {
+    FORKS.fetch_add(1, Ordering::Relaxed);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::isotherm_code::ISOTHERM_ERROR_NULL;
+    use crate::code::isotherm_error_message;
+    use iceoryx2::prelude::ipc_threadsafe::Service;
+    use std::ffi::CStr;
+
+    #[test]
+    fn a_panic_becomes_a_code_and_the_handle_is_not_entered_again() {
+        let handle = Handle::new(0);
+        assert_eq!(enter(Some(&handle), |_| panic!("on purpose")), ISOTHERM_ERROR_INTERNAL);
+        assert_eq!(enter(Some(&handle), |_| Ok(())), ISOTHERM_ERROR_INTERNAL);
+        // SAFETY: valid until the next failure.
+        let message = unsafe { CStr::from_ptr(isotherm_error_message()) };
+        assert!(message.to_str().unwrap().contains("report"));
+        assert_eq!(outside(|| panic!("on purpose")), ISOTHERM_ERROR_INTERNAL);
+    }
+
+    #[test]
+    fn one_caller_at_a_time() {
+        let open = Box::into_raw(Box::new(Handle::new(0)));
+        // SAFETY: not closed before the end.
+        let handle = unsafe { open.as_ref() };
+        let outer = enter(handle, |_| {
+            assert_eq!(enter(handle, |_| Ok(())), ISOTHERM_ERROR_BUSY);
+            // SAFETY: as above.
+            assert_eq!(unsafe { close(open, |handle| handle) }, ISOTHERM_ERROR_BUSY);
+            Ok(())
+        });
+        assert_eq!((outer, enter(handle, |_| Ok(()))), (ISOTHERM_OK, ISOTHERM_OK));
+        // SAFETY: not used any more.
+        assert_eq!(unsafe { close(open, |handle| handle) }, ISOTHERM_OK);
+        assert_eq!(enter(None::<&Handle<u8>>, |_| Ok(())), ISOTHERM_ERROR_NULL);
+    }
+
+    /// With a shared count that is `Send`, all that an acquisition and a reader are made of is.
+    #[test]
+    fn nothing_but_the_count_keeps_them_in_their_thread() {
+        fn is_send<T: Send>() {}
+        is_send::<iceoryx2::port::publisher::Publisher<Service, isotherm_client::RawSample, ()>>();
+        is_send::<iceoryx2::sample_mut::SampleMut<Service, isotherm_client::RawSample, ()>>();
+        is_send::<iceoryx2::port::subscriber::Subscriber<Service, isotherm_client::CompensatedIncrement, ()>>();
+        is_send::<iceoryx2::port::notifier::Notifier<Service>>();
+        is_send::<
+            iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, isotherm_client::RawSample, ()>,
+        >();
+        is_send::<iceoryx2::node::Node<Service>>();
+        is_send::<isotherm_client::Clock>();
+    }
+}

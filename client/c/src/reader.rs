@@ -1,0 +1,125 @@
+//! The reader.
+#![allow(non_camel_case_types, reason = "the names of C")]
+
+use crate::code::{Failure, NONE, NULL, isotherm_code};
+use crate::handle::{Handle, close, create, enter};
+use crate::values::{imu, options};
+use core::ffi::c_char;
+use core::ptr::NonNull;
+use core::time::Duration;
+use isotherm_client::{CompensatedIncrement, IncrementReader};
+
+/// Reads the increments of one IMU as they are published, beside its acquisition: navigation, loggers. Each (session, sequence) is
+/// handed out once. It cannot disturb anyone: when it sleeps for more than 256 increments, the oldest are overwritten, which
+/// shows as a gap in `sequence`.
+#[derive(Debug)]
+pub struct isotherm_reader(Handle<IncrementReader>);
+
+/// A call into a reader.
+#[inline]
+fn with(
+    reader: *const isotherm_reader,
+    work: impl FnOnce(&mut IncrementReader) -> Result<(), Failure>,
+) -> isotherm_code {
+    // SAFETY: NULL or open, as the header asks for.
+    enter(unsafe { reader.as_ref() }.map(|handle| &handle.0), work)
+}
+
+/// A reader that connects as soon as the service is there, and does not wait for it. Arguments as for
+/// isotherm_acquisition_connect. Close it with isotherm_reader_close.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_NAME.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_new(
+    imu: *const c_char,
+    domain: *const c_char,
+    reader: *mut *mut isotherm_reader,
+) -> isotherm_code {
+    // SAFETY: strings and the place of the handle are NULL or valid, as the header asks for.
+    unsafe { create(reader, isotherm_reader, || Ok(IncrementReader::new(self::imu(imu)?, &options(domain, 0)?))) }
+}
+
+/// A reader that is connected, waiting up to `timeout_ns` for the service if need be. Arguments as for
+/// isotherm_acquisition_connect. Close it with isotherm_reader_close.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_connect(
+    imu: *const c_char,
+    domain: *const c_char,
+    timeout_ns: u64,
+    reader: *mut *mut isotherm_reader,
+) -> isotherm_code {
+    // SAFETY: strings and the place of the handle are NULL or valid, as the header asks for.
+    unsafe {
+        create(reader, isotherm_reader, || {
+            Ok(IncrementReader::connect(self::imu(imu)?, &options(domain, timeout_ns)?)?)
+        })
+    }
+}
+
+/// Leaves the stream and frees the handle. NULL is allowed.
+///
+/// ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> isotherm_code {
+    // SAFETY: NULL, or open and not used again, as the header asks for.
+    unsafe { close(reader, |handle| &handle.0) }
+}
+
+/// The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.
+///
+/// ISOTHERM_OK, ISOTHERM_NONE (also while there is no service yet), ISOTHERM_ERROR_NO_ROOM, ISOTHERM_ERROR_PERMISSION,
+/// ISOTHERM_ERROR_EXHAUSTED, ISOTHERM_ERROR_TRANSPORT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_receive(
+    reader: *mut isotherm_reader,
+    increment: *mut CompensatedIncrement,
+) -> isotherm_code {
+    with(reader, |reader| {
+        let place = NonNull::new(increment).ok_or(NULL)?;
+        let increment = reader.receive()?.ok_or(NONE)?;
+        // SAFETY: not NULL, so it can be written, as the header asks for.
+        unsafe { place.write(increment) };
+        Ok(())
+    })
+}
+
+/// As isotherm_reader_receive, waiting up to `timeout_ns`. Looks every 0.2 ms; call isotherm_reader_receive again and again to be
+/// faster.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_receive_timeout(
+    reader: *mut isotherm_reader,
+    timeout_ns: u64,
+    increment: *mut CompensatedIncrement,
+) -> isotherm_code {
+    with(reader, |reader| {
+        let place = NonNull::new(increment).ok_or(NULL)?;
+        let increment = reader.receive_timeout(Duration::from_nanos(timeout_ns))?.ok_or(NONE)?;
+        // SAFETY: not NULL, so it can be written, as the header asks for.
+        unsafe { place.write(increment) };
+        Ok(())
+    })
+}
+
+/// Whether the stream has been found. Stays true when the service stops. False for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_is_connected(reader: *const isotherm_reader) -> bool {
+    let mut connected = false;
+    with(reader, |reader| {
+        connected = reader.is_connected();
+        Ok(())
+    });
+    connected
+}
+
+/// Increments that came again after a resend and were not handed out. 0 for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_repeats(reader: *const isotherm_reader) -> u64 {
+    let mut repeats = 0;
+    with(reader, |reader| {
+        repeats = reader.repeats();
+        Ok(())
+    });
+    repeats
+}

@@ -1,0 +1,40 @@
+//! The clock, and what a thread may ask for.
+
+use crate::code::isotherm_code;
+use crate::handle::outside;
+use core::ffi::{CStr, c_char};
+use core::num::NonZeroU64;
+use isotherm_client::Realtime;
+
+/// The version of the library, as ISOTHERM_VERSION is that of the header.
+#[unsafe(no_mangle)]
+pub extern "C" fn isotherm_version() -> *const c_char {
+    const VERSION: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
+        Ok(version) => version,
+        Err(_) => c"",
+    };
+    VERSION.as_ptr()
+}
+
+/// CLOCK_MONOTONIC [ns], the clock of `sent_ns`.
+#[unsafe(no_mangle)]
+pub extern "C" fn isotherm_monotonic_ns() -> u64 {
+    isotherm_client::monotonic_ns()
+}
+
+/// Real-time settings of the calling thread. Call it in the thread that sends and receives, before it connects.
+///
+/// `core`: the core that the thread is bound to; -1 leaves it as it is. `priority`: SCHED_FIFO priority, 1 to 99; 0 leaves it
+/// as it is. `lock_memory`: keeps all memory of the process resident, what it gets later included. `timer_slack_ns`: how much
+/// later than asked a sleep may end; 0 leaves it as it is (50 000 unless set).
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails; those before it, in this order, are in force.
+#[unsafe(no_mangle)]
+pub extern "C" fn isotherm_realtime(core: i32, priority: i32, lock_memory: bool, timer_slack_ns: u64) -> isotherm_code {
+    outside(|| {
+        let core = (core != -1).then(|| usize::try_from(core).unwrap_or(usize::MAX));
+        let priority = (priority != 0).then_some(priority);
+        let timer_slack_ns = NonZeroU64::new(timer_slack_ns);
+        Ok(Realtime { core, priority, lock_memory, timer_slack_ns }.apply()?)
+    })
+}

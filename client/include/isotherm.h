@@ -1,0 +1,631 @@
+/*
+ * Isotherm: an acquisition process in C, or a reader of increments.
+ *
+ *     isotherm_acquisition *acquisition;
+ *     if (isotherm_acquisition_connect("imu-a", NULL, 5000000000, &acquisition) != ISOTHERM_OK) {
+ *         fprintf(stderr, "%s\n", isotherm_error_message());
+ *         return 1;
+ *     }
+ *     isotherm_raw_sample *sample;
+ *     isotherm_compensated_increment increment;
+ *     if (isotherm_loan(acquisition, &sample) == ISOTHERM_OK) {
+ *         sample->interval_ns = 2500000;                     // and pulses, telemetry, timestamp
+ *         if (isotherm_compensate(acquisition, sample, 10000000, &increment) == ISOTHERM_OK)
+ *             printf("%g m/s\n", increment.velocity_increment[0]);
+ *     }
+ *     isotherm_acquisition_close(acquisition);
+ *
+ * Service and clients run as the same user and meet in one domain. docs/c.md tells how to compile and link; examples/c has complete
+ * programs; isotherm.hpp is the same for C++.
+ *
+ * Answers. Functions return an isotherm_code: 0 is success, positive codes are part of normal operation, negative ones are errors.
+ * Each function names the codes that it gives, but for those that all can: ISOTHERM_ERROR_NULL for a pointer that is NULL and must not
+ * be, ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED and ISOTHERM_ERROR_INTERNAL. isotherm_error_message() has phase, cause and remedy.
+ * Outputs are written with ISOTHERM_OK only; a handle that there is none of becomes NULL.
+ *
+ * Pointers. Strings end with 0 and are copied. A handle may be used until it is closed, a sample until it is sent or discarded.
+ * Whatever else is handed over is looked at during the call only.
+ *
+ * Threads. A handle may be used and closed in any thread, by one at a time; one that comes at the same moment is answered
+ * ISOTHERM_ERROR_BUSY and nothing is done. A sample on loan may be filled in by any thread. Different handles are independent of each
+ * other, and functions without a handle may be called at any time. Nothing may be called from a signal handler.
+ *
+ * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED), must not touch its samples,
+ * and connects anew. exec() needs no care.
+ *
+ * Real time. isotherm_loan, _send, _receive and _discard allocate nothing, take no lock and make no system call while service and
+ * readers stay the same, but the one that wakes a service that sleeps. Messages of errors are allocated.
+ *
+ * No function unwinds, exits or installs a signal handler. Made from client/c/src by cbindgen; do not edit.
+ */
+
+#ifndef ISOTHERM_H
+#define ISOTHERM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/** The version of this header; isotherm_version() is that of the library. */
+#define ISOTHERM_VERSION "0.1.0"
+
+
+/**
+ * Longest control period that can be compensated: one hour. Longer ones, and 0, are flagged ISOTHERM_FLAG_INTERVAL.
+ */
+#define ISOTHERM_MAX_INTERVAL_NS 3600000000000
+
+/**
+ * Samples that may be on loan from an acquisition at once.
+ */
+#define ISOTHERM_LOANS 4
+
+/**
+ * Head telemetry of A1 below the bias range.
+ */
+#define ISOTHERM_FLAG_A1_HEAD_BELOW (1 << 0)
+
+/**
+ * Head telemetry of A2 below the bias range.
+ */
+#define ISOTHERM_FLAG_A2_HEAD_BELOW (1 << 1)
+
+/**
+ * Head telemetry of A3 below the bias range.
+ */
+#define ISOTHERM_FLAG_A3_HEAD_BELOW (1 << 2)
+
+/**
+ * Head telemetry of A1 above the bias range.
+ */
+#define ISOTHERM_FLAG_A1_HEAD_ABOVE (1 << 3)
+
+/**
+ * Head telemetry of A2 above the bias range.
+ */
+#define ISOTHERM_FLAG_A2_HEAD_ABOVE (1 << 4)
+
+/**
+ * Head telemetry of A3 above the bias range.
+ */
+#define ISOTHERM_FLAG_A3_HEAD_ABOVE (1 << 5)
+
+/**
+ * Board telemetry of A1 below the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_A1_BOARD_BELOW (1 << 6)
+
+/**
+ * Board telemetry of A2 below the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_A2_BOARD_BELOW (1 << 7)
+
+/**
+ * Board telemetry of A3 below the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_A3_BOARD_BELOW (1 << 8)
+
+/**
+ * Board telemetry of A1 above the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_A1_BOARD_ABOVE (1 << 9)
+
+/**
+ * Board telemetry of A2 above the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_A2_BOARD_ABOVE (1 << 10)
+
+/**
+ * Board telemetry of A3 above the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_A3_BOARD_ABOVE (1 << 11)
+
+/**
+ * Telemetry of A1 NaN or infinite; the increment is NaN under any policy.
+ */
+#define ISOTHERM_FLAG_A1_NOT_FINITE (1 << 12)
+
+/**
+ * Telemetry of A2 NaN or infinite; the increment is NaN under any policy.
+ */
+#define ISOTHERM_FLAG_A2_NOT_FINITE (1 << 13)
+
+/**
+ * Telemetry of A3 NaN or infinite; the increment is NaN under any policy.
+ */
+#define ISOTHERM_FLAG_A3_NOT_FINITE (1 << 14)
+
+/**
+ * More pulses per second on A1 than the table's `max_rate`.
+ */
+#define ISOTHERM_FLAG_A1_RATE (1 << 15)
+
+/**
+ * More pulses per second on A2 than the table's `max_rate`.
+ */
+#define ISOTHERM_FLAG_A2_RATE (1 << 16)
+
+/**
+ * More pulses per second on A3 than the table's `max_rate`.
+ */
+#define ISOTHERM_FLAG_A3_RATE (1 << 17)
+
+/**
+ * Interval 0 or over ISOTHERM_MAX_INTERVAL_NS; the increment is NaN.
+ */
+#define ISOTHERM_FLAG_INTERVAL (1 << 18)
+
+/**
+ * The IMU is served without a table (`--allow-uncalibrated`); the increment is NaN.
+ */
+#define ISOTHERM_FLAG_NO_TABLE (1 << 19)
+
+/**
+ * The telemetry is older than the table's `max_age_s`.
+ */
+#define ISOTHERM_FLAG_TELEMETRY_STALE (1 << 20)
+
+/**
+ * Samples of this session are missing before this one.
+ */
+#define ISOTHERM_FLAG_GAP (1 << 24)
+
+/**
+ * The latency was over the configured budget.
+ */
+#define ISOTHERM_FLAG_LATE (1 << 25)
+
+/**
+ * What a call came to. 0 is success, positive codes are part of normal operation, negative ones are errors. The numbers never
+ * change; later versions may add some.
+ */
+enum isotherm_code
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : int32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * Done.
+     */
+    ISOTHERM_OK = 0,
+    /**
+     * There is no increment now, or none came in time. Nothing has been written.
+     */
+    ISOTHERM_NONE = 1,
+    /**
+     * As many samples as the service's queue holds are unanswered. The sample has not been sent and is still yours: wait and send
+     * it again, discard it, or sum the next one into it with isotherm_merge.
+     */
+    ISOTHERM_FULL = 2,
+    /**
+     * The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when the service
+     * returns, and a later isotherm_receive may still get its answer.
+     */
+    ISOTHERM_TIMEOUT = 3,
+    /**
+     * A pointer that must not be NULL is.
+     */
+    ISOTHERM_ERROR_NULL = -1,
+    /**
+     * The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be used.
+     */
+    ISOTHERM_ERROR_NAME = -2,
+    /**
+     * No service runs in the domain.
+     */
+    ISOTHERM_ERROR_NO_SERVICE = -3,
+    /**
+     * The service does not serve this IMU.
+     */
+    ISOTHERM_ERROR_NO_SUCH_IMU = -4,
+    /**
+     * Another process, or another handle, is this IMU's acquisition.
+     */
+    ISOTHERM_ERROR_OCCUPIED = -5,
+    /**
+     * All reader places of the IMU are taken.
+     */
+    ISOTHERM_ERROR_NO_ROOM = -6,
+    /**
+     * The domain belongs to another user.
+     */
+    ISOTHERM_ERROR_PERMISSION = -7,
+    /**
+     * The machine has no shared memory or disk space left, or the process no descriptors.
+     */
+    ISOTHERM_ERROR_EXHAUSTED = -8,
+    /**
+     * The transport failed; the message has the phase and the cause. A sample that was being sent is lost, and the service will
+     * flag the gap.
+     */
+    ISOTHERM_ERROR_TRANSPORT = -9,
+    /**
+     * This is no sample on loan from this acquisition: it has been sent or discarded, or never was one.
+     */
+    ISOTHERM_ERROR_NOT_ON_LOAN = -10,
+    /**
+     * ISOTHERM_LOANS samples are on loan already.
+     */
+    ISOTHERM_ERROR_LOANS = -11,
+    /**
+     * The sequence is not above the last one sent in this session. The sample is still yours.
+     */
+    ISOTHERM_ERROR_SEQUENCE = -12,
+    /**
+     * Samples of the old session are unanswered.
+     */
+    ISOTHERM_ERROR_IN_FLIGHT = -13,
+    /**
+     * The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has changed.
+     */
+    ISOTHERM_ERROR_MERGE = -14,
+    /**
+     * The operating system refused a real-time setting; the message tells which, why, and what would help.
+     */
+    ISOTHERM_ERROR_REALTIME = -15,
+    /**
+     * Another call is in this handle at this moment, in another thread or beneath a signal handler. Nothing has been done.
+     */
+    ISOTHERM_ERROR_BUSY = -16,
+    /**
+     * The handle is of the process that this one was forked from. Nothing has been done.
+     */
+    ISOTHERM_ERROR_FORKED = -17,
+    /**
+     * A fault of this library, in this call or in an earlier one with the same handle, which can only be closed now. Please
+     * report it, with what was printed to stderr.
+     */
+    ISOTHERM_ERROR_INTERNAL = -18,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum isotherm_code isotherm_code;
+#else
+typedef int32_t isotherm_code;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * The one acquisition process of an IMU: sends raw samples, receives their increments, each once and in the order of
+ * sending.
+ */
+typedef struct isotherm_acquisition isotherm_acquisition;
+
+/**
+ * Reads the increments of one IMU as they are published, beside its acquisition: navigation, loggers. Each (session, sequence) is
+ * handed out once. It cannot disturb anyone: when it sleeps for more than 256 increments, the oldest are overwritten, which
+ * shows as a gap in `sequence`.
+ */
+typedef struct isotherm_reader isotherm_reader;
+
+/**
+ * One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
+ */
+typedef struct {
+    /**
+     * Chosen at random by the acquisition each time it starts; a resend keeps it.
+     */
+    uint64_t session;
+    /**
+     * Rises by one with each sample of a session, from any start.
+     */
+    uint64_t sequence;
+    /**
+     * End of the control period on the acquisition's clock [ns].
+     */
+    uint64_t timestamp_ns;
+    /**
+     * Control period Ts, the measured gate length [ns], 1 to ISOTHERM_MAX_INTERVAL_NS.
+     */
+    uint64_t interval_ns;
+    /**
+     * `CLOCK_MONOTONIC` when the sample was sent [ns]; 0 = unknown.
+     */
+    uint64_t sent_ns;
+    /**
+     * When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown.
+     */
+    uint64_t telemetry_ns;
+    /**
+     * Pulses of the positive channel in Ts (N+).
+     */
+    uint32_t positive_pulses[3];
+    /**
+     * Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
+     */
+    uint32_t negative_pulses[3];
+    /**
+     * Telemetry of the sensor head, in the table's unit; it drives the bias.
+     */
+    double head_temperature[3];
+    /**
+     * Telemetry of the converter board, in the table's unit; it drives both scale factors.
+     */
+    double board_temperature[3];
+} isotherm_raw_sample;
+
+/**
+ * The compensated answer to one isotherm_raw_sample.
+ */
+typedef struct {
+    /**
+     * Copied from the raw sample.
+     */
+    uint64_t session;
+    /**
+     * Copied from the raw sample.
+     */
+    uint64_t sequence;
+    /**
+     * Copied from the raw sample [ns].
+     */
+    uint64_t timestamp_ns;
+    /**
+     * Copied from the raw sample [ns].
+     */
+    uint64_t interval_ns;
+    /**
+     * Velocity increment over Ts [m/s]; NaN where it could not be computed, never a guess.
+     */
+    double velocity_increment[3];
+    /**
+     * Which coefficients were used: the first 8 bytes of the table's digest, big-endian; 0 without a table.
+     */
+    uint64_t table;
+    /**
+     * ISOTHERM_FLAG_.., joined by |; isotherm_flags_text names them.
+     */
+    uint32_t flags;
+    /**
+     * From the raw sample's `sent_ns` (from the service seeing it, where that is unknown) to just before publishing
+     * [ns], saturating.
+     */
+    uint32_t latency_ns;
+} isotherm_compensated_increment;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/**
+ * Connects as the acquisition of an IMU, waiting up to `timeout_ns` for the service if need be.
+ *
+ * `imu` is the IMU's name. `domain` is the name of the service's domain; NULL takes the one that the environment variable
+ * ISOTHERM_DOMAIN names, or "default". The handle is written to `*acquisition`, NULL if there is none. Close it with
+ * isotherm_acquisition_close.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
+ * .._TRANSPORT.
+ */
+isotherm_code isotherm_acquisition_connect(const char *imu,
+                                           const char *domain,
+                                           uint64_t timeout_ns,
+                                           isotherm_acquisition **acquisition);
+
+/**
+ * Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
+ *
+ * ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
+ */
+isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
+
+/**
+ * Loans a sample to fill in where it lies, in shared memory: nothing is copied from here on. `*sample` is yours until it is sent
+ * or discarded, and ends with the handle. Up to ISOTHERM_LOANS at once.
+ *
+ * All fields are 0 but `session` and `sequence`, which are filled in. Set the others but `sent_ns`. `sequence` may be
+ * raised, to tell of samples that were lost before they could be sent; the service then flags the gap.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
+ */
+isotherm_code isotherm_loan(isotherm_acquisition *acquisition,
+                            isotherm_raw_sample **sample);
+
+/**
+ * Gives a sample back unsent. The next one loaned has its sequence.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
+ */
+isotherm_code isotherm_discard(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
+
+/**
+ * Sends a sample and wakes the service. Never waits, and never copies the sample through the transport.
+ *
+ * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample is gone: its pointer must not be used any more.
+ * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE it is still yours.
+ *
+ * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE, ISOTHERM_ERROR_TRANSPORT.
+ */
+isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
+
+/**
+ * The increment of the oldest unanswered sample, if it has come. Does not wait.
+ *
+ * While something is unanswered this also looks, about every 5 ms, whether the service has been replaced, and sends the
+ * unanswered samples again if so: whoever waits calls it again and again.
+ *
+ * ISOTHERM_OK, ISOTHERM_NONE, ISOTHERM_ERROR_TRANSPORT.
+ */
+isotherm_code isotherm_receive(isotherm_acquisition *acquisition, isotherm_compensated_increment *increment);
+
+/**
+ * As isotherm_receive, waiting up to `timeout_ns`: spinning for the first 100 us, then in short sleeps.
+ */
+isotherm_code isotherm_receive_timeout(isotherm_acquisition *acquisition,
+                                       uint64_t timeout_ns,
+                                       isotherm_compensated_increment *increment);
+
+/**
+ * The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Answers to samples sent
+ * earlier, whose callers have given up on them, are passed over.
+ *
+ * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours, after ISOTHERM_OK, ISOTHERM_TIMEOUT and
+ * ISOTHERM_ERROR_TRANSPORT it is gone.
+ *
+ * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_TIMEOUT, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE,
+ * ISOTHERM_ERROR_TRANSPORT.
+ */
+isotherm_code isotherm_compensate(isotherm_acquisition *acquisition,
+                                  isotherm_raw_sample *sample,
+                                  uint64_t timeout_ns,
+                                  isotherm_compensated_increment *increment);
+
+/**
+ * The most samples that can be unanswered at once: the depth of the service's queue. 0 for a handle that cannot be used.
+ */
+size_t isotherm_depth(const isotherm_acquisition *acquisition);
+
+/**
+ * Samples sent whose increments have not been received. 0 for a handle that cannot be used.
+ */
+size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
+
+/**
+ * The session that all samples carry, random for each connection. 0 for a handle that cannot be used.
+ */
+uint64_t isotherm_session(const isotherm_acquisition *acquisition);
+
+/**
+ * Begins a new session: the next sample may have any sequence.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT while samples are unanswered.
+ */
+isotherm_code isotherm_begin_session(isotherm_acquisition *acquisition);
+
+/**
+ * What the last call of this thread that gave neither ISOTHERM_OK nor ISOTHERM_NONE has to say: phase, cause and remedy, in
+ * UTF-8; empty if there was none. Never NULL. Valid until the thread's next such call, or its end: copy what you keep.
+ */
+const char *isotherm_error_message(void);
+
+/**
+ * A reader that connects as soon as the service is there, and does not wait for it. Arguments as for
+ * isotherm_acquisition_connect. Close it with isotherm_reader_close.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NAME.
+ */
+isotherm_code isotherm_reader_new(const char *imu, const char *domain, isotherm_reader **reader);
+
+/**
+ * A reader that is connected, waiting up to `timeout_ns` for the service if need be. Arguments as for
+ * isotherm_acquisition_connect. Close it with isotherm_reader_close.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
+ */
+isotherm_code isotherm_reader_connect(const char *imu,
+                                      const char *domain,
+                                      uint64_t timeout_ns,
+                                      isotherm_reader **reader);
+
+/**
+ * Leaves the stream and frees the handle. NULL is allowed.
+ *
+ * ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
+ */
+isotherm_code isotherm_reader_close(isotherm_reader *reader);
+
+/**
+ * The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.
+ *
+ * ISOTHERM_OK, ISOTHERM_NONE (also while there is no service yet), ISOTHERM_ERROR_NO_ROOM, ISOTHERM_ERROR_PERMISSION,
+ * ISOTHERM_ERROR_EXHAUSTED, ISOTHERM_ERROR_TRANSPORT.
+ */
+isotherm_code isotherm_reader_receive(isotherm_reader *reader,
+                                      isotherm_compensated_increment *increment);
+
+/**
+ * As isotherm_reader_receive, waiting up to `timeout_ns`. Looks every 0.2 ms; call isotherm_reader_receive again and again to be
+ * faster.
+ */
+isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
+                                              uint64_t timeout_ns,
+                                              isotherm_compensated_increment *increment);
+
+/**
+ * Whether the stream has been found. Stays true when the service stops. False for a handle that cannot be used.
+ */
+bool isotherm_reader_is_connected(const isotherm_reader *reader);
+
+/**
+ * Increments that came again after a resend and were not handed out. 0 for a handle that cannot be used.
+ */
+uint64_t isotherm_reader_repeats(const isotherm_reader *reader);
+
+/**
+ * The version of the library, as ISOTHERM_VERSION is that of the header.
+ */
+const char *isotherm_version(void);
+
+/**
+ * CLOCK_MONOTONIC [ns], the clock of `sent_ns`.
+ */
+uint64_t isotherm_monotonic_ns(void);
+
+/**
+ * Real-time settings of the calling thread. Call it in the thread that sends and receives, before it connects.
+ *
+ * `core`: the core that the thread is bound to; -1 leaves it as it is. `priority`: SCHED_FIFO priority, 1 to 99; 0 leaves it
+ * as it is. `lock_memory`: keeps all memory of the process resident, what it gets later included. `timer_slack_ns`: how much
+ * later than asked a sleep may end; 0 leaves it as it is (50 000 unless set).
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails; those before it, in this order, are in force.
+ */
+isotherm_code isotherm_realtime(int32_t core,
+                                int32_t priority,
+                                bool lock_memory,
+                                uint64_t timer_slack_ns);
+
+/**
+ * Adds the next control period to a sample: pulses and intervals are summed, timestamp and telemetry become the later
+ * ones, session, sequence and `sent_ns` stay. `later` does not change.
+ *
+ * The velocity increment is linear in pulses and interval, so no velocity is lost as long as the temperature has not moved
+ * between the two. Use it for a sample that the service had no room for.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
+ */
+isotherm_code isotherm_merge(isotherm_raw_sample *sample,
+                             const isotherm_raw_sample *later);
+
+/**
+ * Writes the names of `flags` as text: `-`, or the names joined by `|`, lowest bit first; bits without a name are left out. At
+ * most `size` bytes are written to `text`, the 0 at the end included. Returns how long the whole text is, without that 0; if that is
+ * not below `size`, it has been cut off. 512 bytes are enough for all. `text` may be NULL if `size` is 0.
+ */
+size_t isotherm_flags_text(uint32_t flags,
+                           char *text,
+                           size_t size);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+/* What travels through shared memory is the same in every language. */
+#ifdef __cplusplus
+#define ISOTHERM_ASSERT(condition) static_assert(condition, #condition)
+#else
+#define ISOTHERM_ASSERT(condition) _Static_assert(condition, #condition)
+#endif
+ISOTHERM_ASSERT(sizeof(isotherm_raw_sample) == 120);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, session) == 0);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, sequence) == 8);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, timestamp_ns) == 16);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, interval_ns) == 24);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, sent_ns) == 32);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, telemetry_ns) == 40);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, positive_pulses) == 48);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, negative_pulses) == 60);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, head_temperature) == 72);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, board_temperature) == 96);
+ISOTHERM_ASSERT(sizeof(isotherm_compensated_increment) == 72);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, session) == 0);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, sequence) == 8);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, timestamp_ns) == 16);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, interval_ns) == 24);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, velocity_increment) == 32);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, table) == 56);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 64);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 68);
+#undef ISOTHERM_ASSERT
+
+#endif /* ISOTHERM_H */

@@ -1,0 +1,283 @@
+// Isotherm for C++17: isotherm.h with handles that close themselves, exceptions, durations and optionals.
+//
+//     isotherm::Acquisition acquisition("imu-a");
+//     auto sample = acquisition.loan();                    // in shared memory
+//     sample->interval_ns = 2'500'000;                     // and pulses, telemetry, timestamp
+//     if (auto increment = acquisition.compensate(sample, 10ms))
+//         use(increment->velocity_increment);
+//
+// Errors are thrown as isotherm::Error, with the code and message of isotherm.h. What is part of normal operation is returned: no
+// increment yet, a full queue, no answer in time. Threads and processes: the rules are those of isotherm.h.
+// Everything can be moved and nothing copied. An object that has been moved from may be destroyed or assigned to; anything else throws
+// Error with ISOTHERM_ERROR_NULL.
+#ifndef ISOTHERM_HPP
+#define ISOTHERM_HPP
+
+#include "isotherm.h"
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace isotherm {
+
+using RawSample = isotherm_raw_sample;
+using CompensatedIncrement = isotherm_compensated_increment;
+
+/// A code below 0, and why.
+class Error : public std::runtime_error {
+public:
+    Error(isotherm_code code, const std::string &message) : std::runtime_error(message), code_(code) {}
+
+    isotherm_code code() const noexcept { return code_; }
+
+private:
+    isotherm_code code_;
+};
+
+namespace detail {
+
+inline isotherm_code check(isotherm_code code)
+{
+    if (code < 0)
+        throw Error(code, isotherm_error_message());
+    return code;
+}
+
+inline std::uint64_t count(std::chrono::nanoseconds time) noexcept
+{
+    return time.count() > 0 ? static_cast<std::uint64_t>(time.count()) : 0;
+}
+
+inline std::optional<CompensatedIncrement> some(isotherm_code code, const CompensatedIncrement &increment)
+{
+    return check(code) == ISOTHERM_OK ? std::optional(increment) : std::nullopt;
+}
+
+}  // namespace detail
+
+/// How to reach a service.
+struct Options {
+    /// The name of its domain; the one of the environment variable ISOTHERM_DOMAIN, or "default", unless set.
+    std::optional<std::string> domain = std::nullopt;
+    /// How long connecting may take, waiting for a service that is not there yet included.
+    std::chrono::nanoseconds timeout = std::chrono::seconds(5);
+
+    const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
+};
+
+/// A raw sample in shared memory. It is yours until it is sent, and given back unsent when this object is destroyed, which must
+/// be before its acquisition is. Empty after it has been sent.
+class Sample {
+public:
+    Sample(Sample &&other) noexcept : acquisition_(other.acquisition_), raw_(std::exchange(other.raw_, nullptr)) {}
+    Sample &operator=(Sample &&other) noexcept
+    {
+        std::swap(acquisition_, other.acquisition_);
+        std::swap(raw_, other.raw_);
+        return *this;
+    }
+    ~Sample()
+    {
+        if (raw_ != nullptr)
+            isotherm_discard(acquisition_, raw_);
+    }
+
+    /// Whether there still is a sample.
+    explicit operator bool() const noexcept { return raw_ != nullptr; }
+    RawSample &operator*() const noexcept { return *raw_; }
+    RawSample *operator->() const noexcept { return raw_; }
+
+private:
+    friend class Acquisition;
+    Sample(isotherm_acquisition *acquisition, RawSample *raw) noexcept : acquisition_(acquisition), raw_(raw) {}
+
+    isotherm_acquisition *acquisition_;
+    RawSample *raw_;
+};
+
+/// The increment of a round trip, or why there is none.
+class Answer {
+public:
+    /// Whether there is an increment.
+    explicit operator bool() const noexcept { return code_ == ISOTHERM_OK; }
+    /// The service's queue is full of unanswered samples; the sample has not been sent.
+    bool is_full() const noexcept { return code_ == ISOTHERM_FULL; }
+    /// The sample was sent, but its increment did not come in time. A later receive() may still get it.
+    bool is_late() const noexcept { return code_ == ISOTHERM_TIMEOUT; }
+
+    /// The increment, if there is one; otherwise all 0.
+    const CompensatedIncrement &operator*() const noexcept { return increment_; }
+    const CompensatedIncrement *operator->() const noexcept { return &increment_; }
+    /// The increment; throws Error (ISOTHERM_FULL, ISOTHERM_TIMEOUT) if there is none.
+    const CompensatedIncrement &value() const
+    {
+        if (code_ != ISOTHERM_OK)
+            throw Error(code_, is_full() ? "the service's queue is full of unanswered samples" : "no answer from the service in time");
+        return increment_;
+    }
+
+private:
+    friend class Acquisition;
+    isotherm_code code_ = ISOTHERM_OK;
+    CompensatedIncrement increment_{};
+};
+
+/// The one acquisition process of an IMU.
+class Acquisition {
+public:
+    /// Connects, waiting for the service if need be.
+    explicit Acquisition(const std::string &imu, const Options &options = {})
+    {
+        isotherm_acquisition *handle = nullptr;
+        detail::check(isotherm_acquisition_connect(imu.c_str(), options.domain_or_null(), detail::count(options.timeout), &handle));
+        handle_.reset(handle);
+    }
+
+    /// A sample to fill in. `session` and `sequence` are filled in already.
+    [[nodiscard]] Sample loan()
+    {
+        RawSample *raw = nullptr;
+        detail::check(isotherm_loan(handle_.get(), &raw));
+        return Sample(handle_.get(), raw);
+    }
+
+    /// Sends a sample, which then is empty. False if the service's queue is full: the sample is still yours.
+    [[nodiscard]] bool send(Sample &sample) { return done(sample, isotherm_send(handle_.get(), sample.raw_)) == ISOTHERM_OK; }
+
+    /// The increment of the oldest unanswered sample, if it has come.
+    [[nodiscard]] std::optional<CompensatedIncrement> receive()
+    {
+        CompensatedIncrement increment;
+        return detail::some(isotherm_receive(handle_.get(), &increment), increment);
+    }
+
+    /// The same, waiting for it up to `timeout`.
+    [[nodiscard]] std::optional<CompensatedIncrement> receive(std::chrono::nanoseconds timeout)
+    {
+        CompensatedIncrement increment;
+        return detail::some(isotherm_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
+    }
+
+    /// The round trip in one call: sends a sample, which is then empty unless the queue is full, and waits for its increment.
+    [[nodiscard]] Answer compensate(Sample &sample, std::chrono::nanoseconds timeout)
+    {
+        Answer answer;
+        answer.code_ = done(sample, isotherm_compensate(handle_.get(), sample.raw_, detail::count(timeout), &answer.increment_));
+        return answer;
+    }
+
+    /// The most samples that can be unanswered at once.
+    std::size_t depth() const noexcept { return isotherm_depth(handle_.get()); }
+    /// Samples sent whose increments have not been received.
+    std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
+    /// The session that all samples carry, random for each connection.
+    std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
+    /// Begins a new session: the next sample may have any sequence. Throws while samples are unanswered.
+    void begin_session() { detail::check(isotherm_begin_session(handle_.get())); }
+
+private:
+    /// A sample that is gone is not given back.
+    static isotherm_code done(Sample &sample, isotherm_code code)
+    {
+        if (code == ISOTHERM_OK || code == ISOTHERM_TIMEOUT || code == ISOTHERM_ERROR_TRANSPORT || code == ISOTHERM_ERROR_NOT_ON_LOAN)
+            sample.raw_ = nullptr;
+        return detail::check(code);
+    }
+
+    struct Close {
+        void operator()(isotherm_acquisition *handle) const noexcept { isotherm_acquisition_close(handle); }
+    };
+    std::unique_ptr<isotherm_acquisition, Close> handle_;
+};
+
+/// Reads the increments of one IMU as they are published, beside its acquisition.
+class IncrementReader {
+public:
+    /// Connected, having waited for the service if need be.
+    explicit IncrementReader(const std::string &imu, const Options &options = {})
+    {
+        isotherm_reader *handle = nullptr;
+        detail::check(isotherm_reader_connect(imu.c_str(), options.domain_or_null(), detail::count(options.timeout), &handle));
+        handle_.reset(handle);
+    }
+
+    /// One that connects as soon as the service is there, and does not wait for it.
+    [[nodiscard]] static IncrementReader unconnected(const std::string &imu, const Options &options = {})
+    {
+        isotherm_reader *handle = nullptr;
+        detail::check(isotherm_reader_new(imu.c_str(), options.domain_or_null(), &handle));
+        return IncrementReader(handle);
+    }
+
+    /// The next increment, if there is one now.
+    [[nodiscard]] std::optional<CompensatedIncrement> receive()
+    {
+        CompensatedIncrement increment;
+        return detail::some(isotherm_reader_receive(handle_.get(), &increment), increment);
+    }
+
+    /// The same, waiting for it up to `timeout`.
+    [[nodiscard]] std::optional<CompensatedIncrement> receive(std::chrono::nanoseconds timeout)
+    {
+        CompensatedIncrement increment;
+        return detail::some(isotherm_reader_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
+    }
+
+    /// Whether the stream has been found. Stays true when the service stops.
+    bool is_connected() const noexcept { return isotherm_reader_is_connected(handle_.get()); }
+    /// Increments that came again after a resend and were not handed out.
+    std::uint64_t repeats() const noexcept { return isotherm_reader_repeats(handle_.get()); }
+
+private:
+    explicit IncrementReader(isotherm_reader *handle) noexcept : handle_(handle) {}
+
+    struct Close {
+        void operator()(isotherm_reader *handle) const noexcept { isotherm_reader_close(handle); }
+    };
+    std::unique_ptr<isotherm_reader, Close> handle_;
+};
+
+/// Adds the next control period to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if the sum overflows; neither has changed then.
+inline void merge(RawSample &sample, const RawSample &later) { detail::check(isotherm_merge(&sample, &later)); }
+
+/// The names of flags joined by `|`, or `-`.
+inline std::string flags_text(std::uint32_t flags)
+{
+    std::string text(isotherm_flags_text(flags, nullptr, 0), '\0');
+    isotherm_flags_text(flags, text.data(), text.size() + 1);
+    return text;
+}
+
+/// Real-time settings of the calling thread; whatever is not set stays as it is.
+struct Realtime {
+    /// The core that the thread is bound to.
+    std::optional<unsigned> core = std::nullopt;
+    /// SCHED_FIFO priority, 1 to 99.
+    std::optional<int> priority = std::nullopt;
+    /// Keeps all memory of the process resident, what it gets later included.
+    bool lock_memory = false;
+    /// How much later than asked a sleep may end.
+    std::optional<std::chrono::nanoseconds> timer_slack = std::nullopt;
+
+    /// Throws Error (ISOTHERM_ERROR_REALTIME) for the first that fails; those before it, in this order, are in force.
+    void apply() const
+    {
+        detail::check(isotherm_realtime(core ? static_cast<std::int32_t>(*core) : -1, priority.value_or(0), lock_memory,
+                                        detail::count(timer_slack.value_or(std::chrono::nanoseconds(0)))));
+    }
+};
+
+/// CLOCK_MONOTONIC [ns].
+inline std::uint64_t monotonic_ns() noexcept { return isotherm_monotonic_ns(); }
+
+/// The version of the library.
+inline std::string version() { return isotherm_version(); }
+
+}  // namespace isotherm
+
+#endif

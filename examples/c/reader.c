@@ -1,0 +1,36 @@
+/*
+ * Navigation or a logger: prints the increments of an IMU as they are published, beside its acquisition.
+ *
+ *     reader IMU [COUNT]
+ *
+ * It may be started before the service, and stays connected when service or acquisition are restarted.
+ */
+#include <inttypes.h>
+#include <isotherm.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+int main(int count, char **words)
+{
+    if (count != 2 && count != 3) {
+        fprintf(stderr, "usage: %s IMU [COUNT]\n", words[0]);
+        return 64;
+    }
+    unsigned long long left = count == 3 ? strtoull(words[2], NULL, 10) : UINT64_MAX;
+    isotherm_reader *reader;
+    isotherm_code code = isotherm_reader_new(words[1], NULL, &reader);
+    while (code >= 0 && left > 0) {
+        isotherm_compensated_increment increment;
+        code = isotherm_reader_receive_timeout(reader, 1000000000, &increment);
+        if (code == ISOTHERM_OK) {
+            const double *dv = increment.velocity_increment;
+            printf("%" PRIu64 ",%.17g,%.17g,%.17g\n", increment.sequence, dv[0], dv[1], dv[2]);
+            fflush(stdout);
+            left--;
+        }
+    }
+    if (code < 0)
+        fprintf(stderr, "reader: %s\n", isotherm_error_message());
+    isotherm_reader_close(reader);
+    return code < 0 ? 1 : 0;
+}

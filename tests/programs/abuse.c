@@ -1,0 +1,277 @@
+/*
+ * Everything that a caller can do wrong, and what it is told: abuse IMU SERVICE_PID. Exits 0 if all answers are as documented.
+ */
+#define _POSIX_C_SOURCE 200809L
+#include <isotherm.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#define SECOND 1000000000ull
+#define PATIENCE (20 * SECOND)
+
+#define CHECK(condition)                                                                        \
+    do {                                                                                        \
+        if (!(condition)) {                                                                     \
+            fprintf(stderr, "line %d: %s; \"%s\"\n", __LINE__, #condition, isotherm_error_message()); \
+            exit(1);                                                                            \
+        }                                                                                       \
+    } while (0)
+/* A code, with a message that has the word in it. */
+#define GIVES(call, expected, word) CHECK((call) == (expected) && strstr(isotherm_error_message(), (word)) != NULL)
+
+static const char *imu;
+
+static void null_everywhere(isotherm_acquisition *acquisition)
+{
+    isotherm_acquisition *none = (isotherm_acquisition *)1;
+    isotherm_reader *no_reader = (isotherm_reader *)1;
+    isotherm_raw_sample *sample, copy = {0};
+    isotherm_compensated_increment increment;
+    GIVES(isotherm_acquisition_connect(NULL, NULL, 0, &none), ISOTHERM_ERROR_NULL, "NULL");
+    CHECK(none == NULL);
+    GIVES(isotherm_acquisition_connect(imu, NULL, 0, NULL), ISOTHERM_ERROR_NULL, "NULL");
+    GIVES(isotherm_reader_new(NULL, NULL, &no_reader), ISOTHERM_ERROR_NULL, "NULL");
+    CHECK(no_reader == NULL);
+    CHECK(isotherm_reader_connect(imu, NULL, 0, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_loan(NULL, &sample) == ISOTHERM_ERROR_NULL && isotherm_loan(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_send(NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_send(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_discard(NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_discard(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_receive(NULL, &increment) == ISOTHERM_ERROR_NULL && isotherm_receive(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_receive_timeout(acquisition, PATIENCE, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_compensate(NULL, &copy, 1, &increment) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_compensate(acquisition, NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
+    /* Without a place for the increment nothing is sent. */
+    CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+    CHECK(isotherm_compensate(acquisition, sample, 1, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_discard(acquisition, sample) == ISOTHERM_OK);
+    CHECK(isotherm_begin_session(NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_depth(NULL) == 0 && isotherm_in_flight(NULL) == 0 && isotherm_session(NULL) == 0);
+    CHECK(isotherm_reader_receive(NULL, &increment) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_reader_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
+    CHECK(!isotherm_reader_is_connected(NULL) && isotherm_reader_repeats(NULL) == 0);
+    CHECK(isotherm_merge(NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_merge(&copy, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_flags_text(1, NULL, 0) == strlen("a1-head-below") && isotherm_flags_text(1, NULL, 9) == strlen("a1-head-below"));
+    CHECK(isotherm_acquisition_close(NULL) == ISOTHERM_OK && isotherm_reader_close(NULL) == ISOTHERM_OK);
+}
+
+static void wrong_names(void)
+{
+    isotherm_acquisition *none;
+    isotherm_reader *no_reader;
+    const char *names[] = {"", "IMU", "a b", "\xff\xfe", "0123456789abcdefghijklmnopqrstuvwxyz"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        GIVES(isotherm_acquisition_connect(names[i], NULL, PATIENCE, &none), ISOTHERM_ERROR_NAME, "no valid name");
+        GIVES(isotherm_acquisition_connect(imu, names[i], PATIENCE, &none), ISOTHERM_ERROR_NAME, "domain");
+        GIVES(isotherm_reader_new(names[i], NULL, &no_reader), ISOTHERM_ERROR_NAME, "no valid name");
+        CHECK(none == NULL && no_reader == NULL);
+    }
+    GIVES(isotherm_acquisition_connect(imu, "nobody-here", 0, &none), ISOTHERM_ERROR_NO_SERVICE, "isotherm serve");
+    GIVES(isotherm_acquisition_connect("imu-x", NULL, 0, &none), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
+    GIVES(isotherm_reader_connect("imu-x", NULL, 0, &no_reader), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
+    GIVES(isotherm_acquisition_connect(imu, NULL, 0, &none), ISOTHERM_ERROR_OCCUPIED, "pid");
+}
+
+/* A sample is its caller's once. */
+static void samples(isotherm_acquisition *acquisition)
+{
+    isotherm_raw_sample *sample, *loans[ISOTHERM_LOANS], own = {0};
+    isotherm_compensated_increment increment;
+    CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+    sample->interval_ns = 2500000;
+    CHECK(isotherm_compensate(acquisition, sample, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(increment.interval_ns == 2500000 && increment.session == isotherm_session(acquisition));
+    GIVES(isotherm_send(acquisition, sample), ISOTHERM_ERROR_NOT_ON_LOAN, "not on loan");
+    CHECK(isotherm_compensate(acquisition, sample, PATIENCE, &increment) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(isotherm_discard(acquisition, sample) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(isotherm_send(acquisition, &own) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(isotherm_send(acquisition, (isotherm_raw_sample *)1) == ISOTHERM_ERROR_NOT_ON_LOAN);
+
+    for (int i = 0; i < ISOTHERM_LOANS; i++)
+        CHECK(isotherm_loan(acquisition, &loans[i]) == ISOTHERM_OK);
+    GIVES(isotherm_loan(acquisition, &sample), ISOTHERM_ERROR_LOANS, "4 samples");
+    CHECK(isotherm_send(acquisition, loans[2]) == ISOTHERM_OK);
+    /* The others have the same sequence. */
+    GIVES(isotherm_send(acquisition, loans[0]), ISOTHERM_ERROR_SEQUENCE, "sequence");
+    loans[0]->sequence++;
+    CHECK(isotherm_send(acquisition, loans[0]) == ISOTHERM_OK);
+    CHECK(isotherm_send(acquisition, loans[0]) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(isotherm_discard(acquisition, loans[1]) == ISOTHERM_OK && isotherm_discard(acquisition, loans[3]) == ISOTHERM_OK);
+    GIVES(isotherm_begin_session(acquisition), ISOTHERM_ERROR_IN_FLIGHT, "2 samples");
+    for (int i = 0; i < 2; i++)
+        CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+    uint64_t before = isotherm_session(acquisition);
+    CHECK(isotherm_begin_session(acquisition) == ISOTHERM_OK && isotherm_session(acquisition) != before);
+    CHECK(isotherm_receive(acquisition, &increment) == ISOTHERM_NONE);
+}
+
+static void full_queue(isotherm_acquisition *acquisition)
+{
+    isotherm_raw_sample *sample, *later, largest;
+    isotherm_compensated_increment increment;
+    uint64_t sequence = 0;
+    isotherm_code code;
+    do {
+        CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+        sample->interval_ns = 1000;
+        sample->positive_pulses[0] = 7;
+        sequence = sample->sequence;
+    } while ((code = isotherm_send(acquisition, sample)) == ISOTHERM_OK);
+    GIVES(code, ISOTHERM_FULL, "full");
+    CHECK(isotherm_in_flight(acquisition) == isotherm_depth(acquisition) && isotherm_depth(acquisition) > 1);
+    /* It is still ours, and as it was; the next one is summed into it. */
+    CHECK(sample->sequence == sequence && sample->interval_ns == 1000);
+    CHECK(isotherm_loan(acquisition, &later) == ISOTHERM_OK);
+    later->interval_ns = 500;
+    later->positive_pulses[0] = 3;
+    later->timestamp_ns = 42;
+    CHECK(isotherm_merge(sample, later) == ISOTHERM_OK && isotherm_discard(acquisition, later) == ISOTHERM_OK);
+    CHECK(sample->interval_ns == 1500 && sample->positive_pulses[0] == 10 && sample->timestamp_ns == 42);
+    largest = *sample;
+    largest.positive_pulses[0] = UINT32_MAX;
+    GIVES(isotherm_merge(sample, &largest), ISOTHERM_ERROR_MERGE, "32 bits");
+    CHECK(sample->positive_pulses[0] == 10);
+    CHECK(isotherm_merge(&largest, &largest) == ISOTHERM_ERROR_MERGE);
+    CHECK(isotherm_send(acquisition, sample) == ISOTHERM_FULL);
+    CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(isotherm_send(acquisition, sample) == ISOTHERM_OK);
+    while (isotherm_in_flight(acquisition) > 0)
+        CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(increment.sequence == sequence && increment.interval_ns == 1500 && increment.timestamp_ns == 42);
+}
+
+/* A service that does not answer. */
+static void time_out(isotherm_acquisition *acquisition, pid_t service)
+{
+    isotherm_raw_sample *sample;
+    isotherm_compensated_increment increment;
+    isotherm_code code;
+    CHECK(kill(service, SIGSTOP) == 0);
+    do {
+        CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+        code = isotherm_compensate(acquisition, sample, 1000000, &increment);
+    } while (code == ISOTHERM_OK);
+    GIVES(code, ISOTHERM_TIMEOUT, "no answer");
+    CHECK(isotherm_in_flight(acquisition) == 1 && isotherm_receive(acquisition, &increment) == ISOTHERM_NONE);
+    CHECK(isotherm_send(acquisition, sample) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(kill(service, SIGCONT) == 0);
+    CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+}
+
+static atomic_bool over;
+
+static void *receive_until_over(void *acquisition)
+{
+    isotherm_compensated_increment increment;
+    while (!over) {
+        isotherm_code code = isotherm_receive_timeout(acquisition, 10000000, &increment);
+        if (code != ISOTHERM_NONE && code != ISOTHERM_ERROR_BUSY)
+            return NULL;
+    }
+    return acquisition;
+}
+
+static void *round_trip(void *acquisition)
+{
+    isotherm_raw_sample *sample;
+    isotherm_compensated_increment increment;
+    if (isotherm_loan(acquisition, &sample) != ISOTHERM_OK)
+        return NULL;
+    return isotherm_compensate(acquisition, sample, PATIENCE, &increment) == ISOTHERM_OK ? acquisition : NULL;
+}
+
+/* One thread at a time, whichever it is. */
+static void threads(isotherm_acquisition *acquisition)
+{
+    pthread_t thread;
+    void *done;
+    isotherm_compensated_increment increment;
+    isotherm_code code;
+    CHECK(pthread_create(&thread, NULL, receive_until_over, acquisition) == 0);
+    while ((code = isotherm_receive(acquisition, &increment)) == ISOTHERM_NONE)
+        ;
+    GIVES(code, ISOTHERM_ERROR_BUSY, "another call");
+    while ((code = isotherm_begin_session(acquisition)) == ISOTHERM_OK)
+        ;
+    CHECK(code == ISOTHERM_ERROR_BUSY);
+    over = true;
+    CHECK(pthread_join(thread, &done) == 0 && done == acquisition);
+    for (int i = 0; i < 100; i++) {
+        CHECK(pthread_create(&thread, NULL, round_trip, acquisition) == 0);
+        CHECK(pthread_join(thread, &done) == 0 && done == acquisition);
+        CHECK(round_trip(acquisition) == acquisition);
+    }
+}
+
+/* A child cannot use, nor harm, what its parent has. */
+static void fork_it(isotherm_acquisition *acquisition, isotherm_reader *reader)
+{
+    isotherm_compensated_increment increment;
+    pid_t child = fork();
+    if (child == 0) {
+        isotherm_raw_sample *sample;
+        isotherm_reader *own;
+        GIVES(isotherm_loan(acquisition, &sample), ISOTHERM_ERROR_FORKED, "forked");
+        CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
+        CHECK(isotherm_depth(acquisition) == 0);
+        CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_ERROR_FORKED && isotherm_reader_close(reader) == ISOTHERM_ERROR_FORKED);
+        CHECK(isotherm_reader_connect(imu, NULL, PATIENCE, &own) == ISOTHERM_OK);
+        isotherm_reader_close(own);
+        exit(0);
+    }
+    int status;
+    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    CHECK(round_trip(acquisition) == acquisition);
+    CHECK(isotherm_reader_receive_timeout(reader, PATIENCE, &increment) == ISOTHERM_OK);
+}
+
+static void values(void)
+{
+    char text[16];
+    CHECK(isotherm_flags_text(0, text, sizeof text) == 1 && strcmp(text, "-") == 0);
+    CHECK(isotherm_flags_text(ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_LATE, text, sizeof text) == 8 && strcmp(text, "gap|late") == 0);
+    memset(text, 'x', sizeof text);
+    CHECK(isotherm_flags_text(UINT32_MAX, text, 5) > 256 && strcmp(text, "a1-h") == 0 && text[5] == 'x');
+    CHECK(isotherm_flags_text(UINT32_MAX, text, 1) < 512 && text[0] == 0);
+    CHECK(strcmp(isotherm_version(), ISOTHERM_VERSION) == 0);
+    uint64_t before = isotherm_monotonic_ns();
+    CHECK(before > 0 && isotherm_monotonic_ns() >= before);
+    CHECK(isotherm_realtime(-1, 0, false, 0) == ISOTHERM_OK && isotherm_realtime(-1, 0, false, 1000) == ISOTHERM_OK);
+    GIVES(isotherm_realtime(-2, 0, false, 0), ISOTHERM_ERROR_REALTIME, "core");
+    GIVES(isotherm_realtime(100000, 0, false, 0), ISOTHERM_ERROR_REALTIME, "core");
+    GIVES(isotherm_realtime(-1, 1000, false, 0), ISOTHERM_ERROR_REALTIME, "SCHED_FIFO");
+}
+
+int main(int count, char **words)
+{
+    CHECK(count == 3 && strcmp(isotherm_error_message(), "") == 0);
+    imu = words[1];
+    isotherm_acquisition *acquisition;
+    isotherm_reader *reader;
+    CHECK(isotherm_reader_new(imu, NULL, &reader) == ISOTHERM_OK && !isotherm_reader_is_connected(reader));
+    CHECK(isotherm_acquisition_connect(imu, NULL, PATIENCE, &acquisition) == ISOTHERM_OK);
+    null_everywhere(acquisition);
+    wrong_names();
+    samples(acquisition);
+    full_queue(acquisition);
+    time_out(acquisition, (pid_t)atoi(words[2]));
+    isotherm_compensated_increment increment;
+    while (isotherm_reader_receive(reader, &increment) == ISOTHERM_NONE && !isotherm_reader_is_connected(reader))
+        ;
+    threads(acquisition);
+    while (isotherm_reader_receive(reader, &increment) == ISOTHERM_OK)
+        ;
+    fork_it(acquisition, reader);
+    values();
+    /* A sample on loan goes with its acquisition. */
+    isotherm_raw_sample *sample;
+    CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+    CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_OK && isotherm_reader_close(reader) == ISOTHERM_OK);
+    return 0;
+}

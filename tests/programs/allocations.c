@@ -1,0 +1,56 @@
+/*
+ * Counts what round trips allocate and free: allocations IMU TRIPS. Prints the count, which should be 0.
+ *
+ * A sample that is not answered for milliseconds, since one of the two was not allowed to run, does not count: the library
+ * then looks whether the service is another one, and asking the transport allocates.
+ */
+#include <isotherm.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#define FLOWING_NS 4000000u
+
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t count, size_t size);
+extern void *__libc_realloc(void *block, size_t size);
+extern void __libc_free(void *block);
+
+/* This program has one thread. */
+static unsigned long counted;
+
+void *malloc(size_t size) { counted++; return __libc_malloc(size); }
+void *calloc(size_t count, size_t size) { counted++; return __libc_calloc(count, size); }
+void *realloc(void *block, size_t size) { counted++; return __libc_realloc(block, size); }
+void free(void *block) { counted++; __libc_free(block); }
+
+int main(int count, char **words)
+{
+    isotherm_acquisition *acquisition;
+    isotherm_raw_sample *sample;
+    isotherm_compensated_increment increment;
+    if (count != 3 || isotherm_acquisition_connect(words[1], NULL, 20000000000ull, &acquisition) != ISOTHERM_OK)
+        return 1;
+    unsigned long connecting = counted, allocations = 0, trips = strtoul(words[2], NULL, 10);
+    /* Connections are made with the first ones, and queues grow to their size. */
+    for (unsigned long trip = 0; trip < 1000 + trips; trip++) {
+        unsigned long before = counted;
+        uint64_t started = isotherm_monotonic_ns();
+        isotherm_code code = isotherm_loan(acquisition, &sample);
+        if (code == ISOTHERM_OK)
+            code = isotherm_discard(acquisition, sample);
+        if (code != ISOTHERM_OK || isotherm_loan(acquisition, &sample) != ISOTHERM_OK || isotherm_send(acquisition, sample) != ISOTHERM_OK)
+            return 1;
+        while ((code = isotherm_receive(acquisition, &increment)) == ISOTHERM_NONE)
+            ;
+        if (code != ISOTHERM_OK)
+            return 1;
+        if (trip >= 1000 && isotherm_monotonic_ns() - started < FLOWING_NS)
+            allocations += counted - before;
+    }
+    isotherm_acquisition_close(acquisition);
+    /* That counting works at all. */
+    if (connecting == 0)
+        return 1;
+    printf("%lu\n", allocations);
+    return 0;
+}

@@ -1,0 +1,94 @@
+// What the C++ wrapper promises: wrapper IMU. Exits 0 if it keeps it.
+#include <cstdlib>
+#include <iostream>
+#include <isotherm.hpp>
+#include <type_traits>
+
+using namespace std::chrono_literals;
+using isotherm::Acquisition, isotherm::IncrementReader, isotherm::Sample;
+
+template <class T>
+constexpr bool only_moves = std::is_nothrow_move_constructible_v<T> && std::is_nothrow_move_assignable_v<T> &&
+                            !std::is_copy_constructible_v<T> && !std::is_copy_assignable_v<T>;
+static_assert(only_moves<Acquisition> && only_moves<IncrementReader> && only_moves<Sample>);
+
+static void check(bool condition, int line)
+{
+    if (!condition) {
+        std::cerr << "line " << line << '\n';
+        std::exit(1);
+    }
+}
+#define CHECK(condition) check(condition, __LINE__)
+
+template <class Work>
+static isotherm_code thrown(Work work)
+{
+    try {
+        work();
+    } catch (const isotherm::Error &error) {
+        CHECK(error.what() != std::string());
+        return error.code();
+    }
+    return ISOTHERM_OK;
+}
+
+static Acquisition connected(const std::string &imu)
+{
+    Acquisition acquisition(imu, {std::nullopt, 20s});
+    CHECK(acquisition.depth() > 1);
+    return acquisition;
+}
+
+int main(int, char **words)
+{
+    const std::string imu = words[1];
+    CHECK(thrown([&] { Acquisition(imu, {"nobody-here", 0s}); }) == ISOTHERM_ERROR_NO_SERVICE);
+    CHECK(thrown([&] { Acquisition("no name"); }) == ISOTHERM_ERROR_NAME);
+    auto early = IncrementReader::unconnected(imu);
+    CHECK(!early.is_connected());
+    // Left and entered again: the first has been closed.
+    connected(imu);
+    auto acquisition = connected(imu);
+    IncrementReader reader(imu, {std::nullopt, 20s});
+    CHECK(reader.is_connected() && !reader.receive());
+
+    // Samples that nobody sends go back by themselves.
+    for (int i = 0; i < 10; i++)
+        CHECK(acquisition.loan()->sequence == 0);
+    auto sample = acquisition.loan();
+    sample->interval_ns = 1000;
+    const auto answer = acquisition.compensate(sample, 20s);
+    CHECK(answer && !answer.is_full() && !answer.is_late() && !sample && answer->interval_ns == 1000 && &answer.value() == &*answer);
+    CHECK(reader.receive(20s)->sequence == answer->sequence && reader.repeats() == 0);
+    // One that has been sent cannot be sent again.
+    CHECK(thrown([&] { (void)acquisition.send(sample); }) == ISOTHERM_ERROR_NULL);
+
+    do {
+        sample = acquisition.loan();
+        sample->interval_ns = 1;
+    } while (acquisition.send(sample));
+    CHECK(sample && acquisition.in_flight() == acquisition.depth());
+    auto moved = std::move(sample);
+    CHECK(moved && !sample && !acquisition.send(moved) && moved);
+    isotherm::RawSample huge{};
+    huge.interval_ns = ISOTHERM_MAX_INTERVAL_NS;
+    moved->interval_ns = 1;
+    CHECK(thrown([&] { isotherm::merge(*moved, huge); }) == ISOTHERM_ERROR_MERGE && moved->interval_ns == 1);
+    CHECK(thrown([&] { acquisition.begin_session(); }) == ISOTHERM_ERROR_IN_FLIGHT);
+    while (acquisition.in_flight() > 0)
+        CHECK(acquisition.receive(20s).has_value());
+    const auto session = acquisition.session();
+    acquisition.begin_session();
+    CHECK(acquisition.session() != session && !acquisition.receive() && !acquisition.receive(-1s));
+
+    auto other = std::move(acquisition);
+    CHECK(thrown([&] { (void)acquisition.loan(); }) == ISOTHERM_ERROR_NULL && other.depth() > 1);
+    CHECK(isotherm::flags_text(ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_LATE) == "gap|late" && isotherm::flags_text(0) == "-");
+    CHECK(isotherm::version() == ISOTHERM_VERSION && isotherm::monotonic_ns() > 0);
+    isotherm::Realtime{}.apply();
+    isotherm::Realtime slack;
+    slack.timer_slack = 1us;
+    slack.apply();
+    CHECK(thrown([] { isotherm::Realtime{100000u}.apply(); }) == ISOTHERM_ERROR_REALTIME);
+}
