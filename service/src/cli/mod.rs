@@ -7,6 +7,8 @@ mod demo;
 mod feed;
 mod parse;
 mod regress;
+#[cfg(feature = "relay")]
+mod relay;
 mod replay;
 mod serve;
 mod simulate;
@@ -49,6 +51,8 @@ enum Command {
     Check(check::Check),
     Simulate(simulate::Simulate),
     Status(status::Status),
+    #[cfg(feature = "relay")]
+    Relay(relay::Relay),
     Clean(clean::Clean),
 }
 
@@ -78,6 +82,8 @@ impl Cli {
             Command::Check(check) => check.run(),
             Command::Simulate(simulate) => simulate.run(),
             Command::Status(status) => status.run(domain),
+            #[cfg(feature = "relay")]
+            Command::Relay(relay) => relay.run(&domain),
             Command::Clean(clean) => clean.run(&domain),
         }
     }
