@@ -42,9 +42,6 @@ pub const STATUS_SUBSCRIBERS: usize = 16;
 /// Name of the status stream.
 pub const STATUS: &str = "isotherm/status";
 
-/// Name of the event that a relay notifies after publishing, so that a tunnel need not look all the time.
-pub const RELAYED: &str = "isotherm/relayed";
-
 /// How long an object of the transport may take to be created before it counts as left behind by a dead process.
 pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
 
@@ -118,12 +115,6 @@ pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedInc
 #[must_use]
 pub fn relayed(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
     increment(node, imu).max_publishers(2)
-}
-
-/// The event [`RELAYED`]. The tunnel may have created it first, with limits of its own.
-#[must_use]
-pub fn relayed_event(node: &IpcNode) -> event::Builder<Ipc> {
-    node.service_builder(&service_name(RELAYED)).event()
 }
 
 /// The wake-up event with its full settings, for `open_or_create` by the service.

@@ -75,11 +75,12 @@ fn reader(name: &str) -> Outcome<IncrementReader> {
 struct Seen {
     /// What the far side has not shown yet, by session and sequence, with its time at the near side.
     waiting: BTreeMap<(u64, u64), (u64, CompensatedIncrement)>,
+    /// What the far side has shown between the two looks of a turn, before the near side was looked at again.
+    early: BTreeMap<(u64, u64), CompensatedIncrement>,
     near: u64,
     far: u64,
     near_missing: u64,
     different: u64,
-    unknown: u64,
     added_ns: Vec<u64>,
     last: Option<(u64, u64)>,
 }
@@ -92,17 +93,24 @@ impl Seen {
         }
         self.last = Some((session, sequence));
         self.near += 1;
-        self.waiting.insert((session, sequence), (now, increment));
+        match self.early.remove(&(session, sequence)) {
+            Some(copy) => self.pair(&increment, &copy, 0),
+            None => drop(self.waiting.insert((session, sequence), (now, increment))),
+        }
     }
 
-    fn far(&mut self, now: u64, increment: &CompensatedIncrement) {
+    fn far(&mut self, now: u64, increment: CompensatedIncrement) {
         self.far += 1;
-        let Some((then, original)) = self.waiting.remove(&(increment.session, increment.sequence)) else {
-            self.unknown += 1;
-            return;
-        };
-        self.different += u64::from(bits(&original) != bits(increment));
-        self.added_ns.push(now.saturating_sub(then));
+        let key = (increment.session, increment.sequence);
+        match self.waiting.remove(&key) {
+            Some((then, original)) => self.pair(&original, &increment, now.saturating_sub(then)),
+            None => drop(self.early.insert(key, increment)),
+        }
+    }
+
+    fn pair(&mut self, original: &CompensatedIncrement, copy: &CompensatedIncrement, added_ns: u64) {
+        self.different += u64::from(bits(original) != bits(copy));
+        self.added_ns.push(added_ns);
     }
 
     fn print(mut self) {
@@ -113,7 +121,7 @@ impl Seen {
             self.near_missing,
             self.far,
             self.different,
-            self.unknown,
+            self.early.len(),
             self.waiting.len()
         );
         if !self.added_ns.is_empty() {
@@ -168,7 +176,7 @@ fn compare(near: &str, far: &str, idle: Duration) -> Outcome<()> {
                 );
             }
             (far_at, silent) = (Instant::now(), false);
-            seen.far(monotonic_ns(), &increment);
+            seen.far(monotonic_ns(), increment);
         }
         if !silent && far_at.elapsed() > SILENCE {
             println!("  {:8.3} s: far side silent", (far_at - started).as_secs_f64());

@@ -6,7 +6,7 @@ use clap::Args;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;
 use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, reserve};
-use isotherm_shared::stream::{INCREMENT_DEPTH, Ipc, IpcNode, relayed, relayed_event};
+use isotherm_shared::stream::{INCREMENT_DEPTH, Ipc, IpcNode, relayed};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::fmt::Display;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tracing::{info, warn};
 
-/// Pause between two looks at the streams; a few samples may share a wake-up of the tunnel.
+/// Pause between two looks at the streams. A tunnel looks more rarely.
 const PAUSE: Duration = Duration::from_micros(500);
 /// How often dead peers are cleaned away and losses are told.
 const HOUSEKEEPING: Duration = Duration::from_secs(1);
@@ -64,26 +64,12 @@ impl Relay {
         let node = join(&to)?;
         let lanes: Result<Vec<_>, _> = self.imu.into_iter().map(|imu| Lane::open(imu, from, &to, &node)).collect();
         let mut lanes = lanes?;
-        let event = create(
-            &node,
-            &to,
-            "the event for the tunnel",
-            None,
-            || taken(&to),
-            || Ok(relayed_event(&node).open_or_create()?),
-        )?;
-        let bell = event.notifier_builder().create().map_err(|error| broken("creating the notifier", error))?;
         reserve(&to)?;
         info!(from = from.name(), to = to.name(), prefix = to.prefix(), root_path = to.root_path(), "ready");
         let mut due = Instant::now() + HOUSEKEEPING;
         while !stop.load(Ordering::Relaxed) {
-            let mut handed_on = 0;
             for lane in &mut lanes {
-                handed_on += lane.hand_on()?;
-            }
-            if handed_on > 0 {
-                // A tunnel that is not there needs no wake-up, and one that missed it looks by itself.
-                let _ = bell.notify();
+                lane.hand_on()?;
             }
             if Instant::now() >= due {
                 node.try_cleanup_dead_nodes();
@@ -147,21 +133,18 @@ impl Lane {
         Ok(Self { imu, reader, publisher, connected: false, last: None, missing: 0 })
     }
 
-    /// Hands on what is there, at most a queue's depth; how many.
-    fn hand_on(&mut self) -> Result<usize, Failure> {
-        let mut count = 0;
-        while count < INCREMENT_DEPTH
-            && let Some(increment) = self.reader.receive()?
-        {
+    /// Hands on what is there, at most a queue's depth.
+    fn hand_on(&mut self) -> Result<(), Failure> {
+        for _ in 0..INCREMENT_DEPTH {
+            let Some(increment) = self.reader.receive()? else { break };
             // Whoever reads too slowly loses its oldest; publishing does not fail for that.
             self.publisher.send_copy(increment).map_err(|error| broken("publishing an increment", error))?;
             let next =
                 self.last.filter(|(session, _)| *session == increment.session).map(|(_, last)| last.wrapping_add(1));
             self.missing += next.map_or(0, |next| increment.sequence.saturating_sub(next));
             self.last = Some((increment.session, increment.sequence));
-            count += 1;
         }
-        Ok(count)
+        Ok(())
     }
 
     fn tell(&mut self) {
