@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tries docs/network.md for real, on one machine: two network namespaces are the hosts, with a domain each and a tunnel each. Prints what it measures.
-# Takes about 7 minutes. Needs root (ip netns), the tunnel's program and a Rust toolchain:
+# Takes about 6 minutes. Needs root (ip netns), the tunnel's program and a Rust toolchain:
 #   cargo install iceoryx2-integrations-zenoh-link-tunnel-cli --version 0.10.0 --locked
 #   sudo --preserve-env=PATH examples/network/try.sh [PART..]        PART: steady breaks cost; all unless given
 set -euo pipefail
@@ -10,7 +10,8 @@ fail() { echo "try.sh: $1" >&2; exit 1; }
 [ "$(id -u)" = 0 ] || fail "network namespaces need root; run it with sudo"
 tunnel=$(command -v iox2-link-tunnel-zenoh) || fail "iox2-link-tunnel-zenoh is not in PATH; see the top of this file"
 command -v ip > /dev/null || fail "ip is missing; install iproute2"
-chrt -r 20 true 2> /dev/null || fail "real-time priority is not to be had here (chrt, CAP_SYS_NICE)"
+# All of it goes before ordinary threads, so that what else runs here does not count. With PLAIN=1 it does.
+if [ -z "${PLAIN:-}" ]; then PLAIN=0 exec chrt -r 10 "$here/${0##*/}" "$@"; fi
 if [ -z "${ISOTHERM_BUILD:-}" ]; then # a folder with the programs isotherm and network
   cargo build --release --locked --quiet -p isotherm-service
   cargo build --release --locked --quiet -p isotherm-benches --bin network
@@ -23,21 +24,22 @@ dir=$(mktemp -d /tmp/iso-XXXXXX)
 export ISOTHERM_ROOT=$dir
 prefix() { echo "isotherm_$(printf %s "$dir/$1" | sha256sum | cut -c1-8)_"; }
 declare -A pid
+near=iso-near-$$ far=iso-far-$$
 finish() {
   for name in "${!pid[@]}"; do kill -CONT "${pid[$name]}" 2> /dev/null || true; kill -9 "${pid[$name]}" 2> /dev/null || true; done
   wait 2> /dev/null
-  ip netns del iso-near 2> /dev/null || true
-  ip netns del iso-far 2> /dev/null || true
+  ip netns del $near 2> /dev/null || true
+  ip netns del $far 2> /dev/null || true
   for domain in near net far; do rm -f "/dev/shm/$(prefix $domain)"*; done
   rm -rf "$dir"
 }
 trap finish EXIT
 trap 'exit 1' INT TERM
 
-ip netns add iso-near && ip netns add iso-far
-ip link add iso-near netns iso-near type veth peer name iso-far netns iso-far
-ip -n iso-near addr add 192.0.2.1/24 dev iso-near && ip -n iso-far addr add 192.0.2.2/24 dev iso-far
-for host in near far; do ip -n iso-$host link set lo up && ip -n iso-$host link set iso-$host up; done
+ip netns add $near && ip netns add $far
+ip link add link0 netns $near type veth peer name link0 netns $far
+ip -n $near addr add 192.0.2.1/24 dev link0 && ip -n $far addr add 192.0.2.2/24 dev link0
+for host in $near $far; do ip -n $host link set lo up && ip -n $host link set link0 up; done
 
 # The shipped files, with this place instead of an installed system's.
 for host in net far; do
@@ -51,8 +53,8 @@ start() { local name=$1; shift; "$@" < /dev/null >> "$dir/$name.log" 2>&1 & pid[
 stop() { kill "-${2:-TERM}" "${pid[$1]}"; wait "${pid[$1]}" 2> /dev/null || true; unset "pid[$1]"; }
 service() { start service "$isotherm" --domain near serve --imu imu-paper=examples/tables/imu-paper.toml; }
 relay() { start relay "$isotherm" --domain near relay --imu imu-paper --to net; }
-near_tunnel() { cd "$dir/etc-net"; start near-tunnel ip netns exec iso-near "$tunnel" -z "$here/near.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
-far_tunnel() { cd "$dir/etc-far"; start far-tunnel ip netns exec iso-far "$tunnel" -z "$here/far.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
+near_tunnel() { cd "$dir/etc-net"; start near-tunnel ip netns exec $near "$tunnel" -z "$here/near.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
+far_tunnel() { cd "$dir/etc-far"; start far-tunnel ip netns exec $far "$tunnel" -z "$here/far.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
 
 # feed HZ SECONDS: the recording, as often as it takes
 feed() {
@@ -64,25 +66,20 @@ feed() {
 # cpu: processor time so far of relay and tunnels, in ticks
 cpu() { for name in relay near-tunnel far-tunnel; do awk -v name=$name '{ print name, $14 + $15 }' "/proc/${pid[$name]}/stat"; done; }
 
-# What compares goes before everything else, so that it misses nothing.
 # steady HZ SECONDS
 steady() {
   printf '\n%s Hz for %s s\n' "$1" "$2"
   cpu > "$dir/before"
-  chrt -r 20 "$network" compare near far & local compare=$!
+  "$network" compare near far & local compare=$!
   feed "$1" "$2"
   cpu | paste -d' ' - "$dir/before" | awk -v s="$2" '{ printf "  %s: %.0f %% of a core\n", $1, ($2 - $4) / s }'
   wait $compare
 }
 
-# Tunnels and relay go before ordinary threads, or not.
-urgent() { printf '\nNow relay and tunnels with real-time priority (chrt -r 10)\n'; for name in relay near-tunnel far-tunnel; do chrt -a -r -p 10 "${pid[$name]}"; done; }
-plain() { for name in relay near-tunnel far-tunnel; do chrt -a -o -p 0 "${pid[$name]}"; done; }
-
 # break WHAT BREAK REPAIR PAUSE: 25 s at 400 Hz, broken after 5 s, for PAUSE seconds
 break_it() {
   printf '\n%s\n' "$1"
-  chrt -r 20 "$network" compare near far --idle 8 & local compare=$!
+  "$network" compare near far --idle 8 & local compare=$!
   feed 400 25 & local feed=$!
   sleep 5; printf '             (broken)\n'; eval "$2"
   sleep "$4"; printf '             (repaired)\n'; eval "$3"
@@ -93,9 +90,9 @@ break_it() {
 parts=${*:-steady breaks cost}
 service; relay; near_tunnel; far_tunnel
 sleep 5
-[[ $parts != *steady* ]] || { steady 400 30; steady 2000 20; urgent; steady 400 30; steady 2000 20; plain; }
+[[ $parts != *steady* ]] || { steady 400 30; steady 2000 20; }
 if [[ $parts == *breaks* ]]; then
-  link() { ip -n iso-near link set iso-near "$1"; }
+  link() { ip -n $near link set link0 "$1"; }
   break_it "the link is down for 1 s" "link down" "link up" 1
   break_it "the link is down for 8 s" "link down" "link up" 8
   break_it "near tunnel killed, started 2 s later" "stop near-tunnel 9" near_tunnel 2
@@ -104,7 +101,11 @@ if [[ $parts == *breaks* ]]; then
   break_it "service killed, started 2 s later" "stop service 9" service 2
 fi
 if [[ $parts == *cost* ]]; then
-  stop relay
+  for name in relay near-tunnel far-tunnel; do stop $name; done
+  { echo "#!/usr/bin/env bash"; echo "trap 'kill \$(jobs -p); wait; exit' TERM"
+    echo "dir=$dir here=$here near=$near far=$far isotherm=$isotherm tunnel=$tunnel; declare -A pid"
+    declare -f start relay near_tunnel far_tunnel; echo "relay; near_tunnel; far_tunnel; wait"; } > "$dir/link"
+  chmod +x "$dir/link"
   printf '\nRound trips of the acquisition at 2 kHz, in alternating blocks\n'
-  "$network" round-trips near net far "$isotherm" "${pid[near-tunnel]}" "${pid[far-tunnel]}"
+  "$network" round-trips near far "$dir/link"
 fi

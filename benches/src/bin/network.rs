@@ -9,7 +9,7 @@ use isotherm_client::{
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -34,14 +34,10 @@ enum What {
     /// Round trips at 2 kHz in alternating blocks: with relay and tunnels, and without
     RoundTrips {
         near: String,
-        /// The domain that the relay hands on into
-        to: String,
         far: String,
-        /// The program
-        isotherm: PathBuf,
-        /// Processes that stand still in the blocks without: the tunnels
-        tunnels: Vec<i32>,
-        #[arg(long, default_value_t = 20)]
+        /// A program that runs relay and tunnels until SIGTERM
+        link: PathBuf,
+        #[arg(long, default_value_t = 12)]
         blocks: usize,
     },
 }
@@ -49,9 +45,7 @@ enum What {
 fn main() -> ExitCode {
     let result = match What::parse() {
         What::Compare { near, far, idle } => compare(&near, &far, Duration::from_secs_f64(idle)),
-        What::RoundTrips { near, to, far, isotherm, tunnels, blocks } => {
-            round_trips(&Hosts { near: &near, to: &to, far: &far, isotherm, tunnels }, blocks)
-        }
+        What::RoundTrips { near, far, link, blocks } => round_trips(&near, &far, &link, blocks),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -192,35 +186,10 @@ fn compare(near: &str, far: &str, idle: Duration) -> Outcome<()> {
     Ok(())
 }
 
-struct Hosts<'a> {
-    near: &'a str,
-    to: &'a str,
-    far: &'a str,
-    isotherm: PathBuf,
-    tunnels: Vec<i32>,
-}
+/// Relay and tunnels, which do not outlive their block.
+struct Link(Child);
 
-impl Hosts<'_> {
-    fn signal_tunnels(&self, signal: Signal) {
-        // Fails only if it has died, which the increments that do not come will tell.
-        self.tunnels.iter().filter_map(|pid| Pid::from_raw(*pid)).for_each(|pid| {
-            let _ = kill_process(pid, signal);
-        });
-    }
-}
-
-/// A relay that does not outlive its block.
-struct Relay(Child);
-
-impl Relay {
-    fn start(hosts: &Hosts<'_>) -> Outcome<Self> {
-        let mut command = Command::new(&hosts.isotherm);
-        command.args(["--domain", hosts.near, "relay", "--imu", IMU, "--to", hosts.to]);
-        Ok(Self(command.stdin(Stdio::null()).stderr(Stdio::null()).spawn()?))
-    }
-}
-
-impl Drop for Relay {
+impl Drop for Link {
     fn drop(&mut self) {
         // Orderly, so that the next block does not begin with clearing away.
         let _ = kill_process(Pid::from_child(&self.0), Signal::TERM);
@@ -228,26 +197,22 @@ impl Drop for Relay {
     }
 }
 
-fn round_trips(hosts: &Hosts<'_>, blocks: usize) -> Outcome<()> {
-    let mut acquisition = Acquisition::connect(&IMU.parse()?, &options(hosts.near)?)?;
+fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> Outcome<()> {
+    let mut acquisition = Acquisition::connect(&IMU.parse()?, &options(near)?)?;
     let mut times = [Vec::new(), Vec::new()];
     for block in 0..2 * blocks {
-        let with = block % 2 == 1;
-        let _relay = if with { Some(Relay::start(hosts)?) } else { None };
-        hosts.signal_tunnels(if with { Signal::CONT } else { Signal::STOP });
-        if with {
-            let (mut far, started) = (reader(hosts.far)?, Instant::now());
-            while far.receive()?.is_none() {
-                run(&mut acquisition, Duration::from_millis(10), &mut Vec::new())?;
-                if started.elapsed() > PATIENCE {
-                    return Err("nothing arrives at the far side".into());
-                }
+        let with = block % 2;
+        let _link = if with == 1 { Some(Link(Command::new(link).stdin(Stdio::null()).spawn()?)) } else { None };
+        let (mut far, started) = (reader(far)?, Instant::now());
+        while with == 1 && far.receive()?.is_none() {
+            run(&mut acquisition, Duration::from_millis(10), &mut Vec::new())?;
+            if started.elapsed() > 4 * PATIENCE {
+                return Err("nothing arrives at the far side".into());
             }
         }
         run(&mut acquisition, Duration::from_millis(200), &mut Vec::new())?;
-        run(&mut acquisition, Duration::from_secs(1), &mut times[usize::from(with)])?;
+        run(&mut acquisition, Duration::from_secs(2), &mut times[with])?;
     }
-    hosts.signal_tunnels(Signal::CONT);
     for (name, times) in ["without", "with"].iter().zip(&mut times) {
         times.sort_unstable();
         println!("  {name:8} [us]: {} ({} round trips)", percentiles(times, 1e3), times.len());
