@@ -49,11 +49,8 @@ impl Relay {
                 to.name()
             )));
         }
-        if let Some((index, imu)) = self.imu.iter().enumerate().find(|(index, imu)| self.imu[..*index].contains(imu)) {
-            return Err(usage(format!(
-                "IMU {imu} is given twice, the second time as number {}; give every IMU once",
-                index + 1
-            )));
+        if let Some((_, imu)) = self.imu.iter().enumerate().find(|(index, imu)| self.imu[..*index].contains(imu)) {
+            return Err(usage(format!("IMU {imu} is given twice; give every IMU once")));
         }
         logging::start(self.log_format);
         let stop = Arc::new(AtomicBool::new(false));
