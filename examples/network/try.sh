@@ -10,13 +10,13 @@ fail() { echo "try.sh: $1" >&2; exit 1; }
 [ "$(id -u)" = 0 ] || fail "network namespaces need root; run it with sudo"
 tunnel=$(command -v iox2-link-tunnel-zenoh) || fail "iox2-link-tunnel-zenoh is not in PATH; see the top of this file"
 command -v ip > /dev/null || fail "ip is missing; install iproute2"
-# All of it goes before ordinary threads, so that what else runs here does not count. With PLAIN=1 it does.
-if [ -z "${PLAIN:-}" ]; then PLAIN=0 exec chrt -r 10 "$here/${0##*/}" "$@"; fi
 if [ -z "${ISOTHERM_BUILD:-}" ]; then # a folder with the programs isotherm and network
   cargo build --release --locked --quiet -p isotherm-service
   cargo build --release --locked --quiet -p isotherm-benches --bin network
-  ISOTHERM_BUILD=target/release
+  export ISOTHERM_BUILD=target/release
 fi
+# All of it goes before ordinary threads, so that what else runs here does not count. With PLAIN=1 it does.
+if [ -z "${PLAIN:-}" ]; then PLAIN=0 exec chrt -r 10 "$here/${0##*/}" "$@"; fi
 isotherm=$PWD/$ISOTHERM_BUILD/isotherm network=$PWD/$ISOTHERM_BUILD/network
 
 # Shared memory and files are common to both namespaces; that is why the far host's domain has another name than the near host's here.
@@ -26,7 +26,7 @@ prefix() { echo "isotherm_$(printf %s "$dir/$1" | sha256sum | cut -c1-8)_"; }
 declare -A pid
 near=iso-near-$$ far=iso-far-$$
 finish() {
-  for name in "${!pid[@]}"; do kill -CONT "${pid[$name]}" 2> /dev/null || true; kill -9 "${pid[$name]}" 2> /dev/null || true; done
+  for name in "${!pid[@]}"; do kill -9 "${pid[$name]}" 2> /dev/null || true; done
   wait 2> /dev/null
   ip netns del $near 2> /dev/null || true
   ip netns del $far 2> /dev/null || true
