@@ -110,6 +110,13 @@ pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedInc
         .enable_safe_overflow(true)
 }
 
+/// The increment stream of a domain that increments are handed on into. A tunnel to another machine takes a place as publisher, as subscriber and as
+/// node on each stream that it carries, whichever way samples go, so that there are two publishers: the relay and the tunnel.
+#[must_use]
+pub fn relayed(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
+    increment(node, imu).max_publishers(2)
+}
+
 /// The wake-up event with its full settings, for `open_or_create` by the service.
 #[must_use]
 pub fn wake(node: &IpcNode, imu: &ImuId) -> event::Builder<Ipc> {

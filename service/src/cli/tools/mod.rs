@@ -7,6 +7,7 @@ mod feed;
 mod generate;
 mod parse;
 mod regress;
+mod relay;
 mod replay;
 mod simulate;
 mod verify;
@@ -32,6 +33,7 @@ pub enum Tool {
     Regress(regress::Regress),
     Verify(verify::Verify),
     Simulate(simulate::Simulate),
+    Relay(relay::Relay),
     Clean(clean::Clean),
     Completions(generate::Completions),
     Man(generate::Man),
@@ -50,6 +52,7 @@ impl Tool {
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),
             Self::Simulate(simulate) => simulate.run(),
+            Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
             Self::Completions(completions) => completions.run(),
             Self::Man(man) => man.run(),

@@ -1,0 +1,238 @@
+//! Increments on both sides of a tunnel to another machine: compared bit by bit, timed on one clock, counted; and what relay and tunnel cost the
+//! service beside them. Both sides must be domains of this machine: `examples/network/try.sh` makes two hosts of network namespaces.
+#![allow(clippy::print_stdout, reason = "the figures are the product")]
+
+use clap::Parser;
+use isotherm_benches::{IMU, Outcome, PATIENCE};
+use isotherm_client::{
+    Acquisition, CompensatedIncrement, ImuId, IncrementReader, Options, RawSample, domain, monotonic_ns,
+};
+use rustix::process::{Pid, Signal, kill_process};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Pause between two looks at both sides. What is seen in one turn counts as simultaneous.
+const TURN: Duration = Duration::from_micros(50);
+/// A side that shows nothing for so long, while the other one goes on, is told to be silent.
+const SILENCE: Duration = Duration::from_millis(500);
+/// How long the far side may take, when all has been said, to deliver the rest.
+const GRACE: Duration = Duration::from_secs(2);
+
+#[derive(Parser)]
+enum What {
+    /// Compare the increments of a domain with those that arrive in another one, until they have stopped
+    Compare {
+        near: String,
+        far: String,
+        /// The end without any increment [s]
+        #[arg(long, default_value_t = 5.0)]
+        idle: f64,
+    },
+    /// Round trips at 2 kHz in alternating blocks: with relay and tunnels, and without
+    RoundTrips {
+        near: String,
+        far: String,
+        /// A program that runs relay and tunnels until SIGTERM
+        link: PathBuf,
+        #[arg(long, default_value_t = 12)]
+        blocks: usize,
+    },
+}
+
+fn main() -> ExitCode {
+    let result = match What::parse() {
+        What::Compare { near, far, idle } => compare(&near, &far, Duration::from_secs_f64(idle)),
+        What::RoundTrips { near, far, link, blocks } => round_trips(&near, &far, &link, blocks),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            println!("network: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn options(name: &str) -> Outcome<Options> {
+    Ok(Options { domain: domain(Some(name))?, timeout: PATIENCE })
+}
+
+fn reader(name: &str) -> Outcome<IncrementReader> {
+    Ok(IncrementReader::new(IMU.parse::<ImuId>()?, &options(name)?))
+}
+
+/// What has been seen of both sides.
+#[derive(Default)]
+struct Seen {
+    /// What the far side has not shown yet, by session and sequence, with its time at the near side.
+    waiting: BTreeMap<(u64, u64), (u64, CompensatedIncrement)>,
+    /// What the far side has shown between the two looks of a turn, before the near side was looked at again.
+    early: BTreeMap<(u64, u64), CompensatedIncrement>,
+    near: u64,
+    far: u64,
+    near_missing: u64,
+    different: u64,
+    added_ns: Vec<u64>,
+    last: Option<(u64, u64)>,
+}
+
+impl Seen {
+    fn near(&mut self, now: u64, increment: CompensatedIncrement) {
+        let (session, sequence) = (increment.session, increment.sequence);
+        if let Some((_, last)) = self.last.filter(|(last, _)| *last == session) {
+            self.near_missing += sequence.saturating_sub(last + 1);
+        }
+        self.last = Some((session, sequence));
+        self.near += 1;
+        match self.early.remove(&(session, sequence)) {
+            Some(copy) => self.pair(&increment, &copy, 0),
+            None => drop(self.waiting.insert((session, sequence), (now, increment))),
+        }
+    }
+
+    fn far(&mut self, now: u64, increment: CompensatedIncrement) {
+        self.far += 1;
+        let key = (increment.session, increment.sequence);
+        match self.waiting.remove(&key) {
+            Some((then, original)) => self.pair(&original, &increment, now.saturating_sub(then)),
+            None => drop(self.early.insert(key, increment)),
+        }
+    }
+
+    fn pair(&mut self, original: &CompensatedIncrement, copy: &CompensatedIncrement, added_ns: u64) {
+        self.different += u64::from(bits(original) != bits(copy));
+        self.added_ns.push(added_ns);
+    }
+
+    fn print(mut self) {
+        self.added_ns.sort_unstable();
+        println!(
+            "  near {} ({} missing), far {}: {} different, {} unknown to the near side, {} lost",
+            self.near,
+            self.near_missing,
+            self.far,
+            self.different,
+            self.early.len(),
+            self.waiting.len()
+        );
+        if !self.added_ns.is_empty() {
+            println!("  added latency [ms]: {}", percentiles(&self.added_ns, 1e6));
+        }
+    }
+}
+
+/// Every bit of an increment.
+fn bits(increment: &CompensatedIncrement) -> ([u64; 8], [u32; 2]) {
+    let CompensatedIncrement {
+        session,
+        sequence,
+        timestamp_ns,
+        interval_ns,
+        velocity_increment: [x, y, z],
+        table,
+        flags,
+        latency_ns,
+    } = *increment;
+    let [x, y, z] = [x, y, z].map(f64::to_bits);
+    ([session, sequence, timestamp_ns, interval_ns, x, y, z, table], [flags, latency_ns])
+}
+
+fn percentiles(sorted: &[u64], unit: f64) -> String {
+    let at =
+        |part: f64| sorted[((sorted.len() as f64 * part).ceil() as usize).clamp(1, sorted.len()) - 1] as f64 / unit;
+    format!("p50 {:.2}, p99 {:.2}, p99.9 {:.2}, max {:.2}", at(0.5), at(0.99), at(0.999), at(1.0))
+}
+
+fn compare(near: &str, far: &str, idle: Duration) -> Outcome<()> {
+    let (mut near, mut far) = (reader(near)?, reader(far)?);
+    let (started, mut seen) = (Instant::now(), Seen::default());
+    let (mut near_at, mut far_at) = (started, started);
+    let (mut silent, mut paused) = (true, true);
+    while near_at.elapsed() < idle.max(GRACE) {
+        while let Some(increment) = near.receive()? {
+            // Before the far side has shown anything there is nothing to compare with.
+            if paused {
+                println!("  {:8.3} s: near side flows", started.elapsed().as_secs_f64());
+            }
+            (near_at, paused) = (Instant::now(), false);
+            seen.near(monotonic_ns(), increment);
+        }
+        while let Some(increment) = far.receive()? {
+            if silent {
+                let key = (increment.session, increment.sequence);
+                println!(
+                    "  {:8.3} s: far side flows, {} increments behind it have not come",
+                    started.elapsed().as_secs_f64(),
+                    seen.waiting.range(..key).count()
+                );
+            }
+            (far_at, silent) = (Instant::now(), false);
+            seen.far(monotonic_ns(), increment);
+        }
+        if !silent && far_at.elapsed() > SILENCE {
+            println!("  {:8.3} s: far side silent", (far_at - started).as_secs_f64());
+            silent = true;
+        }
+        if !paused && near_at.elapsed() > SILENCE {
+            println!("  {:8.3} s: near side silent", (near_at - started).as_secs_f64());
+            paused = true;
+        }
+        thread::sleep(TURN);
+    }
+    seen.print();
+    Ok(())
+}
+
+/// Relay and tunnels, which do not outlive their block.
+struct Link(Child);
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // Orderly, so that the next block does not begin with clearing away.
+        let _ = kill_process(Pid::from_child(&self.0), Signal::TERM);
+        let _ = self.0.wait();
+    }
+}
+
+fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> Outcome<()> {
+    let mut acquisition = Acquisition::connect(&IMU.parse()?, &options(near)?)?;
+    let mut times = [Vec::new(), Vec::new()];
+    for block in 0..2 * blocks {
+        let with = block % 2;
+        let _link = if with == 1 { Some(Link(Command::new(link).stdin(Stdio::null()).spawn()?)) } else { None };
+        let (mut far, started) = (reader(far)?, Instant::now());
+        while with == 1 && far.receive()?.is_none() {
+            run(&mut acquisition, Duration::from_millis(10), &mut Vec::new())?;
+            if started.elapsed() > 4 * PATIENCE {
+                return Err("nothing arrives at the far side".into());
+            }
+        }
+        run(&mut acquisition, Duration::from_millis(200), &mut Vec::new())?;
+        run(&mut acquisition, Duration::from_secs(2), &mut times[with])?;
+    }
+    for (name, times) in ["without", "with"].iter().zip(&mut times) {
+        times.sort_unstable();
+        println!("  {name:8} [us]: {} ({} round trips)", percentiles(times, 1e3), times.len());
+    }
+    Ok(())
+}
+
+/// Round trips at 2 kHz, spinning for the answer.
+fn run(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> Outcome<()> {
+    let started = Instant::now();
+    let mut due = started;
+    while started.elapsed() < duration {
+        due += Duration::from_micros(500);
+        thread::sleep(due.saturating_duration_since(Instant::now()));
+        let mut loan = acquisition.loan()?;
+        let (session, sequence) = (loan.session, loan.sequence);
+        *loan = RawSample { session, sequence, interval_ns: 500_000, ..RawSample::default() };
+        let begun = Instant::now();
+        acquisition.compensate(loan, PATIENCE)?;
+        times.push(begun.elapsed().as_nanos() as u64);
+    }
+    Ok(())
+}
