@@ -48,7 +48,7 @@ pub type IncrementReader = Reader<CompensatedIncrement>;
 
 /// Reads the raw samples of one IMU as the acquisition sends them: for recorders.
 ///
-/// One that sleeps for more than the queue's depth ([`RAW_DEPTH`](isotherm_shared::stream::RAW_DEPTH)) finds the oldest
+/// One that sleeps for more than the queue's depth ([`RECORDER_DEPTH`](isotherm_shared::stream::RECORDER_DEPTH)) finds the oldest
 /// there; the queue took no more. Acquisition and service never notice.
 pub type RawReader = Reader<RawSample>;
 

@@ -12,7 +12,10 @@ mod failure;
 mod files;
 mod leftovers;
 mod logging;
+#[cfg(feature = "record")]
+mod record;
 mod reload;
+mod samples;
 mod served;
 mod sigbus;
 mod status;

@@ -6,6 +6,8 @@ mod clean;
 mod demo;
 mod feed;
 mod parse;
+#[cfg(feature = "record")]
+mod record;
 mod regress;
 mod replay;
 mod serve;
@@ -43,6 +45,8 @@ enum Command {
     Serve(serve::Serve),
     Feed(feed::Feed),
     Replay(replay::Replay),
+    #[cfg(feature = "record")]
+    Record(record::Record),
     Calibrate(calibrate::Calibrate),
     Regress(regress::Regress),
     Verify(verify::Verify),
@@ -72,6 +76,8 @@ impl Cli {
             Command::Serve(serve) => serve.run(&domain),
             Command::Feed(feed) => feed.run(domain),
             Command::Replay(replay) => replay.run(),
+            #[cfg(feature = "record")]
+            Command::Record(record) => record.run(domain),
             Command::Calibrate(calibrate) => calibrate.run(),
             Command::Verify(verify) => verify.run(),
             Command::Regress(regress) => regress.run(),
