@@ -50,6 +50,7 @@ impl Failure {
             RecordingError::Data { line, message } => {
                 Self::new(Exit::Data, format!("{}:{line}: {message}", path.display()))
             }
+            RecordingError::Place { .. } => Self::new(Exit::Data, format!("{}: {error}", path.display())),
             RecordingError::Io(error) => Self::io("reading", path, error),
         }
     }

@@ -15,7 +15,11 @@ mod leftovers;
 mod logging;
 #[cfg(feature = "metrics")]
 mod metrics;
+#[cfg(feature = "record")]
+mod record;
 mod reload;
+#[cfg(feature = "tools")]
+mod samples;
 mod served;
 mod sigbus;
 mod status;

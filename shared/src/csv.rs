@@ -14,6 +14,14 @@ pub enum RecordingError {
         /// What is wrong and what would be right.
         message: String,
     },
+    /// Something in data that have no lines is wrong.
+    #[error("{place}: {message}")]
+    Place {
+        /// Row, message or byte.
+        place: String,
+        /// What is wrong and what would be right.
+        message: String,
+    },
     /// The source could not be read.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -181,6 +189,12 @@ impl<R: Read> Rows<R> {
         let (begin, end) = self.fields[index];
         let row = if self.quoted { &self.unquoted } else { &self.text };
         row[begin..end].trim_ascii()
+    }
+
+    /// Whether the row's line has an end, as the last one of a text may not.
+    #[must_use]
+    pub fn is_terminated(&self) -> bool {
+        self.text.ends_with(b"\n")
     }
 
     /// An error about the current row.

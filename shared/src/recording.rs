@@ -19,8 +19,30 @@ pub use crate::csv::RecordingError;
 pub struct RawReader<R> {
     rows: Rows<R>,
     columns: Columns,
-    previous: Option<(u64, u64)>,
+    rising: Rising,
+    /// Line of the row that was cut off.
+    cut: Option<u64>,
     failed: bool,
+}
+
+/// The rule that holds for raw samples in any format: within a session the sequence rises.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rising(Option<(u64, u64)>);
+
+impl Rising {
+    /// Takes the next sample.
+    ///
+    /// # Errors
+    /// With what is wrong, if it is not behind the one before.
+    pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
+        let previous = self.0.replace((sample.session, sample.sequence));
+        match previous {
+            Some((session, sequence)) if session == sample.session && sequence >= sample.sequence => {
+                Err(format!("sequence {} after {sequence}; it must rise from row to row", sample.sequence))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 struct Columns {
@@ -34,6 +56,8 @@ struct Columns {
     board: [Column; AXES],
     session: Option<Column>,
     telemetry_ns: Option<Column>,
+    /// Whether `isotherm record` wrote it.
+    recorded: bool,
 }
 
 impl<R: Read> RawReader<R> {
@@ -45,7 +69,14 @@ impl<R: Read> RawReader<R> {
         let mut rows = Rows::new(source);
         rows.next_row()?;
         let columns = Columns::find(&rows)?;
-        Ok(Self { rows, columns, previous: None, failed: false })
+        Ok(Self { rows, columns, rising: Rising::default(), cut: None, failed: false })
+    }
+
+    /// What is to be said about the end of the text, if there is something: of a recording by `isotherm record`, which ends every
+    /// line, a last line without end is what a crash has cut; it is left out.
+    #[must_use]
+    pub fn cut(&self) -> Option<String> {
+        self.cut.map(|line| format!("the recording was not ended properly: line {line} is cut and left out"))
     }
 
     fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
@@ -53,6 +84,11 @@ impl<R: Read> RawReader<R> {
             return Ok(None);
         }
         let (row, columns) = (&self.rows, &self.columns);
+        // Whatever it looks like, its last number may have been longer.
+        if columns.recorded && !row.is_terminated() {
+            self.cut = Some(row.line());
+            return Ok(None);
+        }
         row.expect_len(columns.count)?;
         let optional = |column: &Option<Column>| column.as_ref().map_or(Ok(0), |column| row.integer(column));
         let mut sample = RawSample {
@@ -69,15 +105,7 @@ impl<R: Read> RawReader<R> {
             sample.head_temperature[axis] = row.float(&columns.head[axis])?;
             sample.board_temperature[axis] = row.float(&columns.board[axis])?;
         }
-        if let Some((session, sequence)) = self.previous
-            && session == sample.session
-            && sequence >= sample.sequence
-        {
-            return Err(
-                row.error(format!("sequence {} after {sequence}; it must rise from row to row", sample.sequence))
-            );
-        }
-        self.previous = Some((sample.session, sample.sequence));
+        self.rising.check(&sample).map_err(|message| self.rows.error(message))?;
         Ok(Some(sample))
     }
 }
@@ -109,8 +137,20 @@ impl Columns {
         let [sequence, timestamp_ns, interval_ns] = triple();
         let (positive, negative, head, board) = (triple(), triple(), triple(), triple());
         let (session, telemetry_ns) = (header.optional_column("session")?, header.optional_column("telemetry_ns")?);
-        let count = header.len();
-        Ok(Self { count, sequence, timestamp_ns, interval_ns, positive, negative, head, board, session, telemetry_ns })
+        let (count, recorded) = (header.len(), header.optional_column("recorded_ns")?.is_some());
+        Ok(Self {
+            count,
+            sequence,
+            timestamp_ns,
+            interval_ns,
+            positive,
+            negative,
+            head,
+            board,
+            session,
+            telemetry_ns,
+            recorded,
+        })
     }
 }
 
@@ -309,6 +349,18 @@ mod tests {
         assert_eq!(samples[0].head_temperature[..2], [1e-3, f64::NEG_INFINITY]);
         assert!(samples[0].head_temperature[2].is_nan());
         assert_eq!((samples[0].session, samples[0].telemetry_ns), (0, 0));
+    }
+
+    #[test]
+    fn a_recorders_last_line_without_end_is_left_out() {
+        let row = "3.5,1,32,31,2.5,1,22,21,1.5,1,12,11,9,400,300,";
+        for (extra, count) in [("extra", 2), ("recorded_ns", 1)] {
+            let text = format!("{}\n{row}7\n{row}8", HEADER.replace("extra", extra));
+            let mut reader = RawReader::new(text.as_bytes()).unwrap();
+            let samples: Vec<_> = (&mut reader).map(Result::unwrap).collect();
+            assert_eq!(samples.len(), count, "{extra}");
+            assert_eq!(reader.cut().is_some_and(|cut| cut.contains("line 3 is cut")), count == 1);
+        }
     }
 
     #[test]

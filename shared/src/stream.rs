@@ -21,13 +21,15 @@ use iceoryx2::service::internal::ServiceInternal;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use sha2::{Digest as _, Sha256};
 
-/// Raw samples that a subscriber's queue holds. A full queue discards the newest; an acquisition keeps at most this many
-/// unanswered, so that the service's cannot overflow.
+/// Raw samples that the service's queue holds at most. A full queue discards the newest; an acquisition keeps at most this many
+/// unanswered, so that it cannot overflow.
 pub const RAW_DEPTH: usize = 64;
+/// Raw samples that a recorder's queue holds: it may sleep for as long as they take, 51 ms at 10 kHz.
+pub const RECORDER_DEPTH: usize = 512;
 /// Subscribers of a raw stream: the service and recorders.
 pub const RAW_SUBSCRIBERS: usize = 8;
 /// Increments that a reader's queue holds; the oldest are overwritten.
-pub const INCREMENT_DEPTH: usize = 256;
+pub const INCREMENT_DEPTH: usize = 512;
 /// Subscribers of an increment stream.
 pub const INCREMENT_SUBSCRIBERS: usize = 16;
 /// Samples that a subscriber may hold on to at once.
@@ -90,7 +92,7 @@ pub fn raw(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<RawSample> {
         .max_publishers(1)
         .max_subscribers(RAW_SUBSCRIBERS)
         .max_nodes(NODES)
-        .subscriber_max_buffer_size(RAW_DEPTH)
+        .subscriber_max_buffer_size(RECORDER_DEPTH)
         .subscriber_max_borrowed_samples(BORROWED)
         .history_size(0)
         .enable_safe_overflow(false)

@@ -3,7 +3,7 @@
 
 use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RAW_DEPTH};
+use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
 use isotherm_tests::{PATIENCE, RUN, TABLE, World, id, recording, round_trip, same, table, wait_until};
 use std::collections::BTreeSet;
 use std::fs;
@@ -74,7 +74,7 @@ fn a_stalled_recorder_loses_its_own_copies_only() {
         assert!(same(&increment, &answer(Some(&exact), &raw)));
     }
     let recorded: Vec<_> = std::iter::from_fn(|| recorder.receive().unwrap()).map(|sample| sample.sequence).collect();
-    assert_eq!(recorded, (0..RAW_DEPTH as u64).collect::<Vec<_>>(), "its queue was full with the first ones");
+    assert_eq!(recorded, (0..RECORDER_DEPTH as u64).collect::<Vec<_>>(), "its queue was full with the first ones");
     let status = world.imu_status();
     assert_eq!((&status["received"], &status["gaps"]), (&1000.into(), &0.into()));
     service.terminate();
@@ -216,6 +216,6 @@ fn a_foreign_creator_of_our_stream_is_named() {
     let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
     // Ours, as a peer sees it.
     let ours = stream::raw(&node, &id("imu-a")).open().unwrap();
-    assert_eq!(iceoryx2::prelude::PortFactory::static_config(&ours).subscriber_max_buffer_size(), RAW_DEPTH);
+    assert_eq!(iceoryx2::prelude::PortFactory::static_config(&ours).subscriber_max_buffer_size(), RECORDER_DEPTH);
     service.terminate();
 }

@@ -11,6 +11,7 @@ mod floor;
 mod load;
 mod open;
 mod paths;
+mod record;
 mod report;
 mod scale;
 mod throughput;
@@ -48,6 +49,8 @@ enum What {
     Scale,
     /// 16 samples in flight
     Throughput,
+    /// 4 IMUs at 10 kHz, with and without a recorder
+    Record,
 }
 
 /// How much is measured.
@@ -76,7 +79,7 @@ fn main() -> ExitCode {
     let words: Vec<_> = std::env::args().skip(1).collect();
     let words: Vec<_> = words.iter().map(String::as_str).collect();
     let result = match words.as_slice() {
-        ["serve", ..] => {
+        ["serve" | "record", "-o" | "--config", ..] => {
             become_child();
             return isotherm_service::main();
         }
@@ -124,11 +127,14 @@ fn bench(arguments: &Arguments) -> Outcome<()> {
         Some(What::Load) => load::measure(effort)?,
         Some(What::Scale) => scale::measure(effort)?,
         Some(What::Throughput) => throughput::measure(effort)?,
+        Some(What::Record) => record::measure(effort)?,
     };
     document["machine"] = machine;
     document["seconds"] = Value::from(started.elapsed().as_secs_f64());
     if arguments.json {
         println!("{document:#}");
+    } else if document["record"].is_object() {
+        record::print(&document);
     } else {
         report::print(&document);
     }

@@ -1,10 +1,11 @@
 use super::{apart, options, seconds, written};
 use crate::failure::{Exit, Failure};
-use crate::files::{Output, open_recording};
+use crate::files::Output;
+use crate::samples::{Pick, Samples};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use isotherm_client::{Acquisition, Domain, ImuId, Loan, RawSample};
-use isotherm_shared::recording::{IncrementWriter, RawReader};
+use isotherm_shared::recording::IncrementWriter;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,8 +27,10 @@ pub struct Feed {
     /// The IMU whose acquisition this is
     #[arg(long, value_name = "ID")]
     imu: ImuId,
-    /// Recording of raw samples (CSV); - is stdin
-    #[arg(value_name = "RAW.csv")]
+    /// Recording of raw samples (CSV, Parquet, MCAP); - is stdin
+    ///
+    /// Of one with several IMUs, the samples of this one
+    #[arg(value_name = "RAW")]
     recording: PathBuf,
     /// Where the increments go (CSV); - is stdout
     #[arg(short, long, value_name = "OUT.csv")]
@@ -51,10 +54,7 @@ impl Feed {
         let path = self.output.as_deref();
         apart(&[(&self.recording, "the recording itself")], &[path])?;
         let progress = progress(&self.recording, path.is_some());
-        let source = open_recording(&self.recording);
-        let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
-        let failed = |error| Failure::recording(&self.recording, &error);
-        let reader = RawReader::new(progress.wrap_read(source)).map_err(failed)?;
+        let samples = Samples::open(&self.recording, Pick::Rather(&self.imu), &progress)?;
         // Before anything is sent it must be sure that the answers can be written.
         let sink = Output::create(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
@@ -69,14 +69,14 @@ impl Feed {
         let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
         let (mut due, mut session) = (heard, None);
         let result = (|| {
-            for sample in reader {
+            for sample in samples {
                 let sample = match sample {
                     Ok(sample) => sample,
                     Err(error) => {
                         // What has been sent is written, as `replay` would have.
                         line.drain()?;
                         line.writer.flush().map_err(Interrupted::Write)?;
-                        return Err(failed(error).into());
+                        return Err(error.into());
                     }
                 };
                 if session.is_some_and(|session| session != sample.session) {

@@ -6,6 +6,8 @@ mod demo;
 mod feed;
 mod generate;
 mod parse;
+#[cfg(feature = "record")]
+mod record;
 mod regress;
 mod relay;
 mod replay;
@@ -29,6 +31,8 @@ pub enum Tool {
     Demo(demo::Demo),
     Feed(feed::Feed),
     Replay(replay::Replay),
+    #[cfg(feature = "record")]
+    Record(record::Record),
     Calibrate(calibrate::Calibrate),
     Regress(regress::Regress),
     Verify(verify::Verify),
@@ -48,6 +52,8 @@ impl Tool {
             Self::Demo(demo) => demo.run(domain),
             Self::Feed(feed) => feed.run(domain),
             Self::Replay(replay) => replay.run(),
+            #[cfg(feature = "record")]
+            Self::Record(record) => record.run(domain),
             Self::Calibrate(calibrate) => calibrate.run(),
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),

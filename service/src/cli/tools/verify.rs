@@ -2,11 +2,12 @@ use super::calibrate::{bytes_bar, now, tool};
 use super::parse::{direction, gravity};
 use super::{Aside, apart, seconds, written};
 use crate::failure::{Exit, Failure};
-use crate::files::{Guard, load_table, open_recording};
+use crate::files::{Guard, load_table};
+use crate::samples::{Pick, Samples};
 use clap::Args;
 use isotherm_calibration::report::verification::{Source, html};
 use isotherm_calibration::stability::{Collector, Force, Setup, Stability};
-use isotherm_shared::recording::RawReader;
+use isotherm_client::ImuId;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
@@ -26,8 +27,11 @@ pub struct Verify {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
-    /// Recording of raw samples (CSV); - is stdin
-    #[arg(value_name = "RAW.csv")]
+    /// Whose samples, in a recording of several IMUs [default: the table's IMU's]
+    #[arg(long, value_name = "ID")]
+    imu: Option<ImuId>,
+    /// Recording of raw samples (CSV, Parquet, MCAP); - is stdin
+    #[arg(value_name = "RAW")]
     recording: PathBuf,
     /// Length of the windows that means are taken over [s]
     #[arg(long, value_name = "S", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
@@ -56,14 +60,12 @@ impl Verify {
         apart(&inputs, &[self.report.as_deref()])?;
         let (table, _) = load_table(&self.table, None, Guard::Lax)?;
         let report = self.report.as_deref().map(|path| Aside::create(Some(path))).transpose()?;
-        let source = open_recording(&self.recording);
-        let source = source.map_err(|error| Failure::io("opening", &self.recording, &error))?;
-        let failed = |error| Failure::recording(&self.recording, &error);
+        let pick = self.imu.as_ref().map_or(Pick::Rather(&table.content().imu), Pick::Only);
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.as_secs_f64();
         let mut collector = Collector::new(&table, window_s);
-        for sample in RawReader::new(bar.wrap_read(source)).map_err(failed)? {
-            collector.add(&sample.map_err(failed)?);
+        for sample in Samples::open(&self.recording, pick, &bar)? {
+            collector.add(&sample?);
         }
         bar.finish_and_clear();
         let setup = Setup {
