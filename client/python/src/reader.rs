@@ -24,7 +24,7 @@ pub struct IncrementReader {
 #[pymethods]
 impl IncrementReader {
     #[new]
-    #[pyo3(signature = (imu, domain = None, timeout = Some(5.0)))]
+    #[pyo3(signature = (imu, domain = None, timeout = Some(5.0)), text_signature = "(imu, domain=None, timeout=5.0)")]
     fn new(py: Python<'_>, imu: &str, domain: Option<&str>, timeout: Option<f64>) -> PyResult<Self> {
         let id = imu_id(imu)?;
         let client = match timeout {

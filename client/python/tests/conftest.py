@@ -17,10 +17,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import isotherm
 import numpy as np
 import pytest
-
-import isotherm
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 BINARY = Path(os.environ.get("ISOTHERM_BINARY", REPOSITORY / "target/debug/isotherm"))

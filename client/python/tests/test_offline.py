@@ -10,12 +10,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import isotherm
 import numpy as np
 import pandas as pd
 import pytest
 from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE
-
-import isotherm
 from isotherm import _isotherm, _offline
 
 
@@ -25,7 +24,7 @@ def command(*arguments: str | Path) -> str:
 
 def without_what_differs(text: str) -> str:
     """A table file less what tells the program and the time."""
-    return re.sub(r'^(tool|time) = .*\n', "", text, flags=re.MULTILINE)
+    return re.sub(r"^(tool|time) = .*\n", "", text, flags=re.MULTILINE)
 
 
 def test_records_and_flags_are_those_of_the_wire() -> None:
@@ -141,7 +140,9 @@ def test_any_layout_gives_the_same(table: isotherm.Table, recorded: isotherm.Rec
     assert replayed(spread[::2]) == right
     assert replayed(recorded[::-1][::-1]) == right
     assert replayed(recorded.astype(recorded.dtype.newbyteorder())) == right
-    wide = np.dtype([("extra", np.int8), ("interval_ns", np.int64), *[d for d in isotherm.RAW_SAMPLE.descr if d[0] not in ("interval_ns", "session")]])
+    wide = np.dtype(
+        [("extra", np.int8), ("interval_ns", np.int64), *[d for d in isotherm.RAW_SAMPLE.descr if d[0] not in ("interval_ns", "session")]]
+    )
     other = np.zeros(len(recorded), wide)
     for name in isotherm.RAW_SAMPLE.names or ():
         if name != "session":
@@ -152,7 +153,6 @@ def test_any_layout_gives_the_same(table: isotherm.Table, recorded: isotherm.Rec
     assert isotherm.replay(table, recorded[:0]).shape == (0,)
     frame = pd.read_csv(RUN)
     assert len(isotherm.replay(table, frame[:0])) == 0
-    assert isotherm.replay(table, frame[::7]).equals(isotherm.replay(table, frame)[::7]) or True
     assert (isotherm.replay(table, frame[::7])["a1_dv"] == isotherm.replay(table, frame)["a1_dv"][::7]).all()
     # Contiguous records are read where they are.
     assert np.shares_memory(_offline.as_bytes(_offline.records(recorded, isotherm.RAW_SAMPLE)), recorded)
@@ -163,7 +163,13 @@ def test_what_is_no_sample_is_refused_by_name(table: isotherm.Table, recorded: i
         with pytest.raises(TypeError):
             isotherm.replay(table, wrong)  # type: ignore[call-overload]
     frame = pd.read_csv(RUN)
-    for column, value in [("sequence", -1), ("a1_positive", 2**32), ("a2_negative", 0.5), ("interval_ns", np.nan), ("timestamp_ns", 1.9e19)]:
+    for column, value in [
+        ("sequence", -1),
+        ("a1_positive", 2**32),
+        ("a2_negative", 0.5),
+        ("interval_ns", np.nan),
+        ("timestamp_ns", 1.9e19),
+    ]:
         wrong = frame.astype({column: float if isinstance(value, float) else "int64"})
         wrong.loc[5, column] = value
         with pytest.raises(ValueError, match=f"(?s){column.rpartition('_')[2] if column[0] == 'a' else column}.*row 5"):
@@ -175,9 +181,8 @@ def test_what_is_no_sample_is_refused_by_name(table: isotherm.Table, recorded: i
     flat = np.dtype([(name, np.float64) for name in isotherm.RAW_SAMPLE.names or ()])
     with pytest.raises(TypeError, match="positive_pulses"):
         isotherm.replay(table, np.zeros(2, flat))
-    for native in (_isotherm.replay,):
-        with pytest.raises(TypeError):
-            native(table, recorded)  # type: ignore[arg-type]
+    with pytest.raises(TypeError):
+        _isotherm.replay(table, recorded)  # type: ignore[arg-type]
 
 
 def test_threads_replay_side_by_side(table: isotherm.Table, recorded: isotherm.Records) -> None:
@@ -278,7 +283,21 @@ def test_regress_is_the_command(tmp_path: Path) -> None:
     frame["w"] = 1.0 + frame.index % 3
     frame.to_csv(tmp_path / "weighted.csv", index=False)
     right = json.loads(
-        command("regress", tmp_path / "weighted.csv", "--x", "x", "--y", "y", "--weights", "w", "--max-order", "4", "--min-effect", "0.5", "--json")
+        command(
+            "regress",
+            tmp_path / "weighted.csv",
+            "--x",
+            "x",
+            "--y",
+            "y",
+            "--weights",
+            "w",
+            "--max-order",
+            "4",
+            "--min-effect",
+            "0.5",
+            "--json",
+        )
     )
     got = isotherm.regress(frame["x"].to_numpy(), frame["y"].tolist(), weights=frame["w"], max_order=4, min_effect=0.5)
     assert got["orders"] == right["orders"] and got["reason"] == right["reason"]
@@ -322,7 +341,12 @@ def test_verify_is_the_command(tmp_path: Path) -> None:
 
 
 def test_a_campaign_mapping_becomes_toml() -> None:
-    settings = {"imu": 'a"\n\x7f\u00e9', "n": 3, "f": np.float64(1e-7), "position": [{"number": 1, "specific_force": np.array([0.0, 0.0, 1.0])}]}
+    settings = {
+        "imu": 'a"\n\x7f\u00e9',
+        "n": 3,
+        "f": np.float64(1e-7),
+        "position": [{"number": 1, "specific_force": np.array([0.0, 0.0, 1.0])}],
+    }
     assert tomllib.loads(_offline.campaign_toml(settings)) == {
         "samples": "samples", "imu": 'a"\n\x7f\u00e9', "n": 3, "f": 1e-7, "position": [{"number": 1, "specific_force": [0.0, 0.0, 1.0]}],
     }  # fmt: skip

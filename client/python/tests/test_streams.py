@@ -12,11 +12,10 @@ import time
 import warnings
 from collections.abc import Callable
 
+import isotherm
 import numpy as np
 import pytest
 from conftest import PATIENCE, World, same, wait_for
-
-import isotherm
 
 
 def fill(loan: isotherm.Loan, sample: isotherm.Records) -> None:

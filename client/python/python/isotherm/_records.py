@@ -121,7 +121,12 @@ def _columns(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[str, Any]:
     if missing:
         raise ValueError(f"missing columns: {', '.join(missing)}; is this a recording of raw samples?")
     found = {name: columns for name, columns in wanted.items() if all(column in frame for column in columns)}
-    return {name: [frame[column].to_numpy() for column in columns] for name, columns in found.items()}
+    parts: dict[str, Any] = {name: [frame[column].to_numpy() for column in columns] for name, columns in found.items()}
+    if "position" in parts:
+        # An empty field of a file, missing in a data frame: the table moves.
+        number = frame["position"].to_numpy(dtype=np.float64, na_value=np.nan)
+        parts["position"] = [np.where(np.isnan(number), -1.0, number)]
+    return parts
 
 
 def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
@@ -133,10 +138,6 @@ def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDA
             raise TypeError(f"{name} has the type {values.dtype}, give numbers")
         return values.astype(dtype)
     limits = np.iinfo(dtype)
-    if name == "position" and values.dtype.kind in "fO":
-        # An empty field of a file is NaN in a data frame: the table moves.
-        values = values.astype(np.float64)
-        values = np.where(np.isnan(values), -1, values)
     if values.dtype.kind not in "fiu":
         raise TypeError(f"{name} has the type {values.dtype}, give whole numbers")
     if values.dtype.kind == "f":
@@ -212,7 +213,7 @@ def flat_doubles(values: object) -> npt.NDArray[np.float64]:
     return np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
 
 
-def increments_frame(increments: Records, index: object) -> pd.DataFrame:
+def increments_frame(increments: Records, index: pd.Index[Any]) -> pd.DataFrame:
     """Increments as the columns of a recording."""
     import pandas as pd
 
@@ -221,6 +222,8 @@ def increments_frame(increments: Records, index: object) -> pd.DataFrame:
     data |= {f"a{axis + 1}_dv": dv[:, axis] for axis in range(3)}
     tables, table = np.unique(increments["table"], return_inverse=True)
     flags, flag = np.unique(increments["flags"] & np.uint32(SAMPLE_FLAGS), return_inverse=True)
-    data["table"] = pd.Categorical.from_codes(table, [f"{value:016x}" for value in tables])
-    data["flags"] = pd.Categorical.from_codes(flag, ["|".join(flag_names(int(value))) or "-" for value in flags])
+    names = [f"{value:016x}" for value in tables.tolist()]
+    data["table"] = pd.Categorical.from_codes(table, dtype=pd.CategoricalDtype(names))
+    names = ["|".join(flag_names(value)) or "-" for value in flags.tolist()]
+    data["flags"] = pd.Categorical.from_codes(flag, dtype=pd.CategoricalDtype(names))
     return pd.DataFrame(data, index=index)
