@@ -6,12 +6,11 @@
 
 use crate::positions::{Position, SAME_DIRECTION, mount, specific_force};
 use isotherm_shared::document::{Document, Faults, Section};
-use isotherm_shared::recording::{CampaignReader, CampaignRow, RecordingError};
+use isotherm_shared::recording::{CampaignRow, RecordingError};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_RANGE, OutOfRange};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
 use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
-use std::io::Read;
 
 /// What a campaign file says.
 #[derive(Clone, Debug, PartialEq)]
@@ -365,12 +364,15 @@ pub fn range(ranges: impl IntoIterator<Item = [f64; 2]>) -> [f64; 2] {
     all
 }
 
-/// Reads the samples of `campaign`.
+/// Reads the samples of `campaign`: a [`CampaignReader`](isotherm_shared::recording::CampaignReader), or rows from elsewhere.
 ///
 /// # Errors
 /// At the first row that cannot be read or used, with its line: an unknown position, time that does not rise, an interval out of
 /// range or longer than the time since the row before, telemetry that is no number.
-pub fn read<R: Read>(campaign: &Campaign, rows: CampaignReader<R>) -> Result<Vec<Dwell>, RecordingError> {
+pub fn read(
+    campaign: &Campaign,
+    rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
+) -> Result<Vec<Dwell>, RecordingError> {
     let mut dwells: Vec<Dwell> = Vec::new();
     let mut previous: Option<CampaignRow> = None;
     let mut open = false;

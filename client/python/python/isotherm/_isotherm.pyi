@@ -1,0 +1,352 @@
+# The native module. Only `isotherm` is for users.
+
+import os
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Any, Final, Self, final, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from ._records import Records
+
+_Bytes = npt.NDArray[np.uint8]
+_Doubles = npt.NDArray[np.float64]
+_Path = str | os.PathLike[str]
+_Triple = tuple[float, float, float]
+_Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
+_Telemetry = Sequence[float] | npt.NDArray[np.floating[Any]]
+
+__all__: Final[list[str]]
+__version__: Final[str]
+FLAGS: Final[list[tuple[int, str]]]
+
+@final
+class Acquisition:
+    """The one acquisition process of an IMU. Belongs to the thread that made it.
+
+    Waits up to `timeout` seconds for the service of `domain` (a name; else ISOTHERM_DOMAIN, else "default").
+    """
+
+    def __new__(cls, imu: str, domain: str | None = None, timeout: float = 5.0) -> Self: ...
+    @property
+    def imu(self) -> str:
+        """The IMU."""
+    @property
+    def session(self) -> int:
+        """The session that all samples carry, random for each connection."""
+    @property
+    def depth(self) -> int:
+        """The most samples that can be unanswered at once."""
+    @property
+    def in_flight(self) -> int:
+        """Samples sent whose answers have not been received."""
+    @property
+    def closed(self) -> bool:
+        """Whether it has been closed."""
+    def close(self) -> None:
+        """Leaves the streams. Loans that have not been sent are void then. A second time does nothing."""
+    def __enter__(self) -> Self: ...
+    def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
+    def begin_session(self) -> None:
+        """Begins a new session: the next sample may have any sequence. Fails while samples are unanswered."""
+    def loan(self) -> Loan:
+        """A sample to fill in, in shared memory; session and sequence are filled in already. At most 4 at once."""
+    def send(self, sample: Loan | Records | np.void) -> None:
+        """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied. Never waits.
+
+        Raises Full, with the sample, when `depth` samples are unanswered.
+        """
+    def receive(self, timeout: float = 0.0) -> Increment | None:
+        """The answer to the oldest unanswered sample, or None if it does not come in `timeout` seconds."""
+    def compensate(self, sample: Loan | Records | np.void, timeout: float = 1.0) -> Increment:
+        """The round trip: sends `sample` and waits for its increment. Raises Full or Timeout."""
+    def run(
+        self,
+        samples: object,
+        *,
+        window: int | None = None,
+        timeout: float = 15.0,
+        rate: float | None = None,
+        new_session: bool = True,
+    ) -> Records:
+        """Sends an array of RAW_SAMPLE, or a data frame, and gives the increments in the same order, as `isotherm feed` does.
+
+        At most `window` samples are in flight, `rate` is in samples per second. Raises Timeout when nothing is heard for `timeout` seconds.
+        With `new_session` the run is a session of its own, else its sequences must continue those sent before.
+        """
+
+@final
+class Loan:
+    """A raw sample in shared memory that is yours until it is sent. Every use after that raises Closed."""
+
+    @property
+    def session(self) -> int: ...
+    @property
+    def sequence(self) -> int:
+        """May be raised, to tell of samples that were lost before they could be sent."""
+    @sequence.setter
+    def sequence(self, value: int) -> None: ...
+    @property
+    def timestamp_ns(self) -> int:
+        """End of the control period on the acquisition's clock [ns]."""
+    @timestamp_ns.setter
+    def timestamp_ns(self, value: int) -> None: ...
+    @property
+    def interval_ns(self) -> int:
+        """Control period, the measured gate length [ns], 1 to 3 600 000 000 000."""
+    @interval_ns.setter
+    def interval_ns(self, value: int) -> None: ...
+    @property
+    def telemetry_ns(self) -> int:
+        """When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown."""
+    @telemetry_ns.setter
+    def telemetry_ns(self, value: int) -> None: ...
+    @property
+    def positive_pulses(self) -> tuple[int, int, int]:
+        """Pulses of the positive channels of A1, A2, A3 in the period."""
+    @positive_pulses.setter
+    def positive_pulses(self, values: _Pulses) -> None: ...
+    @property
+    def negative_pulses(self) -> tuple[int, int, int]:
+        """Pulses of the negative channels in the period, counted upwards from 0."""
+    @negative_pulses.setter
+    def negative_pulses(self, values: _Pulses) -> None: ...
+    @property
+    def head_temperature(self) -> _Triple:
+        """Telemetry of the sensor heads, in the table's unit."""
+    @head_temperature.setter
+    def head_temperature(self, values: _Telemetry) -> None: ...
+    @property
+    def board_temperature(self) -> _Triple:
+        """Telemetry of the converter boards, in the table's unit."""
+    @board_temperature.setter
+    def board_temperature(self, values: _Telemetry) -> None: ...
+    @property
+    def sent(self) -> bool:
+        """Whether it has been sent."""
+    def fill(self, sample: Records | np.void) -> None:
+        """Takes everything but the session from a record of RAW_SAMPLE, the sequence included."""
+    def merge(self, later: Loan | Records | np.void) -> None:
+        """Adds the next control period: pulses and intervals are summed, timestamp and telemetry become the later ones.
+
+        Raises OverflowError, and changes nothing, when a sum does not fit.
+        """
+    def to_numpy(self) -> Records:
+        """A copy, as an array of no dimension."""
+
+@final
+class Increment:
+    """One velocity increment."""
+
+    @property
+    def session(self) -> int: ...
+    @property
+    def sequence(self) -> int: ...
+    @property
+    def timestamp_ns(self) -> int: ...
+    @property
+    def interval_ns(self) -> int: ...
+    @property
+    def velocity_increment(self) -> _Triple:
+        """Along A1, A2, A3 [m/s]; NaN where it could not be computed."""
+    @property
+    def table(self) -> int:
+        """The id of the table that it was computed with, `Table.id`; 0 without one."""
+    @property
+    def flags(self) -> int:
+        """The bits of `Flags`."""
+    @property
+    def latency_ns(self) -> int:
+        """From sending to just before publishing."""
+    def to_numpy(self) -> Records:
+        """The same as an array of no dimension."""
+
+@final
+class IncrementReader:
+    """Reads the increments of one IMU as they are published. Belongs to the thread that made it.
+
+    Waits up to `timeout` seconds for the service; with None not at all, and connects when it comes.
+    """
+
+    def __new__(cls, imu: str, domain: str | None = None, timeout: float | None = 5.0) -> Self: ...
+    @property
+    def imu(self) -> str:
+        """The IMU."""
+    @property
+    def connected(self) -> bool:
+        """Whether the stream has been found. Stays true when the service stops."""
+    @property
+    def repeats(self) -> int:
+        """Increments that came again after a resend and were not handed out."""
+    @property
+    def closed(self) -> bool:
+        """Whether it has been closed."""
+    def close(self) -> None:
+        """Leaves the stream. A second time does nothing."""
+    def __enter__(self) -> Self: ...
+    def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
+    def receive(self, timeout: float = 0.0) -> Increment | None:
+        """The next increment, or None if none comes in `timeout` seconds."""
+    def read_available(self, limit: int | None = None) -> Records:
+        """All increments that are there now, at most `limit`; an empty array if there is none."""
+    def __iter__(self) -> Iterator[Increment]:
+        """Every increment as it comes; ends when the reader is closed."""
+    def __next__(self) -> Increment: ...
+
+@final
+class Table:
+    """A valid coefficient table. `str()` is its file."""
+
+    @staticmethod
+    def load(path: _Path) -> Table:
+        """Reads a table file. Raises TableError with all its faults."""
+    @staticmethod
+    def parse(text: str) -> Table:
+        """Reads a table file's text. Raises TableError with all its faults."""
+    @property
+    def imu(self) -> str: ...
+    @property
+    def serial(self) -> str | None: ...
+    @property
+    def gravity(self) -> float:
+        """The value of 1 g0 [m/s2]."""
+    @property
+    def temperature_unit(self) -> str: ...
+    @property
+    def out_of_range(self) -> str:
+        """clamp, extrapolate or reject."""
+    @property
+    def max_age_s(self) -> float | None: ...
+    @property
+    def digest(self) -> str:
+        """`sha256:` and 64 hexadecimal digits."""
+    @property
+    def id(self) -> int:
+        """The first 8 bytes of the digest, which increments carry."""
+    @property
+    def axes(self) -> tuple[Axis, Axis, Axis]:
+        """A1, A2, A3."""
+    @property
+    def alignment(self) -> list[list[float]] | None:
+        """Body-frame increment = matrix * sensor increment."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+
+@final
+class Axis:
+    """The coefficients of one accelerometer."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def bias(self) -> Polynomial:
+        """Against head telemetry."""
+    @property
+    def positive_scale_factor(self) -> Polynomial:
+        """K+ against board telemetry."""
+    @property
+    def negative_scale_factor(self) -> Polynomial:
+        """K- against board telemetry, negative."""
+    @property
+    def max_rate(self) -> float | None:
+        """Plausibility limit [pulse/s]."""
+
+@final
+class Polynomial:
+    """A polynomial of telemetry, evaluated as the service does, inside its range or not."""
+
+    @property
+    def unit(self) -> str: ...
+    @property
+    def coefficients(self) -> _Doubles:
+        """c0 first, of (telemetry - center) / scale."""
+    @property
+    def center(self) -> float: ...
+    @property
+    def scale(self) -> float: ...
+    @property
+    def range(self) -> tuple[float, float]:
+        """The calibrated telemetry."""
+    @overload
+    def __call__(self, telemetry: float) -> float: ...
+    @overload
+    def __call__(self, telemetry: npt.NDArray[Any]) -> _Doubles: ...
+
+@final
+class Stability:
+    """How stable an output is: by axis, of the windows' means less the specific force [g0]."""
+
+    @property
+    def sd_before(self) -> _Triple:
+        """Standard deviation with the coefficients frozen at mid temperature."""
+    @property
+    def rms_before(self) -> _Triple: ...
+    @property
+    def sd_after(self) -> _Triple:
+        """Standard deviation of the full model."""
+    @property
+    def rms_after(self) -> _Triple: ...
+    @property
+    def factor(self) -> _Triple:
+        """Standard deviation before over after."""
+    @property
+    def specific_force(self) -> _Triple:
+        """What was taken off the outputs [g0]."""
+    @property
+    def stated(self) -> bool:
+        """Whether the attitude was stated, or is the median of the output."""
+    @property
+    def left_out(self) -> int:
+        """Samples without a valid interval."""
+    @property
+    def modulus(self) -> tuple[float, float, float, int] | None:
+        """Length of the output less local gravity: mean, rms, worst [g0], and over how many windows. None if it was never still."""
+    @property
+    def warning(self) -> str | None:
+        """If the output is far from as long as gravity."""
+    @property
+    def windows(self) -> Records:
+        """All windows, as WINDOW."""
+    def report(self, path: _Path, *, require: float | None = None) -> None:
+        """Writes the report (HTML)."""
+
+@final
+class Calibration:
+    @property
+    def table(self) -> Table: ...
+    @property
+    def text(self) -> str: ...
+    @property
+    def findings(self) -> list[tuple[str, int | None, str]]: ...
+    def orders(self) -> str: ...
+    def residuals(self) -> _Doubles: ...
+    def dwells(self) -> list[tuple[float, int, int, int, float]]: ...
+    def html(self) -> str: ...
+
+def count_fork() -> None: ...
+def read_text(path: _Path) -> str: ...
+def samples_of(text: str, name: str) -> str: ...
+def replay(table: Table, samples: _Bytes) -> _Bytes: ...
+def read_recording(path: _Path) -> _Bytes: ...
+def read_increments(path: _Path) -> _Bytes: ...
+def write_recording(path: _Path, samples: _Bytes) -> None: ...
+def write_increments(path: _Path, increments: _Bytes, delivery: bool) -> None: ...
+def regress(x: _Doubles, y: _Doubles, weights: _Doubles | None, max_order: int | None, min_effect: float | None) -> str: ...
+def verify(
+    table: Table,
+    samples: _Bytes,
+    window: float,
+    attitude: Sequence[float] | None,
+    gravity_local: float | None,
+    recording: str,
+) -> Stability: ...
+def calibrate(
+    text: str,
+    name: str,
+    samples: _Path | _Bytes,
+    order: int | None,
+    method: str,
+    alignment: bool,
+    exclude: Sequence[tuple[float, int]],
+) -> Calibration: ...

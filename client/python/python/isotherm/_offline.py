@@ -1,0 +1,222 @@
+"""The offline tools: what the commands of the same names do, on arrays and data frames. The arithmetic is the Rust library's."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _isotherm
+from ._files import aside, write_text
+from ._isotherm import Stability, Table
+from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+AnyPath: TypeAlias = str | os.PathLike[str]
+QUANTITIES = ("bias", "positive_scale_factor", "negative_scale_factor")
+
+
+@overload
+def replay(table: Table, samples: Records) -> Records: ...
+@overload
+def replay(table: Table, samples: pd.DataFrame) -> pd.DataFrame: ...
+def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFrame:
+    """The increments of raw samples, bit for bit those of the service; `latency_ns` is 0.
+
+    An array gives an array of the same shape. A data frame with the columns of a recording gives one with the columns of
+    recorded increments and the same index. The order of the samples does not matter.
+    """
+    array = records(samples, RAW_SAMPLE)
+    increments = _isotherm.replay(table, as_bytes(array)).view(INCREMENT)
+    if is_frame(samples):
+        return increments_frame(increments, samples.index)  # type: ignore[union-attr]
+    return increments.reshape(array.shape)
+
+
+def read_recording(path: AnyPath) -> Records:
+    """The raw samples of a recording (CSV), as RAW_SAMPLE."""
+    return _isotherm.read_recording(path).view(RAW_SAMPLE)
+
+
+def read_increments(path: AnyPath) -> Records:
+    """The increments that `isotherm feed` or `replay` wrote (CSV), as INCREMENT; `session` and `latency_ns` are 0."""
+    return _isotherm.read_increments(path).view(INCREMENT)
+
+
+def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
+    """Writes raw samples as a recording, without session; `telemetry_ns` only if one is not 0."""
+    data = sample_bytes(samples)
+    with aside(path) as name:
+        _isotherm.write_recording(name, data)
+
+
+def write_increments(path: AnyPath, increments: Records, *, delivery: bool = False) -> None:
+    """Writes increments as `isotherm replay` does, or with `delivery` as `isotherm feed --delivery`."""
+    data = as_bytes(records(increments, INCREMENT))
+    with aside(path) as name:
+        _isotherm.write_increments(name, data, delivery)
+
+
+def verify(
+    table: Table,
+    samples: Records | pd.DataFrame,
+    *,
+    window: float = 10.0,
+    attitude: Sequence[float] | None = None,
+    gravity_local: float | None = None,
+    recording: str = "array",
+) -> Stability:
+    """How stable the output is before and after compensation, over means of `window` seconds.
+
+    `attitude` is the direction of the specific force along A1, A2, A3; without it the median of the compensated output stands in.
+    `gravity_local` [m/s2] is the table's unless given. `recording` is what a report calls the samples.
+    """
+    if not (math.isfinite(window) and window > 0.0):
+        raise ValueError(f"window is {window}, give seconds over 0")
+    if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
+        raise ValueError(f"gravity_local is {gravity_local}, give 9.7 to 9.9 m/s2")
+    direction = None
+    if attitude is not None:
+        direction = tuple(float(part) for part in attitude)
+        if len(direction) != 3 or not 0.0 < math.hypot(*direction) < math.inf:
+            raise ValueError(f"attitude is {attitude}, give three numbers, not all 0")
+    return _isotherm.verify(table, sample_bytes(samples), window, direction, gravity_local, recording)
+
+
+def regress(
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    *,
+    max_order: int | None = None,
+    weights: npt.ArrayLike | None = None,
+    min_effect: float | None = None,
+) -> dict[str, Any]:
+    """One polynomial regression with its order table: the document of `isotherm regress --json` as a dictionary.
+
+    Each number stands for the shortest decimal that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
+    """
+    w = None if weights is None else flat_doubles(weights)
+    document = json.loads(_isotherm.regress(flat_doubles(x), flat_doubles(y), w, max_order, min_effect))
+    assert isinstance(document, dict)
+    return document
+
+
+class Calibration:
+    """What came out of a campaign."""
+
+    def __init__(self, native: _isotherm.Calibration) -> None:
+        self._native = native
+
+    @property
+    def table(self) -> Table:
+        """The result."""
+        return self._native.table
+
+    @property
+    def text(self) -> str:
+        """The sealed table file: the table and its provenance, that is covariances, set points, misalignments, warnings."""
+        return self._native.text
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """The table file's section `provenance`."""
+        import tomllib
+
+        section = tomllib.loads(self.text)["provenance"]
+        assert isinstance(section, dict)
+        return section
+
+    @property
+    def findings(self) -> list[tuple[str, int | None, str]]:
+        """What a person should know: (severity, line or row, message)."""
+        return self._native.findings
+
+    @property
+    def orders(self) -> dict[str, dict[str, dict[str, Any]]]:
+        """The order tables: ["A1"]["bias"] as `regress` gives them, through the set points' values, in g0 and pulse/(s*g0)."""
+        tables = json.loads(self._native.orders())
+        return {f"A{axis + 1}": dict(zip(QUANTITIES, tables[axis], strict=True)) for axis in range(3)}
+
+    @property
+    def residuals(self) -> npt.NDArray[np.float64]:
+        """Of each dwell and accelerometer [g0]; a row for each of `dwells`."""
+        return self._native.residuals()
+
+    @property
+    def dwells(self) -> list[tuple[float, int, int, int, float]]:
+        """(set point [degC], position, first and last line or row, seconds) of each dwell that counted."""
+        return self._native.dwells()
+
+    def save(self, path: AnyPath) -> None:
+        """Writes the sealed table file."""
+        write_text(path, self.text)
+
+    def report(self, path: AnyPath) -> None:
+        """Writes the report (HTML)."""
+        write_text(path, self._native.html())
+
+    def __repr__(self) -> str:
+        return f"Calibration({self.table!r}, {len(self.dwells)} dwells)"
+
+
+def calibrate(
+    campaign: AnyPath | Mapping[str, Any],
+    samples: AnyPath | Records | pd.DataFrame | None = None,
+    *,
+    order: int | Literal["auto"] = "auto",
+    method: Literal["one-stage", "two-stage"] = "one-stage",
+    alignment: bool = False,
+    exclude: Iterable[tuple[float, int]] = (),
+) -> Calibration:
+    """Makes a coefficient table of a campaign in the temperature chamber, as `isotherm calibrate` does.
+
+    `campaign` is the path of a campaign file, or a mapping with the same keys. `samples` are its rows: an array of CAMPAIGN, a data
+    frame with the columns of a campaign's samples, or the path of a file; without them the file that the campaign names is read.
+    `exclude` leaves dwells out: (set point, position).
+    """
+    if isinstance(campaign, Mapping):
+        text, name, folder = campaign_toml(campaign), "campaign", Path()
+    else:
+        text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
+    given: Any
+    if samples is None:
+        given = folder / _isotherm.samples_of(text, name)
+    elif isinstance(samples, (str, os.PathLike)):
+        given = samples
+    else:
+        given = as_bytes(records(samples, CAMPAIGN))
+    fixed = None if order == "auto" else order
+    return Calibration(_isotherm.calibrate(text, name, given, fixed, method, alignment, list(exclude)))
+
+
+def campaign_toml(campaign: Mapping[str, Any]) -> str:
+    """A campaign's settings as the text of a campaign file."""
+    plain = {"samples": "samples"} | {key: value for key, value in campaign.items() if key != "position" and value is not None}
+    lines = [f"{json.dumps(key)} = {_toml(value)}" for key, value in plain.items()]
+    for position in campaign.get("position", ()):
+        lines += ["", "[[position]]"]
+        lines += [f"{json.dumps(key)} = {_toml(value)}" for key, value in position.items() if value is not None]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's too, but for one character that JSON does not escape.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    if isinstance(value, (Sequence, np.ndarray)):
+        return f"[{', '.join(_toml(part) for part in value)}]"
+    raise TypeError(f"a campaign has no values of the type {type(value).__name__}")

@@ -1,0 +1,437 @@
+//! `Acquisition` and `Loan`.
+
+use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connecting, transport};
+use crate::owned::Owned;
+use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view};
+use crate::run::{End, Run};
+use crate::wait::{SLICE, seconds, until};
+use isotherm_client::{
+    Acquisition as Client, CompensateError, ImuId, Loan as ClientLoan, Options, RawSample, SendError, domain,
+};
+use numpy::PyArrayMethods as _;
+use pyo3::exceptions::{PyOverflowError, PyValueError};
+use pyo3::prelude::*;
+use std::time::{Duration, Instant};
+
+/// How long an answer is waited for without letting other Python threads run: letting them, and being let again, costs more.
+const HELD: Duration = Duration::from_micros(20);
+const NAME: &str = "Acquisition";
+
+struct State {
+    // Before the client: fields are dropped in this order.
+    loans: Vec<(u64, ClientLoan)>,
+    next: u64,
+    client: Client,
+}
+
+impl State {
+    fn take(&mut self, id: u64) -> PyResult<ClientLoan> {
+        let place = self.loans.iter().position(|(other, _)| *other == id).ok_or_else(gone)?;
+        Ok(self.loans.swap_remove(place).1)
+    }
+
+    fn loan(&mut self, id: u64) -> PyResult<&mut RawSample> {
+        self.loans.iter_mut().find(|(other, _)| *other == id).map(|(_, loan)| &mut **loan).ok_or_else(gone)
+    }
+
+    fn keep(&mut self, loan: ClientLoan) -> u64 {
+        self.next += 1;
+        self.loans.push((self.next, loan));
+        self.next
+    }
+}
+
+fn gone() -> PyErr {
+    Closed::new_err("this sample has been sent; loan another")
+}
+
+/// The one acquisition process of an IMU.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Acquisition {
+    owned: Owned<State>,
+    imu: String,
+    depth: usize,
+}
+
+/// A raw sample in shared memory, to be filled in and sent.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Loan {
+    acquisition: Py<Acquisition>,
+    id: u64,
+}
+
+/// What can be sent: a loan of this acquisition, by its id, or a record.
+enum Sample {
+    Loan(u64),
+    Record(RawSample),
+}
+
+pub fn imu_id(imu: &str) -> PyResult<ImuId> {
+    imu.parse().map_err(|error: isotherm_shared::stream::InvalidName| PyValueError::new_err(error.to_string()))
+}
+
+pub fn options(name: Option<&str>, timeout: Duration) -> PyResult<Options> {
+    let domain = domain(name).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    Ok(Options { domain, timeout })
+}
+
+#[pymethods]
+impl Acquisition {
+    #[new]
+    #[pyo3(signature = (imu, domain = None, timeout = 5.0))]
+    fn new(py: Python<'_>, imu: &str, domain: Option<&str>, timeout: f64) -> PyResult<Self> {
+        let (id, timeout) = (imu_id(imu)?, seconds("timeout", timeout)?);
+        let mut last = None;
+        let client = until(py, timeout, |left| {
+            let options = options(domain, left)?;
+            match py.detach(|| Client::connect(&id, &options).map(send_wrapper::SendWrapper::new)) {
+                Ok(client) => Ok(Some(client.take())),
+                Err(error) if crate::reader::passing(&error) => {
+                    last = Some(error);
+                    Ok(None)
+                }
+                Err(error) => Err(connecting(&error)),
+            }
+        })?;
+        match (client, last) {
+            (Some(client), _) => {
+                let depth = client.depth();
+                let state = State { loans: Vec::with_capacity(8), next: 0, client };
+                Ok(Self { owned: Owned::new(NAME, state), imu: imu.to_owned(), depth })
+            }
+            (None, Some(error)) => Err(connecting(&error)),
+            (None, None) => Err(Timeout::new_err("connecting took too long")),
+        }
+    }
+
+    #[getter]
+    fn imu(&self) -> &str {
+        &self.imu
+    }
+
+    #[getter]
+    fn depth(&self) -> usize {
+        self.depth
+    }
+
+    #[getter]
+    fn session(&self) -> PyResult<u64> {
+        Ok(self.owned.hold()?.open()?.client.session())
+    }
+
+    #[getter]
+    fn in_flight(&self) -> PyResult<usize> {
+        Ok(self.owned.hold()?.open()?.client.in_flight())
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        self.owned.is_closed()
+    }
+
+    fn close(&self) -> PyResult<()> {
+        self.owned.close()
+    }
+
+    fn __enter__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close()
+    }
+
+    fn begin_session(&self) -> PyResult<()> {
+        let begun = self.owned.hold()?.open()?.client.begin_session();
+        begun.map_err(|error| IsothermError::new_err(error.to_string()))
+    }
+
+    fn loan(this: &Bound<'_, Self>) -> PyResult<Loan> {
+        let mut held = this.get().owned.hold()?;
+        let state = held.open()?;
+        let loan = state.client.loan().map_err(transport)?;
+        Ok(Loan { id: state.keep(loan), acquisition: this.clone().unbind() })
+    }
+
+    fn send(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
+        let given = self.sample(sample)?;
+        let mut held = self.owned.hold()?;
+        let state = held.open()?;
+        let (id, loan) = prepare(state, &given)?;
+        state.client.send(loan).map_err(|error| unsent(state, id, error, sample))
+    }
+
+    #[pyo3(signature = (timeout = 0.0))]
+    fn receive(&self, py: Python<'_>, timeout: f64) -> PyResult<Option<Increment>> {
+        let timeout = seconds("timeout", timeout)?;
+        let now = self.owned.hold()?.open()?.client.receive_timeout(timeout.min(HELD)).map_err(transport)?;
+        if now.is_some() || timeout <= HELD {
+            return Ok(now.map(Increment));
+        }
+        let answer = until(py, timeout, |left| {
+            let mut held = self.owned.hold()?;
+            let state = held.open()?;
+            py.detach(|| state.client.receive_timeout(left)).map_err(transport)
+        })?;
+        Ok(answer.map(Increment))
+    }
+
+    #[pyo3(signature = (sample, timeout = 1.0))]
+    fn compensate(&self, py: Python<'_>, sample: &Bound<'_, PyAny>, timeout: f64) -> PyResult<Increment> {
+        let timeout = seconds("timeout", timeout)?;
+        let given = self.sample(sample)?;
+        let started = Instant::now();
+        let sequence;
+        {
+            let mut held = self.owned.hold()?;
+            let state = held.open()?;
+            let (id, loan) = prepare(state, &given)?;
+            sequence = loan.sequence;
+            match state.client.compensate(loan, timeout.min(HELD)) {
+                Ok(answer) => return Ok(Increment(answer)),
+                Err(CompensateError::Timeout) => {}
+                Err(CompensateError::Send(error)) => return Err(unsent(state, id, error, sample)),
+                Err(CompensateError::Receive(error)) => return Err(transport(error)),
+            }
+        }
+        let answer = until(py, timeout.saturating_sub(started.elapsed()), |left| {
+            let mut held = self.owned.hold()?;
+            let state = held.open()?;
+            let answer = py.detach(|| {
+                let (client, started) = (&mut state.client, Instant::now());
+                loop {
+                    match client.receive_timeout(left.saturating_sub(started.elapsed()))? {
+                        Some(answer) if answer.sequence != sequence => {}
+                        answer => return Ok(answer),
+                    }
+                }
+            });
+            answer.map_err(|error: isotherm_client::TransportError| transport(error))
+        })?;
+        answer.map(Increment).ok_or_else(|| Timeout::new_err(CompensateError::Timeout.to_string()))
+    }
+
+    #[pyo3(signature = (samples, *, window = None, timeout = 15.0, rate = None, new_session = true))]
+    fn run<'py>(
+        &self,
+        py: Python<'py>,
+        samples: &Bound<'py, PyAny>,
+        window: Option<usize>,
+        timeout: f64,
+        rate: Option<f64>,
+        new_session: bool,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let samples = sample_bytes(samples)?;
+        let bytes = samples.as_slice()?;
+        let out = increments(py, bytes.len() / RAW);
+        let mut writable = out.readwrite();
+        let window = window.map_or(self.depth, |window| window.min(self.depth));
+        let mut run =
+            Run::new(bytes, writable.as_slice_mut()?, window, seconds("timeout", timeout)?, rate, new_session)?;
+        let end = loop {
+            let mut held = self.owned.hold()?;
+            let state = held.open()?;
+            match py.detach(|| run.turn(&mut state.client, SLICE)) {
+                Ok(End::Slice) => {}
+                Ok(End::Done) => break None,
+                Ok(End::Silent) => {
+                    break Some("no answer from the service in time; `isotherm status` tells whether it runs");
+                }
+                Err(message) => return Err(IsothermError::new_err(message)),
+            }
+            drop(held);
+            py.check_signals()?;
+        };
+        let received = run.received();
+        drop(writable);
+        let all = view(out, "INCREMENT")?;
+        let Some(message) = end else { return Ok(all) };
+        let part = all.get_item(pyo3::types::PySlice::new(py, 0, received.cast_signed(), 1))?;
+        Err(Timeout::new_err((message, part.unbind())))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Acquisition('{}'{})", self.imu, if self.owned.is_closed() { ", closed" } else { "" })
+    }
+}
+
+impl Acquisition {
+    fn sample(&self, sample: &Bound<'_, PyAny>) -> PyResult<Sample> {
+        let Ok(loan) = sample.cast::<Loan>() else { return Ok(Sample::Record(one_sample(sample)?)) };
+        let loan = loan.get();
+        if std::ptr::eq(loan.acquisition.get(), self) {
+            Ok(Sample::Loan(loan.id))
+        } else {
+            Err(PyValueError::new_err("this sample was loaned by another Acquisition; send it there"))
+        }
+    }
+}
+
+/// What is to be sent, with its id if it is the caller's loan.
+#[inline]
+fn prepare(state: &mut State, sample: &Sample) -> PyResult<(Option<u64>, ClientLoan)> {
+    match sample {
+        Sample::Loan(id) => Ok((Some(*id), state.take(*id)?)),
+        Sample::Record(raw) => {
+            let mut loan = state.client.loan().map_err(transport)?;
+            *loan = RawSample { session: loan.session, ..*raw };
+            Ok((None, loan))
+        }
+    }
+}
+
+/// The exception for a sample that was not sent; a loan is the caller's again.
+fn unsent(state: &mut State, id: Option<u64>, error: SendError, sample: &Bound<'_, PyAny>) -> PyErr {
+    let message = error.to_string();
+    let (SendError::Full(loan) | SendError::Sequence(loan)) = error else { return transport(message) };
+    let full = state.client.in_flight() >= state.client.depth();
+    if let Some(id) = id {
+        state.loans.push((id, loan));
+    }
+    if full { Full::new_err((message, sample.clone().unbind())) } else { SequenceError::new_err(message) }
+}
+
+impl Loan {
+    fn with<T>(&self, use_it: impl FnOnce(&mut RawSample) -> T) -> PyResult<T> {
+        let mut held = self.acquisition.get().owned.hold()?;
+        Ok(use_it(held.open()?.loan(self.id)?))
+    }
+}
+
+#[pymethods]
+impl Loan {
+    #[getter]
+    fn session(&self) -> PyResult<u64> {
+        self.with(|raw| raw.session)
+    }
+
+    #[getter]
+    fn sequence(&self) -> PyResult<u64> {
+        self.with(|raw| raw.sequence)
+    }
+
+    #[setter]
+    fn set_sequence(&self, value: u64) -> PyResult<()> {
+        self.with(|raw| raw.sequence = value)
+    }
+
+    #[getter]
+    fn timestamp_ns(&self) -> PyResult<u64> {
+        self.with(|raw| raw.timestamp_ns)
+    }
+
+    #[setter]
+    fn set_timestamp_ns(&self, value: u64) -> PyResult<()> {
+        self.with(|raw| raw.timestamp_ns = value)
+    }
+
+    #[getter]
+    fn interval_ns(&self) -> PyResult<u64> {
+        self.with(|raw| raw.interval_ns)
+    }
+
+    #[setter]
+    fn set_interval_ns(&self, value: u64) -> PyResult<()> {
+        self.with(|raw| raw.interval_ns = value)
+    }
+
+    #[getter]
+    fn telemetry_ns(&self) -> PyResult<u64> {
+        self.with(|raw| raw.telemetry_ns)
+    }
+
+    #[setter]
+    fn set_telemetry_ns(&self, value: u64) -> PyResult<()> {
+        self.with(|raw| raw.telemetry_ns = value)
+    }
+
+    #[getter]
+    fn positive_pulses(&self) -> PyResult<(u32, u32, u32)> {
+        self.with(|raw| raw.positive_pulses.into())
+    }
+
+    #[setter]
+    fn set_positive_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("positive_pulses", values)?;
+        self.with(|raw| raw.positive_pulses = values)
+    }
+
+    #[getter]
+    fn negative_pulses(&self) -> PyResult<(u32, u32, u32)> {
+        self.with(|raw| raw.negative_pulses.into())
+    }
+
+    #[setter]
+    fn set_negative_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("negative_pulses", values)?;
+        self.with(|raw| raw.negative_pulses = values)
+    }
+
+    #[getter]
+    fn head_temperature(&self) -> PyResult<(f64, f64, f64)> {
+        self.with(|raw| raw.head_temperature.into())
+    }
+
+    #[setter]
+    fn set_head_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("head_temperature", values)?;
+        self.with(|raw| raw.head_temperature = values)
+    }
+
+    #[getter]
+    fn board_temperature(&self) -> PyResult<(f64, f64, f64)> {
+        self.with(|raw| raw.board_temperature.into())
+    }
+
+    #[setter]
+    fn set_board_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("board_temperature", values)?;
+        self.with(|raw| raw.board_temperature = values)
+    }
+
+    /// All but the session, from a record.
+    fn fill(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
+        let sample = one_sample(sample)?;
+        self.with(|raw| *raw = RawSample { session: raw.session, ..sample })
+    }
+
+    /// Adds the next control period, a loan or a record.
+    fn merge(&self, later: &Bound<'_, PyAny>) -> PyResult<()> {
+        let later = match later.cast::<Self>() {
+            Ok(loan) => loan.get().with(|raw| *raw)?,
+            Err(_) => one_sample(later)?,
+        };
+        self.with(|raw| raw.merge(&later))?.map_err(|error| PyOverflowError::new_err(error.to_string()))
+    }
+
+    #[getter]
+    fn sent(&self) -> PyResult<bool> {
+        let mut held = self.acquisition.get().owned.hold()?;
+        Ok(held.open().is_ok_and(|state| state.loan(self.id).is_err()))
+    }
+
+    /// A copy, as an array of no dimension.
+    fn to_numpy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let bytes = self.with(|raw| raw_bytes(raw))?;
+        view(array(py, bytes.to_vec()), "RAW_SAMPLE")?.call_method1("reshape", ((),))
+    }
+
+    fn __repr__(&self) -> String {
+        match self.with(|raw| *raw) {
+            Ok(raw) => format!("Loan(sequence={}, timestamp_ns={})", raw.sequence, raw.timestamp_ns),
+            Err(_) => "Loan(sent)".to_owned(),
+        }
+    }
+}
+
+impl Drop for Loan {
+    /// One that is given up unsent goes back.
+    fn drop(&mut self) {
+        if let Ok(mut held) = self.acquisition.get().owned.hold()
+            && let Ok(state) = held.open()
+        {
+            let _unsent = State::take(state, self.id);
+        }
+    }
+}

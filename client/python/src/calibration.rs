@@ -1,0 +1,233 @@
+//! `calibrate`.
+
+use crate::errors::{CalibrationError, faults, recording};
+use crate::offline::{order_table, tool};
+use crate::records::{Fields, RAW, python};
+use crate::table::Table;
+use isotherm_calibration::calibrate::{Calibration as Figures, Method, Options, calibrate as fit, observable};
+use isotherm_calibration::campaign::{Campaign, Dwell, read};
+use isotherm_calibration::checks::{Finding, Severity};
+use isotherm_calibration::provenance::{Source, provenance};
+use isotherm_calibration::report::calibration::html;
+use isotherm_shared::recording::{CampaignReader, CampaignRow, RecordingError};
+use isotherm_shared::table::CoefficientTable;
+use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Bytes of a row: a raw sample, the set point, the position.
+const ROW: usize = RAW + 16;
+
+/// What came out of a campaign.
+#[pyclass(frozen, module = "isotherm._isotherm")]
+pub struct Calibration {
+    campaign: Campaign,
+    figures: Figures,
+    source: Source,
+    text: String,
+}
+
+/// The campaign's text says where its samples are.
+#[pyfunction]
+pub fn samples_of(text: &str, name: &str) -> PyResult<String> {
+    Campaign::from_toml(text).map(|campaign| campaign.samples).map_err(|all| faults(name, &all))
+}
+
+/// Text of a campaign file.
+#[pyfunction]
+pub fn read_text(path: PathBuf) -> PyResult<String> {
+    crate::table::read_text(&path)
+}
+
+/// Makes a table of a campaign; `samples` is a path, or the bytes of rows.
+#[pyfunction]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the options of the command, named in the Python function that calls this"
+)]
+pub fn calibrate(
+    py: Python<'_>,
+    text: &str,
+    name: String,
+    samples: &Bound<'_, PyAny>,
+    order: Option<usize>,
+    method: &str,
+    alignment: bool,
+    exclude: Vec<(f64, u32)>,
+) -> PyResult<Calibration> {
+    let campaign = Campaign::from_toml(text).map_err(|all| faults(&name, &all))?;
+    let found = Method::NAMES.iter().find(|(_, known)| *known == method);
+    let Some((method, _)) = found else {
+        return Err(PyValueError::new_err(format!("method is {method:?}, give \"one-stage\" or \"two-stage\"")));
+    };
+    if let Some(order) = order.filter(|order| *order > 7) {
+        return Err(PyValueError::new_err(format!("order is {order}, give None or 0 to 7")));
+    }
+    let options = Options { method: *method, order, alignment, exclude };
+    observable(&campaign).map_err(|error| failed("", &error))?;
+    let (place, (dwells, samples_sha256)) = match samples.extract::<PathBuf>() {
+        Ok(path) => {
+            (path.display().to_string(), py.detach(|| of_file(&campaign, &path)).map_err(|e| recording(&path, &e))?)
+        }
+        Err(_) => {
+            let rows: PyReadonlyArray1<'_, u8> = samples.extract()?;
+            let rows = rows.as_slice()?;
+            let read = py.detach(|| of_rows(&campaign, rows));
+            ("samples".to_owned(), read.map_err(|error| recording(Path::new("samples"), &error))?)
+        }
+    };
+    if dwells.is_empty() {
+        return Err(CalibrationError::new_err(format!("{place}: no rows; a campaign needs dwells")));
+    }
+    let figures = py.detach(|| fit(&campaign, dwells, options)).map_err(|error| failed(&place, &error))?;
+    let source = Source {
+        tool: tool(),
+        time: python(py, "_files", "now")?.call0()?.extract()?,
+        campaign: name,
+        campaign_sha256: hex(&Sha256::digest(text)),
+        samples_sha256,
+    };
+    let text = sealed(&campaign, &figures, &source).map_err(CalibrationError::new_err)?;
+    Ok(Calibration { campaign, figures, source, text })
+}
+
+fn of_file(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), RecordingError> {
+    let mut hashed = Hashed { source: File::open(path)?, hash: Sha256::new() };
+    let dwells = read(campaign, CampaignReader::new(&mut hashed)?)?;
+    Ok((dwells, hex(&hashed.hash.finalize())))
+}
+
+/// Rows are counted from 0, as in the array.
+fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), RecordingError> {
+    let mut previous: Option<(u64, u64)> = None;
+    let row = |(line, bytes): (usize, &[u8])| {
+        let mut fields = Fields(bytes);
+        let (sample, set_point_c, position) = (fields.raw(), fields.float(), fields.signed());
+        let line = line as u64;
+        let fault = |message: String| Err(RecordingError::Data { line, message });
+        if !set_point_c.is_finite() {
+            return fault(format!("set_point_c is {set_point_c}, give the chamber's set point in degC"));
+        }
+        let position = match position {
+            -1 => None,
+            number => match u32::try_from(number) {
+                Ok(number) => Some(number),
+                Err(_) => {
+                    return fault(format!(
+                        "position is {number}, give a position's number, or -1 while the table moves"
+                    ));
+                }
+            },
+        };
+        if previous.is_some_and(|(session, sequence)| session == sample.session && sequence >= sample.sequence) {
+            return fault(format!("sequence {} does not rise from row to row", sample.sequence));
+        }
+        previous = Some((sample.session, sample.sequence));
+        Ok(CampaignRow { line, set_point_c, position, sample })
+    };
+    let dwells = read(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
+    Ok((dwells, hex(&Sha256::digest(rows))))
+}
+
+/// A source that is hashed while it is read.
+struct Hashed<R> {
+    source: R,
+    hash: Sha256,
+}
+
+impl<R: Read> Read for Hashed<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.source.read(buffer)?;
+        self.hash.update(buffer.get(..count).unwrap_or_default());
+        Ok(count)
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
+}
+
+fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String) {
+    let severity = if finding.severity == Severity::Warning { "warning" } else { "fault" };
+    let located = match finding.line {
+        Some(line) if !place.is_empty() => format!("{place}:{line}: {finding}"),
+        _ => finding.to_string(),
+    };
+    (severity, finding.line, located)
+}
+
+fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError) -> PyErr {
+    use isotherm_calibration::calibrate::CalibrationError::Faults;
+    match error {
+        Faults(findings) => {
+            let findings: Vec<_> = findings.iter().map(|each| finding(place, each)).collect();
+            let lines: Vec<_> =
+                findings.iter().map(|(severity, _, message)| format!("{severity}: {message}")).collect();
+            CalibrationError::new_err((lines.join("\n"), findings))
+        }
+        _ => CalibrationError::new_err(error.to_string()),
+    }
+}
+
+/// The table's text with its provenance, read back before it is believed.
+fn sealed(campaign: &Campaign, figures: &Figures, source: &Source) -> Result<String, String> {
+    let section = provenance(campaign, figures, source).map_err(|error| format!("writing the table: {error}"))?;
+    let text = format!("{}\n{section}", figures.table.to_toml());
+    match CoefficientTable::from_toml(&text, Some(&campaign.imu)) {
+        Ok(table) if table == figures.table => Ok(text),
+        Ok(_) => Err("writing the table: it does not read back the same".to_owned()),
+        Err(faults) => Err(format!("writing the table: {faults}")),
+    }
+}
+
+#[pymethods]
+impl Calibration {
+    #[getter]
+    fn table(&self) -> Table {
+        Table(Arc::new(self.figures.table.clone()))
+    }
+
+    #[getter]
+    fn text(&self) -> &str {
+        &self.text
+    }
+
+    #[getter]
+    fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
+        self.figures.findings.iter().map(|each| finding("", each)).collect()
+    }
+
+    /// By axis and quantity, JSON.
+    fn orders(&self) -> String {
+        let tables = self.figures.orders.iter().map(|axis| {
+            axis.iter().map(|table| order_table(&table.regression, &table.choice, &table.diagnostics)).collect()
+        });
+        Value::Array(tables.collect()).to_string()
+    }
+
+    /// Of each dwell and axis \[g0\].
+    fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let all: Vec<f64> = self.figures.solution.residuals.iter().flatten().copied().collect();
+        PyArray1::from_vec(py, all).reshape([self.figures.dwells.len(), 3])
+    }
+
+    /// Set point, number of the position, first and last row, seconds, of each dwell.
+    fn dwells(&self) -> Vec<(f64, u32, u64, u64, f64)> {
+        let one = |dwell: &Dwell| {
+            let number = self.campaign.positions[dwell.position].number;
+            let [first, last] = dwell.lines;
+            (dwell.set_point_c, number, first, last, dwell.sums.seconds)
+        };
+        self.figures.dwells.iter().map(one).collect()
+    }
+
+    fn html(&self) -> String {
+        html(&self.campaign, &self.figures, &self.source)
+    }
+}

@@ -1,0 +1,48 @@
+//! The native part of the Python package `isotherm`: ports, tables and arithmetic are the Rust libraries'; what is Python's, arrays of other
+//! layouts, data frames and files among it, is in `python/isotherm`.
+
+mod acquisition;
+mod calibration;
+mod errors;
+mod offline;
+mod owned;
+mod reader;
+mod records;
+mod run;
+mod table;
+mod wait;
+
+use isotherm_shared::wire::Flags;
+use pyo3::prelude::*;
+
+/// See `_isotherm.pyi`.
+#[pymodule]
+mod _isotherm {
+    use super::{Bound, Flags, PyModule, PyModuleMethods as _, PyResult, pyfunction};
+
+    #[pymodule_export]
+    use crate::acquisition::{Acquisition, Loan};
+    #[pymodule_export]
+    use crate::calibration::{Calibration, calibrate, read_text, samples_of};
+    #[pymodule_export]
+    use crate::offline::{
+        Stability, read_increments, read_recording, regress, replay, verify, write_increments, write_recording,
+    };
+    #[pymodule_export]
+    use crate::reader::IncrementReader;
+    #[pymodule_export]
+    use crate::records::Increment;
+    #[pymodule_export]
+    use crate::table::{Axis, Polynomial, Table};
+
+    #[pyfunction]
+    fn count_fork() {
+        crate::owned::count_fork();
+    }
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("FLAGS", Flags::NAMES.to_vec())?;
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

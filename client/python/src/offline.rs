@@ -1,0 +1,350 @@
+//! The offline tools on arrays: the arithmetic is the library's, here are only its arguments and results.
+
+use crate::errors::{StabilityError, file, recording};
+use crate::records::{Fields, INCREMENT, RAW, array, increment_bytes, increments, python, view};
+use crate::table::Table;
+use isotherm_calibration::diagnostics::Diagnostics;
+use isotherm_calibration::double_double::DoubleDouble;
+use isotherm_calibration::order::{Rule, choose};
+use isotherm_calibration::regression::{Fit, MAX_ORDER, Point, Regression, f_limit};
+use isotherm_calibration::report::verification::{Source, html};
+use isotherm_calibration::stability::{Collector, Setup, Stability as Figures};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::csv::Rows;
+use isotherm_shared::recording::{IncrementWriter, RawReader, RawWriter, RecordingError};
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{CompensatedIncrement, Flags};
+use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::{Value, json};
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Highest order of the order table, where the data allow it and none is asked for; as the command has it.
+const DEFAULT_ORDER: usize = 6;
+
+/// The increments of raw samples, both as bytes.
+#[pyfunction]
+pub fn replay<'py>(
+    py: Python<'py>,
+    table: &Table,
+    samples: PyReadonlyArray1<'py, u8>,
+) -> PyResult<Bound<'py, PyArray1<u8>>> {
+    let samples = samples.as_slice()?;
+    let out = increments(py, samples.len() / RAW);
+    let mut writable = out.readwrite();
+    let places = writable.as_slice_mut()?;
+    py.detach(|| {
+        for (sample, place) in samples.chunks_exact(RAW).zip(places.chunks_exact_mut(INCREMENT)) {
+            place.copy_from_slice(&increment_bytes(&answer(Some(&table.0), &Fields(sample).raw())));
+        }
+    });
+    drop(writable);
+    Ok(out)
+}
+
+/// The raw samples of a recording, as bytes.
+#[pyfunction]
+pub fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
+    let read = || -> Result<Vec<u8>, RecordingError> {
+        let mut bytes = Vec::new();
+        for sample in RawReader::new(File::open(&path)?)? {
+            bytes.extend_from_slice(&crate::records::raw_bytes(&sample?));
+        }
+        Ok(bytes)
+    };
+    let bytes = py.detach(read).map_err(|error| recording(&path, &error))?;
+    Ok(array(py, bytes))
+}
+
+/// The increments that `feed` or `replay` wrote, as bytes.
+#[pyfunction]
+pub fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
+    const NAMES: [&str; 8] = ["sequence", "timestamp_ns", "interval_ns", "a1_dv", "a2_dv", "a3_dv", "table", "flags"];
+    let read = || -> Result<Vec<u8>, RecordingError> {
+        let mut rows = Rows::new(File::open(&path)?);
+        rows.next_row()?;
+        let columns = rows.columns(&NAMES, "is this a comma-separated recording of increments with a header row?")?;
+        let delivery = rows.optional_column("delivery")?;
+        let (count, mut bytes) = (rows.len(), Vec::new());
+        let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
+        while rows.next_row()? {
+            rows.expect_len(count)?;
+            let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
+            let dv = |index: usize| rows.float(&columns[index]);
+            let increment = CompensatedIncrement {
+                sequence: rows.integer(&columns[0])?,
+                timestamp_ns: rows.integer(&columns[1])?,
+                interval_ns: rows.integer(&columns[2])?,
+                velocity_increment: [dv(3)?, dv(4)?, dv(5)?],
+                table: rows.parse(&columns[6], "16 hexadecimal digits", hexadecimal)?,
+                flags: (names(&columns[7])? | delivery.as_ref().map_or(Ok(Flags::default()), names)?).0,
+                ..CompensatedIncrement::default()
+            };
+            bytes.extend_from_slice(&increment_bytes(&increment));
+        }
+        Ok(bytes)
+    };
+    let bytes = py.detach(read).map_err(|error| recording(&path, &error))?;
+    Ok(array(py, bytes))
+}
+
+fn flags(text: &str) -> Option<Flags> {
+    let bit = |name: &str| Flags::NAMES.iter().find(|(_, known)| *known == name).map(|(bit, _)| Flags(1 << bit));
+    match text {
+        "-" => Some(Flags::default()),
+        _ => text.split('|').try_fold(Flags::default(), |all, name| Some(all | bit(name)?)),
+    }
+}
+
+/// Writes raw samples as a recording.
+#[pyfunction]
+pub fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<'_, u8>) -> PyResult<()> {
+    let samples = samples.as_slice()?;
+    let write = || -> io::Result<()> {
+        let telemetry = samples.chunks_exact(RAW).any(|record| Fields(record).raw().telemetry_ns != 0);
+        let mut writer = RawWriter::new(BufWriter::new(File::create(&path)?), "", telemetry)?;
+        samples.chunks_exact(RAW).try_for_each(|record| writer.write("", &Fields(record).raw()))?;
+        writer.finish().map(drop)
+    };
+    py.detach(write).map_err(|error| file(&path, &error))
+}
+
+/// Writes increments as `replay` does, or with `delivery` as `feed --delivery` does.
+#[pyfunction]
+pub fn write_increments(
+    py: Python<'_>,
+    path: PathBuf,
+    increments: PyReadonlyArray1<'_, u8>,
+    delivery: bool,
+) -> PyResult<()> {
+    let increments = increments.as_slice()?;
+    let write = || -> io::Result<()> {
+        let mut writer = IncrementWriter::new(BufWriter::new(File::create(&path)?), delivery)?;
+        increments.chunks_exact(INCREMENT).try_for_each(|record| writer.write(&Fields(record).increment()))?;
+        writer.finish().map(drop)
+    };
+    py.detach(write).map_err(|error| file(&path, &error))
+}
+
+/// One polynomial regression with its order table, as the JSON document of `isotherm regress --json`.
+#[pyfunction]
+pub fn regress(
+    py: Python<'_>,
+    x: PyReadonlyArray1<'_, f64>,
+    y: PyReadonlyArray1<'_, f64>,
+    weights: Option<PyReadonlyArray1<'_, f64>>,
+    max_order: Option<usize>,
+    min_effect: Option<f64>,
+) -> PyResult<String> {
+    let (x, y, weights) =
+        (x.as_slice()?, y.as_slice()?, weights.as_ref().map(|weights| weights.as_slice()).transpose()?);
+    if x.len() != y.len() || weights.is_some_and(|weights| weights.len() != x.len()) {
+        return Err(PyValueError::new_err("x, y and weights must be of one length"));
+    }
+    if let Some(order) = max_order.filter(|order| !(1..=MAX_ORDER).contains(order)) {
+        return Err(PyValueError::new_err(format!("max_order is {order}, give 1 to {MAX_ORDER}")));
+    }
+    if let Some(effect) = min_effect.filter(|effect| !(effect.is_finite() && *effect >= 0.0)) {
+        return Err(PyValueError::new_err(format!("min_effect is {effect}, give a number from 0")));
+    }
+    let document = py.detach(|| {
+        let points =
+            (0..x.len()).map(|i| point(i, x[i], y[i], weights.map(|weights| weights[i]))).collect::<Result<_, _>>()?;
+        let regression =
+            Regression::new(points, max_order.unwrap_or_else(|| default_order(x))).map_err(|e| e.to_string())?;
+        let choice = choose(&regression, &Rule { effect: min_effect, ..Rule::default() });
+        let diagnostics = Diagnostics::of(&regression, choice.order);
+        Ok::<_, String>(order_table(&regression, &choice, &diagnostics))
+    });
+    document.map(|document| document.to_string()).map_err(PyValueError::new_err)
+}
+
+fn default_order(x: &[f64]) -> usize {
+    let mut distinct = x.to_vec();
+    distinct.sort_by(f64::total_cmp);
+    distinct.dedup();
+    DEFAULT_ORDER.min(distinct.len().saturating_sub(2)).max(1)
+}
+
+/// Each double stands for the shortest decimal that reads back to it, as a file would have it.
+fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<Point, String> {
+    let decimal = |name: &str, value: f64| {
+        let number = DoubleDouble::parse(&format!("{value:?}"));
+        number
+            .ok_or_else(|| format!("{name}[{index}] is {value:?}, give a finite number, 0 or of size 1e-140 to 1e140"))
+    };
+    let weight = weight.map_or(Ok(DoubleDouble::ONE), |weight| decimal("weights", weight))?;
+    if weight > DoubleDouble::ZERO {
+        Ok(Point { x: decimal("x", x)?, y: decimal("y", y)?, weight })
+    } else {
+        Err(format!("weights[{index}] is not over 0"))
+    }
+}
+
+/// As the command prints it, less the names of columns.
+pub fn order_table(
+    regression: &Regression,
+    choice: &isotherm_calibration::order::Choice,
+    diagnostics: &Diagnostics,
+) -> Value {
+    let row = |fit: &Fit| {
+        let mut value = serde_json::to_value(fit).unwrap_or_default();
+        let limit = |d1: usize, p: f64| (fit.df_residual > 0).then(|| f_limit(p, d1 as f64, fit.df_residual as f64));
+        value["f_limit"] = json!({"0.05": limit(fit.order, 0.05), "0.01": limit(fit.order, 0.01)});
+        value["partial_f_limit"] = json!({"0.05": limit(1, 0.05), "0.01": limit(1, 0.01)});
+        value
+    };
+    json!({
+        "n": regression.n(),
+        "center": regression.center(),
+        "scale": regression.scale(),
+        "orders": regression.fits().iter().skip(1).map(row).collect::<Vec<_>>(),
+        "selected": choice.order,
+        "reason": choice.reason,
+        "residuals": regression.residuals(choice.order),
+        "diagnostics": {
+            "lag1": diagnostics.lag1,
+            "runs": diagnostics.runs,
+            "heating_cooling": diagnostics.heating_cooling,
+            "outliers": diagnostics.outliers,
+        },
+        "warnings": diagnostics.warnings,
+    })
+}
+
+/// How stable an output is.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Stability {
+    table: Arc<CoefficientTable>,
+    figures: Figures,
+    window_s: f64,
+    recording: String,
+}
+
+/// Stability before and after compensation.
+#[pyfunction]
+pub fn verify(
+    py: Python<'_>,
+    table: &Table,
+    samples: PyReadonlyArray1<'_, u8>,
+    window: f64,
+    attitude: Option<[f64; 3]>,
+    gravity_local: Option<f64>,
+    recording: String,
+) -> PyResult<Stability> {
+    let samples = samples.as_slice()?;
+    let attitude = attitude.map(|direction| {
+        let length = direction.iter().map(|f| f * f).sum::<f64>().sqrt();
+        direction.map(|f| f / length)
+    });
+    let gravity_local = gravity_local.unwrap_or(table.0.content().gravity);
+    let figures = py.detach(|| {
+        let mut collector = Collector::new(&table.0, window);
+        samples.chunks_exact(RAW).for_each(|record| collector.add(&Fields(record).raw()));
+        collector.finish(&Setup { attitude, gravity_local })
+    });
+    let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
+    Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
+}
+
+impl Stability {
+    fn by_axis(&self, of: impl Fn(&isotherm_calibration::stability::AxisStability) -> f64) -> (f64, f64, f64) {
+        let [a1, a2, a3] = &self.figures.axes;
+        (of(a1), of(a2), of(a3))
+    }
+}
+
+#[pymethods]
+impl Stability {
+    #[getter]
+    fn sd_before(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.sd_before)
+    }
+
+    #[getter]
+    fn rms_before(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.rms_before)
+    }
+
+    #[getter]
+    fn sd_after(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.sd_after)
+    }
+
+    #[getter]
+    fn rms_after(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.rms_after)
+    }
+
+    #[getter]
+    fn factor(&self) -> (f64, f64, f64) {
+        self.by_axis(isotherm_calibration::stability::AxisStability::factor)
+    }
+
+    #[getter]
+    fn specific_force(&self) -> (f64, f64, f64) {
+        self.figures.specific_force.into()
+    }
+
+    #[getter]
+    fn stated(&self) -> bool {
+        self.figures.stated
+    }
+
+    #[getter]
+    fn left_out(&self) -> u64 {
+        self.figures.left_out
+    }
+
+    /// Mean, rms and worst of the output's length less local gravity \[g0\], over so many windows.
+    #[getter]
+    fn modulus(&self) -> Option<(f64, f64, f64, usize)> {
+        self.figures.modulus.map(|modulus| (modulus.mean, modulus.rms, modulus.worst, modulus.windows))
+    }
+
+    #[getter]
+    fn warning(&self) -> Option<String> {
+        self.figures.not_gravity()
+    }
+
+    #[getter]
+    fn windows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let mut bytes = Vec::new();
+        for window in &self.figures.windows {
+            let times = [window.time_s, window.seconds];
+            let means = [window.before, window.after, window.head, window.board];
+            let floats = times.iter().chain(means.iter().flatten());
+            floats.for_each(|value| bytes.extend_from_slice(&value.to_ne_bytes()));
+            bytes.extend([window.flagged, window.counts, window.still].map(u8::from));
+        }
+        view(array(py, bytes), "WINDOW")
+    }
+
+    #[pyo3(signature = (path, *, require = None))]
+    fn report(&self, py: Python<'_>, path: PathBuf, require: Option<f64>) -> PyResult<()> {
+        let source = Source {
+            tool: tool(),
+            time: python(py, "_files", "now")?.call0()?.extract()?,
+            table: self.table.content().imu.to_string(),
+            recording: self.recording.clone(),
+            window_s: self.window_s,
+            required: require,
+        };
+        let page = html(&self.table, &self.figures, &source);
+        python(py, "_files", "write_text")?.call1((path, page)).map(drop)
+    }
+
+    fn __repr__(&self) -> String {
+        let (a1, a2, a3) = self.factor();
+        format!("Stability(factor=({a1:.2}, {a2:.2}, {a3:.2}))")
+    }
+}
+
+/// This program, for provenance.
+pub fn tool() -> String {
+    format!("isotherm {} (Python)", env!("CARGO_PKG_VERSION"))
+}

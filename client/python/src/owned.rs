@@ -1,0 +1,116 @@
+//! What belongs to the thread that made it: the transport's ports stay in their thread.
+
+use crate::errors::{Closed, IsothermError, WrongThread};
+use pyo3::exceptions::PyResourceWarning;
+use pyo3::prelude::*;
+use send_wrapper::SendWrapper;
+use std::ffi::CString;
+use std::mem::ManuallyDrop;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::{self, ThreadId};
+
+/// Forks of this process that it is the child of. Counted by Python's `os.register_at_fork`.
+static FORKS: AtomicU32 = AtomicU32::new(0);
+
+/// A forked child shares memory and files with its parent: the parent's ports must not be touched by it.
+pub fn count_fork() {
+    FORKS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// A value that only the thread that made it may touch; any other is told so. Empty when closed.
+pub struct Owned<T> {
+    name: &'static str,
+    thread: ThreadId,
+    forks: u32,
+    value: Mutex<Option<SendWrapper<T>>>,
+}
+
+/// The value, for as long as this lives.
+pub struct Held<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
+
+impl<T> Owned<T> {
+    pub fn new(name: &'static str, value: T) -> Self {
+        let (thread, forks) = (thread::current().id(), FORKS.load(Ordering::Relaxed));
+        Self { name, thread, forks, value: Mutex::new(Some(SendWrapper::new(value))) }
+    }
+
+    /// # Errors
+    /// In any other thread, and in a forked child.
+    fn check(&self) -> PyResult<()> {
+        if self.forks != FORKS.load(Ordering::Relaxed) {
+            let message =
+                format!("this {} belongs to the process that was forked; open one in this process", self.name);
+            return Err(WrongThread::new_err(message));
+        }
+        if self.thread != thread::current().id() {
+            let message =
+                format!("this {} belongs to another thread; open and close it in the thread that uses it", self.name);
+            return Err(WrongThread::new_err(message));
+        }
+        Ok(())
+    }
+
+    /// The value.
+    ///
+    /// # Errors
+    /// In any other thread, and while it is held already.
+    pub fn hold(&self) -> PyResult<Held<'_, T>> {
+        self.check()?;
+        let busy = |_| IsothermError::new_err(format!("this {} is in use by a call that has not returned", self.name));
+        self.value.try_lock().map(|guard| Held(guard, self.name)).map_err(busy)
+    }
+
+    pub fn is_closed(&self) -> bool {
+        self.value.lock().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    /// Drops the value; a second time does nothing.
+    ///
+    /// # Errors
+    /// In any other thread.
+    pub fn close(&self) -> PyResult<()> {
+        let value = self.hold()?.0.take();
+        drop(value);
+        Ok(())
+    }
+}
+
+impl<T> Held<'_, T> {
+    /// # Errors
+    /// If it has been closed.
+    pub fn open(&mut self) -> PyResult<&mut SendWrapper<T>> {
+        let name = self.1;
+        self.0.as_mut().ok_or_else(|| Closed::new_err(format!("this {name} is closed")))
+    }
+}
+
+impl<T> Drop for Owned<T> {
+    fn drop(&mut self) {
+        let value = self.value.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        if value.is_none() || self.check().is_ok() {
+            return;
+        }
+        // Its own thread alone may drop it; it stays until the process ends.
+        let _kept = ManuallyDrop::new(value);
+        if self.forks != FORKS.load(Ordering::Relaxed) {
+            return;
+        }
+        Python::attach(|py| {
+            let pending = PyErr::take(py);
+            let message = format!(
+                "an {} was dropped by another thread than its own and stays connected until the process ends; close it in its thread",
+                self.name
+            );
+            let warned = CString::new(message)
+                .map_err(PyErr::from)
+                .and_then(|message| PyErr::warn(py, &py.get_type::<PyResourceWarning>(), &message, 1));
+            if let Err(error) = warned {
+                error.write_unraisable(py, None);
+            }
+            if let Some(pending) = pending {
+                pending.restore(py);
+            }
+        });
+    }
+}

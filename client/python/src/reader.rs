@@ -1,0 +1,129 @@
+//! `IncrementReader`.
+
+use crate::acquisition::{imu_id, options};
+use crate::errors::{Timeout, connecting};
+use crate::owned::Owned;
+use crate::records::{Increment, array, increment_bytes, view};
+use crate::wait::{seconds, until};
+use isotherm_client::{ConnectError, IncrementReader as Client};
+use pyo3::prelude::*;
+use std::time::Duration;
+
+/// Whether waiting may mend it.
+pub fn passing(error: &ConnectError) -> bool {
+    !matches!(error, ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_))
+}
+
+/// Reads the increments of one IMU.
+#[pyclass(frozen, module = "isotherm")]
+pub struct IncrementReader {
+    owned: Owned<Client>,
+    imu: String,
+}
+
+#[pymethods]
+impl IncrementReader {
+    #[new]
+    #[pyo3(signature = (imu, domain = None, timeout = Some(5.0)), text_signature = "(imu, domain=None, timeout=5.0)")]
+    fn new(py: Python<'_>, imu: &str, domain: Option<&str>, timeout: Option<f64>) -> PyResult<Self> {
+        let id = imu_id(imu)?;
+        let client = match timeout {
+            None => Client::new(id, &options(domain, Duration::ZERO)?),
+            Some(timeout) => connect(py, &id, domain, seconds("timeout", timeout)?)?,
+        };
+        Ok(Self { owned: Owned::new("IncrementReader", client), imu: imu.to_owned() })
+    }
+
+    #[getter]
+    fn imu(&self) -> &str {
+        &self.imu
+    }
+
+    #[getter]
+    fn connected(&self) -> PyResult<bool> {
+        Ok(self.owned.hold()?.open()?.is_connected())
+    }
+
+    #[getter]
+    fn repeats(&self) -> PyResult<u64> {
+        Ok(self.owned.hold()?.open()?.repeats())
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        self.owned.is_closed()
+    }
+
+    fn close(&self) -> PyResult<()> {
+        self.owned.close()
+    }
+
+    fn __enter__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close()
+    }
+
+    #[pyo3(signature = (timeout = 0.0))]
+    fn receive(&self, py: Python<'_>, timeout: f64) -> PyResult<Option<Increment>> {
+        self.next(py, seconds("timeout", timeout)?)
+    }
+
+    #[pyo3(signature = (limit = None))]
+    fn read_available<'py>(&self, py: Python<'py>, limit: Option<usize>) -> PyResult<Bound<'py, PyAny>> {
+        let mut bytes = Vec::new();
+        let mut held = self.owned.hold()?;
+        let reader = held.open()?;
+        for _ in 0..limit.unwrap_or(usize::MAX) {
+            let Some(increment) = reader.receive().map_err(|error| connecting(&error))? else { break };
+            bytes.extend_from_slice(&increment_bytes(&increment));
+        }
+        view(array(py, bytes), "INCREMENT")
+    }
+
+    fn __iter__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Increment>> {
+        if self.owned.is_closed() { Ok(None) } else { self.next(py, Duration::MAX) }
+    }
+
+    fn __repr__(&self) -> String {
+        format!("IncrementReader('{}'{})", self.imu, if self.owned.is_closed() { ", closed" } else { "" })
+    }
+}
+
+impl IncrementReader {
+    fn next(&self, py: Python<'_>, timeout: Duration) -> PyResult<Option<Increment>> {
+        let now = self.owned.hold()?.open()?.receive().map_err(|error| connecting(&error))?;
+        if now.is_some() || timeout.is_zero() {
+            return Ok(now.map(Increment));
+        }
+        let increment = until(py, timeout, |left| {
+            let mut held = self.owned.hold()?;
+            let reader = held.open()?;
+            py.detach(|| reader.receive_timeout(left)).map_err(|error| connecting(&error))
+        })?;
+        Ok(increment.map(Increment))
+    }
+}
+
+fn connect(py: Python<'_>, id: &isotherm_client::ImuId, domain: Option<&str>, timeout: Duration) -> PyResult<Client> {
+    let mut last = None;
+    let client = until(py, timeout, |left| {
+        let options = options(domain, left)?;
+        match py.detach(|| Client::connect(id.clone(), &options).map(send_wrapper::SendWrapper::new)) {
+            Ok(client) => Ok(Some(client.take())),
+            Err(error) if passing(&error) => {
+                last = Some(error);
+                Ok(None)
+            }
+            Err(error) => Err(connecting(&error)),
+        }
+    })?;
+    client.ok_or_else(|| last.map_or_else(|| Timeout::new_err("connecting took too long"), |error| connecting(&error)))
+}

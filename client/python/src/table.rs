@@ -1,0 +1,229 @@
+//! `Table`, `Axis` and `Polynomial`.
+
+use crate::errors::{TableError, faults, file};
+use isotherm_shared::document::MAX_BYTES;
+use isotherm_shared::polynomial::Polynomial as Curve;
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use isotherm_shared::units::SCALE_FACTOR_UNIT;
+use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
+use pyo3::prelude::*;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A valid coefficient table.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Table(pub Arc<CoefficientTable>);
+
+/// The coefficients of one accelerometer.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Axis {
+    table: Arc<CoefficientTable>,
+    index: usize,
+}
+
+/// A polynomial of telemetry.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Polynomial {
+    curve: Curve,
+    unit: &'static str,
+}
+
+/// The text of a table or campaign file.
+///
+/// # Errors
+/// If it cannot be read, is no regular file, too large, or not UTF-8.
+pub fn read_text(path: &Path) -> PyResult<String> {
+    let refused = |message: String| {
+        TableError::new_err((format!("{}: {message}", path.display()), vec![(1, String::new(), message)]))
+    };
+    let read = || -> io::Result<Option<Vec<u8>>> {
+        let file = File::open(path)?;
+        if !file.metadata()?.is_file() {
+            return Ok(None);
+        }
+        let mut bytes = Vec::new();
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+        Ok(Some(bytes))
+    };
+    let bytes = read().map_err(|error| file(path, &error))?;
+    let bytes = bytes.ok_or_else(|| refused("not a regular file".to_owned()))?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(refused(format!("over {MAX_BYTES} bytes; no table or campaign file is that large")));
+    }
+    String::from_utf8(bytes).map_err(|_| refused("not UTF-8; save it as UTF-8 text".to_owned()))
+}
+
+#[pymethods]
+impl Table {
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        parse(&read_text(&path)?, &path.display().to_string())
+    }
+
+    #[staticmethod]
+    fn parse(text: &str) -> PyResult<Self> {
+        parse(text, "table")
+    }
+
+    #[getter]
+    fn imu(&self) -> &str {
+        self.0.content().imu.as_str()
+    }
+
+    #[getter]
+    fn serial(&self) -> Option<&str> {
+        self.0.content().serial.as_deref()
+    }
+
+    #[getter]
+    fn gravity(&self) -> f64 {
+        self.0.content().gravity
+    }
+
+    #[getter]
+    fn temperature_unit(&self) -> &str {
+        &self.0.content().temperature_unit
+    }
+
+    #[getter]
+    fn out_of_range(&self) -> &'static str {
+        self.0.content().out_of_range.name()
+    }
+
+    #[getter]
+    fn max_age_s(&self) -> Option<f64> {
+        self.0.content().max_age_s
+    }
+
+    #[getter]
+    fn digest(&self) -> String {
+        self.0.digest().to_string()
+    }
+
+    #[getter]
+    fn id(&self) -> u64 {
+        self.0.id()
+    }
+
+    #[getter]
+    fn axes(&self) -> (Axis, Axis, Axis) {
+        [0, 1, 2].map(|index| Axis { table: Arc::clone(&self.0), index }).into()
+    }
+
+    #[getter]
+    fn alignment(&self) -> Option<[[f64; 3]; 3]> {
+        self.0.content().alignment.map(|m| [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)])))
+    }
+
+    fn __str__(&self) -> String {
+        self.0.to_toml()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Table('{}', {})", self.imu(), self.digest())
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0.digest() == other.0.digest()
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.0.id()
+    }
+}
+
+fn parse(text: &str, source: &str) -> PyResult<Table> {
+    let table = CoefficientTable::from_toml(text, None).map_err(|all| faults(source, &all))?;
+    Ok(Table(Arc::new(table)))
+}
+
+#[pymethods]
+impl Axis {
+    #[getter]
+    fn name(&self) -> &'static str {
+        AXIS_NAMES.get(self.index).copied().unwrap_or_default()
+    }
+
+    #[getter]
+    fn bias(&self) -> Polynomial {
+        let axis = self.axis();
+        Polynomial { curve: axis.bias, unit: axis.bias_unit.name() }
+    }
+
+    #[getter]
+    fn positive_scale_factor(&self) -> Polynomial {
+        Polynomial { curve: self.axis().positive_scale_factor, unit: SCALE_FACTOR_UNIT }
+    }
+
+    #[getter]
+    fn negative_scale_factor(&self) -> Polynomial {
+        Polynomial { curve: self.axis().negative_scale_factor, unit: SCALE_FACTOR_UNIT }
+    }
+
+    #[getter]
+    fn max_rate(&self) -> Option<f64> {
+        self.axis().max_rate
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Axis('{}')", self.name())
+    }
+}
+
+impl Axis {
+    fn axis(&self) -> &isotherm_shared::table::Axis {
+        &self.table.content().axes[self.index]
+    }
+}
+
+#[pymethods]
+impl Polynomial {
+    #[getter]
+    fn unit(&self) -> &'static str {
+        self.unit
+    }
+
+    #[getter]
+    fn coefficients<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.curve.coefficients())
+    }
+
+    #[getter]
+    fn center(&self) -> f64 {
+        self.curve.center()
+    }
+
+    #[getter]
+    fn scale(&self) -> f64 {
+        self.curve.scale()
+    }
+
+    #[getter]
+    fn range(&self) -> (f64, f64) {
+        self.curve.range().into()
+    }
+
+    /// The value at one telemetry, or at each of an array.
+    fn __call__<'py>(&self, telemetry: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let py = telemetry.py();
+        if let Ok(value) = telemetry.extract::<f64>() {
+            return Ok(self.curve.at(value).into_pyobject(py)?.into_any());
+        }
+        let flat = crate::records::python(py, "_records", "flat_doubles")?.call1((telemetry,))?;
+        let values: PyReadonlyArray1<'_, f64> = flat.extract()?;
+        let values = values.as_slice()?;
+        let out = PyArray1::zeros(py, values.len(), false);
+        {
+            let mut writable = out.readwrite();
+            let results = writable.as_slice_mut()?;
+            py.detach(|| results.iter_mut().zip(values).for_each(|(result, value)| *result = self.curve.at(*value)));
+        }
+        out.call_method1("reshape", (telemetry.getattr("shape")?,))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Polynomial({:?}, range={:?}, unit='{}')", self.curve.coefficients(), self.curve.range(), self.unit)
+    }
+}

@@ -1,0 +1,157 @@
+"""A world of its own for each test: a domain, a folder, real services; nothing of it is left behind."""
+
+from __future__ import annotations
+
+import faulthandler
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import isotherm
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+BINARY = Path(os.environ.get("ISOTHERM_BINARY", REPOSITORY / "target/debug/isotherm"))
+TABLE = REPOSITORY / "tests/data/imu-a.toml"
+RUN = REPOSITORY / "tests/data/run.csv"
+CAMPAIGN = REPOSITORY / "examples/campaign/campaign.toml"
+EXAMPLES = REPOSITORY / "examples/python"
+# How long anything that must happen may take: it bounds a failure, it is no expectation.
+PATIENCE = 20.0
+WATCHDOG = 200.0
+
+
+class Service:
+    """A running `isotherm serve`."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        self.log: list[str] = []
+        self.ready = threading.Event()
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.log.append(line)
+            if "ready" in line:
+                self.ready.set()
+
+    def wait_until_ready(self) -> Service:
+        if not self.ready.wait(PATIENCE):
+            raise AssertionError("the service did not become ready:\n" + "".join(self.log))
+        return self
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> None:
+        self.process.terminate()
+        self.process.wait(PATIENCE)
+
+
+class World:
+    def __init__(self, folder: Path, domain: str) -> None:
+        self.folder, self.domain = folder, domain
+        root = f"{folder}/{domain}"
+        self.prefix = f"isotherm_{hashlib.sha256(root.encode()).hexdigest()[:8]}_"
+        self.services: list[Service] = []
+
+    def spawn(self, *arguments: str) -> Service:
+        process = subprocess.Popen(
+            [BINARY, "serve", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        service = Service(process)
+        self.services.append(service)
+        return service
+
+    def serve(self, *arguments: str) -> Service:
+        """A service of imu-a, ready."""
+        table = self.folder / "imu-a.toml"
+        if not table.exists():
+            shutil.copy(TABLE, table)
+        return self.spawn("--imu", f"imu-a={table}", *arguments).wait_until_ready()
+
+    def isotherm(self, *arguments: str | Path) -> str:
+        return subprocess.run([BINARY, *arguments], check=True, capture_output=True, text=True, timeout=WATCHDOG).stdout
+
+    def status(self) -> Any:
+        return json.loads(self.isotherm("status", "--json"))
+
+    def shared_memory(self) -> list[Path]:
+        return [path for path in Path("/dev/shm").iterdir() if path.name.startswith(self.prefix)]
+
+    def end(self) -> None:
+        for service in self.services:
+            if service.process.poll() is None:
+                service.process.kill()
+            service.process.wait()
+            service.reader.join()
+        for path in self.shared_memory():
+            path.unlink(missing_ok=True)
+        shutil.rmtree(self.folder)
+
+
+@pytest.fixture(autouse=True)
+def watchdog() -> Iterator[None]:
+    """A test that hangs tells where, and ends."""
+    faulthandler.dump_traceback_later(WATCHDOG, exit=True, file=sys.__stderr__)
+    yield
+    faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[World]:
+    folder = Path(tempfile.mkdtemp(prefix="iso-"))
+    world = World(folder, f"p{os.getpid()}")
+    monkeypatch.setenv("ISOTHERM_ROOT", str(folder))
+    monkeypatch.setenv("ISOTHERM_DOMAIN", world.domain)
+    monkeypatch.delenv("ISOTHERM_LOG", raising=False)
+    try:
+        yield world
+    finally:
+        world.end()
+
+
+@pytest.fixture(scope="session")
+def table() -> isotherm.Table:
+    return isotherm.Table.load(TABLE)
+
+
+@pytest.fixture(scope="session")
+def recorded() -> isotherm.Records:
+    recorded = isotherm.read_recording(RUN)
+    recorded.flags.writeable = False
+    return recorded
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    begun = time.monotonic()
+    while not condition():
+        if time.monotonic() - begun > PATIENCE:
+            raise AssertionError(f"waited in vain: {what}")
+        time.sleep(0.01)
+
+
+def same(got: isotherm.Records, right: isotherm.Records) -> bool:
+    """Equal but for session and delivery, bit for bit."""
+    names = ("sequence", "timestamp_ns", "interval_ns", "table")
+    bits = [array["velocity_increment"].view(np.uint64) for array in (got, right)]
+    flags = [array["flags"] & ((1 << 21) - 1) for array in (got, right)]
+    return all((got[name] == right[name]).all() for name in names) and bool((bits[0] == bits[1]).all() and (flags[0] == flags[1]).all())
+
+
+__all__ = ["BINARY", "CAMPAIGN", "EXAMPLES", "PATIENCE", "REPOSITORY", "RUN", "TABLE", "Service", "World", "same", "signal", "wait_for"]

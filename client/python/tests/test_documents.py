@@ -1,0 +1,72 @@
+"""The examples and what docs/python.md and the README show are run."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import isotherm
+import pytest
+from conftest import BINARY, CAMPAIGN, EXAMPLES, PATIENCE, REPOSITORY, RUN, TABLE, World
+
+DOCUMENT = REPOSITORY / "docs/python.md"
+
+
+def blocks(path: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```$", path.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def example(name: str, *arguments: str | Path) -> str:
+    done = subprocess.run([sys.executable, EXAMPLES / name, *arguments], capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_acquisition_and_reader(world: World) -> None:
+    world.serve()
+    reader = subprocess.Popen([sys.executable, EXAMPLES / "reader.py", "--count", "60"], stdout=subprocess.PIPE, text=True)
+    assert reader.stdout is not None and reader.stdout.readline() == "connected\n"
+    assert "60 samples, velocity [" in example("acquisition.py", "--count", "60")
+    assert reader.communicate(timeout=PATIENCE)[0].endswith("60 increments\n")
+    assert reader.returncode == 0
+
+
+def test_calibrate(tmp_path: Path) -> None:
+    out = example("calibrate.py", CAMPAIGN, tmp_path)
+    assert "chosen: 3" in out
+    assert isotherm.Table.load(tmp_path / "table.toml").imu
+    assert (tmp_path / "calibration.html").stat().st_size > 10_000
+
+
+def test_the_plain_way(world: World, table: isotherm.Table) -> None:
+    """iceoryx2's wheel and ctypes alone: the increments are ours, and a reader of ours sees them too."""
+    world.serve()
+    with isotherm.IncrementReader("imu-a", timeout=PATIENCE) as reader:
+        out = example("plain_iceoryx2.py", "--isotherm", BINARY, "--count", "20")
+        seen = reader.read_available()
+    rows = [line.split() for line in out.splitlines()]
+    assert [int(row[0]) for row in rows] == list(range(20))
+    assert [[float(value) for value in row[1:4]] for row in rows] == seen["velocity_increment"].tolist()
+    assert {row[4] for row in rows} == {f"{table.id:016x}"}
+    assert seen["session"][0] > 0 and seen["sequence"].tolist() == list(range(20))
+
+
+def test_the_document_shows_the_plain_example() -> None:
+    assert (EXAMPLES / "plain_iceoryx2.py").read_text() in blocks(DOCUMENT)
+
+
+@pytest.mark.parametrize("document", [DOCUMENT, REPOSITORY / "client/python/README.md"], ids=["docs", "readme"])
+def test_what_the_documents_show(world: World, document: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All blocks of a document, one after the other, as one program beside a service."""
+    world.serve()
+    for file in (TABLE, RUN, CAMPAIGN, CAMPAIGN.with_name("samples.csv")):
+        shutil.copy(file, world.folder)
+    world.isotherm("simulate", "run", "-o", world.folder / "still", "--interval", "1")
+    monkeypatch.chdir(world.folder)
+    plain = (EXAMPLES / "plain_iceoryx2.py").read_text()
+    program = "\n".join(block for block in blocks(document) if block != plain)
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,352 @@
+"""Tables, recordings and the offline tools: equal to the commands, to the last bit."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import threading
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import isotherm
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE
+from isotherm import _isotherm, _offline
+
+
+def command(*arguments: str | Path) -> str:
+    return subprocess.run([BINARY, *arguments], check=True, capture_output=True, text=True, timeout=200).stdout
+
+
+def without_what_differs(text: str) -> str:
+    """A table file less what tells the program and the time."""
+    return re.sub(r"^(tool|time) = .*\n", "", text, flags=re.MULTILINE)
+
+
+def test_records_and_flags_are_those_of_the_wire() -> None:
+    offsets = {name: field[1] for name, field in (isotherm.RAW_SAMPLE.fields or {}).items()}
+    assert isotherm.RAW_SAMPLE.itemsize == 120
+    assert offsets == {
+        "session": 0, "sequence": 8, "timestamp_ns": 16, "interval_ns": 24, "sent_ns": 32, "telemetry_ns": 40,
+        "positive_pulses": 48, "negative_pulses": 60, "head_temperature": 72, "board_temperature": 96,
+    }  # fmt: skip
+    offsets = {name: field[1] for name, field in (isotherm.INCREMENT.fields or {}).items()}
+    assert isotherm.INCREMENT.itemsize == 72
+    assert offsets == {
+        "session": 0, "sequence": 8, "timestamp_ns": 16, "interval_ns": 24, "velocity_increment": 32, "table": 56, "flags": 64, "latency_ns": 68,
+    }  # fmt: skip
+    assert [(int(flag).bit_length() - 1, name) for flag in isotherm.Flags for name in isotherm.flag_names(flag)] == _isotherm.FLAGS
+    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 23) == []
+    assert isotherm.flag_names(isotherm.Flags.GAP | isotherm.Flags.A3_RATE) == ["a3-rate", "gap"]
+
+
+def test_a_table(table: isotherm.Table) -> None:
+    content = tomllib.loads(TABLE.read_text())
+    assert table.imu == content["imu"]["id"] and table.gravity == content["imu"]["gravity"]
+    assert isotherm.Table.parse(str(table)) == table and hash(isotherm.Table.parse(str(table))) == hash(table)
+    assert f"{table.id:016x}" == table.digest.removeprefix("sha256:")[:16]
+    assert table.digest in command("check", TABLE)
+    telemetry = np.linspace(1.0, 4.0, 7)
+    for axis, given in zip(table.axes, content["axis"], strict=True):
+        assert axis.name == given["name"]
+        for polynomial, part in [(axis.bias, given["bias"]), (axis.negative_scale_factor, given["negative_scale_factor"])]:
+            coefficients = [part[f"c{power}"] for power in range(len(polynomial.coefficients))]
+            assert polynomial.coefficients.tolist() == coefficients
+            assert polynomial.unit == part["unit"] and list(polynomial.range) == part["range"]
+            right = []
+            for u in telemetry.tolist():
+                x = (u - part.get("center", 0.0)) / part.get("scale", 1.0)
+                value = coefficients[-1]
+                for c in coefficients[-2::-1]:
+                    value = value * x + c
+                right.append(value)
+            assert polynomial(telemetry).tolist() == right
+            assert [polynomial(u) for u in telemetry.tolist()] == right
+            assert polynomial(telemetry.reshape(7, 1)[::2]).shape == (4, 1)
+            assert polynomial(np.array([], np.float32)).shape == (0,)
+
+
+def test_all_faults_of_a_table_at_once(tmp_path: Path) -> None:
+    broken = TABLE.read_text().replace("gravity = ", "gravity = 1").replace('out_of_range = "', 'out_of_range = "un')
+    path = tmp_path / "broken.toml"
+    path.write_text(broken)
+    with pytest.raises(isotherm.TableError, match=re.escape(f"{path}:")) as refused:
+        isotherm.Table.load(path)
+    assert [key for _, key, _ in refused.value.faults] == ["imu.gravity", "temperature.out_of_range"]
+    with pytest.raises(ValueError):
+        isotherm.Table.parse("")
+    with pytest.raises(FileNotFoundError):
+        isotherm.Table.load(tmp_path / "none.toml")
+    with pytest.raises(isotherm.TableError, match="not a regular file"):
+        isotherm.Table.load(tmp_path)
+    path.write_bytes(b"\xff")
+    with pytest.raises(isotherm.TableError, match="UTF-8"):
+        isotherm.Table.load(path)
+    path.write_bytes(b"#" * (1 << 20) + b"\n")
+    with pytest.raises(isotherm.TableError, match="over"):
+        isotherm.Table.load(path)
+
+
+def test_replay_is_the_command_byte_for_byte(table: isotherm.Table, recorded: isotherm.Records, tmp_path: Path) -> None:
+    command("replay", "--table", TABLE, RUN, "-o", tmp_path / "command.csv")
+    increments = isotherm.replay(table, recorded)
+    isotherm.write_increments(tmp_path / "array.csv", increments)
+    assert (tmp_path / "array.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
+    read = isotherm.read_increments(tmp_path / "command.csv")
+    assert (read == increments).all()
+    # A data frame of the recording, as pandas reads it, with an index of its own.
+    frame = pd.read_csv(RUN).set_index(pd.RangeIndex(10, 10 + len(recorded)))
+    result = isotherm.replay(table, frame)
+    assert list(result.columns) == (tmp_path / "command.csv").read_text().partition("\n")[0].split(",")
+    assert (result.index == frame.index).all()
+    right = pd.read_csv(tmp_path / "command.csv", dtype={"table": str})
+    for column in result.columns:
+        assert result[column].tolist() == right[column].tolist(), column
+
+
+def test_a_recording_reads_back(recorded: isotherm.Records, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    isotherm.write_recording(path, recorded)
+    assert (isotherm.read_recording(path) == recorded).all()
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(isotherm.RecordingFault, match=rf"{path}:2: ") as fault:
+        path.write_text(RUN.read_text().replace("\n0,", "\n-,", 1))
+        isotherm.read_recording(path)
+    assert fault.value.line == 2
+    with pytest.raises(FileNotFoundError):
+        isotherm.read_recording(tmp_path / "none.csv")
+    with pytest.raises(isotherm.RecordingFault, match="missing columns"):
+        isotherm.read_increments(RUN)
+    # What cannot be written leaves nothing, and what was there.
+    with pytest.raises(TypeError):
+        isotherm.write_recording(path, np.zeros(3))
+    with pytest.raises(FileNotFoundError):
+        isotherm.write_recording(tmp_path / "no" / "where.csv", recorded)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_any_layout_gives_the_same(table: isotherm.Table, recorded: isotherm.Records) -> None:
+    right = isotherm.replay(table, recorded).tobytes()
+
+    def replayed(samples: Any) -> bytes:
+        return isotherm.replay(table, samples).tobytes()
+
+    spread = np.zeros(2 * len(recorded), isotherm.RAW_SAMPLE)
+    spread[::2] = recorded
+    assert replayed(spread[::2]) == right
+    assert replayed(recorded[::-1][::-1]) == right
+    assert replayed(recorded.astype(recorded.dtype.newbyteorder())) == right
+    wide = np.dtype(
+        [("extra", np.int8), ("interval_ns", np.int64), *[d for d in isotherm.RAW_SAMPLE.descr if d[0] not in ("interval_ns", "session")]]
+    )
+    other = np.zeros(len(recorded), wide)
+    for name in isotherm.RAW_SAMPLE.names or ():
+        if name != "session":
+            other[name] = recorded[name]
+    assert replayed(other) == right
+    assert isotherm.replay(table, recorded[:6].reshape(2, 3)).shape == (2, 3)
+    assert isotherm.replay(table, recorded[0]).shape == ()
+    assert isotherm.replay(table, recorded[:0]).shape == (0,)
+    frame = pd.read_csv(RUN)
+    assert len(isotherm.replay(table, frame[:0])) == 0
+    assert (isotherm.replay(table, frame[::7])["a1_dv"] == isotherm.replay(table, frame)["a1_dv"][::7]).all()
+    # Contiguous records are read where they are.
+    assert np.shares_memory(_offline.as_bytes(_offline.records(recorded, isotherm.RAW_SAMPLE)), recorded)
+
+
+def test_what_is_no_sample_is_refused_by_name(table: isotherm.Table, recorded: isotherm.Records) -> None:
+    for wrong in (None, [1, 2], 3.0, np.zeros(4), np.zeros(4, isotherm.INCREMENT), pd.Series([1.0])):
+        with pytest.raises(TypeError):
+            isotherm.replay(table, wrong)  # type: ignore[call-overload]
+    frame = pd.read_csv(RUN)
+    for column, value in [
+        ("sequence", -1),
+        ("a1_positive", 2**32),
+        ("a2_negative", 0.5),
+        ("interval_ns", np.nan),
+        ("timestamp_ns", 1.9e19),
+    ]:
+        wrong = frame.astype({column: float if isinstance(value, float) else "int64"})
+        wrong.loc[5, column] = value
+        with pytest.raises(ValueError, match=f"(?s){column.rpartition('_')[2] if column[0] == 'a' else column}.*row 5"):
+            isotherm.replay(table, wrong)
+    with pytest.raises(ValueError, match="missing columns: a3_head"):
+        isotherm.replay(table, frame.drop(columns="a3_head"))
+    with pytest.raises(TypeError, match="head"):
+        isotherm.replay(table, frame.astype({"a1_head": str}))
+    flat = np.dtype([(name, np.float64) for name in isotherm.RAW_SAMPLE.names or ()])
+    with pytest.raises(TypeError, match="positive_pulses"):
+        isotherm.replay(table, np.zeros(2, flat))
+    with pytest.raises(TypeError):
+        _isotherm.replay(table, recorded)  # type: ignore[arg-type]
+
+
+def test_threads_replay_side_by_side(table: isotherm.Table, recorded: isotherm.Records) -> None:
+    right = isotherm.replay(table, recorded).tobytes()
+    results: list[bytes] = []
+    threads = [threading.Thread(target=lambda: results.append(isotherm.replay(table, recorded).tobytes())) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [right] * 4
+
+
+def test_calibrate_is_the_command(tmp_path: Path) -> None:
+    command("calibrate", CAMPAIGN, "-o", tmp_path / "command.toml")
+    right = (tmp_path / "command.toml").read_text()
+    calibration = isotherm.calibrate(CAMPAIGN)
+    assert without_what_differs(calibration.text) == without_what_differs(right)
+    calibration.save(tmp_path / "python.toml")
+    calibration.report(tmp_path / "python.html")
+    assert isotherm.Table.load(tmp_path / "python.toml") == calibration.table
+    assert "</svg>" in (tmp_path / "python.html").read_text()
+    # The figures are those of the file.
+    provenance = calibration.provenance
+    assert provenance["dwells"] == len(calibration.dwells) == len(calibration.residuals)
+    rms = np.sqrt((calibration.residuals**2).mean(axis=0))
+    assert np.allclose(rms, provenance["residual_sd_g0"], rtol=1e-12, atol=0.0)
+    for curve in provenance["curve"]:
+        orders = calibration.orders[curve["axis"]][curve["quantity"]]
+        assert (orders["selected"], orders["reason"]) == (curve["order"], curve["reason"])
+        assert orders["orders"][curve["order"] - 1]["f"] > 100.0
+    assert calibration.findings == [] or all(len(finding) == 3 for finding in calibration.findings)
+    # From a data frame and a mapping, the same table.
+    samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
+    settings = tomllib.loads(CAMPAIGN.read_text())
+    for other in (isotherm.calibrate(CAMPAIGN, samples), isotherm.calibrate(settings, samples)):
+        assert other.table.digest == calibration.table.digest
+
+
+def test_calibrate_follows_its_options(tmp_path: Path) -> None:
+    command("calibrate", CAMPAIGN, "-o", tmp_path / "c.toml", "--order", "3", "--method", "two-stage", "--alignment", "--exclude=-25/3")
+    calibration = isotherm.calibrate(CAMPAIGN, order=3, method="two-stage", alignment=True, exclude=[(-25.0, 3)])
+    assert without_what_differs(calibration.text) == without_what_differs((tmp_path / "c.toml").read_text())
+    assert np.array(calibration.table.alignment).shape == (3, 3)
+    with pytest.raises(isotherm.CalibrationError, match="leave out"):
+        isotherm.calibrate(CAMPAIGN, exclude=[(99.0, 1)])
+    with pytest.raises(ValueError, match="order"):
+        isotherm.calibrate(CAMPAIGN, order=8)
+    with pytest.raises(ValueError, match="method"):
+        isotherm.calibrate(CAMPAIGN, method="other")  # type: ignore[arg-type]
+
+
+def test_a_campaign_with_faults_says_which(tmp_path: Path) -> None:
+    settings = tomllib.loads(CAMPAIGN.read_text())
+    samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
+    with pytest.raises(isotherm.TableError, match="gravity_local"):
+        isotherm.calibrate(settings | {"gravity_local": 1.0}, samples)
+    with pytest.raises(TypeError, match="dict"):
+        isotherm.calibrate(settings | {"soak_s": {}}, samples)
+    with pytest.raises(isotherm.RecordingFault, match="samples:7: .*no such position") as fault:
+        wrong = samples.copy()
+        wrong.loc[7, "position"] = 77
+        isotherm.calibrate(CAMPAIGN, wrong)
+    assert fault.value.line == 7
+    with pytest.raises(isotherm.RecordingFault, match="samples:3: .*a2_board is NaN"):
+        wrong = samples.copy()
+        wrong.loc[3, "a2_board"] = np.nan
+        isotherm.calibrate(CAMPAIGN, wrong)
+    with pytest.raises(isotherm.CalibrationError) as refused:
+        isotherm.calibrate(CAMPAIGN, samples[samples["position"] != 2])
+    assert refused.value.findings or "position" in str(refused.value)
+    with pytest.raises(isotherm.CalibrationError, match="no rows"):
+        isotherm.calibrate(CAMPAIGN, samples[:0])
+    with pytest.raises(FileNotFoundError):
+        isotherm.calibrate(CAMPAIGN, tmp_path / "none.csv")
+    with pytest.raises(isotherm.CalibrationError):
+        isotherm.calibrate(settings | {"position": settings["position"][:3]}, samples)
+
+
+def test_rows_of_a_moving_table_count_for_no_dwell() -> None:
+    samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
+    array = _offline.records(samples, isotherm.CAMPAIGN)
+    assert array.dtype == isotherm.CAMPAIGN and isotherm.CAMPAIGN.itemsize == 136
+    moving = samples.astype({"position": float})
+    moving.loc[samples.index[:30], "position"] = np.nan
+    assert (_offline.records(moving, isotherm.CAMPAIGN)["position"][:30] == -1).all()
+    assert isotherm.calibrate(CAMPAIGN, array).table == isotherm.calibrate(CAMPAIGN).table
+
+
+def test_regress_is_the_command(tmp_path: Path) -> None:
+    path = REPOSITORY / "examples/cubic.csv"
+    frame = pd.read_csv(path)
+    right = json.loads(command("regress", path, "--x", "x", "--y", "y", "--json"))
+    got = isotherm.regress(frame["x"], frame["y"])
+    for key in set(right) - {"x", "y", "diagnostics", "warnings"}:
+        assert got[key] == right[key], key
+    assert got["diagnostics"]["lag1"] == right["diagnostics"]["lag1"]
+    frame["w"] = 1.0 + frame.index % 3
+    frame.to_csv(tmp_path / "weighted.csv", index=False)
+    right = json.loads(
+        command(
+            "regress",
+            tmp_path / "weighted.csv",
+            "--x",
+            "x",
+            "--y",
+            "y",
+            "--weights",
+            "w",
+            "--max-order",
+            "4",
+            "--min-effect",
+            "0.5",
+            "--json",
+        )
+    )
+    got = isotherm.regress(frame["x"].to_numpy(), frame["y"].tolist(), weights=frame["w"], max_order=4, min_effect=0.5)
+    assert got["orders"] == right["orders"] and got["reason"] == right["reason"]
+    # A perfect fit has no F.
+    assert isotherm.regress([1, 2, 3, 4], [1, 2, 3, 4], max_order=1)["orders"][0]["f"] is None
+    for x, y, options, match in [
+        ([1, 2], [1], {}, "one length"),
+        ([1, 2, 3], [1, 2, np.nan], {}, r"y\[2\]"),
+        ([1, 1, 1], [1, 2, 3], {"max_order": 2}, "different values"),
+        ([1, 2, 3], [1, 2, 3], {"max_order": 16}, "max_order"),
+        ([1, 2, 3], [1, 2, 3], {"weights": [1, 0, 1]}, r"weights\[1\]"),
+        ([1, 2, 3], [1, 2, 3], {"min_effect": -1.0}, "min_effect"),
+    ]:
+        with pytest.raises(ValueError, match=match):
+            isotherm.regress(x, y, **options)
+
+
+def test_verify_is_the_command(tmp_path: Path) -> None:
+    command("calibrate", CAMPAIGN, "-o", tmp_path / "table.toml")
+    command("simulate", "run", "-o", tmp_path, "--interval", "1")
+    text = command("verify", "--table", tmp_path / "table.toml", tmp_path / "run.csv", "--attitude", "0.6,-0.48,0.64")
+    table, samples = isotherm.Table.load(tmp_path / "table.toml"), isotherm.read_recording(tmp_path / "run.csv")
+    stability = isotherm.verify(table, samples, attitude=(0.6, -0.48, 0.64))
+    for axis in range(3):
+        row = next(line.split() for line in text.splitlines() if line.strip().startswith(f"A{axis + 1} "))
+        figures = (stability.sd_before, stability.rms_before, stability.sd_after, stability.rms_after)
+        assert [f"{figure[axis] * 1e6:.3f}" for figure in figures] + [f"{stability.factor[axis]:.2f}"] == row[1:]
+    windows = stability.windows
+    assert windows.dtype == isotherm.WINDOW and f"of {len(windows)} windows" in text
+    off = windows["after"][windows["counts"]] - stability.specific_force
+    assert np.allclose(off.std(axis=0, ddof=1), stability.sd_after, rtol=1e-9)
+    assert stability.stated and stability.warning is None and stability.modulus is not None
+    stability.report(tmp_path / "verify.html", require=10.0)
+    assert "</svg>" in (tmp_path / "verify.html").read_text()
+    assert min(isotherm.verify(table, pd.read_csv(tmp_path / "run.csv"), window=20.0).factor) > 10.0
+    with pytest.raises(isotherm.StabilityError, match="windows"):
+        isotherm.verify(table, samples[:5])
+    for options in ({"window": 0.0}, {"window": np.nan}, {"attitude": (0.0, 0.0, 0.0)}, {"attitude": (1.0, 0.0)}, {"gravity_local": 1.0}):
+        with pytest.raises(ValueError):
+            isotherm.verify(table, samples, **options)  # type: ignore[arg-type]
+
+
+def test_a_campaign_mapping_becomes_toml() -> None:
+    settings = {
+        "imu": 'a"\n\x7f\u00e9',
+        "n": 3,
+        "f": np.float64(1e-7),
+        "position": [{"number": 1, "specific_force": np.array([0.0, 0.0, 1.0])}],
+    }
+    assert tomllib.loads(_offline.campaign_toml(settings)) == {
+        "samples": "samples", "imu": 'a"\n\x7f\u00e9', "n": 3, "f": 1e-7, "position": [{"number": 1, "specific_force": [0.0, 0.0, 1.0]}],
+    }  # fmt: skip
