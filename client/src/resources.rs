@@ -14,10 +14,10 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 /// Where the transport's memory is.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// What a client's streams and their connections take at most, and a service without IMUs \[bytes\].
-const ROOM_OF_A_CLIENT: u64 = 256 << 10;
+const ROOM_OF_A_CLIENT: u64 = 1 << 20;
 const ROOM: u64 = 1 << 20;
 /// What an IMU takes of a service at most, its connections included \[bytes\].
-const ROOM_OF_AN_IMU: u64 = 640 << 10;
+const ROOM_OF_AN_IMU: u64 = 1408 << 10;
 /// Descriptors that a client needs besides those it has open, or a service without IMUs, and what an IMU adds with its clients.
 const DESCRIPTORS: usize = 24;
 const DESCRIPTORS_OF_AN_IMU: usize = 20;
