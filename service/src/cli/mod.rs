@@ -71,7 +71,7 @@ enum Command {
     Top(top::Top),
     #[cfg(feature = "tools")]
     #[command(flatten)]
-    Tool(tools::Tool),
+    Tool(Box<tools::Tool>),
 }
 
 impl Cli {
