@@ -226,6 +226,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[cfg(feature = "metrics")]
     fn reads_every_key() {
         let text = r#"
             [[imu]]

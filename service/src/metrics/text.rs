@@ -1,6 +1,6 @@
 //! The metrics in Prometheus's text format, version 0.0.4. Names and units keep its conventions: base units, counters end in `_total`.
 
-use crate::status::{ImuStatus, Status};
+use crate::status::{ImuStatus, Status, WorkerStatus};
 use crate::worker::counters::BOUNDS_NS;
 use isotherm_shared::wire::AXES;
 use rustix::process::{Resource, getrlimit};
@@ -16,6 +16,10 @@ enum Kind {
     Histogram,
 }
 
+/// What has one value for each worker.
+type OfWorker = (Kind, &'static str, &'static str, fn(&WorkerStatus) -> f64);
+/// One of a sensor's telemetry and the ends of its range.
+type Chosen = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 /// What has one value for each IMU.
 type OfImu = (Kind, &'static str, &'static str, fn(&ImuStatus) -> Option<f64>);
 
@@ -155,7 +159,7 @@ impl Text {
 
     /// Telemetry has the unit that the table says, so it can have none in its name.
     fn telemetry(&mut self, status: &Status) {
-        let families: [(&str, &str, fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>); 3] = [
+        let families: [(&str, &str, Chosen); 3] = [
             ("isotherm_telemetry", "Temperature telemetry of the last sample, in the table's unit.", |value, _| value),
             ("isotherm_telemetry_range_low", "Where the table's calibrated range begins.", |_, range| Some(range?[0])),
             ("isotherm_telemetry_range_high", "Where the table's calibrated range ends.", |_, range| Some(range?[1])),
@@ -181,7 +185,7 @@ impl Text {
     }
 
     fn workers(&mut self, status: &Status) {
-        let families: [(Kind, &str, &str, fn(&crate::status::WorkerStatus) -> f64); 3] = [
+        let families: [OfWorker; 3] = [
             (Kind::Counter, "isotherm_worker_cpu_seconds_total", "Processor time of a worker.", |worker| worker.cpu_s),
             (
                 Kind::Counter,

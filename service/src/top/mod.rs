@@ -17,16 +17,22 @@ use isotherm_client::Options;
 use model::Model;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::crossterm::terminal::disable_raw_mode;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use signal_hook::low_level;
 use source::Source;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread;
 use std::time::{Duration, Instant};
 pub use style::Look;
 
 /// How often is read and drawn.
 const TICK: Duration = Duration::from_millis(200);
+/// How long an end that was asked for by a signal may take.
+const LAST: Duration = Duration::from_secs(1);
 
 /// Shows the service of a domain until a key or a signal ends it. The terminal is left as it was, after a panic too.
 ///
@@ -34,17 +40,32 @@ const TICK: Duration = Duration::from_millis(200);
 /// If the domain cannot be joined, or the terminal is gone.
 pub fn run(options: Options, look: Look) -> Result<(), Failure> {
     let mut source = Source::connect(options.domain.clone())?;
-    let ended = Arc::<AtomicBool>::default();
-    for signal in [SIGTERM, SIGINT, SIGHUP] {
-        let handled = signal_hook::flag::register(signal, Arc::clone(&ended));
-        handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
-    }
+    let ended = end_on_signals()?;
     let shown = match ratatui::try_init() {
         Ok(mut terminal) => show(&mut terminal, &mut source, options, look, &ended),
         Err(error) => Err(error),
     };
     ratatui::restore();
     shown.map_err(|error| Failure::new(Exit::Io, format!("drawing on the terminal: {error}")))
+}
+
+/// Set by a signal that asks for the end. It comes a second later even if the terminal takes nothing any more, or is gone: reading from
+/// one that is gone does not return.
+fn end_on_signals() -> Result<Arc<AtomicBool>, Failure> {
+    let failed = |error: io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
+    let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
+    let ended = Arc::<AtomicBool>::default();
+    let told = Arc::clone(&ended);
+    let body = move || {
+        for signal in signals.forever() {
+            told.store(true, Relaxed);
+            thread::sleep(LAST);
+            let _ = disable_raw_mode();
+            let _ = low_level::emulate_default_handler(signal);
+        }
+    };
+    thread::Builder::new().name("signals".to_owned()).spawn(body).map_err(failed)?;
+    Ok(ended)
 }
 
 fn show(
