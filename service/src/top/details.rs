@@ -202,9 +202,11 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
         let line = Line::from(vec![Span::styled(format!("A{:<3}", axis + 1), look.label()), Span::styled(text, style)]);
         frame.render_widget(line, means);
         // From an eighth to the full height, so that the lowest point can be seen too.
-        let scale = |value: f64| if high > low { 1 + (7.0 * (value - low) / (high - low)).round() as u64 } else { 4 };
+        let levels = 8 * u64::from(curve.height.max(1));
+        let part = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
+        let scale = |value: f64| 1 + ((levels - 1) as f64 * part(value)).round() as u64;
         let bars = values.iter().map(|value| SparklineBar::from(value.map(scale)));
-        let curve_widget = Sparkline::default().data(bars).max(8).direction(RenderDirection::RightToLeft);
+        let curve_widget = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
         frame.render_widget(curve_widget.bar_set(look.bars()).absent_value_symbol(" ").style(look.curve()), curve);
     }
 }
