@@ -53,7 +53,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("languages: {error}");
+            println!("languages: {error}");
             ExitCode::FAILURE
         }
     }
