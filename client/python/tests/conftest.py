@@ -54,6 +54,15 @@ class Service:
             raise AssertionError("the service did not become ready:\n" + "".join(self.log))
         return self
 
+    def pause(self) -> None:
+        """Stops all its threads, and waits until they are."""
+        self.process.send_signal(signal.SIGSTOP)
+        tasks = Path(f"/proc/{self.process.pid}/task")
+        wait_for(lambda: all(" T " in (task / "stat").read_text() for task in tasks.iterdir()), "the service stops")
+
+    def resume(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
@@ -100,6 +109,8 @@ class World:
                 service.process.kill()
             service.process.wait()
             service.reader.join()
+            assert service.process.stderr is not None
+            service.process.stderr.close()
         for path in self.shared_memory():
             path.unlink(missing_ok=True)
         shutil.rmtree(self.folder)
