@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -416,7 +415,7 @@ try:
 except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
-    child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    child = world.start(sys.executable, "-c", program)
     assert child.stdout is not None
     assert child.stdout.readline() == "waiting\n"
     child.send_signal(signal.SIGINT)
@@ -426,7 +425,7 @@ except KeyboardInterrupt:
 
 def test_connecting_can_be_interrupted(world: World) -> None:
     program = "import isotherm\ntry:\n    print('waiting', flush=True)\n    isotherm.Acquisition('imu-a', timeout=1e9)\nexcept KeyboardInterrupt: print('interrupted')"
-    child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    child = world.start(sys.executable, "-c", program)
     assert child.stdout is not None
     assert child.stdout.readline() == "waiting\n"
     time.sleep(0.3)
