@@ -34,6 +34,11 @@ def test_acquisition_and_reader(world: World) -> None:
     assert reader.returncode == 0
 
 
+def test_round_trip(world: World) -> None:
+    world.serve()
+    assert len(example("round_trip.py", "--blocks", "1").splitlines()) == 7
+
+
 def test_calibrate(tmp_path: Path) -> None:
     out = example("calibrate.py", CAMPAIGN, tmp_path)
     assert "chosen: 3" in out
