@@ -54,6 +54,15 @@ class Service:
             raise AssertionError("the service did not become ready:\n" + "".join(self.log))
         return self
 
+    def pause(self) -> None:
+        """Stops all its threads, and waits until they are."""
+        self.process.send_signal(signal.SIGSTOP)
+        tasks = Path(f"/proc/{self.process.pid}/task")
+        wait_for(lambda: all(" T " in (task / "stat").read_text() for task in tasks.iterdir()), "the service stops")
+
+    def resume(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
@@ -69,12 +78,20 @@ class World:
         root = f"{folder}/{domain}"
         self.prefix = f"isotherm_{hashlib.sha256(root.encode()).hexdigest()[:8]}_"
         self.services: list[Service] = []
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def start(self, *command: str | Path) -> subprocess.Popen[str]:
+        """A process whose output is read; it ends with this world."""
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.processes.append(process)
+        return process
 
     def spawn(self, *arguments: str) -> Service:
         process = subprocess.Popen(
             [BINARY, "serve", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
         service = Service(process)
+        self.processes.append(process)
         self.services.append(service)
         return service
 
@@ -95,21 +112,38 @@ class World:
         return [path for path in Path("/dev/shm").iterdir() if path.name.startswith(self.prefix)]
 
     def end(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.wait()
         for service in self.services:
-            if service.process.poll() is None:
-                service.process.kill()
-            service.process.wait()
             service.reader.join()
+        for stream in [stream for process in self.processes for stream in (process.stdout, process.stderr) if stream]:
+            stream.close()
         for path in self.shared_memory():
             path.unlink(missing_ok=True)
         shutil.rmtree(self.folder)
 
 
+WORLDS: list[World] = []
+
+
 @pytest.fixture(autouse=True)
 def watchdog() -> Iterator[None]:
-    """A test that hangs tells where, and ends."""
-    faulthandler.dump_traceback_later(WATCHDOG, exit=True, file=sys.__stderr__)
+    """A test that hangs tells where, takes its processes with it, and ends."""
+
+    def bite() -> None:
+        faulthandler.dump_traceback(file=sys.__stderr__ or 2)
+        for world in WORLDS:
+            world.end()
+        os._exit(1)
+
+    timer = threading.Timer(WATCHDOG, bite)
+    timer.daemon = True
+    timer.start()
+    # Should even that hang, since something holds the GIL.
+    faulthandler.dump_traceback_later(WATCHDOG + PATIENCE, exit=True, file=sys.__stderr__ or 2)
     yield
+    timer.cancel()
     faulthandler.cancel_dump_traceback_later()
 
 
@@ -117,12 +151,14 @@ def watchdog() -> Iterator[None]:
 def world(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[World]:
     folder = Path(tempfile.mkdtemp(prefix="iso-"))
     world = World(folder, f"p{os.getpid()}")
+    WORLDS.append(world)
     monkeypatch.setenv("ISOTHERM_ROOT", str(folder))
     monkeypatch.setenv("ISOTHERM_DOMAIN", world.domain)
     monkeypatch.delenv("ISOTHERM_LOG", raising=False)
     try:
         yield world
     finally:
+        WORLDS.remove(world)
         world.end()
 
 

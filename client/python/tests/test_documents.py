@@ -27,11 +27,16 @@ def example(name: str, *arguments: str | Path) -> str:
 
 def test_acquisition_and_reader(world: World) -> None:
     world.serve()
-    reader = subprocess.Popen([sys.executable, EXAMPLES / "reader.py", "--count", "60"], stdout=subprocess.PIPE, text=True)
+    reader = world.start(sys.executable, EXAMPLES / "reader.py", "--count", "60")
     assert reader.stdout is not None and reader.stdout.readline() == "connected\n"
     assert "60 samples, velocity [" in example("acquisition.py", "--count", "60")
     assert reader.communicate(timeout=PATIENCE)[0].endswith("60 increments\n")
     assert reader.returncode == 0
+
+
+def test_round_trip(world: World) -> None:
+    world.serve()
+    assert len(example("round_trip.py", "--blocks", "1").splitlines()) == 7
 
 
 def test_calibrate(tmp_path: Path) -> None:

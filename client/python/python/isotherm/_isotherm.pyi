@@ -17,7 +17,31 @@ _Triple = tuple[float, float, float]
 _Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
 _Telemetry = Sequence[float] | npt.NDArray[np.floating[Any]]
 
-__all__: Final[list[str]]
+__all__ = [
+    "FLAGS",
+    "Acquisition",
+    "Axis",
+    "Calibration",
+    "Increment",
+    "IncrementReader",
+    "Loan",
+    "Polynomial",
+    "Stability",
+    "Table",
+    "__version__",
+    "calibrate",
+    "count_fork",
+    "read_increments",
+    "read_recording",
+    "read_text",
+    "regress",
+    "replay",
+    "samples_of",
+    "verify",
+    "write_increments",
+    "write_recording",
+]
+
 __version__: Final[str]
 FLAGS: Final[list[tuple[int, str]]]
 
