@@ -270,6 +270,14 @@ fn several_imus_and_standard_output() {
     }
     let other = world.run(&["replay", "--table", "imu-a.toml", "--imu", "imu-x", "all.mcap"]);
     assert_eq!(other.status.code(), Some(65));
+    // A crash in the middle of a line, or of a chunk.
+    for file in ["out.csv", "all.mcap"] {
+        let whole = fs::read(world.path(file)).unwrap();
+        fs::write(world.path(file), &whole[..whole.len() - 10]).unwrap();
+        let output = world.run(&["replay", "--table", "imu-a.toml", "--imu", "imu-b", file]);
+        assert!(output.status.success());
+        said(&text(&output.stderr), "the recording was not ended properly");
+    }
     // A Parquet file has its directory at the end.
     let output = world.isotherm_after(&[], "true", &["replay", "--table", "imu-a.toml", "-"]).output().unwrap();
     assert_eq!(output.status.code(), Some(65), "nothing is no recording");

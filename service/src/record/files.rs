@@ -219,7 +219,7 @@ impl Files {
     /// The names of the files with this number, one a stream but for MCAP.
     fn paths(&self, number: u32) -> Vec<PathBuf> {
         let (first, _) = self.streams[0];
-        let number = self.rotation.is_asked_for().then(|| format!("-{number:04}")).unwrap_or_default();
+        let number = if self.rotation.is_asked_for() { format!("-{number:04}") } else { String::new() };
         match self.format {
             Format::Mcap => vec![file_name(&self.name, &self.imus[first], &number)],
             _ if self.streams.len() == 1 => vec![file_name(&self.name, &self.imus[first], &number)],

@@ -25,9 +25,11 @@ pub struct Tally {
 #[derive(Clone, Debug, Default)]
 pub struct Ledger {
     tallies: [Tally; 2],
-    /// Of the latest sessions the first and last sequence in each stream.
-    ends: VecDeque<(u64, [Option<(u64, u64)>; 2])>,
+    ends: VecDeque<(u64, Ends)>,
 }
+
+/// The first and last sequence of a session in each stream.
+type Ends = [Option<(u64, u64)>; 2];
 
 impl Ledger {
     /// Counts a row, which comes for the first time. Whether it is to be written: a raw sample behind a later one is not, or the recording
@@ -70,7 +72,7 @@ impl Ledger {
         }
     }
 
-    fn compare(&mut self, ends: [Option<(u64, u64)>; 2], in_flight: u64) {
+    fn compare(&mut self, ends: Ends, in_flight: u64) {
         for (stream, other) in [(0, 1), (1, 0)] {
             let Some((first, last)) = ends[other] else { continue };
             let missing = match ends[stream] {
@@ -111,6 +113,12 @@ mod tests {
         (rows, sessions, missing, late)
     }
 
+    fn take_all(ledger: &mut Ledger, stream: Stream, session: u64, sequences: impl Iterator<Item = u64>) {
+        for sequence in sequences {
+            ledger.take(stream, (session, sequence));
+        }
+    }
+
     #[test]
     fn gaps_are_counted_within_a_session() {
         let mut ledger = Ledger::default();
@@ -130,9 +138,9 @@ mod tests {
     #[test]
     fn what_one_stream_lost_at_the_end_the_other_tells() {
         let mut ledger = Ledger::default();
-        (0..10).for_each(|sequence| drop(ledger.take(Raw, (1, sequence))));
-        (5..30).for_each(|sequence| drop(ledger.take(Increment, (1, sequence))));
-        (8..12).for_each(|sequence| drop(ledger.take(Raw, (2, sequence))));
+        take_all(&mut ledger, Raw, 1, 0..10);
+        take_all(&mut ledger, Increment, 1, 5..30);
+        take_all(&mut ledger, Raw, 2, 8..12);
         ledger.take(Raw, (3, 0));
         assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (0, 0));
         ledger.settle();
@@ -140,8 +148,8 @@ mod tests {
         // On the way at the end; or lost after all.
         for (answered, missing) in [(36, 0), (35, 65)] {
             let mut ledger = Ledger::default();
-            (0..=100).for_each(|sequence| drop(ledger.take(Raw, (1, sequence))));
-            (0..=answered).for_each(|sequence| drop(ledger.take(Increment, (1, sequence))));
+            take_all(&mut ledger, Raw, 1, 0..=100);
+            take_all(&mut ledger, Increment, 1, 0..=answered);
             ledger.settle();
             assert_eq!(ledger.tally(Increment).missing, missing);
         }

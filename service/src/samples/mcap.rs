@@ -28,6 +28,8 @@ pub struct McapSamples {
     schemas: BTreeSet<u16>,
     /// Channels of raw samples, with their IMUs.
     channels: HashMap<u16, ImuId>,
+    /// Whether one has been found since the last message.
+    new_channel: bool,
     /// The IMU whose samples have been handed out.
     picked: Option<ImuId>,
     rising: Rising,
@@ -64,6 +66,7 @@ impl McapSamples {
             wanted,
             schemas: BTreeSet::new(),
             channels: HashMap::new(),
+            new_channel: false,
             picked: None,
             rising: Rising::default(),
             bytes: 0,
@@ -138,10 +141,10 @@ impl McapSamples {
 
     fn record(&mut self, record: Record<'static>) -> Result<Step, RecordingError> {
         match record {
-            Record::Schema { header, .. } => {
-                if header.name == protobuf::message(Stream::Raw) && header.encoding == "protobuf" {
-                    self.schemas.insert(header.id);
-                }
+            Record::Schema { header, .. }
+                if header.name == protobuf::message(Stream::Raw) && header.encoding == "protobuf" =>
+            {
+                self.schemas.insert(header.id);
             }
             Record::Channel(channel) => {
                 let imu = channel.topic.trim_start_matches('/').strip_prefix("isotherm/");
@@ -151,11 +154,14 @@ impl McapSamples {
                     && channel.message_encoding == "protobuf"
                 {
                     self.channels.insert(channel.id, imu);
-                    self.check_pick()?;
+                    self.new_channel = true;
                 }
             }
             Record::Message { header, data } => {
                 self.messages += 1;
+                if std::mem::take(&mut self.new_channel) {
+                    self.check_pick()?;
+                }
                 if let Some(imu) = self.channels.get(&header.channel_id)
                     && self.takes(imu)
                 {

@@ -38,7 +38,7 @@ pub struct Samples {
 }
 
 enum Source {
-    Csv(RawReader<Box<dyn Read>>),
+    Csv(Box<RawReader<Box<dyn Read>>>),
     #[cfg(feature = "record")]
     Mcap(Box<mcap::McapSamples>),
     #[cfg(feature = "record")]
@@ -64,7 +64,8 @@ impl Samples {
         } else if head == MCAP {
             Self::mcap(Box::new(bar.wrap_read(Cursor::new(head).chain(source))), pick).map_err(failed)?
         } else {
-            Source::Csv(RawReader::new(Box::new(bar.wrap_read(Cursor::new(head).chain(source))) as _).map_err(failed)?)
+            let source: Box<dyn Read> = Box::new(bar.wrap_read(Cursor::new(head).chain(source)));
+            Source::Csv(Box::new(RawReader::new(source).map_err(failed)?))
         };
         Ok(Self { path: path.to_owned(), source })
     }
@@ -111,7 +112,7 @@ impl Iterator for Samples {
                 (item, None)
             }
         };
-        if let (None, Some(cut)) = (&item, cut) {
+        if let (None, Some(cut), false) = (&item, cut, cfg!(test)) {
             let _ = writeln!(io::stderr(), "isotherm: warning: {}: {cut}", self.path.display());
         }
         item.map(|item| item.map_err(|error| Failure::recording(&self.path, &error)))

@@ -51,6 +51,7 @@ fn samples(count: u64) -> Vec<RawSample> {
 
 /// Writes the samples and as many increments, flushing now and then.
 fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[RawSample]) -> PathBuf {
+    let flush = samples.len() / 6 + 1;
     let path = folder.join(name);
     let streams: Vec<_> = (0..imus.len()).flat_map(|imu| Stream::BOTH.map(|stream| (imu, stream))).collect();
     let mut files = Files::create(&path, format, Rotation::default(), imus, &streams).ok().unwrap();
@@ -62,7 +63,7 @@ fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[R
                 files.write(&Row { imu, recorded_ns: 5, sample }).ok().unwrap();
             }
         }
-        if count % 97 == 0 {
+        if count % flush == 0 {
             files.flush().ok().unwrap();
         }
     }
@@ -89,9 +90,9 @@ fn bits(samples: &[RawSample]) -> Vec<String> {
 fn every_format_gives_back_every_bit() {
     let folder = TempDir::new().unwrap();
     let a = imu("imu-a");
-    // Over a Parquet row group, and over what one batch of its reader takes.
-    let samples = samples(70_000);
     for (format, name) in FORMATS {
+        // Over a Parquet row group, and over what one batch of its reader takes.
+        let samples = samples(if format == Format::Parquet { 66_000 } else { 3000 });
         let path = write(folder.path(), format, name, std::slice::from_ref(&a), &samples);
         let read = read(&path, Pick::Only(&a)).unwrap();
         assert!(bits(&read) == bits(&samples), "{format:?}");
@@ -143,7 +144,7 @@ fn a_file_that_is_cut_is_read_up_to_there() {
             assert!(bits(&read) == bits(&samples[..read.len()]), "{format:?} {length}");
             counts.push(read.len());
         }
-        assert!(counts.is_sorted() && counts.last() >= Some(&480), "{format:?} {counts:?}");
+        assert!(counts.is_sorted() && counts.last() >= Some(&400), "{format:?} {counts:?}");
     }
 }
 
@@ -157,7 +158,7 @@ fn damaged_files_are_errors() {
         let path = write(folder.path(), format, name, std::slice::from_ref(&a), &samples(40));
         let whole = fs::read(&path).unwrap();
         let mut refused = 0;
-        for round in 0..1500 {
+        for round in 0..400 {
             let mut bytes = whole.clone();
             match round % 4 {
                 0 => bytes.truncate(random.below(whole.len())),
@@ -184,6 +185,6 @@ fn damaged_files_are_errors() {
                 }
             }
         }
-        assert!(refused > 300, "{format:?}: {refused} of 1500 were refused");
+        assert!(refused > 80, "{format:?}: {refused} of 400 were refused");
     }
 }

@@ -18,7 +18,9 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(5);
 /// Rows between two looks at the clock.
 const BATCH: usize = 1024;
-/// What goes on is told this often.
+/// How often it is looked whether there is something to tell.
+const LOOK: Duration = Duration::from_millis(500);
+/// Losses that go on are told this often.
 const TELL: Duration = Duration::from_secs(10);
 
 /// Record raw samples and increments of running IMUs, without disturbing them
@@ -78,7 +80,7 @@ impl Record {
             first_row: None,
             flushed: now,
             stalled: false,
-            told: Told { connected: 0, lost: 0, at: now },
+            told: Told { connected: 0, waiting: false, lost: 0, lost_at: None, looked: now },
             rotations: 0,
             domain: name,
             imus: self.imus,
@@ -91,7 +93,7 @@ impl Record {
     }
 
     /// Checks the command line, and creates the files with their streams.
-    fn files(&self) -> Result<(Vec<Files>, Vec<(usize, Stream)>), Failure> {
+    fn files(&self) -> Result<(Vec<Files>, Streams), Failure> {
         let usage = |message: String| Err(Failure::new(Exit::Usage, message));
         let (output, name) = (&self.output, self.output.to_string_lossy());
         if let Some(twice) = self.imus.iter().enumerate().find(|(place, imu)| self.imus[..*place].contains(imu)) {
@@ -136,6 +138,9 @@ impl Record {
     }
 }
 
+/// Places in the list of IMUs, and which of their streams.
+type Streams = Vec<(usize, Stream)>;
+
 fn refused(FileError(path, error): &FileError) -> Failure {
     if error.kind() == io::ErrorKind::AlreadyExists {
         let path = path.display();
@@ -147,7 +152,7 @@ fn refused(FileError(path, error): &FileError) -> Failure {
 
 struct Recorder {
     imus: Vec<ImuId>,
-    streams: Vec<(usize, Stream)>,
+    streams: Streams,
     domain: String,
     tap: Tap,
     files: Vec<Files>,
@@ -167,8 +172,11 @@ struct Recorder {
 /// What the operator knows already.
 struct Told {
     connected: u64,
+    /// Whether it has been said which streams are waited for.
+    waiting: bool,
     lost: u64,
-    at: Instant,
+    lost_at: Option<Instant>,
+    looked: Instant,
 }
 
 impl Recorder {
@@ -176,10 +184,14 @@ impl Recorder {
         loop {
             let ended = self.tap.has_ended();
             let came = !self.stalled && self.take()?;
-            if self.flushed.elapsed() >= flush || self.files.iter().any(Files::is_flush_due) {
+            let due = !self.stalled && self.files.iter().any(Files::is_flush_due);
+            if due || self.flushed.elapsed() >= flush {
                 self.flush()?;
                 self.flushed = Instant::now();
+            }
+            if self.told.looked.elapsed() >= flush.min(LOOK) {
                 self.tell();
+                self.told.looked = Instant::now();
             }
             if ended && !came {
                 return Ok(());
@@ -247,21 +259,19 @@ impl Recorder {
             let mask: u64 = bits.map(|(place, _)| 1 << place).sum();
             if connected & mask == mask && self.told.connected & mask != mask {
                 say(&format!("recording {id}"));
-            } else if self.told.connected == 0 && connected & mask != mask && self.told.at == self.started {
+            } else if !self.told.waiting && connected & mask != mask {
                 say(&format!("waiting for a service that serves {id} in domain {:?}", self.domain));
             }
         }
         self.told.connected |= connected;
-        if self.told.at == self.started {
-            self.told.at = Instant::now();
-        }
+        self.told.waiting = true;
         if let Some(trouble) = shared.take_trouble() {
             say(&format!("warning: {trouble}; trying again"));
         }
         let tallies = self.streams.iter().map(|&(imu, stream)| self.ledgers[imu].tally(stream));
         let lost = tallies.map(|tally| tally.missing).fold(0, u64::saturating_add);
-        if lost > self.told.lost && self.told.at.elapsed() >= TELL {
-            self.told.at = Instant::now();
+        if lost > self.told.lost && self.told.lost_at.is_none_or(|at| at.elapsed() >= TELL) {
+            self.told.lost_at = Some(Instant::now());
             self.told.lost = lost;
             say(&format!("warning: {lost} rows are missing so far, by their sequences"));
         }
