@@ -2,7 +2,8 @@
 
 use crate::Effort;
 use crate::open::{self, Schedule};
-use crate::statistics::{figures, pooled_ratio};
+
+use isotherm_benches::statistics::{figures, pooled_ratio};
 use isotherm_benches::{Outcome, PATIENCE, Partner, World, imu};
 use isotherm_client::Acquisition;
 use serde_json::{Map, Value, json};
