@@ -24,6 +24,7 @@ const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
 /// Which IMU's samples, of a recording that may have several.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "record"), expect(dead_code, reason = "CSV holds one IMU's"))]
 pub enum Pick<'a> {
     /// This one's and no other's.
     Only(&'a ImuId),
