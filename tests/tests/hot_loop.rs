@@ -105,13 +105,16 @@ fn spinning_makes_no_system_call_on_either_side() {
         let worker = Pid::from_raw(thread_of(service.pid(), "worker-0"));
         let main = Pid::from_raw(client.child.id().cast_signed());
         for thread in [worker, main] {
-            let before = received();
-            let Some(calls) = system_calls(thread, Duration::from_millis(500)) else {
-                eprintln!("not tested: this user may not trace a process");
-                break;
-            };
+            let (mut calls, before) = (0, received());
+            // Watched until enough has come, however little a machine that is busy with other things lets through.
+            while received() - before <= 1_000 {
+                let Some(more) = system_calls(thread, Duration::from_millis(500)) else {
+                    eprintln!("not tested: this user may not trace a process");
+                    return;
+                };
+                calls += more;
+            }
             let samples = received() - before;
-            assert!(samples > 1_000, "{samples} samples while watching");
             if none {
                 assert_eq!(calls, 0, "in {samples} samples");
             } else if thread == worker {
