@@ -43,6 +43,10 @@ pub struct ParquetFile {
     visible: (File, u64),
     /// The other one; none until the second flush.
     hidden: Option<(NamedTempFile, u64)>,
+    /// Bytes behind the body at the last flush.
+    tail: u64,
+    /// Whether the file system can exchange two names, as far as is known.
+    exchanges: bool,
 }
 
 impl ParquetFile {
@@ -67,6 +71,8 @@ impl ParquetFile {
             open: Columns::new(columns),
             visible: (create(path, &bytes)?, body),
             hidden: None,
+            tail: 0,
+            exchanges: true,
         })
     }
 
@@ -113,6 +119,7 @@ impl ParquetFile {
         file.write_all_at(&tail, self.body)?;
         file.set_len(self.body + tail.len() as u64)?;
         file.sync_data()?;
+        self.tail = tail.len() as u64;
         self.exchange()?;
         // Both have the body up to there.
         let both = self.visible.1.min(self.hidden.as_ref().map_or(self.body, |(_, has)| *has));
@@ -120,28 +127,29 @@ impl ParquetFile {
         Ok(())
     }
 
-    /// Bytes, but for the rows that are not in a full row group.
+    /// Bytes, as of the last flush.
     pub const fn size(&self) -> u64 {
-        self.body
+        self.body + self.tail
     }
 
     /// The hidden file takes the visible one's name, and the other way round.
     fn exchange(&mut self) -> io::Result<()> {
-        let Some((hidden, _)) = &self.hidden else { return Ok(()) };
-        match renameat_with(CWD, hidden.path(), CWD, &self.path, RenameFlags::EXCHANGE) {
-            Ok(()) => {
-                let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
-                std::mem::swap(hidden.as_file_mut(), &mut self.visible.0);
-                std::mem::swap(has, &mut self.visible.1);
-            }
-            // A file system that cannot exchange: the hidden file replaces the visible one, and the next begins anew.
-            Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => {
-                fs::metadata(&self.path)?;
-                if let Some((hidden, has)) = self.hidden.take() {
-                    self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);
+        let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
+        if self.exchanges {
+            match renameat_with(CWD, hidden.path(), CWD, &self.path, RenameFlags::EXCHANGE) {
+                Ok(()) => {
+                    std::mem::swap(hidden.as_file_mut(), &mut self.visible.0);
+                    std::mem::swap(has, &mut self.visible.1);
+                    return Ok(());
                 }
+                Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => self.exchanges = false,
+                Err(error) => return Err(error.into()),
             }
-            Err(error) => return Err(error.into()),
+        }
+        // The hidden file replaces the visible one, and the next begins anew. One that the user has taken away stays away.
+        fs::metadata(&self.path)?;
+        if let Some((hidden, has)) = self.hidden.take() {
+            self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);
         }
         Ok(())
     }
@@ -341,4 +349,48 @@ impl Values for Columns {
 
 fn other(error: ParquetError) -> io::Error {
     io::Error::other(error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::columns::Sample;
+    use isotherm_client::RawSample;
+    use parquet::file::reader::{FileReader as _, SerializedFileReader};
+
+    /// At every flush the file has every row, whether its file system can exchange names or not.
+    #[test]
+    fn every_flush_leaves_a_whole_file() {
+        for exchanges in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("r.parquet");
+            let mut file = ParquetFile::create(&path, &"imu-a".parse().unwrap(), Stream::Raw).unwrap();
+            file.exchanges = exchanges;
+            let mut rows = 0;
+            // Within a row group, over one, over two at once, exactly one, and none.
+            for more in [0, 1, 10, ROW_GROUP, 2 * ROW_GROUP, ROW_GROUP - 11, 0, 5] {
+                for _ in 0..more {
+                    let raw = RawSample { sequence: rows, ..RawSample::default() };
+                    file.write(&Row { imu: 0, recorded_ns: 0, sample: Sample::Raw(raw) }).unwrap();
+                    rows += 1;
+                }
+                file.flush().unwrap();
+                let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+                assert_eq!(reader.metadata().file_metadata().num_rows() as u64, rows);
+                let sequences = (0..reader.num_row_groups()).flat_map(|group| {
+                    let mut column = reader.get_row_group(group).unwrap().get_column_reader(2).unwrap();
+                    let parquet::column::reader::ColumnReader::Int64ColumnReader(column) = &mut column else {
+                        return vec![];
+                    };
+                    let mut values = Vec::new();
+                    column.read_records(ROW_GROUP, None, None, &mut values).unwrap();
+                    values
+                });
+                assert!(sequences.eq(0..rows as i64), "{exchanges} {rows}");
+                assert_eq!(fs::metadata(&path).unwrap().len(), file.size());
+            }
+            drop(file);
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+        }
+    }
 }

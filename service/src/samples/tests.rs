@@ -1,5 +1,4 @@
 //! What the recorder writes is what the reader reads, in every format; and what is not so is an error.
-#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use super::{Pick, Samples};
 use crate::failure::{Exit, Failure};
