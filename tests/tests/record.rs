@@ -224,6 +224,7 @@ fn what_cannot_be_recorded_is_said_at_once() {
     for (arguments, code, cause) in [
         (&["-o", "old.csv"][..], 74, "old.increments.csv exists"),
         (&["-o", "old.increments.csv"], 74, "old.increments.csv exists"),
+        (&["-o", "{imu}.increments.csv", "--imu", "old", "--stream", "raw"], 74, "old.increments.csv exists"),
         (&["-o", "nowhere/r.csv"], 74, "writing nowhere/r.csv: "),
         (&["-o", "r.txt"], 64, "name it .csv, .parquet or .mcap"),
         (&["-o", "-", "--format", "mcap"], 64, "stdout takes one stream"),

@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(5);
 /// Rows between two looks at the clock.
 const BATCH: usize = 1024;
+/// As many as a service has.
+const MAX_IMUS: usize = 32;
 /// How often it is looked whether there is something to tell.
 const LOOK: Duration = Duration::from_millis(500);
 /// Losses that go on are told this often.
@@ -99,6 +101,9 @@ impl Record {
         if let Some(twice) = self.imus.iter().enumerate().find(|(place, imu)| self.imus[..*place].contains(imu)) {
             return usage(format!("--imu {} is given twice", twice.1));
         }
+        if self.imus.len() > MAX_IMUS {
+            return usage(format!("{} IMUs; a service has up to {MAX_IMUS}", self.imus.len()));
+        }
         let stdout = output == Path::new("-");
         let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let format = match (self.format, extension.as_deref()) {
@@ -130,9 +135,16 @@ impl Record {
             true => (0..self.imus.len()).map(|imu| all(imu).collect()).collect(),
             false => vec![streams.clone()],
         };
-        let mut files = Vec::new();
+        let mut files: Vec<Files> = Vec::new();
         for group in groups {
-            files.push(Files::create(output, format, rotation, &self.imus, &group).map_err(|error| refused(&error))?);
+            match Files::create(output, format, rotation, &self.imus, &group) {
+                Ok(made) => files.push(made),
+                Err(error) => {
+                    // All or none.
+                    files.iter().flat_map(Files::paths_now).for_each(|path| drop(std::fs::remove_file(path)));
+                    return Err(refused(&error));
+                }
+            }
         }
         Ok((files, streams))
     }
@@ -194,6 +206,13 @@ impl Recorder {
                 self.told.looked = Instant::now();
             }
             if ended && !came {
+                if self.stalled {
+                    self.flush()?;
+                }
+                if !self.stalled {
+                    // What waited for room, if there was some, has been taken.
+                    while self.take()? {}
+                }
                 return Ok(());
             }
             let over = duration.zip(self.first_row).is_some_and(|(duration, first)| first.elapsed() >= duration);
