@@ -120,5 +120,6 @@ impl Iterator for Samples {
     }
 }
 
-#[cfg(all(test, feature = "record"))]
+#[cfg(test)]
+#[cfg(feature = "record")]
 mod tests;
