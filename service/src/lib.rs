@@ -10,6 +10,7 @@ mod control;
 mod create;
 mod failure;
 mod files;
+pub mod instruments;
 mod leftovers;
 mod logging;
 mod reload;
