@@ -3,6 +3,7 @@
 //! A library so that a bench can be the service in one of its processes, and so that what reads untrusted input can be fuzzed; the program
 //! is [`main`].
 
+mod campaign;
 mod clean;
 mod cli;
 pub mod config;
