@@ -3,7 +3,7 @@
 use crate::clock::{Clock, monotonic_ns};
 use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
-use crate::peers::{depth_of, publisher_of, subscribers_of};
+use crate::peers::{depth_of, publisher_of};
 use crate::pending::Pending;
 use crate::resources::reserve;
 use iceoryx2::port::notifier::Notifier;
@@ -117,7 +117,7 @@ impl Acquisition {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 // Dead ones hold their places until they are cleaned away.
                 node.try_cleanup_dead_nodes();
-                ConnectError::NoRoom { imu: imu.clone(), pids: subscribers_of(&increments) }
+                ConnectError::no_room(imu, &increments)
             }
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;

@@ -1,10 +1,12 @@
 //! Joining a domain: where it is, how a process gets its node, and how long that may take.
 
-use crate::peers::publisher_of;
+use crate::peers::{publisher_of, subscribers_of};
 use crate::resources::{SHARED_MEMORY, check_folder, check_room};
+use core::fmt;
 use iceoryx2::node::NodeCreationFailure;
-use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
-use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, INCREMENT_SUBSCRIBERS, ImuId, IpcNode};
+use iceoryx2::prelude::{IceoryxSend, NodeBuilder, PortFactory as _, SignalHandlingMode};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, Ipc, IpcNode};
 use std::collections::HashMap;
 use std::fs;
 use std::io;
@@ -94,10 +96,12 @@ pub enum ConnectError {
         pid: Option<i32>,
     },
     /// The stream has no room for another reader.
-    #[error("IMU {imu}: all {INCREMENT_SUBSCRIBERS} reader places are taken, by processes {pids:?}; stop one of them")]
+    #[error("IMU {imu}: all {places} reader places are taken, by processes {pids:?}; stop one of them")]
     NoRoom {
         /// The IMU asked for.
         imu: ImuId,
+        /// How many there are.
+        places: usize,
         /// Those that read.
         pids: Vec<i32>,
     },
@@ -131,6 +135,11 @@ pub enum ConnectError {
 }
 
 impl ConnectError {
+    pub(crate) fn no_room<T: IceoryxSend + fmt::Debug>(imu: &ImuId, stream: &PortFactory<Ipc, T, ()>) -> Self {
+        let places = stream.static_config().max_subscribers();
+        Self::NoRoom { imu: imu.clone(), places, pids: subscribers_of(stream) }
+    }
+
     pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
         Self::Transport { phase, cause: cause.to_string() }
     }

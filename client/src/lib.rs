@@ -30,7 +30,7 @@
 //!
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
-//! * [`IncrementReader`] is for everybody else: navigation, loggers.
+//! * [`IncrementReader`] is for everybody else: navigation, loggers. [`RawReader`] reads the raw samples: recorders.
 //!
 //! # Guarantees
 //! * Sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same, but
@@ -45,11 +45,11 @@
 mod acquisition;
 mod clock;
 mod connect;
-mod increments;
 mod loan;
 mod once;
 mod peers;
 mod pending;
+mod reader;
 mod realtime;
 mod resources;
 
@@ -59,10 +59,10 @@ pub use connect::{
     ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing,
     sweep_half_created,
 };
-pub use increments::IncrementReader;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
 pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
 pub use peers::{publisher_of, subscribers_of};
+pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use resources::{check_room, reserve};

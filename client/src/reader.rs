@@ -1,41 +1,78 @@
-//! Reading increments beside the acquisition: navigation, loggers.
+//! Reading a stream beside acquisition and service: navigation, loggers, recorders.
 
 use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
 use crate::once::Once;
-use crate::peers::subscribers_of;
 use crate::resources::reserve;
+use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::prelude::{ServiceName, ZeroCopySend};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
-use isotherm_shared::wire::CompensatedIncrement;
+use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::time::{Duration, Instant};
 
 /// Pause between two attempts to find the service.
 const RETRY: Duration = Duration::from_millis(20);
 
-/// Reads the increments of one IMU as they are published, from the moment it is connected on.
+/// What a stream carries: [`RawSample`] or [`CompensatedIncrement`].
+pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
+    /// Its stream of an IMU.
+    fn stream(imu: &ImuId) -> ServiceName;
+    /// Session and sequence.
+    fn key(&self) -> (u64, u64);
+}
+
+impl Streamed for RawSample {
+    fn stream(imu: &ImuId) -> ServiceName {
+        imu.raw()
+    }
+    fn key(&self) -> (u64, u64) {
+        (self.session, self.sequence)
+    }
+}
+
+impl Streamed for CompensatedIncrement {
+    fn stream(imu: &ImuId) -> ServiceName {
+        imu.increment()
+    }
+    fn key(&self) -> (u64, u64) {
+        (self.session, self.sequence)
+    }
+}
+
+/// Reads the increments of one IMU as they are published: for navigation and loggers.
+///
+/// One that sleeps for more than the queue's depth ([`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH)) finds the
+/// newest there; the oldest have been overwritten.
+pub type IncrementReader = Reader<CompensatedIncrement>;
+
+/// Reads the raw samples of one IMU as the acquisition sends them: for recorders.
+///
+/// One that sleeps for more than the queue's depth ([`RAW_DEPTH`](isotherm_shared::stream::RAW_DEPTH)) finds the oldest
+/// there; the queue took no more. Acquisition and service never notice.
+pub type RawReader = Reader<RawSample>;
+
+/// Reads one stream of an IMU as it is published, from the moment it is connected on: [`IncrementReader`], [`RawReader`].
 ///
 /// It may be created before or after the service, stays connected across restarts of service and acquisition, and hands
 /// each (session, sequence) out once, although a resend after a restart publishes some twice. It cannot disturb anyone:
-/// when it sleeps for more than the queue's depth
-/// ([`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH)), the oldest increments are overwritten, which
-/// shows as a gap in `sequence`.
+/// what a reader that sleeps has no room for is lost to it alone, and shows as a gap in `sequence`.
 ///
 /// Sequences rise, but for one case: after a restart of the service a sample sent just then may come before those that are
 /// sent again.
 #[derive(Debug)]
-pub struct IncrementReader {
+pub struct Reader<T: Streamed> {
     domain: Domain,
     imu: ImuId,
     once: Once,
     repeats: u64,
     next_attempt: Instant,
     // The subscriber before its node: fields are dropped in this order.
-    subscriber: Option<Subscriber<Ipc, CompensatedIncrement, ()>>,
+    subscriber: Option<Subscriber<Ipc, T, ()>>,
     node: Option<IpcNode>,
 }
 
-impl IncrementReader {
+impl<T: Streamed> Reader<T> {
     /// A reader that connects as soon as the service is there; it never waits (the time-out of `options` is not used).
     #[must_use]
     pub fn new(imu: ImuId, options: &Options) -> Self {
@@ -66,27 +103,33 @@ impl IncrementReader {
         self.subscriber.is_some()
     }
 
-    /// Increments that came again after a resend and were not handed out.
+    /// The IMU.
+    #[must_use]
+    pub const fn imu(&self) -> &ImuId {
+        &self.imu
+    }
+
+    /// Those that came again after a resend and were not handed out.
     #[must_use]
     pub const fn repeats(&self) -> u64 {
         self.repeats
     }
 
-    /// The next increment, or `None` if there is none now (or no service yet). Does not wait.
+    /// The next one, or `None` if there is none now (or no service yet). Does not wait.
     ///
     /// # Errors
     /// [`ConnectError`] if connecting cannot succeed (another user's domain, no place left) or the connection is broken.
-    pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, ConnectError> {
+    pub fn receive(&mut self) -> Result<Option<T>, ConnectError> {
         let Some(subscriber) = &self.subscriber else {
             return self.try_attach().map(|()| None);
         };
         loop {
-            let sample =
-                subscriber.receive().map_err(|error| ConnectError::transport("receiving an increment", error))?;
-            let Some(sample) = sample else { return Ok(None) };
-            let increment = *sample;
-            if self.once.first_time(increment.session, increment.sequence) {
-                return Ok(Some(increment));
+            let sample = subscriber.receive().map_err(|error| ConnectError::transport("reading the stream", error))?;
+            // Copied out of shared memory once.
+            let Some(received) = sample.map(|sample| *sample) else { return Ok(None) };
+            let (session, sequence) = received.key();
+            if self.once.first_time(session, sequence) {
+                return Ok(Some(received));
             }
             self.repeats += 1;
         }
@@ -96,11 +139,11 @@ impl IncrementReader {
     ///
     /// # Errors
     /// As [`receive`](Self::receive).
-    pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<CompensatedIncrement>, ConnectError> {
+    pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<T>, ConnectError> {
         let started = Instant::now();
         loop {
-            if let Some(increment) = self.receive()? {
-                return Ok(Some(increment));
+            if let Some(received) = self.receive()? {
+                return Ok(Some(received));
             }
             if started.elapsed() >= timeout {
                 return Ok(None);
@@ -125,18 +168,18 @@ impl IncrementReader {
             Some(node) => node,
             None => self.node.insert(join_existing(&self.domain)?),
         };
-        let stream = node.service_builder(&self.imu.increment()).publish_subscribe::<CompensatedIncrement>().open();
+        let stream = node.service_builder(&T::stream(&self.imu)).publish_subscribe::<T>().open();
         let stream = stream.map_err(|error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(node, &self.domain, &self.imu),
             PublishSubscribeOpenError::InsufficientPermissions => permission(&self.domain),
-            other => ConnectError::transport("opening the increment stream", other),
+            other => ConnectError::transport("opening the stream", other),
         })?;
         let subscriber = stream.subscriber_builder().create().map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 node.try_cleanup_dead_nodes();
-                ConnectError::NoRoom { imu: self.imu.clone(), pids: subscribers_of(&stream) }
+                ConnectError::no_room(&self.imu, &stream)
             }
-            other => ConnectError::transport("subscribing to the increment stream", other),
+            other => ConnectError::transport("subscribing to the stream", other),
         })?;
         reserve(&self.domain)?;
         self.subscriber = Some(subscriber);
