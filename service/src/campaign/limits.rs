@@ -63,6 +63,11 @@ impl Limits {
         })
     }
 
+    /// The nearest chamber temperature that may be commanded \[degC\].
+    pub const fn clamp_chamber(&self, celsius: f64) -> f64 {
+        celsius.clamp(self.chamber_c[0], self.chamber_c[1])
+    }
+
     /// What is wrong with a ramp \[degC/min\].
     pub fn ramp(&self, per_min: f64) -> Option<String> {
         let most = self.ramp_c_per_min;
