@@ -10,6 +10,7 @@ mod control;
 mod create;
 mod failure;
 mod files;
+#[cfg(feature = "campaign")]
 pub mod instruments;
 mod leftovers;
 mod logging;
