@@ -11,6 +11,7 @@ mod control;
 mod create;
 mod failure;
 mod files;
+#[cfg(feature = "campaign")]
 pub mod instruments;
 mod leftovers;
 mod logging;

@@ -4,7 +4,13 @@
 //! did wrong is a [`Fault`]; its [`FaultKind`] decides what a campaign does about it. A driver repeats what had no reply or a garbled
 //! one as often as `retries` says, which is safe: every request reads, or sets what it sets however often it is sent.
 
+pub mod acutrol;
+pub mod aerosmith;
+pub mod ascii2;
 pub mod config;
+pub mod espec;
+pub mod f4t;
+mod line;
 
 pub use config::{ChamberConfig, TableConfig};
 
