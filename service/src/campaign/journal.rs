@@ -137,8 +137,12 @@ pub struct History {
     pub kept: Vec<Kept>,
     /// The last set point that was reached, and when.
     pub reached: Option<(f64, f64)>,
+    /// When the last of them was complete, seconds since 1970.
+    pub kept_unix_s: f64,
     /// When the last line was written, seconds since 1970.
     pub last_unix_s: f64,
+    /// Whether the last runner has ended in the safe state, or tried to.
+    pub safe: bool,
 }
 
 /// The open journal.
@@ -238,9 +242,13 @@ pub fn history(lines: &[Line]) -> History {
     for line in lines {
         history.last_unix_s = line.unix_s;
         match &line.entry {
-            Entry::Kept(kept) => history.kept.push(kept.clone()),
+            Entry::Started { .. } => history.safe = false,
+            Entry::Kept(kept) => {
+                history.kept.push(kept.clone());
+                history.kept_unix_s = line.unix_s;
+            }
             Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.unix_s)),
-            Entry::Safe { .. } => history.reached = None,
+            Entry::Safe { .. } => (history.reached, history.safe) = (None, true),
             _ => {}
         }
     }

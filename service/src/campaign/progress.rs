@@ -1,10 +1,10 @@
 //! What a runner says of itself: a file for others, bars on a terminal, lines in the log.
 
 use super::timeline::duration;
-use crate::files::Output;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::{Deserialize, Serialize};
-use std::io::{self, IsTerminal as _, Write as _};
+use std::fs;
+use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -85,6 +85,10 @@ impl Snapshot {
     }
 }
 
+fn due(last: Option<Instant>, every: Duration) -> bool {
+    last.is_none_or(|last| last.elapsed() >= every)
+}
+
 /// Tells everybody.
 pub struct Progress {
     path: PathBuf,
@@ -116,34 +120,46 @@ impl Progress {
         }
     }
 
-    /// The state of the moment at laboratory time `now`; `part` is how much of the unit in progress is done.
-    pub fn tell(&mut self, now: f64, part: f64, snapshot: impl Fn() -> Snapshot) {
-        let due = |last: Option<Instant>, every| last.is_none_or(|last| last.elapsed() >= every);
+    /// Whether anybody wants to be told now; `now` is laboratory time \[s\].
+    pub fn is_due(&self, now: f64) -> bool {
+        due(self.written, WRITTEN_EVERY) || self.draws() || self.logs(now)
+    }
+
+    fn draws(&self) -> bool {
+        self.bars.is_some() && due(self.drawn, DRAWN_EVERY)
+    }
+
+    fn logs(&self, now: f64) -> bool {
+        let due = |(real, at): (Instant, f64)| real.elapsed() >= LOGGED_EVERY && now - at >= LOGGED_EVERY_S;
+        self.bars.is_none() && self.logged.is_none_or(due)
+    }
+
+    /// The state of the moment at laboratory time `now` \[s\]; `part` is how much of the unit in progress is done.
+    pub fn tell(&mut self, now: f64, part: f64, snapshot: &Snapshot) {
         if due(self.written, WRITTEN_EVERY) {
             self.written = Some(Instant::now());
-            self.write(&snapshot());
+            self.write(snapshot);
         }
-        if let Some([units, unit]) = &self.bars {
-            if due(self.drawn, DRAWN_EVERY) {
-                self.drawn = Some(Instant::now());
-                let snapshot = snapshot();
-                units.set_position(snapshot.unit as u64);
-                units.set_message(format!("{} left", snapshot.remaining()));
-                unit.set_position((part * 1000.0) as u64);
-                unit.set_message(snapshot.line());
-            }
-        } else if self.logged.is_none_or(|(real, at)| real.elapsed() >= LOGGED_EVERY && now - at >= LOGGED_EVERY_S) {
+        if self.logs(now) {
             self.logged = Some((Instant::now(), now));
-            tracing::info!("{}", snapshot().line());
+            tracing::info!("{}", snapshot.line());
+        }
+        if let Some([units, unit]) = self.bars.as_ref().filter(|_| self.draws()) {
+            units.set_position(snapshot.unit as u64);
+            units.set_message(format!("{} left", snapshot.remaining()));
+            unit.set_position((part * 1000.0) as u64);
+            unit.set_message(snapshot.line());
+            self.drawn = Some(Instant::now());
         }
     }
 
     /// For those who look at it from outside. What cannot be written now is written the next time.
     pub fn write(&self, snapshot: &Snapshot) {
+        // Renamed, but not forced onto the disk every second: the journal is what lasts.
+        let aside = self.path.with_extension("json.new");
         let write = || {
-            let mut output = Output::create(Some(&self.path))?;
-            output.write_all(serde_json::to_string_pretty(snapshot)?.as_bytes())?;
-            output.finish()
+            fs::write(&aside, serde_json::to_string_pretty(snapshot)?)?;
+            fs::rename(&aside, &self.path)
         };
         let result: io::Result<()> = write();
         if let Err(error) = result {

@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
-mod calibrate;
+pub mod calibrate;
+mod campaign;
 mod check;
 mod clean;
 mod demo;
@@ -11,7 +12,7 @@ mod replay;
 mod serve;
 mod simulate;
 mod status;
-mod verify;
+pub mod verify;
 
 use crate::failure::{Exit, Failure};
 use crate::files::{Output, remove_unfinished_on_signals};
@@ -20,6 +21,8 @@ use isotherm_client::{Domain, Options};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+pub use calibrate::{now, tool};
 
 /// The published tables of the source paper.
 const PAPER: &str = include_str!("../../../examples/tables/imu-paper.toml");
@@ -48,6 +51,7 @@ enum Command {
     Verify(verify::Verify),
     Check(check::Check),
     Simulate(simulate::Simulate),
+    Campaign(campaign::Campaign),
     Status(status::Status),
     Clean(clean::Clean),
 }
@@ -77,6 +81,7 @@ impl Cli {
             Command::Regress(regress) => regress.run(),
             Command::Check(check) => check.run(),
             Command::Simulate(simulate) => simulate.run(),
+            Command::Campaign(campaign) => campaign.run(domain),
             Command::Status(status) => status.run(domain),
             Command::Clean(clean) => clean.run(&domain),
         }
