@@ -64,7 +64,10 @@ impl Finish {
             return Ok(());
         };
         if self.require.is_none() || plan.verify.is_none() {
-            tell(&format!("{} is the table; it is installed only after [verify] runs and with --require", table.display()));
+            tell(&format!(
+                "{} is the table; it is installed only after [verify] runs and with --require",
+                table.display()
+            ));
             return Ok(());
         }
         install(&table, target)?;

@@ -165,8 +165,7 @@ impl Journal {
         let path = plan.output.join(JOURNAL);
         let failed = |error: io::Error| Failure::io("opening the journal", &path, &error);
         let (lines, whole) = read(&path)?;
-        let mut file =
-            OpenOptions::new().read(true).append(true).create(true).open(&path).map_err(failed)?;
+        let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path).map_err(failed)?;
         file.set_len(whole).map_err(failed)?;
         file.seek(SeekFrom::End(0)).map_err(failed)?;
         let mut journal = Self { file, path: path.clone() };
@@ -258,7 +257,9 @@ pub fn history(lines: &[Line]) -> History {
 fn same_plan(path: &Path, lines: &[Line], plan: &Plan) -> Result<(), Failure> {
     let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = lines.first().map(|line| &line.entry) else {
-        return refuse("its first line is not that of a campaign of this version; give another output folder".to_owned());
+        return refuse(
+            "its first line is not that of a campaign of this version; give another output folder".to_owned(),
+        );
     };
     let now = plan.identity();
     let value = |list: &[(String, String)], key: &str| {

@@ -28,7 +28,8 @@ pub struct Limits {
 /// Reads `[limits]`.
 pub fn read(section: Section<'_, '_>) -> Option<Limits> {
     let range = |key, absolute, right| range(&section, key, absolute, right);
-    let chamber_c = range("chamber_c", CHAMBER_C, "lowest and highest temperature of the chamber in degC, as [-30, 50]");
+    let chamber_c =
+        range("chamber_c", CHAMBER_C, "lowest and highest temperature of the chamber in degC, as [-30, 50]");
     let outer = range("outer_deg", ANGLE_DEG, "lowest and highest outer angle in degrees, as [-5, 365]");
     let inner = range("inner_deg", ANGLE_DEG, "lowest and highest inner angle in degrees, as [-5, 365]");
     let most = |key, default: f64, absolute: f64| {
@@ -58,9 +59,8 @@ impl Limits {
     /// What is wrong with a chamber temperature \[degC\], commanded or measured.
     pub fn chamber(&self, celsius: f64) -> Option<String> {
         let [low, high] = self.chamber_c;
-        (!(low..=high).contains(&celsius)).then(|| {
-            format!("{celsius:?} degC is outside limits.chamber_c, {low:?} to {high:?} degC")
-        })
+        (!(low..=high).contains(&celsius))
+            .then(|| format!("{celsius:?} degC is outside limits.chamber_c, {low:?} to {high:?} degC"))
     }
 
     /// The nearest chamber temperature that may be commanded \[degC\].
@@ -103,7 +103,8 @@ impl Limits {
             // A table may tell -0.001 as 359.999; a command is taken as it stands.
             let turns: &[f64] = if margin > 0.0 { &[0.0, -360.0, 360.0] } else { &[0.0] };
             let inside = turns.iter().any(|turn| (low - margin..=high + margin).contains(&(angle + turn)));
-            (!inside).then(|| format!("{name} angle {angle:?} deg is outside limits.{name}_deg, {low:?} to {high:?} deg"))
+            (!inside)
+                .then(|| format!("{name} angle {angle:?} deg is outside limits.{name}_deg, {low:?} to {high:?} deg"))
         })
     }
 }
@@ -147,7 +148,12 @@ mod tests {
         assert!(limits.angles([0.0, 365.1]).unwrap().contains("inner angle 365.1"));
         assert!(limits.motion(60.1, 1.0).is_some() && limits.motion(60.0, 100.1).is_some());
         assert_eq!(limits.reading([365.5, 0.0], [60.5, 0.0]), None);
-        assert!(limits.reading([f64::INFINITY, 0.0], [0.0; 2]).is_some() && limits.reading([0.0; 2], [0.0, -62.0]).is_some());
-        assert!(limits.reading([f64::NAN, 0.0], [0.0; 2]).is_some() && limits.reading([0.0; 2], [f64::NAN; 2]).is_some());
+        assert!(
+            limits.reading([f64::INFINITY, 0.0], [0.0; 2]).is_some()
+                && limits.reading([0.0; 2], [0.0, -62.0]).is_some()
+        );
+        assert!(
+            limits.reading([f64::NAN, 0.0], [0.0; 2]).is_some() && limits.reading([0.0; 2], [f64::NAN; 2]).is_some()
+        );
     }
 }

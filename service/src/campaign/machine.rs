@@ -15,7 +15,7 @@ use crate::instruments::{ChamberReading, TableReading, turn_deg};
 const STEP_C: f64 = 0.5;
 /// Set points as a controller keeps them agree to this \[degC\].
 const SAME_C: f64 = 0.11;
-/// However long nobody looked, the set point is led on by what this time allows at most \[s\].
+/// However long nobody looked, the set point is led on by a step or by what this time allows \[s\].
 const LEAD_S: f64 = 60.0;
 /// Without enough samples a dwell may take so many times its length.
 const LONG: f64 = 1.5;
@@ -153,6 +153,8 @@ pub enum Phase {
     Dwell {
         /// Since when.
         begun: f64,
+        /// When all of them were there; the table must be in its place after that.
+        complete: Option<f64>,
     },
     /// Samples are taken while the chamber goes.
     Sweep {
@@ -250,7 +252,13 @@ impl<'p> Machine<'p> {
     ///
     /// # Errors
     /// [`Halt::GivenUp`] after too many without a unit completed.
-    pub fn resume(&mut self, now: f64, away_s: f64, reached: Option<f64>, chamber: &ChamberReading) -> Result<(), Halt> {
+    pub fn resume(
+        &mut self,
+        now: f64,
+        away_s: f64,
+        reached: Option<f64>,
+        chamber: &ChamberReading,
+    ) -> Result<(), Halt> {
         self.interruptions += 1;
         if self.interruptions > self.plan.patience.attempts {
             let message = format!("{} interruptions without a dwell completed", self.interruptions);
@@ -262,7 +270,8 @@ impl<'p> Machine<'p> {
         };
         let target = place.set_point_c(self.plan);
         let near = |value: f64, within: f64| (value - target).abs() <= within;
-        let held = chamber.running && near(chamber.set_point_c, SAME_C) && near(chamber.air_c, self.plan.soak.tolerance_c);
+        let held =
+            chamber.running && near(chamber.set_point_c, SAME_C) && near(chamber.air_c, self.plan.soak.tolerance_c);
         self.reached = reached.filter(|_| held && away_s <= self.plan.patience.resoak_s.max(self.floor_s));
         self.running = false;
         self.phase = Phase::Begin;
@@ -295,7 +304,7 @@ impl<'p> Machine<'p> {
             Phase::Soak => self.soak(place, seen),
             Phase::Travel { begun } => self.travel(place, seen, begun),
             Phase::Settle { begun, since } => self.settle(place, seen, begun, since),
-            Phase::Dwell { begun } => self.dwell(place, seen, begun),
+            Phase::Dwell { begun, complete } => self.dwell(place, seen, begun, complete),
             Phase::Sweep { begun, arrived } => self.sweep(place, seen, begun, arrived),
             Phase::Stay => {
                 let left_at = self.reached.unwrap_or(seen.now) + self.plan.soak.stay_s;
@@ -332,7 +341,8 @@ impl<'p> Machine<'p> {
     fn led(&mut self, target: f64, ramp_c_per_s: f64, seen: &Seen<'_>) -> Option<f64> {
         let (commanded, at) = self.lead?;
         let left = target - commanded;
-        let allowed = ramp_c_per_s * (seen.now - at).min(LEAD_S.max(self.floor_s / 50.0));
+        let most = STEP_C.max(ramp_c_per_s * LEAD_S.max(self.floor_s / 50.0));
+        let allowed = (ramp_c_per_s * (seen.now - at)).min(most);
         if left == 0.0 || allowed < left.abs().min(STEP_C) {
             return None;
         }
@@ -389,7 +399,10 @@ impl<'p> Machine<'p> {
         };
         let patience = self.plan.patience.stable_s.max(self.floor_s);
         if soaked > soak.time_s + soak.window_s + patience {
-            let message = format!("not settled {soaked:.0} s after {:?} degC was reached: {unsettled}", place.set_point_c(self.plan));
+            let message = format!(
+                "not settled {soaked:.0} s after {:?} degC was reached: {unsettled}",
+                place.set_point_c(self.plan)
+            );
             return Err(Halt::GivenUp(message));
         }
         Ok(Order::Wait)
@@ -459,7 +472,7 @@ impl<'p> Machine<'p> {
             self.phase = Phase::Travel { begun: Some(begun) };
         } else if seen.table.1 - since >= self.plan.motion.settle_s && seen.table.1 > since {
             self.phase = match place {
-                Place::Dwell { .. } => Phase::Dwell { begun: seen.now },
+                Place::Dwell { .. } => Phase::Dwell { begun: seen.now, complete: None },
                 Place::Run(_) => Phase::Sweep { begun: seen.now, arrived: None },
             };
             return Ok(Order::Collect(place));
@@ -467,7 +480,7 @@ impl<'p> Machine<'p> {
         Ok(Order::Wait)
     }
 
-    fn dwell(&mut self, place: Place, seen: &Seen<'_>, begun: f64) -> Result<Order, Halt> {
+    fn dwell(&mut self, place: Place, seen: &Seen<'_>, begun: f64, complete: Option<f64>) -> Result<Order, Halt> {
         let moved = self.left_place(place, seen).or_else(|| seen.spoiled.map(str::to_owned));
         if let Some(reason) = moved {
             return self.again(Phase::Travel { begun: None }, reason, true);
@@ -476,8 +489,13 @@ impl<'p> Machine<'p> {
             return self.again(Phase::Approach { led: None }, reason, true);
         }
         if seen.complete {
-            self.kept(seen);
-            return Ok(Order::Keep(place));
+            let complete = complete.unwrap_or(seen.now);
+            self.phase = Phase::Dwell { begun, complete: Some(complete) };
+            if seen.table.1 > complete {
+                self.kept(seen);
+                return Ok(Order::Keep(place));
+            }
+            return Ok(Order::Wait);
         }
         let patience = LONG * self.plan.dwell.time_s + self.plan.patience.stream_s.max(self.floor_s);
         if seen.now - begun > patience {

@@ -46,7 +46,13 @@ impl Readbacks {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&mut self, chamber: &ChamberReading, table: &TableReading, phase: &str, now: f64) -> Result<(), Failure> {
+    pub fn write(
+        &mut self,
+        chamber: &ChamberReading,
+        table: &TableReading,
+        phase: &str,
+        now: f64,
+    ) -> Result<(), Failure> {
         let ([outer, inner], [outer_rate, inner_rate]) = (table.angles_deg, table.rates_deg_s);
         let row = format!(
             "{:.3},{now:.3},{phase},{:?},{:?},{},{outer:?},{inner:?},{outer_rate:?},{inner_rate:?}\n",

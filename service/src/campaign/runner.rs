@@ -169,7 +169,8 @@ impl<'p> Runner<'p> {
             None => Err(Failure::new(Exit::Failed, words)),
             Some(failure) => {
                 let unit = self.machine.unit();
-                let message = format!("{words}\n{unit} units are complete; `isotherm campaign run` goes on with the next");
+                let message =
+                    format!("{words}\n{unit} units are complete; `isotherm campaign run` goes on with the next");
                 Err(Failure::new(failure.exit, message))
             }
         }
@@ -405,7 +406,8 @@ impl<'p> Runner<'p> {
     fn left_s(&self) -> f64 {
         let unit = self.machine.unit();
         let begun = unit_s(self.plan, unit).unwrap_or_default();
-        let soaked = self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(self.plan.soak.time_s));
+        let soaked =
+            self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(self.plan.soak.time_s));
         let first = matches!(self.machine.place(), Some(Place::Dwell { position: 0, .. } | Place::Run(_)));
         let done = self.recorder.collected_s() + if first { soaked } else { 0.0 };
         left_s(self.plan, unit) - done.min(begun)

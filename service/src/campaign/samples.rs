@@ -2,9 +2,9 @@
 //!
 //! # Which samples belong to a dwell
 //! Those whose whole interval lies after the table had settled, and before it is told to move, which is after the last was received.
-//! A sample carries the acquisition's clock, the readings of the table the runner's. Of the last samples, the one that took the least
-//! time from its end to its sending maps one clock onto the other: one that took longer only makes the map come later, so that a
-//! sample is rather left out than taken too early.
+//! A sample carries the acquisition's clock, the readings of the table the runner's. Of the samples of the last minutes, the one that
+//! took the least time from its end to its sending maps one clock onto the other. One that took longer makes no difference, so that a
+//! sample that comes late is not taken for one that was taken late.
 
 use super::journal::{Kept, hex};
 use super::machine::Place;
@@ -15,7 +15,6 @@ use isotherm_shared::recording::RawWriter;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
 use sha2::{Digest as _, Sha256};
-use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write};
 use std::path::Path;
@@ -29,8 +28,8 @@ use std::time::Duration;
 const TAP_PAUSE: Duration = Duration::from_millis(5);
 /// Samples between tap and runner; more, if the runner is held up, are lost and show as a gap.
 const TAP_DEPTH: usize = 1 << 16;
-/// Samples that the clocks are compared by.
-const COMPARED: usize = 256;
+/// The clocks are compared over this and up to twice this, in laboratory time \[s\] and in real time \[s\].
+const COMPARED_S: [f64; 2] = [300.0, 30.0];
 /// A sample that claims to have been on its way for longer does not tell when it was sent \[ns\].
 const ON_ITS_WAY_NS: u64 = 10_000_000_000;
 
@@ -112,6 +111,33 @@ fn tap(imu: &ImuId, options: &Options, sender: &SyncSender<Result<(RawSample, u6
     }
 }
 
+/// The acquisition's clock less ours \[s\]: the largest of the last while, which is the one of the sample that came with the least delay.
+struct Offset {
+    span_s: f64,
+    /// When the present span began, and the largest of it and of the one before.
+    began_at: f64,
+    most: [f64; 2],
+}
+
+impl Offset {
+    fn new(speed: f64) -> Self {
+        let span_s = COMPARED_S[0].max(COMPARED_S[1] * speed);
+        Self { span_s, began_at: f64::NEG_INFINITY, most: [f64::NEG_INFINITY; 2] }
+    }
+
+    fn add(&mut self, at: f64, offset: f64) {
+        if at - self.began_at > self.span_s {
+            self.began_at = at;
+            self.most = [f64::NEG_INFINITY, self.most[0]];
+        }
+        self.most[0] = self.most[0].max(offset);
+    }
+
+    fn most(&self) -> f64 {
+        self.most[0].max(self.most[1])
+    }
+}
+
 /// The name of a samples' file that is in `folder`.
 pub fn existing(folder: &Path) -> Option<&'static str> {
     [SAMPLES, "campaign.toml"].into_iter().find(|name| folder.join(name).exists())
@@ -136,8 +162,7 @@ pub struct Recorder<'p> {
     shift_ns: u64,
     /// Laboratory time of the last usable sample \[s\].
     usable_at: Option<f64>,
-    /// Of the last samples, the acquisition's clock less ours \[s\].
-    offsets: VecDeque<f64>,
+    offset: Offset,
     open: Option<Unit>,
 }
 
@@ -190,7 +215,7 @@ impl<'p> Recorder<'p> {
             last: None,
             shift_ns: 0,
             usable_at: None,
-            offsets: VecDeque::with_capacity(COMPARED),
+            offset: Offset::new(clock.speed),
             open: None,
         }
     }
@@ -228,7 +253,7 @@ impl<'p> Recorder<'p> {
         let sent_at = self.clock.at(if plausible { sent_ns } else { received_ns });
         let new_session = self.last.is_none_or(|last| last.session != sample.session);
         if new_session {
-            self.offsets.clear();
+            self.offset = Offset::new(self.clock.speed);
             self.shift_ns = self.shift(sample);
             if let Some(unit) = self.open.as_mut().filter(|unit| unit.session.is_some()) {
                 unit.spoiled = Some("the acquisition was started anew".to_owned());
@@ -244,10 +269,7 @@ impl<'p> Recorder<'p> {
         let gap = last.is_some_and(|last| sample.sequence != last.sequence.wrapping_add(1));
         self.last = Some(*sample);
         self.usable_at = Some(sent_at);
-        if self.offsets.len() == COMPARED {
-            self.offsets.pop_front();
-        }
-        self.offsets.push_back(sample.timestamp_ns as f64 / 1e9 - sent_at);
+        self.offset.add(sent_at, sample.timestamp_ns as f64 / 1e9 - sent_at);
         self.add(sample, gap)?;
         Ok(true)
     }
@@ -272,8 +294,8 @@ impl<'p> Recorder<'p> {
         let rises = last.is_none_or(|last| {
             timestamp_ns > last.timestamp_ns && interval_ns / 3 * 2 <= timestamp_ns - last.timestamp_ns
         });
-        let finite =
-            (0..AXES).all(|axis| sample.head_temperature[axis].is_finite() && sample.board_temperature[axis].is_finite());
+        let finite = (0..AXES)
+            .all(|axis| sample.head_temperature[axis].is_finite() && sample.board_temperature[axis].is_finite());
         let full = sample.positive_pulses.contains(&u32::MAX) || sample.negative_pulses.contains(&u32::MAX);
         let age_s = timestamp_ns.saturating_sub(telemetry_ns) as f64 / 1e9;
         let stale = telemetry_ns > 0 && self.plan.campaign.max_age_s.is_some_and(|most| age_s > most);
@@ -287,9 +309,8 @@ impl<'p> Recorder<'p> {
             return Ok(());
         }
         if unit.session.is_none() {
-            let offset = self.offsets.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let begin_s = (sample.timestamp_ns - sample.interval_ns) as f64 / 1e9;
-            if begin_s < unit.since + offset {
+            if begin_s < unit.since + self.offset.most() {
                 return Ok(());
             }
             unit.session = Some(sample.session);
@@ -433,8 +454,10 @@ impl Row {
         self.sum.telemetry_ns = sample.telemetry_ns;
         self.sum.interval_ns += sample.interval_ns;
         for axis in 0..AXES {
-            self.sum.positive_pulses[axis] = self.sum.positive_pulses[axis].saturating_add(sample.positive_pulses[axis]);
-            self.sum.negative_pulses[axis] = self.sum.negative_pulses[axis].saturating_add(sample.negative_pulses[axis]);
+            self.sum.positive_pulses[axis] =
+                self.sum.positive_pulses[axis].saturating_add(sample.positive_pulses[axis]);
+            self.sum.negative_pulses[axis] =
+                self.sum.negative_pulses[axis].saturating_add(sample.negative_pulses[axis]);
             self.telemetry[axis][0] += sample.head_temperature[axis] * seconds;
             self.telemetry[axis][1] += sample.board_temperature[axis] * seconds;
         }

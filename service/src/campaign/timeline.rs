@@ -49,9 +49,9 @@ pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
             dwell + stay + if position == 0 { approach } else { 0.0 }
         }
         Place::Run(_) => {
-            let sweep = plan.verify.map_or(0.0, |verify| {
-                (verify.to_c - verify.from_c).abs() / verify.ramp_c_per_s + 2.0 * verify.hold_s
-            });
+            let sweep = plan
+                .verify
+                .map_or(0.0, |verify| (verify.to_c - verify.from_c).abs() / verify.ramp_c_per_s + 2.0 * verify.hold_s);
             approach + travel + sweep
         }
     })

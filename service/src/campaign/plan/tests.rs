@@ -69,7 +69,10 @@ fn positions_may_be_listed_and_their_claims_are_checked() {
     let plain = Plan::from_toml(&listed("specific_force = [1, 0, 0]", ""), Path::new("")).unwrap();
     assert_eq!(plain.positions, Scheme::SixFacesTwoHeadings.positions());
     let wrong = faults(&listed("specific_force = [0, 1, 0]", ""));
-    assert!(wrong.contains("position.5.specific_force: the angles and the mounting give [1.000, 0.000, 0.000]"), "{wrong}");
+    assert!(
+        wrong.contains("position.5.specific_force: the angles and the mounting give [1.000, 0.000, 0.000]"),
+        "{wrong}"
+    );
     // A1 along the table's Y, A2 along its Z, A3 along its X.
     let mounting = "mounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]";
     let turned = Plan::from_toml(&listed("specific_force = [0, 0, 1]", mounting), Path::new("")).unwrap();
@@ -83,9 +86,8 @@ fn positions_may_be_listed_and_their_claims_are_checked() {
 
 #[test]
 fn positions_that_do_not_observe_everything_are_refused() {
-    let positions: String = (0..12)
-        .map(|k| format!("[[position]]\nnumber = {k}\nouter_deg = 90\ninner_deg = {}\n", 30 * k))
-        .collect();
+    let positions: String =
+        (0..12).map(|k| format!("[[position]]\nnumber = {k}\nouter_deg = 90\ninner_deg = {}\n", 30 * k)).collect();
     let faults = faults(&(EXAMPLE.replace("positions = \"six-faces-two-headings\"\n", "") + &positions));
     assert!(faults.contains("A3"), "{faults}");
 }
