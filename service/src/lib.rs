@@ -17,6 +17,8 @@ mod logging;
 mod reload;
 mod served;
 mod sigbus;
+#[cfg(feature = "campaign")]
+mod station;
 mod status;
 mod systemd;
 mod threads;

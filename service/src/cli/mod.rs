@@ -10,6 +10,8 @@ mod regress;
 mod replay;
 mod serve;
 mod simulate;
+#[cfg(feature = "campaign")]
+mod station;
 mod status;
 mod verify;
 
@@ -60,10 +62,11 @@ impl Cli {
     pub fn run(self) -> Result<(), Failure> {
         let domain = isotherm_client::domain(self.domain.as_deref());
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-        if matches!(
-            self.command,
-            Command::Replay(_) | Command::Calibrate(_) | Command::Verify(_) | Command::Simulate(_) | Command::Check(_)
-        ) {
+        if match &self.command {
+            Command::Replay(_) | Command::Calibrate(_) | Command::Verify(_) | Command::Check(_) => true,
+            Command::Simulate(simulate) => simulate.is_brief(),
+            _ => false,
+        } {
             let handled = remove_unfinished_on_signals();
             handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
@@ -76,7 +79,7 @@ impl Cli {
             Command::Verify(verify) => verify.run(),
             Command::Regress(regress) => regress.run(),
             Command::Check(check) => check.run(),
-            Command::Simulate(simulate) => simulate.run(),
+            Command::Simulate(simulate) => simulate.run(&domain),
             Command::Status(status) => status.run(domain),
             Command::Clean(clean) => clean.run(&domain),
         }
