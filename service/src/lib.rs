@@ -3,6 +3,7 @@
 //! A library so that a bench can be the service in one of its processes, and so that what reads untrusted input can be fuzzed; the program
 //! is [`main`].
 
+#[cfg(feature = "campaign")]
 mod campaign;
 mod clean;
 mod cli;
@@ -18,6 +19,8 @@ mod logging;
 mod reload;
 mod served;
 mod sigbus;
+#[cfg(feature = "campaign")]
+mod station;
 mod status;
 mod systemd;
 mod threads;

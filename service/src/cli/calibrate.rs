@@ -79,6 +79,7 @@ fn place(text: &str) -> Result<(f64, u32), String> {
 
 impl Calibrate {
     /// With every default.
+    #[cfg(feature = "campaign")]
     pub fn of(campaign: &Path, output: &Path, report: &Path, alignment: bool) -> Self {
         Self {
             campaign: campaign.to_owned(),

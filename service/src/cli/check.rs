@@ -1,4 +1,5 @@
 use super::written;
+#[cfg(feature = "campaign")]
 use crate::campaign::plan::Plan;
 use crate::config::Config;
 use crate::failure::{Exit, Failure};
@@ -35,6 +36,7 @@ enum Kind {
     Table,
     Config,
     Campaign,
+    #[cfg(feature = "campaign")]
     Plan,
 }
 
@@ -78,9 +80,14 @@ fn check(path: &Path, seal: bool, guard: Guard) -> Result<String, Failure> {
             Exit::Config,
             format!("{}: a service configuration; only tables are sealed", path.display()),
         )),
-        Kind::Campaign | Kind::Plan if seal => {
+        #[cfg(feature = "campaign")]
+        Kind::Plan if seal => {
+            Err(Failure::new(Exit::Config, format!("{}: a campaign plan; only tables are sealed", path.display())))
+        }
+        Kind::Campaign if seal => {
             Err(Failure::new(Exit::Config, format!("{}: a campaign; only tables are sealed", path.display())))
         }
+        #[cfg(feature = "campaign")]
         Kind::Plan => {
             let plan = Plan::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
@@ -128,9 +135,11 @@ fn read_stdin() -> Result<String, Failure> {
 fn kind(text: &str) -> Result<Kind, Faults> {
     let document = Document::parse(text)?;
     let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
+    #[cfg(feature = "campaign")]
     if Plan::is_meant(&document) {
-        Ok(Kind::Plan)
-    } else if has(&["position", "samples", "gravity_reference"]) {
+        return Ok(Kind::Plan);
+    }
+    if has(&["position", "samples", "gravity_reference"]) {
         Ok(Kind::Campaign)
     } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
         Ok(Kind::Config)

@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 pub mod calibrate;
+#[cfg(feature = "campaign")]
 mod campaign;
 mod check;
 mod clean;
@@ -11,6 +12,8 @@ mod regress;
 mod replay;
 mod serve;
 mod simulate;
+#[cfg(feature = "campaign")]
+mod station;
 mod status;
 pub mod verify;
 
@@ -22,6 +25,7 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+#[cfg(feature = "campaign")]
 pub use calibrate::{now, tool};
 
 /// The published tables of the source paper.
@@ -51,6 +55,7 @@ enum Command {
     Verify(verify::Verify),
     Check(check::Check),
     Simulate(simulate::Simulate),
+    #[cfg(feature = "campaign")]
     Campaign(campaign::Campaign),
     Status(status::Status),
     Clean(clean::Clean),
@@ -64,10 +69,11 @@ impl Cli {
     pub fn run(self) -> Result<(), Failure> {
         let domain = isotherm_client::domain(self.domain.as_deref());
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-        if matches!(
-            self.command,
-            Command::Replay(_) | Command::Calibrate(_) | Command::Verify(_) | Command::Simulate(_) | Command::Check(_)
-        ) {
+        if match &self.command {
+            Command::Replay(_) | Command::Calibrate(_) | Command::Verify(_) | Command::Check(_) => true,
+            Command::Simulate(simulate) => simulate.is_brief(),
+            _ => false,
+        } {
             let handled = remove_unfinished_on_signals();
             handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
@@ -80,7 +86,8 @@ impl Cli {
             Command::Verify(verify) => verify.run(),
             Command::Regress(regress) => regress.run(),
             Command::Check(check) => check.run(),
-            Command::Simulate(simulate) => simulate.run(),
+            Command::Simulate(simulate) => simulate.run(&domain),
+            #[cfg(feature = "campaign")]
             Command::Campaign(campaign) => campaign.run(domain),
             Command::Status(status) => status.run(domain),
             Command::Clean(clean) => clean.run(&domain),

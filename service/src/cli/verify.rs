@@ -52,6 +52,7 @@ fn over_0(text: &str) -> Result<f64, String> {
 
 impl Verify {
     /// At a stated attitude, in windows of 10 s.
+    #[cfg(feature = "campaign")]
     pub fn of(
         table: &Path,
         recording: &Path,

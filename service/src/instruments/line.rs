@@ -61,7 +61,8 @@ impl Line {
     /// If that fails.
     pub fn open(kind: &str, config: &LineConfig) -> Result<Self, Fault> {
         let instrument = format!("{kind} at {}", config.port);
-        let mut line = Self { instrument, config: config.clone(), port: None, stale: false, last: Instant::now() };
+        // Whoever had the port before may have left a reply on its way.
+        let mut line = Self { instrument, config: config.clone(), port: None, stale: true, last: Instant::now() };
         line.connect().map_err(|wrong| line.fault(wrong))?;
         Ok(line)
     }
