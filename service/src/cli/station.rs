@@ -6,8 +6,10 @@ use crate::station::faults::Injection;
 use crate::station::{ChamberProtocol, Part, Station as Parts, TableProtocol};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use isotherm_calibration::simulate::{Chain, Noise, Truth};
 use isotherm_client::{Domain, monotonic_ns};
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
+use serde::Serialize;
 use std::fs;
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::net::TcpListener;
@@ -122,10 +124,7 @@ impl Station {
         let folder = self.folder()?;
         let truth = self.common.truth()?;
         let (chain, noise) = self.common.chain_and_noise(&truth, self.telemetry_every)?;
-        let noise = isotherm_calibration::simulate::Noise {
-            positioning_rad: isotherm_calibration::simulate::Noise::default().positioning_rad,
-            ..noise
-        };
+        let noise = Noise { positioning_rad: Noise::default().positioning_rad, ..noise };
         let [chamber_port, table_port] = if self.tcp {
             [free_port()?, free_port()?]
         } else {
@@ -138,7 +137,6 @@ impl Station {
             table: self.table,
             table_port,
             speed: self.speed,
-            // A little later, so that the processes are there when time begins.
             origin_ns: monotonic_ns(),
             interval_ns: self.interval.as_nanos() as u64,
             seed: self.common.seed,
@@ -149,7 +147,17 @@ impl Station {
             chain,
             noise,
         };
-        write_truth(&folder, &truth, "isotherm simulate station", self.common.seed, &station)?;
+        #[derive(Serialize)]
+        struct Schedule {
+            interval_ns: u64,
+            ambient_c: f64,
+            ramp_c_per_s: f64,
+            chain: Chain,
+            noise: Noise,
+        }
+        let Parts { interval_ns, ambient_c, ramp_c_per_s, .. } = station;
+        let schedule = Schedule { interval_ns, ambient_c, ramp_c_per_s, chain, noise };
+        write_truth(&folder, &truth, "isotherm simulate station", self.common.seed, &schedule)?;
         write_text(&folder, "plan.toml", &plan(&station, &truth))?;
         let json = serde_json::to_string_pretty(&station).unwrap_or_default();
         write_text(&folder, "station.json", &(json + "\n"))?;
@@ -185,7 +193,7 @@ fn free_port() -> Result<String, Failure> {
 }
 
 /// The plan of a whole campaign at this station.
-fn plan(station: &Parts, truth: &isotherm_calibration::simulate::Truth) -> String {
+fn plan(station: &Parts, truth: &Truth) -> String {
     let content = truth.table.content();
     let quoted = |text: &str| toml::Value::from(text).to_string();
     let chamber = named_as(&ChamberProtocol::NAMES, station.chamber);

@@ -29,8 +29,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    pub(super) fn read(section: &Section<'_, '_>, line: &LineConfig) -> Self {
-        let tcp = line.port.starts_with("tcp://");
+    pub(super) fn read(section: &Section<'_, '_>) -> Self {
+        let tcp = section.optional_string("port").is_some_and(|port| port.starts_with("tcp://"));
         let gap = seconds(section, "gap_s", if tcp { 0.05 } else { 0.0 }, 10.0);
         Self {
             axes: axes(section),

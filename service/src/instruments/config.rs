@@ -133,8 +133,9 @@ impl ChamberConfig {
         let driver = section.choice("driver", &drivers);
         let (baud, pause_s, _) = driver.unwrap_or(drivers[0].0);
         let line = LineConfig::read(section, baud, pause_s);
-        let ((_, _, read), line) = (driver?, line?);
-        Some(Self { driver: read(section), line })
+        let (_, _, read) = driver?;
+        let driver = read(section);
+        Some(Self { line: line?, driver })
     }
 
     pub(super) fn open(&self) -> Result<Box<dyn Chamber>, Fault> {
@@ -151,15 +152,16 @@ impl TableConfig {
     /// the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
-        type Read = fn(&Section<'_, '_>, &LineConfig) -> TableDriver;
+        type Read = fn(&Section<'_, '_>) -> TableDriver;
         let drivers: [((i64, Read), &str); 2] = [
-            ((19200, |section, line| TableDriver::Acutrol(acutrol::Settings::read(section, line))), "acutrol"),
-            ((9600, |section, _| TableDriver::Aerosmith(aerosmith::Settings::read(section))), "aerosmith"),
+            ((19200, |section| TableDriver::Acutrol(acutrol::Settings::read(section))), "acutrol"),
+            ((9600, |section| TableDriver::Aerosmith(aerosmith::Settings::read(section))), "aerosmith"),
         ];
         let driver = section.choice("driver", &drivers);
         let line = LineConfig::read(section, driver.map_or(9600, |(baud, _)| baud), 0.0);
-        let ((_, read), line) = (driver?, line?);
-        Some(Self { driver: read(section, &line), line })
+        let (_, read) = driver?;
+        let driver = read(section);
+        Some(Self { line: line?, driver })
     }
 
     pub(super) fn open(&self) -> Result<Box<dyn Table>, Fault> {

@@ -8,7 +8,7 @@ use isotherm_calibration::simulate::{self, Random, Truth, Turntable, specific_fo
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_shared::wire::RawSample;
 use std::collections::VecDeque;
-use std::io;
+use std::io::{self, Write as _};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -161,6 +161,8 @@ struct Output {
     options: Options,
     acquisition: Option<Acquisition>,
     looked: Option<Instant>,
+    /// What stood in the way when it last looked, so that it is told once.
+    obstacle: String,
     /// When the service last had room.
     heard: Instant,
     ended: Arc<AtomicBool>,
@@ -169,13 +171,24 @@ struct Output {
 impl Output {
     fn new(imu: &ImuId, domain: Domain, ended: Arc<AtomicBool>) -> Self {
         let options = Options { domain, timeout: PATIENCE };
-        Self { imu: imu.clone(), options, acquisition: None, looked: None, heard: Instant::now(), ended }
+        Self {
+            imu: imu.clone(),
+            options,
+            acquisition: None,
+            looked: None,
+            obstacle: String::new(),
+            heard: Instant::now(),
+            ended,
+        }
     }
 
     /// Sends a sample. Without a service it is dropped, as in an IMU that nobody listens to; one that is behind is waited for.
     fn send(&mut self, raw: &RawSample) {
         if self.acquisition.is_none() && self.looked.is_none_or(|looked| looked.elapsed() > LOOK) {
-            self.acquisition = Acquisition::connect(&self.imu, &self.options).ok();
+            match Acquisition::connect(&self.imu, &self.options) {
+                Ok(acquisition) => (self.acquisition, self.obstacle) = (Some(acquisition), String::new()),
+                Err(error) => self.tell(&error.to_string()),
+            }
             self.looked = Some(Instant::now());
             self.heard = Instant::now();
         }
@@ -202,6 +215,14 @@ impl Output {
             }
         }
         self.receive();
+    }
+
+    fn tell(&mut self, obstacle: &str) {
+        if self.obstacle != obstacle {
+            self.obstacle = obstacle.to_owned();
+            // Nobody may be reading.
+            let _ = writeln!(io::stderr(), "isotherm: the simulated IMU: {obstacle}; it goes on looking");
+        }
     }
 
     /// Takes the answers that are there, and looks after the service.
