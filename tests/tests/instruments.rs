@@ -169,10 +169,11 @@ fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
             station.faults("garbled:chamber\n");
             // A frame whose function is destroyed ends with the time-out only.
             drop(chamber);
-            let mut chamber = station.chamber(&keys(driver, own, "timeout_s = 3\nretries = 0\n"));
-            assert_eq!(kind(chamber.read()), FaultKind::Garbled, "{driver}");
+            let mut chamber = station.chamber(&keys(driver, own, "timeout_s = 0.5\nretries = 0\n"));
+            // A machine under load may answer too late as well.
+            wait_until("what is garbled", || kind(chamber.read()) == FaultKind::Garbled);
             station.faults("missing:chamber\n");
-            assert_eq!(kind(chamber.read()), FaultKind::NoReply, "{driver}");
+            wait_until("silence", || kind(chamber.read()) == FaultKind::NoReply);
             drop(chamber);
             let mut chamber = station.chamber(&keys(driver, own, PATIENT));
             station.faults("duplicated:chamber\n");
@@ -211,7 +212,13 @@ fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
             assert_eq!(kind(table.read()), FaultKind::NoReply, "{driver}");
             drop(table);
             let mut table = station.table(&keys(driver, own, PATIENT));
-            station.faults("duplicated:table\n");
+            if driver == "acutrol" && !way.is_empty() {
+                // Only a pause ends a reply there, so that the second copy is a part of it.
+                station.faults("duplicated:table@1\n");
+                assert_eq!(kind(table.move_to([10.0, 20.0], 10.0, 5.0)), FaultKind::Garbled);
+            } else {
+                station.faults("duplicated:table\n");
+            }
             table.move_to([10.0, 20.0], 10.0, 5.0).unwrap();
             wait_until("the position", || table.read().unwrap().angles_deg == [10.0, 20.0]);
             station.faults("alarm:table\n");
@@ -389,6 +396,8 @@ fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, J
             assert_eq!(text(&received), text(request));
             stream.write_all(reply).unwrap();
         }
+        // Until the other side hangs up, having said no more.
+        assert_eq!(stream.read(&mut [0]).unwrap(), 0);
     });
     (port, peer)
 }
@@ -414,6 +423,7 @@ fn an_acutrol_hears_what_a_public_driver_says() {
         instruments::table(&table_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap()).unwrap();
     table.engage().unwrap();
     assert_eq!(kind(table.stop()), FaultKind::Refused);
+    drop(table);
     peer.join().unwrap();
 }
 
@@ -456,6 +466,7 @@ fn an_espec_hears_what_a_public_driver_says() {
     let fault = chamber.set_point(-25.0).unwrap_err();
     assert_eq!(fault.kind, FaultKind::Refused);
     assert!(fault.to_string().contains("DATA OUT OF RANGE"), "{fault}");
+    drop(chamber);
     peer.join().unwrap();
 }
 
