@@ -19,12 +19,14 @@ struct Laboratory {
 }
 
 /// As short as the physics allows.
-const SHORT: [(&str, &str); 6] = [
+const SHORT: [(&str, &str); 7] = [
     ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
     ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
     ("time_s = 300", "time_s = 60"),
     ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 23]"),
     ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
+    // A machine that has other things to do is slow in laboratory time.
+    ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
     ("\n[verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n", ""),
 ];
 
@@ -51,6 +53,8 @@ impl Laboratory {
             "10",
             "--chamber-ramp",
             "5",
+            "--positioning",
+            "0",
         ]);
         wait_until("the station", || {
             world.path("station/chamber").exists()
@@ -95,16 +99,8 @@ impl Laboratory {
         lines.filter(|line| line["event"] == event).collect()
     }
 
-    fn wait_for_kept(&self, count: usize) {
-        wait_until("so many dwells", || self.events("kept").len() >= count);
-    }
-
-    fn wait_for_phase(&self, phase: &str) {
-        wait_until(phase, || self.status()["phase"] == phase);
-    }
-
-    fn status(&self) -> Value {
-        serde_json::from_slice(&self.file("status.json")).unwrap_or_default()
+    fn wait_for(&self, event: &str, count: usize) {
+        wait_long(event, || self.events(event).len() >= count);
     }
 
     fn faults(&self, lines: &str) {
@@ -132,6 +128,15 @@ impl Laboratory {
         let last = safe.last().unwrap();
         assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
         assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
+    }
+}
+
+/// A campaign takes a while, and much longer on a machine that has other things to do.
+fn wait_long(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < 5 * PATIENCE, "{what} did not come to be");
+        std::thread::sleep(Duration::from_millis(5));
     }
 }
 
@@ -190,7 +195,7 @@ fn from_a_plan_to_an_installed_table() {
     assert_eq!(world.imu_status()["table"], table.digest().to_string());
     let truth = fs::read_to_string(world.path("station/truth.toml")).unwrap();
     let [bias, scale_factor] = worst(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
-    assert!(bias < 3.0 && scale_factor < 6.0, "{bias} ug0, {scale_factor} ppm");
+    assert!(bias < 1.5 && scale_factor < 4.0, "{bias} ug0, {scale_factor} ppm");
     assert!(text(&laboratory.file("readbacks.csv")).lines().count() > 100);
     // Nothing is left to do, and nothing is done to the instruments.
     let before = laboratory.file("campaign.csv");
@@ -204,7 +209,7 @@ fn killed_twice_it_goes_on_with_the_first_dwell_that_is_missing() {
     let mut before = Vec::new();
     for count in [5, 15] {
         let runner = laboratory.spawn();
-        laboratory.wait_for_kept(count);
+        laboratory.wait_for("kept", count);
         runner.kill();
         let kept = laboratory.events("kept");
         let end = kept.last().unwrap()["to"].as_u64().unwrap() as usize;
@@ -228,7 +233,7 @@ fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
     let stop = || world.run(&["campaign", "stop", "station/plan.toml"]);
     assert_eq!(stop().status.code(), Some(69), "nobody runs it");
     let runner = laboratory.spawn();
-    laboratory.wait_for_kept(2);
+    laboratory.wait_for("kept", 2);
     let second = laboratory.run(&[]);
     assert_eq!(second.status.code(), Some(1));
     assert!(
@@ -262,30 +267,26 @@ fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
 #[test]
 fn an_instrument_that_goes_away_pauses_the_campaign_until_it_is_back() {
     let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
-    for (phase, fault) in [("soak", "port-loss:chamber"), ("dwell", "missing:table"), ("dwell", "garbled:chamber")] {
-        let runner = laboratory.spawn();
-        laboratory.wait_for_phase(phase);
+    let runner = laboratory.spawn();
+    // While it soaks; in a dwell or on the way to one.
+    for (event, count, fault) in
+        [("reached", 1, "port-loss:chamber"), ("kept", 1, "missing:table"), ("kept", 3, "garbled:chamber")]
+    {
+        laboratory.wait_for(event, count);
         let pauses = laboratory.events("paused").len();
         laboratory.faults(fault);
-        wait_until("the pause", || laboratory.events("paused").len() > pauses);
+        laboratory.wait_for("paused", pauses + 1);
         laboratory.faults("");
-        wait_until("the end of the pause", || laboratory.events("resumed").len() > pauses);
-        if fault == "garbled:chamber" {
-            let (ended, log) = wait(runner);
-            assert!(ended, "{log}");
-        } else {
-            runner.kill();
-        }
+        laboratory.wait_for("resumed", pauses + 1);
     }
+    let (well, log) = wait(runner);
+    assert!(well, "{log}");
     laboratory.complete(12);
 }
 
 /// Whether it has ended well, within a time that a campaign may take; and its log.
 fn wait(runner: Process) -> (bool, String) {
-    let begun = Instant::now();
-    while !runner.has_ended() && begun.elapsed() < 3 * PATIENCE {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_long("the end", || runner.has_ended());
     let (status, log) = runner.wait();
     (status.success(), log)
 }
@@ -294,7 +295,7 @@ fn wait(runner: Process) -> (bool, String) {
 fn an_alarm_ends_it_in_the_safe_state_at_once() {
     let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
     let runner = laboratory.spawn();
-    laboratory.wait_for_phase("soak");
+    laboratory.wait_for("reached", 1);
     laboratory.faults("alarm:chamber");
     let (ended, log) = wait(runner);
     assert!(!ended && log.contains("alarm"), "{log}");
@@ -303,7 +304,7 @@ fn an_alarm_ends_it_in_the_safe_state_at_once() {
     laboratory.faults("");
     // Whoever has cleared the alarm starts it again; a signal ends it as well.
     let runner = laboratory.spawn();
-    laboratory.wait_for_kept(1);
+    laboratory.wait_for("kept", 1);
     runner.signal(Signal::INT);
     let (ended, log) = wait(runner);
     assert!(!ended && log.contains("stopped by a signal"), "{log}");

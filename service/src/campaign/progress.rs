@@ -94,6 +94,7 @@ pub struct Progress {
     path: PathBuf,
     bars: Option<[ProgressBar; 2]>,
     written: Option<Instant>,
+    phase: &'static str,
     drawn: Option<Instant>,
     logged: Option<(Instant, f64)>,
 }
@@ -109,7 +110,7 @@ impl Progress {
             };
             [bar(units as u64, "{bar:40} {pos} of {len}  {msg}"), bar(1000, "{bar:40} {msg}")]
         });
-        Self { path: folder.join(STATUS), bars, written: None, drawn: None, logged: None }
+        Self { path: folder.join(STATUS), bars, written: None, phase: "", drawn: None, logged: None }
     }
 
     /// Something has happened.
@@ -120,8 +121,11 @@ impl Progress {
         }
     }
 
-    /// Whether anybody wants to be told now; `now` is laboratory time \[s\].
-    pub fn is_due(&self, now: f64) -> bool {
+    /// Whether anybody wants to be told now; `now` is laboratory time \[s\]. Another phase is always told.
+    pub fn is_due(&mut self, now: f64, phase: &'static str) -> bool {
+        if phase != self.phase {
+            (self.phase, self.written) = (phase, None);
+        }
         due(self.written, WRITTEN_EVERY) || self.draws() || self.logs(now)
     }
 

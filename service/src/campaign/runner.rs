@@ -22,9 +22,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// No wait that gives up is shorter in real time, however fast the laboratory is.
-const FLOOR: Duration = Duration::from_secs(5);
-/// How often the chamber is read \[s\].
-const CHAMBER_EVERY_S: f64 = 5.0;
+const FLOOR: Duration = Duration::from_secs(10);
+/// How often the chamber is read, in laboratory and at most in real time \[s\].
+const CHAMBER_EVERY_S: [f64; 2] = [5.0, 0.05];
 /// How often the table is read \[s\]: on its way and settling, and at rest.
 const TABLE_EVERY_S: [f64; 2] = [0.5, 2.0];
 /// Longest and shortest pause of the loop.
@@ -194,7 +194,7 @@ impl<'p> Runner<'p> {
         self.drain()?;
         self.stream_is_alive()?;
         let now = self.clock.now();
-        if now - self.chamber.1 >= CHAMBER_EVERY_S {
+        if now - self.chamber.1 >= CHAMBER_EVERY_S[0].max(CHAMBER_EVERY_S[1] * self.clock.speed) {
             self.read_chamber()?;
         }
         let moving = matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. });
@@ -415,7 +415,7 @@ impl<'p> Runner<'p> {
 
     fn tell(&mut self) {
         let now = self.clock.now();
-        if self.progress.is_due(now) {
+        if self.progress.is_due(now, self.machine.phase().name()) {
             let snapshot = self.snapshot();
             self.progress.tell(now, self.part(), &snapshot);
         }

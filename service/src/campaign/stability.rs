@@ -49,7 +49,8 @@ impl Trend {
             self.points.push_back([time / count, sum / count]);
             self.open = [0.0; 3];
         }
-        while self.points.front().is_some_and(|point| time_s - point[0] > self.window_s) {
+        // Where points are rare the window is longer instead.
+        while self.points.len() > LEAST && self.points.front().is_some_and(|point| time_s - point[0] > self.window_s) {
             self.points.pop_front();
         }
     }

@@ -57,6 +57,9 @@ pub struct Station {
     /// The telemetry is read so often, simulated [s]; 0 for every sample
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = super::parse::size)]
     telemetry_every: f64,
+    /// Error of the table's angles after each move, one sigma [arcsec]
+    #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = super::parse::size)]
+    positioning: f64,
     /// Temperature of the laboratory, and of everything at the beginning [degC]
     #[arg(long, value_name = "DEGC", default_value_t = 20.0, allow_hyphen_values = true)]
     ambient: f64,
@@ -124,7 +127,7 @@ impl Station {
         let folder = self.folder()?;
         let truth = self.common.truth()?;
         let (chain, noise) = self.common.chain_and_noise(&truth, self.telemetry_every)?;
-        let noise = Noise { positioning_rad: Noise::default().positioning_rad, ..noise };
+        let noise = Noise { positioning_rad: (self.positioning / 3600.0).to_radians(), ..noise };
         let [chamber_port, table_port] = if self.tcp {
             [free_port()?, free_port()?]
         } else {

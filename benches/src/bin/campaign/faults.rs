@@ -62,7 +62,7 @@ struct Case {
 
 fn case(fault: &str, instrument: &str, phase: &str) -> Outcome<Case> {
     let changes: Vec<_> = SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [25]")]).collect();
-    let laboratory = Laboratory::new(SPEED, &changes, false)?;
+    let laboratory = Laboratory::new(SPEED, "1", &changes, false)?;
     let mut runner = laboratory.run(&[])?;
     laboratory.until(phase, || {
         let first = phase != "dwell" || !laboratory.events("kept")?.is_empty();

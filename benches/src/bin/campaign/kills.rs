@@ -19,7 +19,7 @@ pub fn bench(smoke: bool) -> Outcome<()> {
     println!("{campaigns} campaigns of {UNITS} dwells, each runner killed {kills} times at random moments");
     println!("  campaign   killed in                                         dwells repeated   s");
     for campaign in 1..=campaigns {
-        let laboratory = Laboratory::new(SPEED, &SHORT, false)?;
+        let laboratory = Laboratory::new(SPEED, "1", &SHORT, false)?;
         let (begun, mut phases, mut before) = (Instant::now(), Vec::new(), Vec::new());
         let mut repeated = 0;
         for _ in 0..kills {
