@@ -100,7 +100,12 @@ impl Laboratory {
     }
 
     fn wait_for(&self, event: &str, count: usize) {
-        wait_long(event, || self.events(event).len() >= count);
+        let before = self.events("safe").len();
+        wait_long(event, || {
+            let safe = self.events("safe");
+            assert_eq!(safe.len(), before, "it has ended before {event}: {safe:?}");
+            self.events(event).len() >= count
+        });
     }
 
     fn faults(&self, lines: &str) {

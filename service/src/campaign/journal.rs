@@ -308,3 +308,43 @@ fn intact(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(folder: &Path) -> Plan {
+        let text = include_str!("../../../examples/plan.toml");
+        Plan::from_toml(&text.replace("output = \"campaign\"", "output = \".\""), folder).unwrap()
+    }
+
+    #[test]
+    fn a_line_that_was_cut_off_is_taken_away_and_a_damaged_one_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan = plan(folder.path());
+        let (mut journal, history) = Journal::open(&plan).unwrap();
+        assert_eq!(history, History::default());
+        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        let whole = fs::read(folder.path().join(JOURNAL)).unwrap();
+        for cut in 1..40 {
+            let torn = [&whole[..], &whole[..cut]].concat();
+            fs::write(folder.path().join(JOURNAL), torn).unwrap();
+            let (_, history) = Journal::open(&plan).unwrap();
+            assert_eq!(history.reached.map(|(set_point_c, _)| set_point_c), Some(5.0));
+            assert_eq!(fs::read(folder.path().join(JOURNAL)).unwrap(), whole);
+        }
+        let mut damaged = whole.clone();
+        damaged[20] = b'#';
+        fs::write(folder.path().join(JOURNAL), &damaged).unwrap();
+        assert_eq!(Journal::open(&plan).err().unwrap().exit, Exit::Data);
+        assert_eq!(fs::read(folder.path().join(JOURNAL)).unwrap(), damaged, "nothing is changed");
+    }
+
+    #[test]
+    fn samples_without_a_journal_are_not_touched() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("campaign.csv"), "precious").unwrap();
+        assert_eq!(Journal::open(&plan(folder.path())).err().unwrap().exit, Exit::Config);
+        assert_eq!(fs::read_to_string(folder.path().join("campaign.csv")).unwrap(), "precious");
+    }
+}

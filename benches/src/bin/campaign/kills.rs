@@ -32,7 +32,7 @@ pub fn bench(smoke: bool) -> Outcome<()> {
             drop(runner);
             let phase = laboratory.phase();
             repeated += usize::from(["travel", "settle", "dwell"].contains(&phase.as_str()));
-            phases.push(phase);
+            phases.push(if phase.is_empty() { "start".to_owned() } else { phase });
             let end = laboratory.events("kept")?.last().map_or(0, |unit| unit["to"].as_u64().unwrap_or_default());
             let samples = laboratory.file("campaign.csv");
             differences += usize::from(!samples.starts_with(&before));
