@@ -22,6 +22,8 @@ pub const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Where processes of a domain log, in its folder.
 const LOG: &str = "log";
+/// Where they write what is not a log, in its folder.
+const OUTPUT: &str = "output";
 
 /// What a bench does, or why it cannot.
 pub type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -102,7 +104,13 @@ impl World {
         command.args(words).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
         let log = File::options().append(true).create(true).open(self.path(LOG))?;
-        Ok(Partner(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log).spawn()?))
+        let output = File::options().append(true).create(true).open(self.path(OUTPUT))?;
+        Ok(Partner(command.stdin(Stdio::null()).stdout(output).stderr(log).spawn()?))
+    }
+
+    /// All that processes of the domain have written to stdout.
+    pub fn output(&self) -> String {
+        fs::read_to_string(self.path(OUTPUT)).unwrap_or_default()
     }
 
     /// The last lines that processes of the domain have logged.
@@ -145,6 +153,21 @@ impl Partner {
     /// Its process id.
     pub fn pid(&self) -> u32 {
         self.0.id()
+    }
+
+    /// Waits for its end; whether it has succeeded.
+    ///
+    /// # Errors
+    /// If it does not end within `patience`.
+    pub fn ends_well(&mut self, patience: Duration) -> Outcome<bool> {
+        let begun = Instant::now();
+        while begun.elapsed() < patience {
+            if let Some(status) = self.0.try_wait()? {
+                return Ok(status.success());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Err("a process does not end".into())
     }
 }
 

@@ -10,22 +10,25 @@
 //! ```
 //! The truth is a [`CoefficientTable`] with a misalignment M; compensating with it gives f back, but for noise and the
 //! charge that has not made a pulse yet. The details are in the modules: [`Imu`] is head, board and converter, [`campaign`]
-//! and [`run`] let it through a schedule. The same seed gives the same data, to the byte on the same machine.
+//! and [`run`] let it through a schedule; [`Chamber`] and [`Turntable`] are the machines around it on their own. The same seed gives the same data, to the byte on the same machine.
 
 mod campaign;
 mod chamber;
 mod imu;
 mod random;
+mod turntable;
 
 pub use campaign::{Campaign, Plan, Row, Run, RunSamples, campaign, campaign_toml, run};
+pub use chamber::Chamber;
 pub use imu::Imu;
 pub use random::Random;
+pub use turntable::{Turntable, specific_force};
 
 use isotherm_shared::polynomial::{Polynomial, Side};
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
 use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The stream of a seed that a truth is drawn from.
 const TRUTH: u64 = 4;
@@ -158,7 +161,7 @@ fn varied(polynomial: &Polynomial, constant: f64, random: &mut Random) -> Polyno
 }
 
 /// The hardware: what is the same each time.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Chain {
     /// Time constant of the sensor heads behind the chamber's air \[s\], over 0.
     pub head_lag_s: f64,
@@ -224,7 +227,7 @@ impl Chain {
 }
 
 /// What differs each time: standard deviations of Gaussian numbers, 0 for none.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Noise {
     /// White noise of a sensor in a mean over 1 s \[g0\]; over Ts it is 1/sqrt(Ts) times that.
     pub sensor_g0: f64,

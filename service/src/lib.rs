@@ -3,6 +3,8 @@
 //! A library so that a bench can be the service in one of its processes, and so that what reads untrusted input can be fuzzed; the program
 //! is [`main`].
 
+#[cfg(feature = "campaign")]
+mod campaign;
 #[cfg(feature = "tools")]
 mod clean;
 mod cli;
@@ -11,6 +13,8 @@ mod control;
 mod create;
 mod failure;
 mod files;
+#[cfg(feature = "campaign")]
+pub mod instruments;
 mod leftovers;
 mod logging;
 #[cfg(feature = "metrics")]
@@ -22,6 +26,8 @@ mod reload;
 mod samples;
 mod served;
 mod sigbus;
+#[cfg(feature = "campaign")]
+mod station;
 mod status;
 mod systemd;
 mod threads;

@@ -242,6 +242,13 @@ impl<W: Write> RawWriter<W> {
         Ok(Self { sink, leading: !leading.is_empty(), telemetry_ns, row: Vec::new() })
     }
 
+    /// Goes on with rows below those that are there already, of which the header is one; `leading` says whether it has columns of
+    /// the caller's own.
+    #[must_use]
+    pub const fn resume(sink: W, leading: bool, telemetry_ns: bool) -> Self {
+        Self { sink, leading, telemetry_ns, row: Vec::new() }
+    }
+
     /// Writes one row; `leading` are the values of the caller's columns, comma-separated.
     ///
     /// # Errors

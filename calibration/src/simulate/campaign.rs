@@ -3,16 +3,10 @@
 //! # The campaign
 //! It begins in equilibrium at the first set point. At each set point the chamber ramps, then soaks; `soak_s` counts from
 //! the moment it leaves the last set point. Then for each position `move_s` of moving and `dwell_s` of rest; only the rest
-//! gives rows, as many whole periods as fit.
-//!
-//! At the outer and inner angles, each with its error, R = Rx(outer) Rz(inner) turns body into laboratory, and with the
-//! base's tilt (tx, ty) the specific force along the body's axes is
-//!
-//! ```text
-//! f = g_local/g0 * R' u,    u = (-ty, tx, 1) / |(-ty, tx, 1)|                                                  [g0]
-//! ```
+//! gives rows, as many whole periods as fit. Each angle has its error.
 
 use super::imu::Imu;
+use super::turntable::specific_force;
 use super::{Chain, Noise, Random, Truth};
 use crate::positions::{Position, Scheme};
 use core::fmt::Write as _;
@@ -96,9 +90,7 @@ pub struct Campaign<'a> {
     plan: &'a Plan,
     imu: Imu,
     turntable: Random,
-    tilt_rad: [f64; 2],
-    /// Local gravity \[g0\].
-    gravity: f64,
+    truth: Truth,
     /// Dwells that have begun.
     dwells: usize,
     /// Rows left of this one.
@@ -116,8 +108,7 @@ pub fn campaign<'a>(truth: &Truth, plan: &'a Plan, seed: u64) -> Campaign<'a> {
         plan,
         imu: Imu::new(truth, &plan.chain, &plan.noise, first, seed),
         turntable: Random::new(seed, TURNTABLE),
-        tilt_rad: truth.tilt_rad,
-        gravity: truth.gravity_local / truth.table.content().gravity,
+        truth: truth.clone(),
         dwells: 0,
         left: 0,
         set_point_c: first,
@@ -143,24 +134,21 @@ impl Campaign<'_> {
         }
         self.imu.wait(nanoseconds(plan.move_s));
         self.position = position.number;
-        self.specific_force = self.at(position).map(|f| f * self.gravity);
+        self.specific_force = self.at(position);
         self.dwells += 1;
         self.left = rows;
         Some(())
     }
 
-    /// Direction of the specific force where the turntable comes to rest.
+    /// The specific force where the turntable comes to rest \[g0\].
     fn at(&mut self, position: &Position) -> [f64; AXES] {
         let Some([outer, inner]) = position.angles else {
-            return position.specific_force;
+            let gravity = self.truth.gravity_local / self.truth.table.content().gravity;
+            return position.specific_force.map(|f| f * gravity);
         };
         let mut missed = || (self.plan.noise.positioning_rad * self.turntable.normal()).to_degrees();
-        let there = Position::at(position.number, outer + missed(), inner + missed());
-        // The derivatives by (tx, ty) are R's second and minus its first row: exact, not to first order.
-        let by_tilt = there.by_tilt().unwrap_or_default();
-        let [tx, ty] = self.tilt_rad;
-        let length = (1.0 + tx * tx + ty * ty).sqrt();
-        core::array::from_fn(|i| (there.specific_force[i] + by_tilt[i][0] * tx + by_tilt[i][1] * ty) / length)
+        let (outer, inner) = (outer + missed(), inner + missed());
+        specific_force(&self.truth, outer, inner)
     }
 }
 

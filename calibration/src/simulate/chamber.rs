@@ -10,8 +10,11 @@
 //! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 settled, as if it had always been
 //! ```
 
-use super::Chain;
+use super::{Chain, Random};
 use core::f64::consts::TAU;
+
+/// The stream of a seed for what changes slowly; the phase is its first number.
+pub(super) const SLOW: u64 = 1;
 
 /// Something that follows the chamber's air.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +46,7 @@ impl Follower {
 
 /// The chamber with what is in it.
 #[derive(Clone, Debug)]
-pub(super) struct Chamber {
+pub struct Chamber {
     /// Air, without the oscillation \[degC\].
     air_c: f64,
     target_c: f64,
@@ -57,8 +60,15 @@ pub(super) struct Chamber {
 }
 
 impl Chamber {
+    /// In equilibrium at `temperature_c` \[degC\]. The oscillation's phase is the seed's: the same one as in an [`Imu`](super::Imu) of the
+    /// same seed.
+    #[must_use]
+    pub fn new(chain: &Chain, temperature_c: f64, seed: u64) -> Self {
+        Self::with_phase(chain, temperature_c, Random::new(seed, SLOW).between(0.0, TAU))
+    }
+
     /// In equilibrium at `temperature_c`; `phase` \[rad\] of the oscillation.
-    pub(super) fn new(chain: &Chain, temperature_c: f64, phase: f64) -> Self {
+    pub(super) fn with_phase(chain: &Chain, temperature_c: f64, phase: f64) -> Self {
         Self {
             air_c: temperature_c,
             target_c: temperature_c,
@@ -72,17 +82,18 @@ impl Chamber {
     }
 
     /// Makes for `target_c` at `ramp_c_per_s` \[degC/s\], over 0.
-    pub(super) fn go_to(&mut self, target_c: f64, ramp_c_per_s: f64) {
+    pub fn go_to(&mut self, target_c: f64, ramp_c_per_s: f64) {
         (self.target_c, self.ramp_c_per_s) = (target_c, ramp_c_per_s);
     }
 
     /// Air without the oscillation \[degC\].
-    pub(super) const fn air_c(&self) -> f64 {
+    #[must_use]
+    pub const fn air_c(&self) -> f64 {
         self.air_c
     }
 
     /// Lets `time_s` pass.
-    pub(super) fn wait(&mut self, mut time_s: f64) {
+    pub fn wait(&mut self, mut time_s: f64) {
         self.time_s += time_s;
         let distance = self.target_c - self.air_c;
         if distance != 0.0 {
@@ -106,7 +117,8 @@ impl Chamber {
     }
 
     /// What the heads and the boards have come to, without their own offsets \[degC\].
-    pub(super) fn head_and_board_c(&self) -> (f64, f64) {
+    #[must_use]
+    pub fn head_and_board_c(&self) -> (f64, f64) {
         let phase = TAU * (self.time_s / self.period_s).fract() + self.phase;
         (self.head.at(phase), self.board.at(phase))
     }
@@ -117,7 +129,7 @@ mod tests {
     use super::*;
 
     fn chamber() -> Chamber {
-        let mut chamber = Chamber::new(&Chain::default(), 20.0, 1.0);
+        let mut chamber = Chamber::with_phase(&Chain::default(), 20.0, 1.0);
         chamber.go_to(30.0, 1.0 / 60.0);
         chamber
     }

@@ -11,15 +11,14 @@
 //! of x; while q >= 1/K+ it gives a positive pulse and takes 1/K+ away, while q <= -1/|K-| a negative one and adds 1/|K-|.
 //! So the pulses of any time, N+/K+ + N-/K-, are the integral of x to within one pulse.
 
-use super::chamber::Chamber;
+use super::chamber::{Chamber, SLOW};
 use super::{Chain, Noise, Random, Truth};
 use core::f64::consts::TAU;
 use isotherm_shared::table::Axis;
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::{Matrix3, Vector3};
 
-/// Streams of a seed.
-const SLOW: u64 = 1;
+/// The stream of a seed for noise.
 const FAST: u64 = 2;
 
 /// Sub-steps of a vibration's period.
@@ -62,7 +61,7 @@ impl Imu {
             misalignment: truth.misalignment,
             chain: *chain,
             noise: *noise,
-            chamber: Chamber::new(chain, temperature_c, phase),
+            chamber: Chamber::with_phase(chain, temperature_c, phase),
             slow,
             fast: Random::new(seed, FAST),
             offsets: [Offset::default(); AXES],

@@ -1,4 +1,6 @@
 use super::written;
+#[cfg(feature = "campaign")]
+use crate::campaign::plan::Plan;
 use crate::config::Config;
 use crate::failure::{Exit, Failure};
 use crate::files::{Guard, Output, TableFileError, load_table, read_text};
@@ -10,7 +12,7 @@ use isotherm_shared::table::{CoefficientTable, Seal};
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Validate coefficient tables, service configurations and campaign files with the code that loads them
+/// Validate coefficient tables, service configurations, campaign files and plans with the code that loads them
 ///
 /// What a file is, its content tells. All faults of all files are reported, each with line and key.
 #[derive(Debug, Args)]
@@ -24,7 +26,7 @@ pub struct Check {
     /// Take files that everybody may write; without this they are refused, as by the service
     #[arg(long)]
     allow_world_writable: bool,
-    /// Tables, configurations and campaign files; - is stdin
+    /// Tables, configurations, campaign files and plans; - is stdin
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 }
@@ -34,6 +36,8 @@ enum Kind {
     Table,
     Config,
     Campaign,
+    #[cfg(feature = "campaign")]
+    Plan,
 }
 
 impl Check {
@@ -76,8 +80,18 @@ fn check(path: &Path, seal: bool, guard: Guard) -> Result<String, Failure> {
             Exit::Config,
             format!("{}: a service configuration; only tables are sealed", path.display()),
         )),
+        #[cfg(feature = "campaign")]
+        Kind::Plan if seal => {
+            Err(Failure::new(Exit::Config, format!("{}: a campaign plan; only tables are sealed", path.display())))
+        }
         Kind::Campaign if seal => {
             Err(Failure::new(Exit::Config, format!("{}: a campaign; only tables are sealed", path.display())))
+        }
+        #[cfg(feature = "campaign")]
+        Kind::Plan => {
+            let plan = Plan::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
+            let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
+            Ok(format!("campaign plan of {}, {set_points} set points x {positions} positions", plan.imu))
         }
         #[cfg(feature = "tools")]
         Kind::Campaign => {
@@ -121,10 +135,14 @@ fn read_stdin() -> Result<String, Failure> {
     Ok(text)
 }
 
-/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`, a campaign `[[position]]`.
+/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`, a campaign `[[position]]`, a campaign's plan `[chamber]`.
 fn kind(text: &str) -> Result<Kind, Faults> {
     let document = Document::parse(text)?;
     let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
+    #[cfg(feature = "campaign")]
+    if Plan::is_meant(&document) {
+        return Ok(Kind::Plan);
+    }
     if has(&["position", "samples", "gravity_reference"]) {
         Ok(Kind::Campaign)
     } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
@@ -133,7 +151,7 @@ fn kind(text: &str) -> Result<Kind, Faults> {
         Ok(Kind::Table)
     } else {
         let message = "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]], nor a \
-                       campaign, which has [[position]]";
+                       campaign, which has [[position]], nor a campaign plan, which has [chamber]";
         Err(Faults(vec![Fault { line: 1, key: String::new(), message: message.to_owned() }]))
     }
 }

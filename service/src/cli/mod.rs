@@ -8,6 +8,9 @@ mod tools;
 #[cfg(feature = "top")]
 mod top;
 
+#[cfg(feature = "campaign")]
+pub use tools::{calibrate, verify};
+
 use crate::failure::{Exit, Failure};
 use crate::files::remove_unfinished_on_signals;
 use clap::{Parser, Subcommand};

@@ -78,6 +78,20 @@ fn place(text: &str) -> Result<(f64, u32), String> {
 }
 
 impl Calibrate {
+    /// With every default.
+    #[cfg(feature = "campaign")]
+    pub fn of(campaign: &Path, output: &Path, report: &Path, alignment: bool) -> Self {
+        Self {
+            campaign: campaign.to_owned(),
+            output: output.to_owned(),
+            report: Some(report.to_owned()),
+            order: Order::Auto,
+            method: Method::OneStage,
+            alignment,
+            exclude: Vec::new(),
+        }
+    }
+
     pub fn run(self) -> Result<(), Failure> {
         let (text, campaign) = load_campaign(&self.campaign)?;
         let samples = self.campaign.parent().unwrap_or(Path::new("")).join(&campaign.samples);

@@ -1,6 +1,8 @@
 //! The commands beside the service: the feature `tools`.
 
-mod calibrate;
+pub mod calibrate;
+#[cfg(feature = "campaign")]
+mod campaign;
 mod clean;
 mod demo;
 mod feed;
@@ -12,7 +14,9 @@ mod regress;
 mod relay;
 mod replay;
 mod simulate;
-mod verify;
+#[cfg(feature = "campaign")]
+mod station;
+pub mod verify;
 
 use super::{Cli, clear_up_on_signals, options, written};
 use crate::failure::{Exit, Failure};
@@ -37,6 +41,8 @@ pub enum Tool {
     Regress(regress::Regress),
     Verify(verify::Verify),
     Simulate(simulate::Simulate),
+    #[cfg(feature = "campaign")]
+    Campaign(campaign::Campaign),
     Relay(relay::Relay),
     Clean(clean::Clean),
     Completions(generate::Completions),
@@ -45,7 +51,12 @@ pub enum Tool {
 
 impl Tool {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
-        if matches!(self, Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Simulate(_) | Self::Man(_)) {
+        let brief = match &self {
+            Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Man(_) => true,
+            Self::Simulate(simulate) => simulate.is_brief(),
+            _ => false,
+        };
+        if brief {
             clear_up_on_signals()?;
         }
         match self {
@@ -57,7 +68,9 @@ impl Tool {
             Self::Calibrate(calibrate) => calibrate.run(),
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),
-            Self::Simulate(simulate) => simulate.run(),
+            Self::Simulate(simulate) => simulate.run(&domain),
+            #[cfg(feature = "campaign")]
+            Self::Campaign(campaign) => campaign.run(domain),
             Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
             Self::Completions(completions) => completions.run(),

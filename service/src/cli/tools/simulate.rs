@@ -11,6 +11,7 @@ use isotherm_calibration::positions::Scheme;
 use isotherm_calibration::simulate::{
     self as simulation, Chain, MISALIGNMENT, Noise, Plan, TILT_RAD, Truth, campaign_toml,
 };
+use isotherm_client::Domain;
 use isotherm_shared::recording::RawWriter;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Refusal};
@@ -27,7 +28,7 @@ const MAX_ROWS: u64 = 360_000_000;
 /// Rows between two looks of the progress bar.
 const BAR_ROWS: u64 = 4096;
 
-/// Make a campaign or a temperature run of a simulated IMU whose coefficients are known
+/// Make a campaign or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
 ///
 /// The coefficients that the data come from are written beside them as truth.toml.
 #[derive(Debug, Args)]
@@ -44,6 +45,11 @@ pub struct Simulate {
 enum What {
     Campaign(Campaign),
     Run(Run),
+    #[cfg(feature = "campaign")]
+    Station(super::station::Station),
+    #[cfg(feature = "campaign")]
+    #[command(hide = true)]
+    StationPart(super::station::StationPart),
 }
 
 /// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml
@@ -75,6 +81,9 @@ struct Campaign {
     /// Error of the turntable's angles in each dwell, one sigma [arcsec]
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
+    /// The telemetry is read so often [s]; 0 for every row
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
+    telemetry_every: f64,
 }
 
 /// A temperature run at rest, ramped from cold to hot: run.csv, truth.toml
@@ -100,17 +109,20 @@ struct Run {
     /// Hold before the ramp, and again after it [s]
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
+    /// The telemetry is read so often [s]; 0 for every row
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
+    telemetry_every: f64,
 }
 
 /// What both have.
 #[derive(Debug, Args)]
-struct Common {
+pub(super) struct Common {
     /// Folder for the files; made if it is not there
     #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// The same seed gives the same files
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
-    seed: u64,
+    pub(super) seed: u64,
     /// Coefficients of the IMU, with its alignment; those of the source paper unless given
     #[arg(long, value_name = "TABLE")]
     truth: Option<PathBuf>,
@@ -135,19 +147,25 @@ struct Common {
     /// Resolution of the telemetry [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none
     #[arg(long, value_name = "U")]
     telemetry_lsb: Option<u32>,
-    /// The telemetry is read so often [s]; 0 for every row
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
-    telemetry_every: f64,
     /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
     #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = vibration)]
     vibration: [f64; 2],
 }
 
 impl Simulate {
-    pub fn run(self) -> Result<(), Failure> {
+    /// Whether it writes its files and ends, and leaves signals to others.
+    pub fn is_brief(&self) -> bool {
+        matches!(self.what, What::Campaign(_) | What::Run(_))
+    }
+
+    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         match self.what {
             What::Campaign(campaign) => campaign.run(),
             What::Run(run) => run.run(),
+            #[cfg(feature = "campaign")]
+            What::Station(station) => station.run(domain),
+            #[cfg(feature = "campaign")]
+            What::StationPart(part) => part.run(domain.clone()),
         }
     }
 }
@@ -158,7 +176,7 @@ impl Campaign {
         if let Some(tilt) = self.tilt {
             truth.tilt_rad = tilt.map(arcsec);
         }
-        let (chain, mut noise) = self.common.chain_and_noise(&truth)?;
+        let (chain, mut noise) = self.common.chain_and_noise(&truth, self.telemetry_every)?;
         noise.positioning_rad = arcsec(self.positioning);
         let plan = Plan {
             set_points_c: self.set_points.0,
@@ -195,7 +213,7 @@ impl Campaign {
 impl Run {
     fn run(self) -> Result<(), Failure> {
         let truth = self.common.truth()?;
-        let (chain, noise) = self.common.chain_and_noise(&truth)?;
+        let (chain, noise) = self.common.chain_and_noise(&truth, self.telemetry_every)?;
         let [from_c, to_c] = self.temperatures;
         let run = simulation::Run {
             direction: self.attitude,
@@ -224,7 +242,7 @@ impl Run {
 }
 
 impl Common {
-    fn truth(&self) -> Result<Truth, Failure> {
+    pub(super) fn truth(&self) -> Result<Truth, Failure> {
         let refused = |refusals: Vec<Refusal>| {
             let refusals: Vec<_> = refusals.iter().map(Refusal::to_string).collect();
             Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
@@ -253,7 +271,7 @@ impl Common {
     }
 
     /// The telemetry is in the truth's unit; the positioning error, which a run does not have, is 0.
-    fn chain_and_noise(&self, truth: &Truth) -> Result<(Chain, Noise), Failure> {
+    pub(super) fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
         let volts = Chain::default();
         let (mut chain, telemetry_noise) = match truth.table.content().temperature_unit.as_str() {
             "V" => (volts, Noise::default().telemetry),
@@ -265,7 +283,7 @@ impl Common {
             unit => return Err(usage(format!("the truth's telemetry is in {unit}; V and degC can be simulated"))),
         };
         chain.telemetry_lsb_micro = self.telemetry_lsb.unwrap_or(chain.telemetry_lsb_micro);
-        chain.telemetry_s = self.telemetry_every;
+        chain.telemetry_s = telemetry_every;
         [chain.vibration_g0, chain.vibration_hz] = self.vibration;
         let [bias_ug0, scale_factor_ppm] = self.repeatability;
         let noise = Noise {
@@ -279,7 +297,7 @@ impl Common {
     }
 }
 
-fn usage(message: impl Into<String>) -> Failure {
+pub(super) fn usage(message: impl Into<String>) -> Failure {
     Failure::new(Exit::Usage, message)
 }
 
@@ -322,7 +340,7 @@ fn write_rows(
     })
 }
 
-fn write_truth(
+pub(super) fn write_truth(
     folder: &Path,
     truth: &Truth,
     command: &str,
@@ -335,7 +353,7 @@ fn write_truth(
     write_text(folder, "truth.toml", &text)
 }
 
-fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
+pub(super) fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
     write_file(folder, name, |sink| sink.write_all(text.as_bytes()))
 }
 

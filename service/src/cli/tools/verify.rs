@@ -12,7 +12,7 @@ use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Show how stable the output of a recording is, before and after compensation
@@ -55,6 +55,27 @@ fn over_0(text: &str) -> Result<f64, String> {
 }
 
 impl Verify {
+    /// At a stated attitude, in windows of 10 s.
+    #[cfg(feature = "campaign")]
+    pub fn of(
+        table: &Path,
+        recording: &Path,
+        require: Option<f64>,
+        attitude: [f64; AXES],
+        gravity_local: f64,
+        report: &Path,
+    ) -> Self {
+        Self {
+            table: table.to_owned(),
+            recording: recording.to_owned(),
+            window: Duration::from_secs(10),
+            require,
+            attitude: Some(attitude),
+            gravity_local: Some(gravity_local),
+            report: Some(report.to_owned()),
+        }
+    }
+
     pub fn run(self) -> Result<(), Failure> {
         let inputs = [(self.recording.as_path(), "the recording"), (&self.table, "the table")];
         apart(&inputs, &[self.report.as_deref()])?;

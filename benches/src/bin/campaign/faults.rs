@@ -1,0 +1,108 @@
+//! Each fault of an instrument in each phase of a campaign: what becomes of it, and what it costs.
+
+use crate::laboratory::{Laboratory, PATIENCE, SHORT};
+use isotherm_benches::Outcome;
+use std::time::{Duration, Instant};
+
+/// Laboratory time over real time.
+const SPEED: u32 = 500;
+/// How long a fault lasts, in real time: longer than an instrument's own repetitions.
+const LASTS: Duration = Duration::from_millis(1500);
+/// Dwells of the campaign.
+const UNITS: usize = 12;
+
+const PHASES: [&str; 4] = ["approach", "soak", "travel", "dwell"];
+const FAULTS: [(&str, &[&str]); 10] = [
+    ("garbled", &["chamber", "table"]),
+    ("late", &["chamber", "table"]),
+    ("missing", &["chamber", "table"]),
+    ("duplicated", &["chamber", "table"]),
+    ("na", &["chamber", "table"]),
+    ("alarm", &["chamber", "table"]),
+    ("port-loss", &["chamber", "table"]),
+    ("no-settle", &["table"]),
+    ("overshoot", &["chamber"]),
+    ("never-there", &["chamber"]),
+];
+
+/// Tries each, or three of them.
+pub fn bench(smoke: bool) -> Outcome<()> {
+    println!("each fault for {:.1} s in each phase; chamber | table", LASTS.as_secs_f64());
+    println!(
+        "  recovered: went on by itself; paused: and went on; again: dwells begun again; safe: table stopped, chamber in standby"
+    );
+    println!("  {:12} {:8} {}", "fault", "at", PHASES.map(|phase| format!("{phase:<22}")).join(" "));
+    let mut wrong = Vec::new();
+    for (fault, instruments) in FAULTS.iter().filter(|(fault, _)| !smoke || *fault == "missing") {
+        for instrument in *instruments {
+            let mut cells = Vec::new();
+            for phase in PHASES {
+                if smoke && phase != "dwell" {
+                    continue;
+                }
+                let outcome = case(fault, instrument, phase)?;
+                wrong.extend(outcome.wrong.map(|wrong| format!("{fault} {instrument} {phase}: {wrong}")));
+                cells.push(format!("{:<22}", outcome.words));
+            }
+            println!("  {fault:12} {instrument:8} {}", cells.join(" "));
+        }
+    }
+    if wrong.is_empty() {
+        println!("completed dwells lost or changed: 0");
+        Ok(())
+    } else {
+        Err(wrong.join("\n").into())
+    }
+}
+
+struct Case {
+    words: String,
+    wrong: Option<String>,
+}
+
+fn case(fault: &str, instrument: &str, phase: &str) -> Outcome<Case> {
+    let changes: Vec<_> = SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [25]")]).collect();
+    let laboratory = Laboratory::new(SPEED, "1", &changes, false)?;
+    let mut runner = laboratory.run(&[])?;
+    laboratory.until(phase, || {
+        let first = phase != "dwell" || !laboratory.events("kept")?.is_empty();
+        Ok(laboratory.phase() == phase && first || runner_has_gone(&laboratory)?)
+    })?;
+    let before = laboratory.events("kept")?.last().map_or(0, |unit| unit["to"].as_u64().unwrap_or_default());
+    let taken = laboratory.file("campaign.csv").get(..before as usize).unwrap_or_default().to_vec();
+    laboratory.faults(&format!("{fault}:{instrument}\n"))?;
+    let begun = Instant::now();
+    while begun.elapsed() < LASTS && !runner_has_gone(&laboratory)? {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    laboratory.faults("")?;
+    let well = runner.ends_well(PATIENCE)?;
+    let paused = laboratory.events("paused")?.len();
+    let again = laboratory.events("discarded")?.len();
+    let safe = laboratory.events("safe")?;
+    let known = safe.last().is_some_and(|safe| {
+        let text = safe.to_string();
+        text.contains("table stopped at") && text.contains("chamber in standby")
+    });
+    let mut words = match (well, paused, known) {
+        (true, 0, _) => "recovered".to_owned(),
+        (true, paused, _) => format!("paused {paused}x"),
+        (false, _, true) => "safe".to_owned(),
+        (false, _, false) => "safe, not confirmed".to_owned(),
+    };
+    if again > 0 {
+        words += &format!(", {again} again");
+    }
+    let mut wrong =
+        (!laboratory.file("campaign.csv").starts_with(&taken)).then(|| "completed dwells have changed".to_owned());
+    if well {
+        wrong = wrong.or(laboratory.wrong(UNITS, 6)?);
+    } else if safe.is_empty() {
+        wrong = Some(format!("no safe state:\n{}", laboratory.world.log()));
+    }
+    Ok(Case { words, wrong })
+}
+
+fn runner_has_gone(laboratory: &Laboratory) -> Outcome<bool> {
+    Ok(!laboratory.events("safe")?.is_empty())
+}

@@ -1,0 +1,94 @@
+//! The paper's campaign, from the plan to the table in force, beside `simulate campaign` and `calibrate` of the same IMU.
+
+use crate::laboratory::{Laboratory, PATIENCE, SHORT};
+use isotherm_benches::Outcome;
+use isotherm_shared::table::CoefficientTable;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+/// Laboratory time over real time.
+const SPEED: u32 = 1000;
+
+/// Runs it with a table that is exact and with one that is off by 1 arcsec, and prints the figures.
+pub fn bench(smoke: bool) -> Outcome<()> {
+    let errors: &[&str] = if smoke { &["0"] } else { &["0", "1"] };
+    errors.iter().try_for_each(|positioning| campaign(positioning, smoke))
+}
+
+fn campaign(positioning: &str, smoke: bool) -> Outcome<()> {
+    let verify = "[verify]\nruns = 1\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 60\nhold_s = 60\n\n[safe]";
+    let short: Vec<_> =
+        SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [10, 18, 26, 34]"), ("[safe]", verify)]).collect();
+    let changes = if smoke { &short[..] } else { &[] };
+    let laboratory = Laboratory::new(SPEED, positioning, changes, !smoke)?;
+    let begun = Instant::now();
+    let requirement = if smoke { "0.1" } else { "10" };
+    let mut runner = laboratory.run(&["--calibrate", "--alignment", "--require", requirement])?;
+    if !runner.ends_well(PATIENCE)? {
+        return Err(format!("the campaign has failed:\n{}", laboratory.world.log()).into());
+    }
+    let took = begun.elapsed().as_secs_f64();
+    let kept = laboratory.events("kept")?;
+    let dwells = kept.iter().filter(|unit| unit["file"] == "campaign.csv").count();
+    if let Some(wrong) = laboratory.wrong(kept.len(), if smoke { 6 } else { 30 })? {
+        return Err(wrong.into());
+    }
+    let load = |path: &Path| -> Outcome<CoefficientTable> {
+        Ok(CoefficientTable::from_toml(&fs::read_to_string(path)?, None)?)
+    };
+    let truth = load(&laboratory.path("truth.toml"))?;
+    let installed = load(&laboratory.world.path("imu-a.toml"))?;
+    println!(
+        "automatic campaign at {SPEED} times: {dwells} dwells, {} runs, {took:.0} s of real time",
+        kept.len() - dwells
+    );
+    println!("installed and in force: {}", installed.digest());
+    let [bias, scale_factor] = worst(&installed, &truth);
+    println!("worst error over the range against the truth: bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm");
+    if !smoke {
+        let [bias, scale_factor] = worst(&load(&simulated(&laboratory, positioning)?)?, &truth);
+        println!(
+            "the same by simulate campaign and calibrate:  bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm"
+        );
+    }
+    for (number, run) in kept.iter().filter(|unit| unit["file"] != "campaign.csv").enumerate() {
+        println!("verification run {}: {} rows, {} s", number + 1, run["rows"], run["seconds"]);
+    }
+    let told: Vec<Value> = laboratory.events("paused")?;
+    println!("pauses {}, dwells begun again {}", told.len(), laboratory.events("discarded")?.len());
+    for line in laboratory.world.output().lines().filter(|line| line.trim_start().starts_with('A')) {
+        println!("{line}");
+    }
+    Ok(())
+}
+
+/// The table that a campaign without any instruments gives.
+fn simulated(laboratory: &Laboratory, positioning: &str) -> Outcome<std::path::PathBuf> {
+    let run = |words: &[&str]| -> Outcome<()> {
+        let status =
+            Command::new(std::env::current_exe()?).args(words).current_dir(laboratory.world.path("")).output()?;
+        if status.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&status.stderr).into()) }
+    };
+    run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--positioning", positioning])?;
+    run(&["calibrate", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;
+    Ok(laboratory.world.path("simulated.toml"))
+}
+
+/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] within the fitted ranges.
+fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
+    let mut worst = [0.0_f64; 2];
+    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
+        for i in 0..=400 {
+            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 400.0;
+            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
+            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
+            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
+            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
+            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
+        }
+    }
+    worst
+}

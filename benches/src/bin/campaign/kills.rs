@@ -1,0 +1,70 @@
+//! kill -9 at random moments: what has been taken stays as it was, and the campaign is completed.
+
+use crate::laboratory::{Laboratory, PATIENCE, SHORT};
+use isotherm_benches::Outcome;
+use std::time::{Duration, Instant};
+
+/// Laboratory time over real time.
+const SPEED: u32 = 1000;
+/// Dwells of the short campaign.
+const UNITS: usize = 24;
+/// A runner lives up to this long before it is killed.
+const LIFE_S: f64 = 6.0;
+
+/// Kills 30 times, or 3 times.
+pub fn bench(smoke: bool) -> Outcome<()> {
+    let (campaigns, kills) = if smoke { (1, 3) } else { (6, 5) };
+    let mut random = Random(0x9e37_79b9_7f4a_7c15);
+    let (mut lost, mut differences) = (0, 0);
+    println!("{campaigns} campaigns of {UNITS} dwells, each runner killed {kills} times at random moments");
+    println!("  campaign   killed in                                         dwells repeated   s");
+    for campaign in 1..=campaigns {
+        let laboratory = Laboratory::new(SPEED, "1", &SHORT, false)?;
+        let (begun, mut phases, mut before) = (Instant::now(), Vec::new(), Vec::new());
+        let mut repeated = 0;
+        for _ in 0..kills {
+            let runner = laboratory.run(&[])?;
+            let started = laboratory.events("started")?.len();
+            laboratory.until("the runner", || {
+                Ok(laboratory.events("started")?.len() > started || !laboratory.phase().is_empty())
+            })?;
+            std::thread::sleep(Duration::from_secs_f64(LIFE_S * random.next()));
+            drop(runner);
+            let phase = laboratory.phase();
+            repeated += usize::from(["travel", "settle", "dwell"].contains(&phase.as_str()));
+            phases.push(if phase.is_empty() { "start".to_owned() } else { phase });
+            let end = laboratory.events("kept")?.last().map_or(0, |unit| unit["to"].as_u64().unwrap_or_default());
+            let samples = laboratory.file("campaign.csv");
+            differences += usize::from(!samples.starts_with(&before));
+            before = samples.get(..end as usize).ok_or("samples that the journal lists are not there")?.to_vec();
+        }
+        let mut runner = laboratory.run(&[])?;
+        if !runner.ends_well(PATIENCE)? {
+            return Err(format!("campaign {campaign} was not completed:\n{}", laboratory.world.log()).into());
+        }
+        differences += usize::from(!laboratory.file("campaign.csv").starts_with(&before));
+        if let Some(wrong) = laboratory.wrong(UNITS, 6)? {
+            return Err(wrong.into());
+        }
+        println!("  {campaign:>8}   {:<50} {repeated:>14}   {:.0}", phases.join(", "), begun.elapsed().as_secs_f64());
+        lost += repeated;
+    }
+    println!(
+        "{campaigns} of {campaigns} campaigns completed after {} kills: every dwell once, {lost} in progress taken again, completed dwells \
+         that differ in a byte afterwards: {differences}",
+        campaigns * kills
+    );
+    if differences > 0 { Err("completed dwells were changed".into()) } else { Ok(()) }
+}
+
+/// Numbers from 0 to 1, the same each time (xorshift).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}

@@ -1,0 +1,41 @@
+//! The automatic campaign against the simulated station: a whole one (`full`), faults at every phase (`faults`), kills at random
+//! moments (`kills`). All processes are real; the station runs faster than a laboratory.
+#![allow(clippy::print_stdout, reason = "the figures are the product")]
+
+mod faults;
+mod full;
+mod kills;
+mod laboratory;
+
+use isotherm_benches::Outcome;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let smoke = words.iter().any(|word| word == "--smoke");
+    let result = match words.first().map(String::as_str) {
+        // This program is every process of the laboratory too.
+        Some("--domain" | "serve" | "simulate" | "campaign" | "status" | "calibrate") => {
+            return isotherm_service::main();
+        }
+        Some("full") => full::bench(smoke),
+        Some("faults") => faults::bench(smoke),
+        Some("kills") => kills::bench(smoke),
+        Some("--smoke") => all(true),
+        None => all(false),
+        Some(other) => Err(format!("{other:?}: give full, faults or kills, and --smoke for a short one").into()),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            println!("campaign: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn all(smoke: bool) -> Outcome<()> {
+    full::bench(smoke)?;
+    faults::bench(smoke)?;
+    kills::bench(smoke)
+}

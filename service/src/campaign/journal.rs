@@ -1,0 +1,350 @@
+//! The journal: what has happened, one line of JSON each, only ever appended to. A unit of data counts when its line is on the disk.
+
+use super::plan::Plan;
+use crate::cli::calibrate::tool;
+use crate::failure::{Exit, Failure};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Its file in the campaign's folder.
+pub const JOURNAL: &str = "journal.jsonl";
+/// The version of its lines.
+const FORMAT: u32 = 1;
+
+/// A line.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Line {
+    /// Seconds since 1970.
+    pub unix_s: f64,
+    /// What has happened.
+    #[serde(flatten)]
+    pub entry: Entry,
+}
+
+/// What has happened.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Entry {
+    /// The campaign begins: the first line.
+    Begin {
+        /// Version of the lines.
+        format: u32,
+        /// What wrote it.
+        tool: String,
+        /// What of the plan makes the data what they are.
+        plan: Vec<(String, String)>,
+    },
+    /// A runner has taken over.
+    Started {
+        /// Its process.
+        pid: u32,
+        /// Laboratory time over real time.
+        speed: f64,
+        /// The unit that it begins with.
+        unit: usize,
+    },
+    /// Both instruments have answered.
+    Connected {
+        /// What the chamber calls itself.
+        chamber: String,
+        /// What the table calls itself.
+        table: String,
+    },
+    /// The chamber is at a set point.
+    Reached {
+        /// \[degC\]
+        set_point_c: f64,
+    },
+    /// A unit is complete.
+    Kept(Kept),
+    /// The unit in progress was thrown away.
+    Discarded {
+        /// Why.
+        reason: String,
+    },
+    /// Nothing is commanded until all is well again.
+    Paused {
+        /// Why.
+        cause: String,
+    },
+    /// It goes on.
+    Resumed {
+        /// Laboratory time that the pause took \[s\].
+        after_s: f64,
+    },
+    /// The safe state.
+    Safe {
+        /// Why.
+        reason: String,
+        /// What came of the table.
+        table: String,
+        /// What came of the chamber.
+        chamber: String,
+    },
+    /// The table of coefficients is made.
+    Calibrated {
+        /// Its digest.
+        digest: String,
+    },
+    /// The table of coefficients is where the service reloads it.
+    Installed {
+        /// Its digest.
+        digest: String,
+        /// Where.
+        file: PathBuf,
+    },
+}
+
+/// A complete unit.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Kept {
+    /// Its number, from 0.
+    pub unit: usize,
+    /// Its name, for people.
+    pub name: String,
+    /// Its file, in the folder.
+    pub file: String,
+    /// Where in the file it begins.
+    pub from: u64,
+    /// Where in the file it ends.
+    pub to: u64,
+    /// SHA-256 of these bytes.
+    pub sha256: String,
+    /// Rows.
+    pub rows: u64,
+    /// Counted time \[s\].
+    pub seconds: f64,
+    /// End of its last sample, as written \[ns\].
+    pub end_ns: u64,
+    /// The acquisition's session.
+    pub session: u64,
+    /// What was added to that session's timestamps, so that time rises \[ns\].
+    pub shift_ns: u64,
+    /// Gaps in the sequence.
+    pub gaps: u64,
+    /// Samples that were left out: stale or no telemetry, saturated, without a valid interval.
+    pub left_out: u64,
+}
+
+/// What an earlier runner has left.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct History {
+    /// Complete units, in order.
+    pub kept: Vec<Kept>,
+    /// The last set point that was reached, and when.
+    pub reached: Option<(f64, f64)>,
+    /// When the last of them was complete, seconds since 1970.
+    pub kept_unix_s: f64,
+    /// When the last line was written, seconds since 1970.
+    pub last_unix_s: f64,
+    /// Whether the last runner has ended in the safe state, or tried to.
+    pub safe: bool,
+}
+
+/// The open journal.
+pub struct Journal {
+    file: File,
+    path: PathBuf,
+}
+
+/// Now, in seconds since 1970.
+pub fn unix_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
+
+impl Journal {
+    /// Opens the journal of `plan`, or begins it. A last line that was cut off is taken away.
+    ///
+    /// # Errors
+    /// If it cannot be read or written, is damaged, belongs to another plan, or data that it lists are not what they were.
+    pub fn open(plan: &Plan) -> Result<(Self, History), Failure> {
+        let path = plan.output.join(JOURNAL);
+        let failed = |error: io::Error| Failure::io("opening the journal", &path, &error);
+        let (lines, whole) = read(&path)?;
+        let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path).map_err(failed)?;
+        file.set_len(whole).map_err(failed)?;
+        file.seek(SeekFrom::End(0)).map_err(failed)?;
+        let mut journal = Self { file, path: path.clone() };
+        if lines.is_empty() {
+            if let Some(name) = super::samples::existing(&plan.output) {
+                let message = format!(
+                    "{}: there is a {name} without a journal; give another output folder, or move this one away",
+                    plan.output.display()
+                );
+                return Err(Failure::new(Exit::Config, message));
+            }
+            journal.lasting(Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() })?;
+            // The file's name is the folder's to keep.
+            File::open(&plan.output).and_then(|folder| folder.sync_all()).map_err(failed)?;
+            return Ok((journal, History::default()));
+        }
+        same_plan(&path, &lines, plan)?;
+        let history = history(&lines);
+        intact(&plan.output, &history.kept)?;
+        Ok((journal, history))
+    }
+
+    /// Appends an entry.
+    ///
+    /// # Errors
+    /// If the operating system does not take it.
+    pub fn write(&mut self, entry: Entry) -> Result<(), Failure> {
+        let line = Line { unix_s: unix_s(), entry };
+        let failed = |error: io::Error| Failure::io("writing the journal", &self.path, &error);
+        let text = serde_json::to_string(&line).map_err(|error| failed(error.into()))? + "\n";
+        // In one piece: a kill leaves the line or nothing of it, a power loss at most a part, which is cut off.
+        self.file.write_all(text.as_bytes()).map_err(failed)
+    }
+
+    /// Appends an entry and returns when it is on the disk.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn lasting(&mut self, entry: Entry) -> Result<(), Failure> {
+        self.write(entry)?;
+        self.file.sync_data().map_err(|error| Failure::io("writing the journal", &self.path, &error))
+    }
+}
+
+/// The lines of a journal, and the length of those that are whole. None if there is no journal.
+///
+/// # Errors
+/// If it cannot be read, or a line but the last is none.
+pub fn read(path: &Path) -> Result<(Vec<Line>, u64), Failure> {
+    let text = match fs::read(path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
+        Err(error) => return Err(Failure::io("reading the journal", path, &error)),
+    };
+    let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |last| last + 1);
+    let lines = text[..whole].split_inclusive(|&byte| byte == b'\n').enumerate();
+    let lines = lines.map(|(index, line)| {
+        serde_json::from_slice(line).map_err(|error| {
+            let message = format!(
+                "{}:{}: no line of a journal: {error}; restore it, or begin anew in another folder",
+                path.display(),
+                index + 1
+            );
+            Failure::new(Exit::Data, message)
+        })
+    });
+    Ok((lines.collect::<Result<_, _>>()?, whole as u64))
+}
+
+/// What the lines of a journal amount to.
+pub fn history(lines: &[Line]) -> History {
+    let mut history = History::default();
+    for line in lines {
+        history.last_unix_s = line.unix_s;
+        match &line.entry {
+            Entry::Started { .. } => history.safe = false,
+            Entry::Kept(kept) => {
+                history.kept.push(kept.clone());
+                history.kept_unix_s = line.unix_s;
+            }
+            Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.unix_s)),
+            Entry::Safe { .. } => (history.reached, history.safe) = (None, true),
+            _ => {}
+        }
+    }
+    history
+}
+
+fn same_plan(path: &Path, lines: &[Line], plan: &Plan) -> Result<(), Failure> {
+    let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
+    let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = lines.first().map(|line| &line.entry) else {
+        return refuse(
+            "its first line is not that of a campaign of this version; give another output folder".to_owned(),
+        );
+    };
+    let now = plan.identity();
+    let value = |list: &[(String, String)], key: &str| {
+        list.iter().find(|(known, _)| known == key).map_or_else(|| "nothing".to_owned(), |(_, value)| value.clone())
+    };
+    let mut keys: Vec<_> = before.iter().chain(&now).map(|(key, _)| key).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    let different = keys.into_iter().filter(|key| value(before, key) != value(&now, key));
+    let different: Vec<_> =
+        different.map(|key| format!("{key}: was {}, is {}", value(before, key), value(&now, key))).collect();
+    if different.is_empty() {
+        return Ok(());
+    }
+    refuse(format!(
+        "the plan has changed since this campaign began; change it back, or give another output folder\n{}",
+        different.join("\n")
+    ))
+}
+
+/// Whether every unit's bytes are what they were.
+fn intact(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
+    let mut buffer = Vec::new();
+    for unit in kept {
+        let path = folder.join(&unit.file);
+        let failed = |error: io::Error| Failure::io("reading back", &path, &error);
+        let mut file = File::open(&path).map_err(failed)?;
+        file.seek(SeekFrom::Start(unit.from)).map_err(failed)?;
+        buffer.clear();
+        file.take(unit.to.saturating_sub(unit.from)).read_to_end(&mut buffer).map_err(failed)?;
+        if hex(&Sha256::digest(&buffer)) != unit.sha256 {
+            let message = format!(
+                "{}: the bytes {} to {} ({}) are not those that were taken; restore the file, or begin anew in another folder",
+                path.display(),
+                unit.from,
+                unit.to,
+                unit.name
+            );
+            return Err(Failure::new(Exit::Data, message));
+        }
+    }
+    Ok(())
+}
+
+/// As hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(folder: &Path) -> Plan {
+        let text = include_str!("../../../examples/plan.toml");
+        Plan::from_toml(&text.replace("output = \"campaign\"", "output = \".\""), folder).unwrap()
+    }
+
+    #[test]
+    fn a_line_that_was_cut_off_is_taken_away_and_a_damaged_one_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan = plan(folder.path());
+        let (mut journal, history) = Journal::open(&plan).unwrap();
+        assert_eq!(history, History::default());
+        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        let whole = fs::read(folder.path().join(JOURNAL)).unwrap();
+        for cut in 1..40 {
+            let torn = [&whole[..], &whole[..cut]].concat();
+            fs::write(folder.path().join(JOURNAL), torn).unwrap();
+            let (_, history) = Journal::open(&plan).unwrap();
+            assert_eq!(history.reached.map(|(set_point_c, _)| set_point_c), Some(5.0));
+            assert_eq!(fs::read(folder.path().join(JOURNAL)).unwrap(), whole);
+        }
+        let mut damaged = whole.clone();
+        damaged[20] = b'#';
+        fs::write(folder.path().join(JOURNAL), &damaged).unwrap();
+        assert_eq!(Journal::open(&plan).err().unwrap().exit, Exit::Data);
+        assert_eq!(fs::read(folder.path().join(JOURNAL)).unwrap(), damaged, "nothing is changed");
+    }
+
+    #[test]
+    fn samples_without_a_journal_are_not_touched() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("campaign.csv"), "precious").unwrap();
+        assert_eq!(Journal::open(&plan(folder.path())).err().unwrap().exit, Exit::Config);
+        assert_eq!(fs::read_to_string(folder.path().join("campaign.csv")).unwrap(), "precious");
+    }
+}

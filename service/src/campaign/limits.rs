@@ -1,0 +1,159 @@
+//! What no command and no reading may exceed: the plan's own limits, inside absolute ones that no plan can widen.
+
+use isotherm_shared::document::Section;
+
+/// Chamber, commanded and measured \[degC\].
+pub const CHAMBER_C: [f64; 2] = [-65.0, 100.0];
+/// Rate at which the chamber is led \[degC/min\].
+pub const RAMP_C_PER_MIN: f64 = 10.0;
+/// Each of the table's angles \[deg\].
+pub const ANGLE_DEG: [f64; 2] = [-720.0, 720.0];
+/// Each axis \[deg/s\].
+pub const RATE_DEG_S: f64 = 200.0;
+/// Each axis \[deg/s2\].
+pub const ACCELERATION_DEG_S2: f64 = 500.0;
+/// A reading may be over an angle's or a rate's limit by so much: noise and overshoot of a servo.
+const SERVO_DEG: f64 = 1.0;
+
+/// A plan's limits, none wider than the absolute ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    chamber_c: [f64; 2],
+    angles_deg: [[f64; 2]; 2],
+    ramp_c_per_min: f64,
+    rate_deg_s: f64,
+    acceleration_deg_s2: f64,
+}
+
+/// Reads `[limits]`.
+pub fn read(section: Section<'_, '_>) -> Option<Limits> {
+    let range = |key, absolute, right| range(&section, key, absolute, right);
+    let chamber_c =
+        range("chamber_c", CHAMBER_C, "lowest and highest temperature of the chamber in degC, as [-30, 50]");
+    let outer = range("outer_deg", ANGLE_DEG, "lowest and highest outer angle in degrees, as [-5, 365]");
+    let inner = range("inner_deg", ANGLE_DEG, "lowest and highest inner angle in degrees, as [-5, 365]");
+    let most = |key, default: f64, absolute: f64| {
+        let value = section.optional_number(key);
+        let wrong = value.filter(|value| !(*value > 0.0 && *value <= absolute));
+        section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {absolute:?}")));
+        value.unwrap_or(default)
+    };
+    let ramp_c_per_min = most("ramp_c_per_min", 3.0, RAMP_C_PER_MIN);
+    let rate_deg_s = most("rate_deg_s", 60.0, RATE_DEG_S);
+    let acceleration_deg_s2 = most("acceleration_deg_s2", 100.0, ACCELERATION_DEG_S2);
+    section.finish();
+    let angles_deg = [outer?, inner?];
+    Some(Limits { chamber_c: chamber_c?, angles_deg, ramp_c_per_min, rate_deg_s, acceleration_deg_s2 })
+}
+
+fn range(section: &Section<'_, '_>, key: &'static str, [low, high]: [f64; 2], right: &str) -> Option<[f64; 2]> {
+    let given = <[f64; 2]>::try_from(section.numbers(key, right)?).ok();
+    let inside = given.filter(|given| low <= given[0] && given[0] < given[1] && given[1] <= high);
+    if inside.is_none() {
+        section.fault(key, format!("give {right}, within {low:?} and {high:?}"));
+    }
+    inside
+}
+
+impl Limits {
+    /// What is wrong with a chamber temperature \[degC\], commanded or measured.
+    pub fn chamber(&self, celsius: f64) -> Option<String> {
+        let [low, high] = self.chamber_c;
+        (!(low..=high).contains(&celsius))
+            .then(|| format!("{celsius:?} degC is outside limits.chamber_c, {low:?} to {high:?} degC"))
+    }
+
+    /// The nearest chamber temperature that may be commanded \[degC\].
+    pub const fn clamp_chamber(&self, celsius: f64) -> f64 {
+        celsius.clamp(self.chamber_c[0], self.chamber_c[1])
+    }
+
+    /// What is wrong with a ramp \[degC/min\].
+    pub fn ramp(&self, per_min: f64) -> Option<String> {
+        let most = self.ramp_c_per_min;
+        (per_min > most).then(|| format!("{per_min:.3} degC/min is over limits.ramp_c_per_min, {most:?}"))
+    }
+
+    /// What is wrong with angles \[deg\] that are to be commanded.
+    pub fn angles(&self, angles: [f64; 2]) -> Option<String> {
+        self.angle(angles, 0.0)
+    }
+
+    /// What is wrong with rate \[deg/s\] and acceleration \[deg/s2\] that are to be commanded.
+    pub fn motion(&self, rate: f64, acceleration: f64) -> Option<String> {
+        let (most, hardest) = (self.rate_deg_s, self.acceleration_deg_s2);
+        if rate > most {
+            Some(format!("{rate:?} deg/s is over limits.rate_deg_s, {most:?}"))
+        } else {
+            (acceleration > hardest)
+                .then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {hardest:?}"))
+        }
+    }
+
+    /// What is wrong with angles \[deg\] and rates \[deg/s\] as they are read.
+    pub fn reading(&self, angles: [f64; 2], rates: [f64; 2]) -> Option<String> {
+        let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_DEG);
+        let fast = fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"));
+        fast.or_else(|| self.angle(angles, SERVO_DEG))
+    }
+
+    fn angle(&self, angles: [f64; 2], margin: f64) -> Option<String> {
+        let axes = ["outer", "inner"].into_iter().zip(angles).zip(self.angles_deg);
+        axes.into_iter().find_map(|((name, angle), [low, high])| {
+            // A table may tell -0.001 as 359.999; a command is taken as it stands.
+            let turns: &[f64] = if margin > 0.0 { &[0.0, -360.0, 360.0] } else { &[0.0] };
+            let inside = turns.iter().any(|turn| (low - margin..=high + margin).contains(&(angle + turn)));
+            (!inside)
+                .then(|| format!("{name} angle {angle:?} deg is outside limits.{name}_deg, {low:?} to {high:?} deg"))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_shared::document::Document;
+
+    fn limits(text: &str) -> Result<Limits, String> {
+        let document = Document::parse(text).unwrap();
+        let limits = document.root().section("limits", "").and_then(read);
+        document.finish(limits).map_err(|faults| faults.to_string())
+    }
+
+    const TEXT: &str = "[limits]\nchamber_c = [-30, 50]\nouter_deg = [-5, 365]\ninner_deg = [-5, 365]\n";
+
+    #[test]
+    fn a_plan_cannot_widen_the_absolute_limits() {
+        assert!(limits(TEXT).is_ok());
+        for (from, to) in [
+            ("[-30, 50]", "[-66, 50]"),
+            ("[-30, 50]", "[-30, 101]"),
+            ("[-30, 50]", "[50, -30]"),
+            ("[-5, 365]", "[-721, 365]"),
+            ("[limits]", "[limits]\nrate_deg_s = 201"),
+            ("[limits]", "[limits]\nramp_c_per_min = 10.1"),
+            ("[limits]", "[limits]\nacceleration_deg_s2 = 0"),
+        ] {
+            assert!(limits(&TEXT.replacen(from, to, 1)).is_err(), "{to}");
+        }
+    }
+
+    #[test]
+    fn commands_and_readings_are_held_to_them() {
+        let limits = limits(TEXT).unwrap();
+        assert_eq!((limits.chamber(-30.0), limits.angles([365.0, -5.0]), limits.ramp(3.0)), (None, None, None));
+        for celsius in [-30.1, 50.1, f64::NAN] {
+            assert!(limits.chamber(celsius).is_some());
+        }
+        assert!(limits.angles([0.0, 365.1]).unwrap().contains("inner angle 365.1"));
+        assert!(limits.motion(60.1, 1.0).is_some() && limits.motion(60.0, 100.1).is_some());
+        assert_eq!(limits.reading([365.5, 0.0], [60.5, 0.0]), None);
+        assert!(
+            limits.reading([f64::INFINITY, 0.0], [0.0; 2]).is_some()
+                && limits.reading([0.0; 2], [0.0, -62.0]).is_some()
+        );
+        assert!(
+            limits.reading([f64::NAN, 0.0], [0.0; 2]).is_some() && limits.reading([0.0; 2], [f64::NAN; 2]).is_some()
+        );
+    }
+}

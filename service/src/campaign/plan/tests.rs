@@ -1,0 +1,93 @@
+use super::*;
+
+const EXAMPLE: &str = include_str!("../../../../examples/plan.toml");
+
+fn faults(text: &str) -> String {
+    Plan::from_toml(text, Path::new("")).err().map(|faults| faults.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn the_example_says_what_is_the_default_anyway() {
+    let plan = Plan::from_toml(EXAMPLE, Path::new("/plans")).unwrap();
+    assert_eq!(plan.output, Path::new("/plans/campaign"));
+    assert_eq!((plan.set_points_c.len(), plan.set_points_c[0], plan.set_points_c[14]), (15, -25.0, 45.0));
+    assert_eq!(plan.positions, Scheme::SixFacesTwoHeadings.positions());
+    assert_eq!(plan.campaign.positions, plan.positions);
+    assert_eq!((plan.soak.time_s, plan.verify.unwrap().runs, plan.ambient_c), (3600.0, 3, None));
+    let without: String = EXAMPLE
+        .lines()
+        .filter(|line| !["positions", "time_s", "row_s", "settle_s", "runs"].iter().any(|key| line.starts_with(key)))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    let shorter = Plan::from_toml(&without, Path::new("/plans")).unwrap();
+    assert_eq!(shorter, plan);
+}
+
+#[test]
+fn everything_wrong_is_reported_at_once() {
+    let text = EXAMPLE
+        .replace("imu = \"imu-a\"", "imu = \"IMU A\"")
+        .replace("stop_c = 45", "stop_c = -45")
+        .replace("tolerance_deg = 0.005", "tolerance_deg = 0")
+        .replace("chamber_c = [-30, 50]", "chamber_c = [-90, 50]")
+        .replace("hold_s = 1800", "hold = 1800");
+    let faults = faults(&text);
+    for part in ["imu: is \"IMU A\"", "set_points.step_c", "table.tolerance_deg", "limits.chamber_c", "verify.hold:"] {
+        assert!(faults.contains(part), "{part}:\n{faults}");
+    }
+}
+
+#[test]
+fn nothing_beyond_the_limits_is_planned() {
+    for (from, to, part) in [
+        ("start_c = -25", "start_c = -35", "set_points: -35.0 degC is outside limits.chamber_c"),
+        ("from_c = -25", "from_c = -31", "verify: -31.0 degC"),
+        ("outer_deg = [-5, 365]", "outer_deg = [-5, 185]", "outer angle 270.0 deg is outside limits.outer_deg"),
+        ("rate_deg_s = 10", "rate_deg_s = 61", "61.0 deg/s is over"),
+        ("ramp_c_per_min = 1", "ramp_c_per_min = 4", "4.000 degC/min is over"),
+        ("ramp_c_per_h = 20", "ramp_c_per_h = 200", "3.333 degC/min is over"),
+        ("chamber = \"standby\"", "chamber = \"ambient\"\nambient_c = 60", "safe: 60.0 degC"),
+    ] {
+        let faults = faults(&EXAMPLE.replacen(from, to, 1));
+        assert!(faults.contains(part), "{part}:\n{faults}");
+    }
+}
+
+#[test]
+fn positions_may_be_listed_and_their_claims_are_checked() {
+    let listed = |claim: &str, mounting: &str| {
+        let positions: String = (1..)
+            .zip(Scheme::SixFacesTwoHeadings.angles())
+            .map(|(number, [outer, inner])| {
+                let claim = if number == 5 { claim } else { "" };
+                format!("[[position]]\nnumber = {number}\nouter_deg = {outer}\ninner_deg = {inner}\n{claim}\n")
+            })
+            .collect();
+        let text = EXAMPLE.replace("positions = \"six-faces-two-headings\"\n", "");
+        text.replace("[table]", &format!("[table]\n{mounting}")) + &positions
+    };
+    let plain = Plan::from_toml(&listed("specific_force = [1, 0, 0]", ""), Path::new("")).unwrap();
+    assert_eq!(plain.positions, Scheme::SixFacesTwoHeadings.positions());
+    let wrong = faults(&listed("specific_force = [0, 1, 0]", ""));
+    assert!(
+        wrong.contains("position.5.specific_force: the angles and the mounting give [1.000, 0.000, 0.000]"),
+        "{wrong}"
+    );
+    // A1 along the table's Y, A2 along its Z, A3 along its X.
+    let mounting = "mounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]";
+    let turned = Plan::from_toml(&listed("specific_force = [0, 0, 1]", mounting), Path::new("")).unwrap();
+    assert_eq!((turned.positions[4].label.as_str(), turned.positions[4].specific_force), ("+z", [0.0, 0.0, 1.0]));
+    assert_eq!(turned.campaign.positions, turned.positions);
+    let mirrored = faults(&listed("", "mounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]"));
+    assert!(mirrored.contains("table.mounting: give three rows"), "{mirrored}");
+    let both = faults(&(EXAMPLE.to_owned() + "[[position]]\nnumber = 1\nouter_deg = 0\ninner_deg = 0\n"));
+    assert!(both.contains("give one of the two"), "{both}");
+}
+
+#[test]
+fn positions_that_do_not_observe_everything_are_refused() {
+    let positions: String =
+        (0..12).map(|k| format!("[[position]]\nnumber = {k}\nouter_deg = 90\ninner_deg = {}\n", 30 * k)).collect();
+    let faults = faults(&(EXAMPLE.replace("positions = \"six-faces-two-headings\"\n", "") + &positions));
+    assert!(faults.contains("A3"), "{faults}");
+}

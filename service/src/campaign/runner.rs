@@ -1,0 +1,472 @@
+//! The loop that lets the machine see, and does what it orders.
+//!
+//! One thread talks to both instruments, so that no table moves while a reply is outstanding; another takes the samples off the stream.
+//! Every command is held to the limits before it is sent and every reading when it is there. Whatever ends the loop ends in the safe
+//! state.
+
+use super::journal::{Entry, History, Journal, unix_s};
+use super::machine::{Halt, Machine, Order, Phase, Place, Seen};
+use super::plan::Plan;
+use super::progress::{Progress, Snapshot};
+use super::readbacks::Readbacks;
+use super::samples::{Clock, Recorder, Tap, file_of};
+use super::stability::{Trend, Trends};
+use super::station::{Station, Watch};
+use super::timeline::{left_s, unit_s, units};
+use crate::failure::{Exit, Failure};
+use crate::instruments::{ChamberReading, TableReading};
+use isotherm_client::Options;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// No wait that gives up is shorter in real time, however fast the laboratory is.
+const FLOOR: Duration = Duration::from_secs(10);
+/// How often the chamber is read, in laboratory and at most in real time \[s\].
+const CHAMBER_EVERY_S: [f64; 2] = [5.0, 0.05];
+/// How often the table is read \[s\]: on its way and settling, and at rest.
+const TABLE_EVERY_S: [f64; 2] = [0.5, 2.0];
+/// Longest and shortest pause of the loop.
+const PAUSES: [Duration; 2] = [Duration::from_millis(100), Duration::from_millis(2)];
+/// Pauses between two attempts to reach an instrument: the first, and the longest.
+const RETRIES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
+/// The air's rate is watched over this \[s\].
+const RAMP_WINDOW_S: f64 = 300.0;
+
+/// Why the loop has ended before the campaign has.
+pub enum Trouble {
+    /// Look again, and go on if all is well.
+    Interrupted(String),
+    /// Into the safe state.
+    GivenUp(Failure),
+}
+
+impl Trouble {
+    pub fn given_up(message: impl Into<String>) -> Self {
+        Self::GivenUp(Failure::new(Exit::Failed, message))
+    }
+}
+
+impl From<Failure> for Trouble {
+    fn from(failure: Failure) -> Self {
+        Self::GivenUp(failure)
+    }
+}
+
+impl From<Halt> for Trouble {
+    fn from(halt: Halt) -> Self {
+        match halt {
+            Halt::Interrupted(cause) => Self::Interrupted(cause),
+            Halt::GivenUp(reason) => Self::given_up(reason),
+        }
+    }
+}
+
+/// A running campaign.
+pub struct Runner<'p> {
+    plan: &'p Plan,
+    clock: Clock,
+    machine: Machine<'p>,
+    station: Station<'p>,
+    tap: Tap,
+    recorder: Recorder<'p>,
+    journal: Journal,
+    readbacks: Readbacks,
+    progress: Progress,
+    trends: Trends,
+    ramp: Trend,
+    chamber: (ChamberReading, f64),
+    table: (TableReading, f64),
+    /// Ends of the samples' file and of nothing else: what is kept.
+    kept: u64,
+    /// Why the stream has nothing, as the transport says it.
+    stream_error: Option<String>,
+    ended: Arc<AtomicBool>,
+    /// The last time that all was well.
+    well_at: f64,
+    /// When the set point had been reached when an earlier runner ended, and how long ago that was.
+    reached: Option<f64>,
+    away_s: f64,
+    paused: Option<String>,
+}
+
+impl<'p> Runner<'p> {
+    /// Goes on where `history` ends. `ended` asks it to end in the safe state.
+    ///
+    /// # Errors
+    /// If a file or thread cannot be made.
+    pub fn new(
+        plan: &'p Plan,
+        (journal, history): (Journal, &History),
+        options: Options,
+        speed: f64,
+        ended: Arc<AtomicBool>,
+    ) -> Result<Self, Failure> {
+        let clock = Clock::new(speed);
+        let floor_s = FLOOR.as_secs_f64() * speed;
+        let ago_s = |unix: f64| (unix_s() - unix).max(0.0) * speed;
+        let alive = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.unix_s);
+        let target = Place::of(plan, history.kept.len()).map(|place| place.set_point_c(plan));
+        let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
+        let last_dwell = history.kept.iter().rfind(|kept| kept.file == super::plan::SAMPLES);
+        let tap = Tap::start(plan.imu.clone(), options);
+        let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
+        let away_s = ago_s(history.last_unix_s.max(alive));
+        Ok(Self {
+            plan,
+            clock,
+            machine: Machine::new(plan, history.kept.len(), floor_s),
+            station: Station::new(plan),
+            tap,
+            recorder: Recorder::new(plan, clock, history.kept.last(), ago_s(history.kept_unix_s)),
+            journal,
+            readbacks: Readbacks::open(&plan.output)?,
+            progress: Progress::new(&plan.output, units(plan)),
+            trends: Trends::new(plan.soak.window_s),
+            ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
+            chamber: (ChamberReading::default(), f64::NEG_INFINITY),
+            table: (TableReading::default(), f64::NEG_INFINITY),
+            kept: last_dwell.map_or(0, |kept| kept.to),
+            stream_error: None,
+            ended,
+            well_at: 0.0,
+            reached: reached.map(|(_, unix)| -ago_s(unix)),
+            away_s,
+            paused: None,
+        })
+    }
+
+    /// Takes everything that is missing, and ends in the safe state.
+    ///
+    /// # Errors
+    /// Why it could not, with the safe state that was reached.
+    pub fn run(mut self) -> Result<(), Failure> {
+        let unit = self.machine.unit();
+        let speed = self.clock.speed;
+        let started = Entry::Started { pid: std::process::id(), speed, unit };
+        self.journal.lasting(started)?;
+        let left = super::timeline::duration(self.left_s() / speed);
+        self.progress.event(&format!("{unit} of {} units are complete; about {left} to go", units(self.plan)));
+        let result = self.connect().and_then(|()| self.all());
+        let failure = match result {
+            Ok(()) => None,
+            Err(Trouble::GivenUp(failure)) => Some(failure),
+            Err(Trouble::Interrupted(cause)) => Some(Failure::new(Exit::Failed, cause)),
+        };
+        self.recorder.discard();
+        let reason = failure.as_ref().map_or_else(|| "all data are taken".to_owned(), ToString::to_string);
+        let (table, chamber) = self.station.safe();
+        let words = format!("{reason}\nsafe state: {table}; {chamber}");
+        self.progress.event(&words);
+        self.progress.finish();
+        let safe = self.journal.lasting(Entry::Safe { reason, table: table.to_string(), chamber: chamber.to_string() });
+        self.progress.write(&Snapshot { ended: Some(words.clone()), ..self.snapshot() });
+        safe?;
+        let reached = table.is_reached() && chamber.is_reached();
+        match failure {
+            None if reached => Ok(()),
+            None => Err(Failure::new(Exit::Failed, words)),
+            Some(failure) => {
+                let unit = self.machine.unit();
+                let message =
+                    format!("{words}\n{unit} units are complete; `isotherm campaign run` goes on with the next");
+                Err(Failure::new(failure.exit, message))
+            }
+        }
+    }
+
+    fn all(&mut self) -> Result<(), Trouble> {
+        loop {
+            match self.turn() {
+                Ok(true) => return Ok(()),
+                Ok(false) => {}
+                Err(Trouble::Interrupted(cause)) => self.pause(cause)?,
+                Err(given_up) => return Err(given_up),
+            }
+        }
+    }
+
+    /// One turn of the loop; whether everything is done.
+    fn turn(&mut self) -> Result<bool, Trouble> {
+        let begun = Instant::now();
+        self.asked_to_end()?;
+        self.drain()?;
+        self.stream_is_alive()?;
+        let now = self.clock.now();
+        if now - self.chamber.1 >= CHAMBER_EVERY_S[0].max(CHAMBER_EVERY_S[1] * self.clock.speed) {
+            self.read_chamber()?;
+        }
+        let moving = matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. });
+        if now - self.table.1 >= TABLE_EVERY_S[usize::from(!moving)] {
+            self.read_table()?;
+        }
+        // What has been sent while the table was read was taken while it was there.
+        self.drain()?;
+        loop {
+            let seen = Seen {
+                now: self.clock.now(),
+                chamber: (&self.chamber.0, self.chamber.1),
+                table: (&self.table.0, self.table.1),
+                trends: &self.trends,
+                collected_s: self.recorder.collected_s(),
+                complete: self.recorder.complete(),
+                spoiled: self.recorder.spoiled(),
+            };
+            match self.machine.step(&seen)? {
+                Order::Wait => break,
+                Order::Done => return Ok(true),
+                order => self.obey(order)?,
+            }
+        }
+        self.well_at = self.clock.now();
+        self.tell();
+        let pause = Duration::from_secs_f64(TABLE_EVERY_S[usize::from(!moving)] / self.clock.speed);
+        let pause = pause.clamp(PAUSES[1], PAUSES[0]);
+        thread::sleep(pause.saturating_sub(begun.elapsed()));
+        Ok(false)
+    }
+
+    fn obey(&mut self, order: Order) -> Result<(), Trouble> {
+        match order {
+            Order::Wait | Order::Done => {}
+            Order::SetPoint(celsius) => self.station.set_point(celsius)?,
+            Order::Run => self.station.run()?,
+            Order::Move(angles) => self.station.move_to(angles)?,
+            Order::Reached(set_point_c) => {
+                self.journal.write(Entry::Reached { set_point_c })?;
+                self.progress.event(&format!("{set_point_c} degC reached"));
+            }
+            Order::Collect(place) => {
+                let kept = if matches!(place, Place::Dwell { .. }) { self.kept } else { 0 };
+                self.recorder.begin(place, self.clock.now(), kept)?;
+            }
+            Order::Discard(reason) => self.discard(reason)?,
+            Order::Keep(place) => self.keep(place)?,
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, place: Place) -> Result<(), Failure> {
+        let number = self.machine.unit() - 1;
+        let Some(kept) = self.recorder.keep(number)? else { return Ok(()) };
+        if matches!(place, Place::Dwell { .. }) {
+            self.kept = kept.to;
+        }
+        let mut words = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
+        for (count, what) in [(kept.gaps, "gaps"), (kept.left_out, "samples left out")] {
+            if count > 0 {
+                words += &format!(", {count} {what}");
+            }
+        }
+        self.journal.lasting(Entry::Kept(kept))?;
+        self.progress.event(&words);
+        Ok(())
+    }
+
+    fn discard(&mut self, reason: String) -> Result<(), Failure> {
+        self.recorder.discard();
+        self.progress.event(&format!("{} is begun again: {reason}", self.place_name()));
+        self.journal.write(Entry::Discarded { reason })
+    }
+
+    fn asked_to_end(&self) -> Result<(), Trouble> {
+        if self.ended.load(Relaxed) { Err(Trouble::given_up("stopped by a signal")) } else { Ok(()) }
+    }
+
+    fn drain(&mut self) -> Result<(), Failure> {
+        while let Some(next) = self.tap.next() {
+            match next {
+                Ok((sample, received_ns)) => {
+                    self.stream_error = None;
+                    if self.recorder.take(&sample, received_ns)? {
+                        self.trends.sample(&sample);
+                    }
+                }
+                Err(error) => self.stream_error = Some(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether usable samples come.
+    fn stream_is_alive(&self) -> Result<(), Trouble> {
+        let patience = self.plan.patience.stream_s.max(FLOOR.as_secs_f64() * self.clock.speed);
+        let age = self.clock.now() - self.recorder.usable_at().unwrap_or(f64::NEG_INFINITY);
+        if age <= patience {
+            return Ok(());
+        }
+        let imu = &self.plan.imu;
+        let cause = self.stream_error.clone().unwrap_or_else(|| {
+            format!("see with `isotherm status` whether a service serves {imu} and its acquisition runs")
+        });
+        Err(Trouble::Interrupted(format!("no usable sample of {imu} for {patience:.0} s; {cause}")))
+    }
+
+    fn read_chamber(&mut self) -> Result<(), Trouble> {
+        let reading = self.station.read_chamber()?;
+        let now = self.clock.now();
+        self.chamber = (reading, now);
+        self.trends.chamber(now, self.chamber.0.air_c);
+        self.ramp.add(now, self.chamber.0.air_c);
+        self.readbacks.write(&self.chamber.0, &self.table.0, self.machine.phase().name(), now)?;
+        self.station.watch_ramp(self.ramp.per_h())?;
+        Ok(())
+    }
+
+    fn read_table(&mut self) -> Result<(), Trouble> {
+        self.table = (self.station.read_table()?, self.clock.now());
+        Ok(())
+    }
+
+    /// The beginning: everything must be there before anything is commanded.
+    fn connect(&mut self) -> Result<(), Trouble> {
+        let reached = self.reached;
+        self.until_well(FLOOR.as_secs_f64() * self.clock.speed + self.plan.patience.stream_s)?;
+        let names = self.station.names();
+        self.progress.event(&format!("chamber: {}; table: {}", names[0], names[1]));
+        let [chamber, table] = names;
+        self.journal.write(Entry::Connected { chamber, table })?;
+        let now = self.clock.now();
+        if self.reached.is_some() || self.machine.unit() > 0 {
+            self.machine.resume(now, self.away_s + now, reached, &self.chamber.0)?;
+        }
+        Ok(())
+    }
+
+    /// Nothing is commanded until all is well again; the unit in progress is lost.
+    fn pause(&mut self, cause: String) -> Result<(), Trouble> {
+        self.progress.event(&format!("paused: {cause}"));
+        self.journal.write(Entry::Paused { cause: cause.clone() })?;
+        self.recorder.discard();
+        let reached = self.machine.reached();
+        let away = self.well_at;
+        if matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. }) {
+            self.station.stop_table();
+        }
+        self.paused = Some(cause);
+        self.until_well(self.plan.patience.pause_s.max(FLOOR.as_secs_f64() * self.clock.speed))?;
+        self.paused = None;
+        let now = self.clock.now();
+        self.journal.write(Entry::Resumed { after_s: now - away })?;
+        self.progress.event("all is well again");
+        self.trends.clear();
+        self.ramp.clear();
+        self.machine.resume(now, now - away, reached, &self.chamber.0)?;
+        Ok(())
+    }
+
+    /// Until both instruments answer and samples come, for at most `patience_s`.
+    fn until_well(&mut self, patience_s: f64) -> Result<(), Trouble> {
+        let begun = self.clock.now();
+        let mut retry = RETRIES[0];
+        loop {
+            let attempt = self.attempt();
+            let cause = match attempt {
+                Ok(()) => return Ok(()),
+                Err(Trouble::Interrupted(cause)) => cause,
+                Err(given_up) => return Err(given_up),
+            };
+            if self.clock.now() - begun > patience_s {
+                return Err(Trouble::GivenUp(Failure::new(Exit::Unavailable, cause)));
+            }
+            self.paused.get_or_insert_with(|| cause.clone());
+            let waited = Instant::now();
+            while waited.elapsed() < retry {
+                self.asked_to_end()?;
+                self.drain()?;
+                self.tell();
+                thread::sleep(PAUSES[0].min(retry));
+            }
+            retry = (retry * 2).min(RETRIES[1]);
+        }
+    }
+
+    fn attempt(&mut self) -> Result<(), Trouble> {
+        self.asked_to_end()?;
+        self.station.connect()?;
+        self.read_chamber()?;
+        self.read_table()?;
+        self.drain()?;
+        self.stream_is_alive()
+    }
+
+    fn place_name(&self) -> String {
+        self.machine.place().map_or_else(|| "end".to_owned(), |place| place.name(self.plan))
+    }
+
+    /// How much of the unit in progress is taken, 0 to 1.
+    fn part(&self) -> f64 {
+        match self.machine.place() {
+            Some(Place::Dwell { .. }) => (self.recorder.collected_s() / self.plan.dwell.time_s).min(1.0),
+            _ => 0.0,
+        }
+    }
+
+    fn left_s(&self) -> f64 {
+        let unit = self.machine.unit();
+        let begun = unit_s(self.plan, unit).unwrap_or_default();
+        let soaked =
+            self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(self.plan.soak.time_s));
+        let first = matches!(self.machine.place(), Some(Place::Dwell { position: 0, .. } | Place::Run(_)));
+        let done = self.recorder.collected_s() + if first { soaked } else { 0.0 };
+        left_s(self.plan, unit) - done.min(begun)
+    }
+
+    fn tell(&mut self) {
+        let now = self.clock.now();
+        if self.progress.is_due(now, self.machine.phase().name()) {
+            let snapshot = self.snapshot();
+            self.progress.tell(now, self.part(), &snapshot);
+        }
+    }
+
+    fn snapshot(&self) -> Snapshot {
+        let waits_for = match self.machine.phase() {
+            Phase::Soak => {
+                let left = self.machine.reached().unwrap_or_default() + self.plan.soak.time_s - self.clock.now();
+                if left > 0.0 {
+                    format!("{} more", super::timeline::duration(left))
+                } else {
+                    self.trends.unsettled(&self.plan.soak).unwrap_or_default()
+                }
+            }
+            Phase::Dwell { .. } | Phase::Sweep { .. } => format!("{:.0} s taken", self.recorder.collected_s()),
+            _ => String::new(),
+        };
+        Snapshot {
+            unix_s: unix_s(),
+            speed: self.clock.speed,
+            phase: self.machine.phase().name().to_owned(),
+            place: self.place_name(),
+            unit: self.machine.unit(),
+            units: units(self.plan),
+            waits_for,
+            target_c: self.machine.place().map_or(self.chamber.0.set_point_c, |place| place.set_point_c(self.plan)),
+            commanded_c: self.machine.commanded_c().unwrap_or(self.chamber.0.set_point_c),
+            air_c: self.chamber.0.air_c,
+            chamber_c_per_h: self.trends.chamber_c_per_h(),
+            telemetry_per_h: self.trends.telemetry_per_h().map(|(rate, _)| rate),
+            angles_deg: self.table.0.angles_deg,
+            collected_s: self.recorder.collected_s(),
+            left_s: self.left_s(),
+            paused: self.paused.clone(),
+            ended: None,
+        }
+    }
+}
+
+/// What a run's file is called, for the finish.
+pub fn runs(plan: &Plan) -> Vec<String> {
+    (0..plan.verify.map_or(0, |verify| verify.runs as usize)).map(|run| file_of(Place::Run(run))).collect()
+}
+
+/// A word about what is watched.
+impl From<Watch> for Trouble {
+    fn from(watch: Watch) -> Self {
+        match watch {
+            Watch::Lost(cause) => Self::Interrupted(cause),
+            Watch::Alarm(reason) => Self::given_up(reason),
+        }
+    }
+}

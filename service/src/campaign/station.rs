@@ -1,0 +1,258 @@
+//! Chamber and table behind their limits: the only place that commands them.
+
+use super::plan::Plan;
+use crate::instruments::{self, Chamber, ChamberReading, Fault, FaultKind, Table, TableReading};
+use std::fmt;
+use std::thread;
+use std::time::Duration;
+
+/// Attempts at the safe state, and the pause between two.
+const ATTEMPTS: u32 = 5;
+const PAUSE: Duration = Duration::from_millis(300);
+/// The air may change by so many times the ramp's limit before that is an alarm: a controller swings.
+const SWING: f64 = 1.5;
+
+/// What is wrong with an instrument.
+pub enum Watch {
+    /// It may come back.
+    Lost(String),
+    /// An alarm, or a limit: into the safe state.
+    Alarm(String),
+}
+
+/// What the safe state has come to.
+pub enum Safe {
+    /// Reached.
+    Reached(String),
+    /// Not reached, or nobody knows.
+    Unknown(String),
+}
+
+impl Safe {
+    /// Whether it is certain.
+    pub const fn is_reached(&self) -> bool {
+        matches!(self, Self::Reached(_))
+    }
+}
+
+impl fmt::Display for Safe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Reached(what) => f.write_str(what),
+            Self::Unknown(what) => write!(f, "{what}; GO THERE AND LOOK"),
+        }
+    }
+}
+
+/// Both instruments, as far as they are connected.
+pub struct Station<'p> {
+    plan: &'p Plan,
+    chamber: Option<Box<dyn Chamber>>,
+    table: Option<Box<dyn Table>>,
+    names: [String; 2],
+}
+
+impl<'p> Station<'p> {
+    /// Neither is connected.
+    pub fn new(plan: &'p Plan) -> Self {
+        Self { plan, chamber: None, table: None, names: [String::new(), String::new()] }
+    }
+
+    /// What chamber and table call themselves.
+    pub fn names(&self) -> [String; 2] {
+        self.names.clone()
+    }
+
+    /// Connects what is not connected: nothing moves by it.
+    ///
+    /// # Errors
+    /// What is in the way.
+    pub fn connect(&mut self) -> Result<(), Watch> {
+        if self.chamber.is_none() {
+            let mut chamber = instruments::chamber(&self.plan.chamber).map_err(lost)?;
+            self.names[0] = chamber.identify().map_err(lost)?;
+            self.chamber = Some(chamber);
+        }
+        if self.table.is_none() {
+            let mut table = instruments::table(&self.plan.table).map_err(lost)?;
+            self.names[1] = table.identify().map_err(lost)?;
+            table.engage().map_err(lost)?;
+            self.table = Some(table);
+        }
+        Ok(())
+    }
+
+    fn chamber<T>(&mut self, ask: impl FnOnce(&mut dyn Chamber) -> Result<T, Fault>) -> Result<T, Watch> {
+        let Some(chamber) = &mut self.chamber else {
+            return Err(Watch::Lost("the chamber is not connected".to_owned()));
+        };
+        // The line is opened anew after whatever went wrong on it.
+        ask(chamber.as_mut()).inspect_err(|_| self.chamber = None).map_err(lost)
+    }
+
+    fn table<T>(&mut self, ask: impl FnOnce(&mut dyn Table) -> Result<T, Fault>) -> Result<T, Watch> {
+        let Some(table) = &mut self.table else { return Err(Watch::Lost("the table is not connected".to_owned())) };
+        ask(table.as_mut()).inspect_err(|_| self.table = None).map_err(lost)
+    }
+
+    /// Reads the chamber and holds it to alarms and limits.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn read_chamber(&mut self) -> Result<ChamberReading, Watch> {
+        let reading = self.chamber(|chamber| chamber.read())?;
+        if !reading.alarms.is_empty() {
+            return Err(Watch::Alarm(format!("the chamber has an alarm: {}", reading.alarms.join(", "))));
+        }
+        match self.plan.limits.chamber(reading.air_c) {
+            Some(wrong) => Err(Watch::Alarm(format!("the chamber's air: {wrong}"))),
+            None => Ok(reading),
+        }
+    }
+
+    /// Holds the air's rate of change \[degC/h\] to the ramp's limit.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn watch_ramp(&self, per_h: Option<f64>) -> Result<(), Watch> {
+        match per_h.and_then(|per_h| self.plan.limits.ramp(per_h.abs() / 60.0 / SWING)) {
+            Some(_) => {
+                let per_min = per_h.unwrap_or_default() / 60.0;
+                Err(Watch::Alarm(format!(
+                    "the chamber's air changes by {per_min:.2} degC/min, far over limits.ramp_c_per_min"
+                )))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Reads the table and holds it to faults and limits.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn read_table(&mut self) -> Result<TableReading, Watch> {
+        let reading = self.table(|table| table.read())?;
+        if !reading.faults.is_empty() {
+            return Err(Watch::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
+        }
+        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s) {
+            Some(wrong) => Err(Watch::Alarm(format!("the table: {wrong}"))),
+            None => Ok(reading),
+        }
+    }
+
+    /// Sets the chamber's set point \[degC\].
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn set_point(&mut self, celsius: f64) -> Result<(), Watch> {
+        refuse(self.plan.limits.chamber(celsius))?;
+        self.chamber(|chamber| chamber.set_point(celsius))
+    }
+
+    /// Lets the chamber run.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn run(&mut self) -> Result<(), Watch> {
+        self.chamber(|chamber| chamber.run())
+    }
+
+    /// Moves the table \[deg\].
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn move_to(&mut self, angles_deg: [f64; 2]) -> Result<(), Watch> {
+        let (limits, motion) = (&self.plan.limits, self.plan.motion);
+        refuse(limits.angles(angles_deg))?;
+        refuse(limits.motion(motion.rate_deg_s, motion.acceleration_deg_s2))?;
+        self.table(|table| table.move_to(angles_deg, motion.rate_deg_s, motion.acceleration_deg_s2))
+    }
+
+    /// Stops the table, if that can be done now.
+    pub fn stop_table(&mut self) {
+        // One that does not answer is stopped by the safe state, or found stopped.
+        let _ = self.table(|table| table.stop());
+    }
+
+    /// The safe state: table stopped, chamber in standby or held at ambient. Tries hard, and says what has come of it.
+    pub fn safe(&mut self) -> (Safe, Safe) {
+        let (plan, mut table, mut chamber) = (self.plan, self.table.take(), self.chamber.take());
+        let open = || {
+            let mut table = instruments::table(&plan.table)?;
+            table.identify().map(|_| table)
+        };
+        let stopped = persist(&mut table, open, |table| {
+            table.stop()?;
+            table.read()
+        });
+        let stopped = match stopped {
+            Ok(TableReading { angles_deg: [outer, inner], .. }) => {
+                Safe::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg"))
+            }
+            Err(fault) => Safe::Unknown(format!("table NOT known to be stopped: {fault}")),
+        };
+        let open = || {
+            let mut chamber = instruments::chamber(&plan.chamber)?;
+            chamber.identify().map(|_| chamber)
+        };
+        let quiet = persist(&mut chamber, open, |chamber| {
+            match plan.ambient_c {
+                // Even ambient is only commanded within the limits.
+                Some(ambient_c) => {
+                    chamber.set_point(plan.limits.clamp_chamber(ambient_c))?;
+                    chamber.run()?;
+                }
+                None => chamber.standby()?,
+            }
+            chamber.read()
+        });
+        let quiet = match quiet {
+            Ok(ChamberReading { air_c, running, .. }) if running == plan.ambient_c.is_some() => {
+                let what = plan
+                    .ambient_c
+                    .map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
+                Safe::Reached(format!("chamber {what}, air at {air_c:.1} degC"))
+            }
+            Ok(_) => Safe::Unknown("chamber was told to, but does not say that it is safe".to_owned()),
+            Err(fault) => Safe::Unknown(format!("chamber NOT known to be safe: {fault}")),
+        };
+        (stopped, quiet)
+    }
+}
+
+/// Tries `ask` some times, on a line that is opened anew after each failure.
+fn persist<I: ?Sized, T>(
+    instrument: &mut Option<Box<I>>,
+    open: impl Fn() -> Result<Box<I>, Fault>,
+    ask: impl Fn(&mut I) -> Result<T, Fault>,
+) -> Result<T, Fault> {
+    let mut attempt = 1;
+    loop {
+        let result = match instrument.take() {
+            Some(instrument) => Ok(instrument),
+            None => open(),
+        };
+        let result = result.and_then(|mut connected| ask(connected.as_mut()));
+        match result {
+            Err(_) if attempt < ATTEMPTS => {
+                attempt += 1;
+                thread::sleep(PAUSE);
+            }
+            result => return result,
+        }
+    }
+}
+
+fn lost(fault: Fault) -> Watch {
+    match fault.kind {
+        FaultKind::Alarm => Watch::Alarm(fault.to_string()),
+        FaultKind::Line | FaultKind::NoReply | FaultKind::Garbled | FaultKind::Refused | FaultKind::Mismatch => {
+            Watch::Lost(fault.to_string())
+        }
+    }
+}
+
+fn refuse(wrong: Option<String>) -> Result<(), Watch> {
+    wrong.map_or(Ok(()), |wrong| Err(Watch::Alarm(format!("not commanded: {wrong}"))))
+}

@@ -1,0 +1,200 @@
+use super::{options, seconds, written};
+use crate::campaign::control::{self, Lock, runner, snapshot};
+use crate::campaign::finish::Finish;
+use crate::campaign::journal::Journal;
+use crate::campaign::plan::Plan;
+use crate::campaign::runner::Runner;
+use crate::campaign::samples::describe;
+use crate::campaign::timeline::{duration, left_s, moments, units};
+use crate::failure::{Exit, Failure};
+use crate::logging::{self, LogFormat};
+use clap::{Args, Subcommand};
+use isotherm_client::Domain;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::fmt::Write as _;
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Drive chamber and two-axis table through a campaign, and take its samples
+///
+/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the folder
+/// that comes of it is what `isotherm calibrate` reads.
+#[derive(Debug, Args)]
+#[command(arg_required_else_help = true)]
+pub struct Campaign {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    Run(Run),
+    Check(Check),
+    Status(Status),
+    Stop(Stop),
+}
+
+/// Run the campaign, or go on with the first dwell that is missing
+///
+/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: table stopped, chamber in standby. Run it again to go on.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --alignment --require 10"
+)]
+struct Run {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// Go on to fit the table, with a report, and look at the verification runs
+    #[arg(long)]
+    calibrate: bool,
+    /// Install the table if every axis is FACTOR times more stable in every verification run
+    #[arg(long, value_name = "FACTOR", requires = "calibrate", value_parser = over_0)]
+    require: Option<f64>,
+    /// Give the table an alignment matrix, from the misalignments
+    #[arg(long, requires = "calibrate")]
+    alignment: bool,
+    /// The laboratory is simulated and runs N times faster: all waits of the plan are divided by it, time-outs of the lines are not
+    #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
+    speed: f64,
+    /// Log lines for people or for machines; on a terminal there are bars instead
+    #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
+    log_format: LogFormat,
+}
+
+/// Validate a plan, estimate how long it takes and print its time line
+#[derive(Debug, Args)]
+struct Check {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+}
+
+/// Show a running campaign, or how far one has got
+#[derive(Debug, Args)]
+struct Status {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// Print one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// End a running campaign in the safe state, and wait for that
+#[derive(Debug, Args)]
+struct Stop {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// How long to wait [s]
+    #[arg(long, value_name = "S", default_value = "120", value_parser = seconds)]
+    timeout: Duration,
+}
+
+fn over_0(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "give a number over 0".to_owned())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed: &f64| (1.0..=1e5).contains(speed));
+    speed.ok_or_else(|| "give a number from 1 to 100000".to_owned())
+}
+
+impl Campaign {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        match self.what {
+            What::Run(run) => run.run(domain),
+            What::Check(check) => check.run(),
+            What::Status(status) => status.run(),
+            What::Stop(stop) => stop.run(),
+        }
+    }
+}
+
+impl Run {
+    fn run(self, domain: Domain) -> Result<(), Failure> {
+        logging::start(self.log_format);
+        let plan = Plan::load(&self.plan)?;
+        if self.require.is_some() && plan.verify.is_none() {
+            let message = format!("--require needs verification runs; give {} a [verify]", self.plan.display());
+            return Err(Failure::new(Exit::Usage, message));
+        }
+        fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
+        let _lock = Lock::take(&plan.output)?;
+        let ended = Arc::<AtomicBool>::default();
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            let registered = signal_hook::flag::register(signal, Arc::clone(&ended));
+            registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
+        }
+        let (journal, history) = Journal::open(&plan)?;
+        describe(&plan)?;
+        let options = options(domain, Duration::ZERO);
+        if history.kept.len() < units(&plan) || !history.safe {
+            Runner::new(&plan, (journal, &history), options.clone(), self.speed, ended)?.run()?;
+        }
+        if !self.calibrate {
+            return Ok(());
+        }
+        let (mut journal, _) = Journal::open(&plan)?;
+        Finish { require: self.require, alignment: self.alignment }.run(&plan, &mut journal, &options)
+    }
+}
+
+impl Check {
+    fn run(self) -> Result<(), Failure> {
+        let plan = Plan::load(&self.plan)?;
+        let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
+        let takes_s = left_s(&plan, 0);
+        let mut text = format!(
+            "{}: campaign of {}, {set_points} set points x {positions} positions",
+            self.plan.display(),
+            plan.imu
+        );
+        // Writing to a String cannot fail.
+        let _ = plan.verify.map(|verify| write!(text, ", {} verification runs", verify.runs));
+        let _ = writeln!(text, "; about {}\n", duration(takes_s));
+        for moment in moments(&plan) {
+            let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.what);
+        }
+        written(None, io::stdout().write_all(text.as_bytes()))
+    }
+}
+
+impl Status {
+    fn run(self) -> Result<(), Failure> {
+        let plan = Plan::load(&self.plan)?;
+        let (pid, snapshot) = (runner(&plan.output)?, snapshot(&plan.output)?);
+        let Some(snapshot) = snapshot else {
+            let message = format!("{}: no campaign has been run there", plan.output.display());
+            return Err(Failure::new(Exit::Unavailable, message));
+        };
+        let text = if self.json {
+            let document = serde_json::json!({ "pid": pid, "campaign": snapshot });
+            format!("{document:#}\n")
+        } else {
+            let state = match (pid, &snapshot.ended) {
+                (Some(pid), _) => format!("running, pid {pid}"),
+                (None, Some(ended)) => format!("ended: {ended}"),
+                (None, None) => "NOT RUNNING: its runner has died; chamber and table are as it left them. `isotherm campaign run` goes on"
+                    .to_owned(),
+            };
+            format!("{state}\n{}\n", snapshot.line())
+        };
+        written(None, io::stdout().write_all(text.as_bytes()))
+    }
+}
+
+impl Stop {
+    fn run(self) -> Result<(), Failure> {
+        let plan = Plan::load(&self.plan)?;
+        control::stop(&plan.output, self.timeout)?;
+        let ended = snapshot(&plan.output)?.and_then(|snapshot| snapshot.ended);
+        let text = ended.unwrap_or_else(|| "it has ended, and has not said how".to_owned());
+        written(None, writeln!(io::stdout(), "{text}"))
+    }
+}

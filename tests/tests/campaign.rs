@@ -1,0 +1,317 @@
+//! The automatic campaign, with a real service and the processes of a simulated station, a thousand times faster than a laboratory.
+#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use isotherm_shared::table::CoefficientTable;
+use isotherm_tests::{PATIENCE, Process, TABLE, World, text, wait_until};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::fs;
+use std::process::Output;
+use std::time::{Duration, Instant};
+
+const SPEED: &str = "1000";
+
+/// A station in `DIR/station` with a service for its IMU, and a plan for both.
+struct Laboratory {
+    world: World,
+    _service: Process,
+    _station: Process,
+}
+
+/// As short as the physics allows.
+const SHORT: [(&str, &str); 7] = [
+    ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
+    ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
+    ("time_s = 300", "time_s = 60"),
+    ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 23]"),
+    ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
+    // A machine that has other things to do is slow in laboratory time.
+    ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
+    ("\n[verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n", ""),
+];
+
+impl Laboratory {
+    /// With the station's plan shortened and then changed.
+    fn new(changes: &[(&str, &str)]) -> Self {
+        let world = World::new();
+        // Linear, so that a few set points tell the order.
+        let truth: String = TABLE.lines().map(linear).collect();
+        world.write("truth-table.toml", &truth);
+        let service = world.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
+        let station = world.spawn(&[
+            "simulate",
+            "station",
+            "-o",
+            "station",
+            "--truth",
+            "truth-table.toml",
+            "--imu",
+            "imu-a",
+            "--speed",
+            SPEED,
+            "--interval",
+            "10",
+            "--chamber-ramp",
+            "5",
+            "--positioning",
+            "0",
+        ]);
+        wait_until("the station", || {
+            world.path("station/chamber").exists()
+                && world.path("station/table").exists()
+                && world.path("station/plan.toml").exists()
+        });
+        let mut plan = fs::read_to_string(world.path("station/plan.toml")).unwrap();
+        for (from, to) in SHORT.iter().chain(changes) {
+            assert!(plan.contains(from), "{from}\n{plan}");
+            plan = plan.replacen(from, to, 1);
+        }
+        plan = plan.replace("install = \"imu-a.toml\"", "install = \"../imu-a.toml\"");
+        // Drifts of a telemetry in so short a soak.
+        plan =
+            plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
+        world.write("station/plan.toml", &plan);
+        Self { world, _service: service, _station: station }
+    }
+
+    fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
+        [&["campaign", "run", "station/plan.toml", "--speed", SPEED], more].concat()
+    }
+
+    /// Runs the campaign to its end, which may take a while.
+    fn run(&self, more: &[&str]) -> Output {
+        self.world.run(&Self::arguments(more))
+    }
+
+    fn spawn(&self) -> Process {
+        self.world.spawn(&Self::arguments(&[]))
+    }
+
+    fn file(&self, name: &str) -> Vec<u8> {
+        fs::read(self.world.path("station/campaign").join(name)).unwrap_or_default()
+    }
+
+    /// The journal's whole lines of an event.
+    fn events(&self, event: &str) -> Vec<Value> {
+        let text = text(&self.file("journal.jsonl"));
+        let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
+        let lines = whole.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+        lines.filter(|line| line["event"] == event).collect()
+    }
+
+    fn wait_for(&self, event: &str, count: usize) {
+        let before = self.events("safe").len();
+        wait_long(event, || {
+            let safe = self.events("safe");
+            assert_eq!(safe.len(), before, "it has ended before {event}: {safe:?}");
+            self.events(event).len() >= count
+        });
+    }
+
+    fn faults(&self, lines: &str) {
+        self.world.replace("station/faults", lines);
+    }
+
+    /// Every unit is there exactly once, in order, and its bytes are in the file.
+    fn complete(&self, units: usize) {
+        let kept = self.events("kept");
+        let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
+        assert_eq!(numbers, (0..units).collect::<Vec<_>>());
+        let dwells: Vec<_> = kept.iter().filter(|kept| kept["file"] == "campaign.csv").collect();
+        let mut end = 0;
+        for dwell in &dwells {
+            assert_eq!((dwell["from"].as_u64(), dwell["rows"].as_u64()), (Some(end), Some(6)), "{dwell}");
+            end = dwell["to"].as_u64().unwrap();
+        }
+        let samples = self.file("campaign.csv");
+        assert_eq!(samples.len() as u64, end);
+        assert_eq!(text(&samples).lines().count(), 1 + 6 * dwells.len());
+    }
+
+    fn in_standby(&self) {
+        let safe = self.events("safe");
+        let last = safe.last().unwrap();
+        assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
+        assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
+    }
+}
+
+/// A campaign takes a while, and much longer on a machine that has other things to do.
+fn wait_long(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < 5 * PATIENCE, "{what} did not come to be");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// A line of the table without its higher coefficients.
+fn linear(line: &str) -> String {
+    let parts = line.split_inclusive(", ").filter(|part| !part.starts_with("c2 =") && !part.starts_with("c3 ="));
+    let line: String = parts.collect();
+    if line.contains("c1 =") && !line.trim_end().ends_with('}') {
+        format!("{} }}\n", line.trim_end().trim_end_matches(','))
+    } else if line.starts_with("digest") {
+        String::new()
+    } else {
+        line + "\n"
+    }
+}
+
+fn succeeded(output: &Output) -> String {
+    assert!(output.status.success(), "{}\n{}", output.status, text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] within the fitted ranges.
+fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
+    let mut worst = [0.0_f64; 2];
+    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
+        for i in 0..=100 {
+            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 100.0;
+            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
+            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
+            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
+            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
+            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
+        }
+    }
+    worst
+}
+
+#[test]
+fn from_a_plan_to_an_installed_table() {
+    let verify = "\n[verify]\nruns = 1\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 60\nhold_s = 60\n";
+    let laboratory = Laboratory::new(&[
+        ("list_c = [20, 23]", "list_c = [10, 18, 26, 34]"),
+        ("[safe]", &format!("{verify}\n[safe]")),
+    ]);
+    let world = &laboratory.world;
+    assert_eq!(world.imu_status()["table"], Value::Null);
+    let checked = world.run_well(&["campaign", "check", "station/plan.toml"]);
+    assert!(checked.contains("4 set points x 12 positions, 1 verification runs; about "), "{checked}");
+    let output = laboratory.run(&["--calibrate", "--alignment", "--require", "10"]);
+    let table4 = succeeded(&output);
+    assert!(table4.contains("Output stability"), "{table4}");
+    laboratory.complete(49);
+    laboratory.in_standby();
+    // What the service has in force is what was fitted, and that is the truth but for the noise of short dwells.
+    let table = CoefficientTable::from_toml(&fs::read_to_string(world.path("imu-a.toml")).unwrap(), None).unwrap();
+    assert_eq!(world.imu_status()["table"], table.digest().to_string());
+    let truth = fs::read_to_string(world.path("station/truth.toml")).unwrap();
+    let [bias, scale_factor] = worst(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
+    assert!(bias < 1.5 && scale_factor < 4.0, "{bias} ug0, {scale_factor} ppm");
+    assert!(text(&laboratory.file("readbacks.csv")).lines().count() > 100);
+    // Nothing is left to do, and nothing is done to the instruments.
+    let before = laboratory.file("campaign.csv");
+    succeeded(&laboratory.run(&[]));
+    assert!(laboratory.file("campaign.csv") == before && laboratory.events("started").len() == 1);
+}
+
+#[test]
+fn killed_twice_it_goes_on_with_the_first_dwell_that_is_missing() {
+    let laboratory = Laboratory::new(&[]);
+    let mut before = Vec::new();
+    for count in [5, 15] {
+        let runner = laboratory.spawn();
+        laboratory.wait_for("kept", count);
+        runner.kill();
+        let kept = laboratory.events("kept");
+        let end = kept.last().unwrap()["to"].as_u64().unwrap() as usize;
+        let samples = laboratory.file("campaign.csv");
+        assert!(samples.starts_with(&before) && samples.len() >= end);
+        before = samples[..end].to_vec();
+        let status = laboratory.world.run_well(&["campaign", "status", "station/plan.toml"]);
+        assert!(status.starts_with("NOT RUNNING"), "{status}");
+    }
+    succeeded(&laboratory.run(&[]));
+    // Completed dwells are the same to the byte, and every dwell is there once.
+    assert!(laboratory.file("campaign.csv").starts_with(&before));
+    laboratory.complete(24);
+    laboratory.in_standby();
+}
+
+#[test]
+fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
+    let laboratory = Laboratory::new(&[]);
+    let world = &laboratory.world;
+    let stop = || world.run(&["campaign", "stop", "station/plan.toml"]);
+    assert_eq!(stop().status.code(), Some(69), "nobody runs it");
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 2);
+    let second = laboratory.run(&[]);
+    assert_eq!(second.status.code(), Some(1));
+    assert!(
+        text(&second.stderr).contains(&format!("pid {} runs this campaign", runner.pid())),
+        "{}",
+        text(&second.stderr)
+    );
+    let status: Value =
+        serde_json::from_str(&world.run_well(&["campaign", "status", "station/plan.toml", "--json"])).unwrap();
+    assert_eq!((status["pid"].as_u64(), status["campaign"]["units"].as_u64()), (Some(runner.pid().into()), Some(24)));
+    let stopped = stop();
+    assert!(succeeded(&stopped).contains("safe state: table stopped"), "{}", text(&stopped.stdout));
+    let (ended, log) = runner.wait();
+    assert_eq!(ended.code(), Some(1), "{log}");
+    assert!(log.contains("stopped by a signal") && log.contains("goes on with the next"), "{log}");
+    laboratory.in_standby();
+
+    let plan = fs::read_to_string(world.path("station/plan.toml")).unwrap();
+    world.write("station/plan.toml", &plan.replace("time_s = 60\n", "time_s = 70\n"));
+    let changed = laboratory.run(&[]);
+    assert_eq!(changed.status.code(), Some(78));
+    assert!(text(&changed.stderr).contains("dwell: was Dwell { time_s: 60.0"), "{}", text(&changed.stderr));
+    world.write("station/plan.toml", &plan);
+    let mut samples = laboratory.file("campaign.csv");
+    samples[500] ^= 1;
+    fs::write(world.path("station/campaign/campaign.csv"), samples).unwrap();
+    let damaged = laboratory.run(&[]);
+    assert_eq!(damaged.status.code(), Some(65), "{}", text(&damaged.stderr));
+}
+
+#[test]
+fn an_instrument_that_goes_away_pauses_the_campaign_until_it_is_back() {
+    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
+    let runner = laboratory.spawn();
+    // While it soaks; in a dwell or on the way to one.
+    for (event, count, fault) in
+        [("reached", 1, "port-loss:chamber"), ("kept", 1, "missing:table"), ("kept", 3, "garbled:chamber")]
+    {
+        laboratory.wait_for(event, count);
+        let pauses = laboratory.events("paused").len();
+        laboratory.faults(fault);
+        laboratory.wait_for("paused", pauses + 1);
+        laboratory.faults("");
+        laboratory.wait_for("resumed", pauses + 1);
+    }
+    let (well, log) = wait(runner);
+    assert!(well, "{log}");
+    laboratory.complete(12);
+}
+
+/// Whether it has ended well, within a time that a campaign may take; and its log.
+fn wait(runner: Process) -> (bool, String) {
+    wait_long("the end", || runner.has_ended());
+    let (status, log) = runner.wait();
+    (status.success(), log)
+}
+
+#[test]
+fn an_alarm_ends_it_in_the_safe_state_at_once() {
+    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
+    let runner = laboratory.spawn();
+    laboratory.wait_for("reached", 1);
+    laboratory.faults("alarm:chamber");
+    let (ended, log) = wait(runner);
+    assert!(!ended && log.contains("alarm"), "{log}");
+    assert!(laboratory.events("paused").is_empty());
+    laboratory.in_standby();
+    laboratory.faults("");
+    // Whoever has cleared the alarm starts it again; a signal ends it as well.
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 1);
+    runner.signal(Signal::INT);
+    let (ended, log) = wait(runner);
+    assert!(!ended && log.contains("stopped by a signal"), "{log}");
+    laboratory.in_standby();
+}

@@ -1,0 +1,533 @@
+//! The drivers of chambers and tables, against the simulated station's processes on pseudo-terminals and TCP, and against scripted
+//! peers that say what public drivers expect.
+
+use isotherm_service::instruments::{
+    self, Chamber, ChamberConfig, ChamberReading, Fault, FaultKind, Table, TableConfig, TableReading, turn_deg,
+};
+use isotherm_shared::document::{Document, Faults};
+use isotherm_tests::{Process, World, text, wait_until};
+use rustix::process::Signal;
+use std::io::{Read as _, Write as _};
+use std::net::TcpListener;
+use std::thread::{self, JoinHandle};
+
+/// A machine under load may answer late without a fault.
+const PATIENT: &str = "timeout_s = 20\nquiet_s = 0.05\nretries = 0\n";
+
+/// What a chamber or table speaks, and the keys that its simulation needs.
+const CHAMBERS: [(&str, &str); 3] = [("espec", ""), ("watlow-f4t", "pause_s = 0\n"), ("ascii2", "alarm_bit = 2\n")];
+const TABLES: [(&str, &str); 2] = [("acutrol", "gap_s = 0.5\n"), ("aerosmith", "fault_mask = 4\n")];
+
+fn chamber_config(toml: &str) -> Result<ChamberConfig, Faults> {
+    let document = Document::parse(toml)?;
+    let root = document.root();
+    let config = ChamberConfig::read(&root);
+    root.finish();
+    document.finish(config)
+}
+
+fn table_config(toml: &str) -> Result<TableConfig, Faults> {
+    let document = Document::parse(toml)?;
+    let root = document.root();
+    let config = TableConfig::read(&root);
+    root.finish();
+    document.finish(config)
+}
+
+/// A running station.
+struct Station<'w> {
+    world: &'w World,
+    process: Process,
+}
+
+impl<'w> Station<'w> {
+    fn start(world: &'w World, arguments: &[&str]) -> Self {
+        let given = [&["simulate", "station", "-o", "station", "--imu", "imu-a"], arguments].concat();
+        let process = world.spawn(&given);
+        Self { world, process }
+    }
+
+    /// The port of `who`, once the station has said it.
+    fn port(&self, who: &str) -> String {
+        let mut port = String::new();
+        wait_until("the station's description", || {
+            let json = std::fs::read_to_string(self.world.path("station/station.json")).unwrap_or_default();
+            let station: serde_json::Value = serde_json::from_str(&json).unwrap_or_default();
+            port = station[format!("{who}_port")].as_str().unwrap_or_default().to_owned();
+            !port.is_empty()
+        });
+        port
+    }
+
+    fn chamber(&self, keys: &str) -> Box<dyn Chamber> {
+        let config = chamber_config(&format!("port = {:?}\n{keys}", self.port("chamber"))).unwrap();
+        opened(|| instruments::chamber(&config))
+    }
+
+    fn table(&self, keys: &str) -> Box<dyn Table> {
+        let config = table_config(&format!("port = {:?}\n{keys}", self.port("table"))).unwrap();
+        opened(|| instruments::table(&config))
+    }
+
+    /// From now on these faults, one a line.
+    fn faults(&self, lines: &str) {
+        self.world.replace("station/faults", lines);
+    }
+}
+
+/// Opens as soon as the port is there.
+fn opened<T>(open: impl Fn() -> Result<T, Fault>) -> T {
+    let mut opened = None;
+    wait_until("the port", || {
+        opened = open().ok();
+        opened.is_some()
+    });
+    opened.unwrap()
+}
+
+fn keys(driver: &str, own: &str, line: &str) -> String {
+    format!("driver = \"{driver}\"\n{own}{line}")
+}
+
+fn kind<T: std::fmt::Debug>(result: Result<T, Fault>) -> FaultKind {
+    result.unwrap_err().kind
+}
+
+/// Both ways of reaching an instrument.
+fn ways(check: impl Fn(&[&str])) {
+    check(&[]);
+    check(&["--tcp"]);
+}
+
+#[test]
+fn every_chamber_goes_where_it_is_sent_and_into_standby() {
+    for (driver, own) in CHAMBERS {
+        ways(|way| {
+            let world = World::new();
+            let station = Station::start(&world, &[&["--speed", "2000", "--chamber", driver], way].concat());
+            let mut chamber = station.chamber(&keys(driver, own, PATIENT));
+            let name = chamber.identify().unwrap();
+            assert!(
+                ["ESPEC P300", "Watlow F4T, address 1, loop 1, unit C", "ASCII-2, 4 values, 16 digital outputs"]
+                    .contains(&name.as_str())
+            );
+            let ChamberReading { air_c, running, alarms, .. } = chamber.read().unwrap();
+            assert!((air_c - 20.0).abs() < 0.2 && !running && alarms.is_empty(), "{driver}: {air_c}");
+            chamber.set_point(-5.5).unwrap();
+            chamber.run().unwrap();
+            assert!(chamber.read().unwrap().running);
+            wait_until("the set point", || (chamber.read().unwrap().air_c + 5.5).abs() < 0.2);
+            assert_eq!(chamber.read().unwrap().set_point_c, -5.5);
+            let refused = kind(chamber.set_point(900.0));
+            // ASCII-2 has no refusal: the set point that is read back is the old one.
+            assert_eq!(refused, if driver == "ascii2" { FaultKind::Mismatch } else { FaultKind::Refused });
+            assert_eq!(chamber.read().unwrap().set_point_c, -5.5);
+            chamber.standby().unwrap();
+            assert!(!chamber.read().unwrap().running);
+            wait_until("the drift", || chamber.read().unwrap().air_c > -4.5);
+        });
+    }
+}
+
+#[test]
+fn every_table_goes_where_it_is_sent_and_stops() {
+    for (driver, own) in TABLES {
+        ways(|way| {
+            let world = World::new();
+            let station = Station::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
+            let mut table = station.table(&keys(driver, own, PATIENT));
+            let name = table.identify().unwrap();
+            assert!(
+                ["ACUTRONIC,ACUTROL3000,SIMULATED,0", "Aerosmith Table Language, axes 1 and 2"]
+                    .contains(&name.as_str())
+            );
+            table.engage().unwrap();
+            let TableReading { angles_deg, rates_deg_s, faults } = table.read().unwrap();
+            assert_eq!((angles_deg, rates_deg_s, faults), ([0.0; 2], [0.0; 2], Vec::new()));
+            table.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
+            wait_until("the position", || table.read().unwrap().angles_deg == [90.0, -30.5]);
+            assert_eq!(table.read().unwrap().rates_deg_s, [0.0; 2]);
+            // A way of hours, so that it is still on it when it is stopped, however slow the machine.
+            table.engage().unwrap();
+            table.move_to([700.0, 0.0], 0.05, 5.0).unwrap();
+            wait_until("the turn", || table.read().unwrap().angles_deg[0] > 90.01);
+            table.stop().unwrap();
+            wait_until("the stop", || table.read().unwrap().rates_deg_s == [0.0; 2]);
+            assert!(table.read().unwrap().angles_deg[0] < 690.0);
+        });
+    }
+}
+
+#[test]
+fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
+    for (driver, own) in CHAMBERS {
+        ways(|way| {
+            let world = World::new();
+            let station = Station::start(&world, &[&["--chamber", driver], way].concat());
+            let mut chamber = station.chamber(&keys(driver, own, PATIENT));
+            chamber.set_point(23.5).unwrap();
+            station.faults("garbled:chamber\n");
+            // A frame whose function is destroyed ends with the time-out only.
+            drop(chamber);
+            let mut chamber = station.chamber(&keys(driver, own, "timeout_s = 0.5\nretries = 0\n"));
+            // A machine under load may answer too late as well.
+            wait_until("what is garbled", || kind(chamber.read()) == FaultKind::Garbled);
+            station.faults("missing:chamber\n");
+            wait_until("silence", || kind(chamber.read()) == FaultKind::NoReply);
+            drop(chamber);
+            let mut chamber = station.chamber(&keys(driver, own, PATIENT));
+            station.faults("duplicated:chamber\n");
+            for set_point_c in [24.0, 25.0] {
+                chamber.set_point(set_point_c).unwrap();
+                assert_eq!(chamber.read().unwrap().set_point_c, set_point_c);
+            }
+            station.faults("alarm:chamber\n");
+            assert_eq!(chamber.read().unwrap().alarms.len(), 1);
+            assert_eq!(kind(chamber.run()), FaultKind::Alarm, "{driver}");
+            assert!(!chamber.read().unwrap().running);
+            station.faults("port-loss:chamber\n");
+            wait_until("the loss", || chamber.read().is_err_and(|fault| fault.kind == FaultKind::Line));
+            station.faults("");
+            wait_until("the return", || chamber.read().is_ok());
+            assert_eq!(chamber.read().unwrap().set_point_c, 25.0);
+            chamber.run().unwrap();
+        });
+    }
+}
+
+#[test]
+fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
+    for (driver, own) in TABLES {
+        ways(|way| {
+            let world = World::new();
+            let station = Station::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
+            let mut table = station.table(&keys(driver, own, PATIENT));
+            table.engage().unwrap();
+            station.faults("garbled:table\n");
+            assert_eq!(kind(table.read()), FaultKind::Garbled, "{driver}");
+            station.faults("missing:table\n");
+            let hasty = keys(driver, own, "timeout_s = 0.5\nretries = 0\n");
+            drop(table);
+            let mut table = station.table(&hasty);
+            assert_eq!(kind(table.read()), FaultKind::NoReply, "{driver}");
+            drop(table);
+            let mut table = station.table(&keys(driver, own, PATIENT));
+            if driver == "acutrol" && !way.is_empty() {
+                // Only a pause ends a reply there, so that the second copy is a part of it.
+                station.faults("duplicated:table@1\n");
+                assert_eq!(kind(table.move_to([10.0, 20.0], 10.0, 5.0)), FaultKind::Garbled);
+            } else {
+                station.faults("duplicated:table\n");
+            }
+            table.move_to([10.0, 20.0], 10.0, 5.0).unwrap();
+            wait_until("the position", || table.read().unwrap().angles_deg == [10.0, 20.0]);
+            station.faults("alarm:table\n");
+            wait_until("the alarm", || table.read().unwrap().faults.len() == 2);
+            assert_eq!(kind(table.engage()), FaultKind::Alarm, "{driver}");
+            station.faults("port-loss:table\n");
+            wait_until("the loss", || table.read().is_err_and(|fault| fault.kind == FaultKind::Line));
+            station.faults("");
+            wait_until("the return", || table.read().is_ok());
+            if driver == "acutrol" {
+                table.engage().unwrap();
+            }
+            table.move_to([-10.0, 0.0], 10.0, 5.0).unwrap();
+            wait_until("the position", || table.read().unwrap().angles_deg == [-10.0, 0.0]);
+            assert_eq!(table.read().unwrap().faults.len(), 0);
+        });
+    }
+}
+
+/// A controller that refuses says so, where its protocol can; else it is silent.
+#[test]
+fn refusals_are_told_apart_from_silence() {
+    let world = World::new();
+    for (driver, own) in CHAMBERS {
+        let station = Station::start(&world, &["--chamber", driver, "--fault", "na"]);
+        let silent = driver == "ascii2";
+        let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
+        let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
+        let mut chamber = station.chamber(&keys(driver, own, line));
+        assert_eq!(kind(chamber.read()), expected, "{driver}");
+        assert_eq!(kind(chamber.set_point(5.0)), expected, "{driver}");
+        station.process.terminate();
+    }
+    for (driver, own) in TABLES {
+        let station = Station::start(&world, &["--table", driver, "--fault", "na:table"]);
+        let silent = driver == "aerosmith";
+        let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
+        let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
+        let mut table = station.table(&keys(driver, own, line));
+        assert_eq!(kind(table.engage()), expected, "{driver}");
+        station.process.terminate();
+    }
+}
+
+#[test]
+fn a_late_reply_is_never_taken_for_the_next_ones() {
+    for (driver, own) in TABLES {
+        let world = World::new();
+        let station = Station::start(&world, &["--speed", "20", "--table", driver]);
+        let mut table = station.table(&keys(driver, own, PATIENT));
+        table.engage().unwrap();
+        table.move_to([30.0, 60.0], 20.0, 20.0).unwrap();
+        wait_until("the position", || table.read().unwrap().angles_deg == [30.0, 60.0]);
+        // Late by 1.5 s: after the time-out, while the line is waited for to be quiet.
+        let hasty = keys(driver, own, "timeout_s = 0.6\nquiet_s = 10\nretries = 0\n");
+        drop(table);
+        let mut table = station.table(&hasty);
+        station.faults("late:table@1\n");
+        assert_eq!(kind(table.read()), FaultKind::NoReply);
+        station.faults("");
+        let mut reading = table.read();
+        while reading.as_ref().is_err_and(|fault| fault.kind == FaultKind::NoReply) {
+            reading = table.read();
+        }
+        let TableReading { angles_deg, rates_deg_s, .. } = reading.unwrap();
+        assert_eq!((angles_deg, rates_deg_s), ([30.0, 60.0], [0.0; 2]), "{driver}");
+    }
+}
+
+#[test]
+fn what_is_lost_once_is_asked_again() {
+    let world = World::new();
+    let station = Station::start(&world, &["--fault", "missing:chamber@2"]);
+    let mut chamber = station.chamber("driver = \"espec\"\ntimeout_s = 3\nquiet_s = 0.1\nretries = 4\n");
+    chamber.set_point(31.0).unwrap();
+    assert_eq!(chamber.read().unwrap().set_point_c, 31.0);
+}
+
+#[test]
+fn chambers_overshoot_or_never_arrive_and_tables_swing_on_demand() {
+    let world = World::new();
+    let station = Station::start(&world, &["--speed", "500", "--fault", "overshoot"]);
+    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
+    let mut table = station.table(&keys("acutrol", "", PATIENT));
+    chamber.set_point(30.0).unwrap();
+    chamber.run().unwrap();
+    chamber.set_point(32.0).unwrap();
+    wait_until("the overshoot", || chamber.read().unwrap().air_c > 33.5);
+    wait_until("the return", || (chamber.read().unwrap().air_c - 32.0).abs() < 0.2);
+    station.faults("never-there\nno-settle\n");
+    chamber.set_point(25.0).unwrap();
+    wait_until("almost", || (chamber.read().unwrap().air_c - 28.0).abs() < 0.2);
+    table.engage().unwrap();
+    table.move_to([5.0, 5.0], 10.0, 10.0).unwrap();
+    wait_until("the swing", || {
+        let TableReading { angles_deg, rates_deg_s, .. } = table.read().unwrap();
+        turn_deg(angles_deg[0], 5.0).abs() < 0.1 && rates_deg_s[0].abs() > 0.05
+    });
+    station.faults("");
+    wait_until("peace", || table.read().unwrap().angles_deg == [5.0, 5.0]);
+    wait_until("the set point", || (chamber.read().unwrap().air_c - 25.0).abs() < 0.2);
+}
+
+#[test]
+fn the_imu_feels_table_and_chamber_and_survives_the_service() {
+    let world = World::new();
+    let station = Station::start(&world, &["--speed", "200"]);
+    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
+    let mut table = station.table(&keys("acutrol", "", PATIENT));
+    table.engage().unwrap();
+    chamber.set_point(35.0).unwrap();
+    chamber.run().unwrap();
+    let serve = || world.serve(&["--imu", "imu-a=station/truth.toml"]);
+    let service = serve();
+    let mut reader = world.reader("imu-a");
+    let mut wait_for = |what: &str, [x, y, z]: [f64; 3]| {
+        wait_until(what, || {
+            let latest = std::iter::from_fn(|| reader.receive().unwrap()).last();
+            latest.is_some_and(|increment| {
+                let force = increment.velocity_increment.map(|dv| dv / (increment.interval_ns as f64 / 1e9) / 9.8015);
+                [force[0] - x, force[1] - y, force[2] - z].iter().all(|error| error.abs() < 1e-3)
+            })
+        });
+    };
+    wait_for("A3 up", [0.0, 0.0, 1.0]);
+    table.move_to([90.0, 90.0], 10.0, 10.0).unwrap();
+    wait_for("A1 up", [1.0, 0.0, 0.0]);
+    service.kill();
+    table.move_to([90.0, 180.0], 10.0, 10.0).unwrap();
+    let service = serve();
+    wait_for("A2 down, after another service", [0.0, -1.0, 0.0]);
+    service.terminate();
+    station.process.terminate();
+}
+
+#[test]
+fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
+    let world = World::new();
+    let station = Station::start(&world, &[]);
+    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
+    chamber.identify().unwrap();
+    let path = format!("/proc/{0}/task/{0}/children", station.process.pid());
+    let children: Vec<String> = std::fs::read_to_string(path).unwrap().split_whitespace().map(str::to_owned).collect();
+    assert_eq!(children.len(), 3);
+    let ended = |pid: &String| {
+        std::fs::read_to_string(format!("/proc/{pid}/stat"))
+            .map_or(true, |stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('Z')))
+    };
+    station.process.kill();
+    wait_until("the end of its processes", || children.iter().all(ended));
+    // The link to nowhere is replaced by the next one.
+    let station = Station::start(&world, &[]);
+    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
+    chamber.identify().unwrap();
+    station.process.signal(Signal::INT);
+    let (status, log) = station.process.wait();
+    assert!(status.success(), "{log}");
+    let mut left: Vec<_> =
+        std::fs::read_dir(world.path("station")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["plan.toml", "truth.toml"]);
+    assert_eq!(kind(chamber.read()), FaultKind::Line);
+}
+
+/// A peer that answers each request of the transcript as it says, and hangs up if another one comes.
+fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, JoinHandle<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port =
+        format!("port = \"tcp://{}\"\nretries = 0\ntimeout_s = 20\nquiet_s = 0.05\n", listener.local_addr().unwrap());
+    let peer = thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        for (request, reply) in transcript {
+            let mut received = vec![0; request.len()];
+            stream.read_exact(&mut received).unwrap();
+            assert_eq!(text(&received), text(request));
+            stream.write_all(reply).unwrap();
+        }
+        // Until the other side hangs up, having said no more.
+        assert_eq!(stream.read(&mut [0]).unwrap(), 0);
+    });
+    (port, peer)
+}
+
+// What AcutronicRobotics/acutrol, acutrol.py and ac117.json send, and the replies it compares with behind eight bytes.
+#[test]
+fn an_acutrol_hears_what_a_public_driver_says() {
+    let transcript: &[(&[u8], &[u8])] = &[
+        (b":utility:lockout on\r\n", b"HEADER.\nOK"),
+        (b":interlock:reset 1\r\n", b"HEADER.\nOK"),
+        (b":interlock:close 1\r\n", b"HEADER.\nOK"),
+        (b":interlock:reset 2\r\n", b"HEADER.\nOK"),
+        (b":interlock:close 2\r\n", b"HEADER.\nOK"),
+        (b":interlock? 1\r\n", b"HEADER.\nClosed"),
+        (b":interlock? 2\r\n", b"HEADER.\nClosed"),
+        (b":mode:off 1\r\n", b"HEADER.\nOK"),
+        (b":interlock:open 1\r\n", b"HEADER.\nOK"),
+        (b":mode:off 2\r\n", b"HEADER.\nOK"),
+        (b":interlock:open 2\r\n", b"HEADER.\nERR"),
+    ];
+    let (port, peer) = scripted(transcript);
+    let mut table =
+        instruments::table(&table_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap()).unwrap();
+    table.engage().unwrap();
+    assert_eq!(kind(table.stop()), FaultKind::Refused);
+    drop(table);
+    peer.join().unwrap();
+}
+
+// What IEAv-EFO/acutrol3000, python/acutrol3000.py sends and takes, for two axes and line by line.
+#[test]
+fn an_acutrol_says_fault_as_a_public_driver_reads_it() {
+    let transcript: &[(&[u8], &[u8])] = &[
+        (b":read:position? 3\r\n", b"90.0001\n"),
+        (b":read:rate? 3\r\n", b"-0.005\n"),
+        (b":read:position? 7\r\n", b"1.8E2\n"),
+        (b":read:rate? 7\r\n", b"0\n"),
+        (b":interlock? 3\r\n", b"Fault\n"),
+        (b":interlock? 7\r\n", b"Closed\n"),
+    ];
+    let (port, peer) = scripted(transcript);
+    let config = table_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
+    let reading = instruments::table(&config).unwrap().read().unwrap();
+    assert_eq!((reading.angles_deg, reading.rates_deg_s), ([90.0001, 180.0], [-0.005, 0.0]));
+    assert_eq!(reading.faults, ["interlock of axis 3: Fault"]);
+    peer.join().unwrap();
+}
+
+// What StaflSystems/ChamberConnectLibrary, p300.py and especinteract.py send and take; 1 is an address on RS-485.
+#[test]
+fn an_espec_hears_what_a_public_driver_says() {
+    let transcript: &[(&[u8], &[u8])] = &[
+        (b"1,TYPE?\r\n", b"T,T,SCP220,100.0\r\n"),
+        (b"1,MON?\r\n", b"23.1,45,CONSTANT,2\r\n"),
+        (b"1,TEMP?\r\n", b"23.1,25.0,100.0,-50.0\r\n"),
+        (b"1,ALARM?\r\n", b"2,1,13\r\n"),
+        (b"1,TEMP, S-25.0\r\n", b"NA:DATA OUT OF RANGE\r\n"),
+    ];
+    let (port, peer) = scripted(transcript);
+    let config = chamber_config(&format!("driver = \"espec\"\naddress = 1\n{port}")).unwrap();
+    let mut chamber = instruments::chamber(&config).unwrap();
+    assert_eq!(chamber.identify().unwrap(), "ESPEC SCP220");
+    let reading = chamber.read().unwrap();
+    assert_eq!((reading.air_c, reading.set_point_c, reading.running), (23.1, 25.0, true));
+    assert_eq!(reading.alarms, ["alarm 1", "alarm 13"]);
+    let fault = chamber.set_point(-25.0).unwrap_err();
+    assert_eq!(fault.kind, FaultKind::Refused);
+    assert!(fault.to_string().contains("DATA OUT OF RANGE"), "{fault}");
+    drop(chamber);
+    peer.join().unwrap();
+}
+
+// The registers of StaflSystems/ChamberConnectLibrary, watlowf4t.py; frames with the CRC of the Modbus specification.
+#[test]
+fn a_watlow_in_fahrenheit_with_the_high_word_first() {
+    let transcript: &[(&[u8], &[u8])] = &[
+        // Unit: F. Process value of loop 2 (2980): 77.0 degF.
+        (&[5, 3, 0x37, 0x00, 0, 1, 0x8b, 0xfa], &[5, 3, 2, 0, 30, 0xc9, 0x8c]),
+        (&[5, 3, 0x0b, 0xa4, 0, 2, 0x86, 0x48], &[5, 3, 4, 0x42, 0x9a, 0, 0, 0x8b, 0xa4]),
+        // Set point: a register that does not exist.
+        (&[5, 3, 0x0b, 0x7e, 0, 2, 0xa7, 0xb3], &[5, 0x83, 2, 0x81, 0x30]),
+    ];
+    let (port, peer) = scripted(transcript);
+    let config =
+        format!("driver = \"watlow-f4t\"\naddress = 5\nloop = 2\nword_order = \"high-first\"\npause_s = 0\n{port}");
+    let fault = instruments::chamber(&chamber_config(&config).unwrap()).unwrap().read().unwrap_err();
+    assert_eq!(fault.kind, FaultKind::Refused, "{fault}");
+    peer.join().unwrap();
+}
+
+#[test]
+fn a_peer_that_never_stops_talking_is_given_up() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let peer = thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        while stream.write_all(b"23.1,,CONSTANT,0\r\n").is_ok() {}
+    });
+    let config =
+        chamber_config(&format!("driver = \"espec\"\nport = \"tcp://{address}\"\nquiet_s = 0.1\nretries = 1\n"));
+    let mut chamber = instruments::chamber(&config.unwrap()).unwrap();
+    assert_eq!(kind(chamber.read()), FaultKind::Garbled);
+    drop(chamber);
+    peer.join().unwrap();
+}
+
+#[test]
+fn nobody_at_the_other_end_is_a_fault_of_the_line() {
+    let world = World::new();
+    let port = world.path("no-such-device").display().to_string();
+    let config = chamber_config(&format!("driver = \"ascii2\"\nport = {port:?}\n")).unwrap();
+    let fault = instruments::chamber(&config).err().unwrap();
+    assert_eq!(fault.kind, FaultKind::Line);
+    assert!(fault.to_string().contains(&port) && fault.to_string().contains("check cable"), "{fault}");
+    let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let config = table_config(&format!("driver = \"aerosmith\"\nport = \"tcp://{closed}\"\n")).unwrap();
+    assert_eq!(instruments::table(&config).err().unwrap().kind, FaultKind::Line);
+}
+
+#[test]
+fn everything_wrong_with_a_section_is_reported_at_once() {
+    let text = "driver = \"watlow-f4t\"\nport = \"tcp://host\"\nbaud = 1\nparity = \"mark\"\ntimeout_s = 0\nretries = 11\n\
+                address = 0\nloop = 5\nword_order = \"little\"\ndecimals = 1\n";
+    let faults = chamber_config(text).unwrap_err();
+    let found: Vec<_> = faults.0.iter().map(|fault| fault.key.as_str()).collect();
+    let expected = ["port", "baud", "parity", "timeout_s", "retries", "address", "loop", "word_order", "decimals"];
+    assert_eq!(found, expected, "{faults}");
+    assert_eq!(faults.0.iter().map(|fault| fault.line).collect::<Vec<_>>(), [2, 3, 4, 5, 6, 7, 8, 9, 10]);
+    let faults = table_config("driver = \"espec\"\nport = \"x\"\n").unwrap_err();
+    assert!(faults.to_string().contains("give \"acutrol\" or \"aerosmith\""), "{faults}");
+    let faults = table_config("driver = \"aerosmith\"\nport = \"x\"\nform = \"{axis}\"\naxes = [1, 1]\n").unwrap_err();
+    assert_eq!(faults.0.len(), 2, "{faults}");
+}
