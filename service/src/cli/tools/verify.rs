@@ -67,6 +67,7 @@ impl Verify {
     ) -> Self {
         Self {
             table: table.to_owned(),
+            imu: None,
             recording: recording.to_owned(),
             window: Duration::from_secs(10),
             require,
