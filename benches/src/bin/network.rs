@@ -27,7 +27,7 @@ enum What {
     Compare {
         near: String,
         far: String,
-        /// The end without any increment [s]
+        /// The end without any increment, in seconds
         #[arg(long, default_value_t = 5.0)]
         idle: f64,
     },
