@@ -531,3 +531,21 @@ fn everything_wrong_with_a_section_is_reported_at_once() {
     let faults = table_config("driver = \"aerosmith\"\nport = \"x\"\nform = \"{axis}\"\naxes = [1, 1]\n").unwrap_err();
     assert_eq!(faults.0.len(), 2, "{faults}");
 }
+
+#[test]
+fn every_key_is_in_the_docs() {
+    let docs = include_str!("../../docs/instruments.md");
+    let known = |faults: Faults| {
+        let message = faults.0.iter().find(|fault| fault.key == "unheard-of").unwrap().message.clone();
+        let (_, keys) = message.split_once("known here: ").unwrap();
+        keys.split(", ").map(str::to_owned).collect::<Vec<_>>()
+    };
+    for (driver, _) in CHAMBERS.iter().chain(&TABLES) {
+        let text = format!("driver = {driver:?}\nport = \"x\"\nunheard-of = 1\n");
+        let is_chamber = CHAMBERS.iter().any(|(name, _)| name == driver);
+        let faults = if is_chamber { chamber_config(&text).err() } else { table_config(&text).err() };
+        for key in known(faults.unwrap()) {
+            assert!(docs.contains(&format!("`{key}`")), "{driver}: {key} is not in docs/instruments.md");
+        }
+    }
+}

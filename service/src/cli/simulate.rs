@@ -155,6 +155,10 @@ impl Simulate {
         matches!(self.what, What::Campaign(_) | What::Run(_))
     }
 
+    #[cfg_attr(
+        not(feature = "campaign"),
+        expect(unused_variables, reason = "only a station has processes in a domain")
+    )]
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         match self.what {
             What::Campaign(campaign) => campaign.run(),

@@ -177,7 +177,7 @@ impl F4t {
         let fahrenheit = self.fahrenheit()?;
         let words = self.registers(register + self.settings.offset)?;
         let number = f64::from(self.settings.float(words));
-        if !(number.abs() < 1000.0) {
+        if number.is_nan() || number.abs() >= 1000.0 {
             let message = format!("register {register} is {number:e}; try the other word_order");
             return Err(self.line.fault(Wrong(FaultKind::Mismatch, message)));
         }

@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 const TURNTABLE: u64 = 3;
 /// Least pause between two questions to the machines.
 const PAUSE: Duration = Duration::from_millis(1);
+/// After so many samples without a pause there is one, so that whoever reads along can follow when a stall is made up for.
+const BURST: u32 = 32;
 /// How often it looks for a service that is not there, and how long.
 const LOOK: Duration = Duration::from_millis(200);
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -52,8 +54,13 @@ pub fn run(station: &Station, imu: &ImuId, folder: &Path, domain: Domain) -> Res
             body.events.extend(events);
         }
         body.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        let mut burst = 0;
         while body.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
             output.send(&body.step());
+            burst += 1;
+            if burst % BURST == 0 {
+                thread::sleep(PAUSE);
+            }
         }
         output.receive();
         let left = (body.end_s() - station.now_s()) / station.speed;

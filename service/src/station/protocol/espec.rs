@@ -48,7 +48,7 @@ fn answer(request: &str, machine: &mut Machine) -> Result<String, &'static str> 
             };
             match mode {
                 Some(mode) => {
-                    machine.switch(if machine.alarm && mode == Mode::Constant { Mode::Standby } else { mode })
+                    machine.switch(if machine.alarm && mode == Mode::Constant { Mode::Standby } else { mode });
                 }
                 None => {
                     let value = value.strip_prefix('S').and_then(|value| value.parse().ok()).ok_or("PARA ERR")?;

@@ -80,9 +80,11 @@ fn write(register: u16, words: &[u16], machine: &mut Machine) -> Result<(), u8> 
             let number = f32::from_bits(u32::from(high) << 16 | u32::from(low));
             if machine.set(f64::from(number)) { Ok(()) } else { Err(ILLEGAL_VALUE) }
         }
-        (2730, [10]) if machine.alarm => Ok(()),
-        (2730, [10]) => Ok(machine.switch(Mode::Constant)),
-        (2730, [62]) => Ok(machine.switch(Mode::Off)),
+        (2730, &[mode @ (10 | 62)]) => {
+            // An alarm keeps it off.
+            machine.switch(if mode == 10 && !machine.alarm { Mode::Constant } else { Mode::Off });
+            Ok(())
+        }
         (2730 | 2782, _) => Err(ILLEGAL_VALUE),
         _ => Err(ILLEGAL_ADDRESS),
     }
