@@ -20,7 +20,7 @@ use std::io::{self, BufWriter, Seek as _, SeekFrom, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -80,10 +80,7 @@ impl Tap {
 
     /// The next sample and when it was received, `CLOCK_MONOTONIC` \[ns\]; or why there is none.
     pub fn next(&self) -> Option<Result<(RawSample, u64), String>> {
-        match self.samples.try_recv() {
-            Ok(next) => Some(next),
-            Err(TryRecvError::Empty | TryRecvError::Disconnected) => None,
-        }
+        self.samples.try_recv().ok()
     }
 }
 
