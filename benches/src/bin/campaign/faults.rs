@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 /// Laboratory time over real time.
 const SPEED: u32 = 500;
 /// How long a fault lasts, in real time: longer than an instrument's own repetitions.
-const LASTS: Duration = Duration::from_millis(1500);
+const LASTS: Duration = Duration::from_secs(8);
 /// Dwells of the campaign.
 const UNITS: usize = 12;
 
