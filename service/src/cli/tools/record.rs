@@ -1,4 +1,5 @@
 use super::{options, seconds};
+use crate::config::MAX_IMUS;
 use crate::failure::{Exit, Failure};
 use crate::record::columns::{Row, Stream};
 use crate::record::files::{FileError, Files, Format, IMU, Rotation};
@@ -18,8 +19,6 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(5);
 /// Rows between two looks at the clock.
 const BATCH: usize = 1024;
-/// As many as a service has.
-const MAX_IMUS: usize = 32;
 /// How often it is looked whether there is something to tell.
 const LOOK: Duration = Duration::from_millis(500);
 /// Losses that go on are told this often.
