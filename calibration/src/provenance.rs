@@ -6,6 +6,8 @@ use crate::campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;
 use nalgebra::Matrix3;
 use serde::Serialize;
+use sha2::{Digest as _, Sha256};
+use std::io::{self, Read};
 
 /// What only the caller knows.
 #[derive(Clone, Debug)]
@@ -20,6 +22,44 @@ pub struct Source {
     pub campaign_sha256: String,
     /// SHA-256 of the samples, in hexadecimal.
     pub samples_sha256: String,
+}
+
+/// SHA-256 in hexadecimal.
+#[must_use]
+pub fn sha256(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
+}
+
+/// A source that is hashed while it is read.
+#[derive(Debug)]
+pub struct Hashed<R> {
+    source: R,
+    hash: Sha256,
+}
+
+impl<R> Hashed<R> {
+    /// Nothing of it has been read yet.
+    pub fn new(source: R) -> Self {
+        Self { source, hash: Sha256::new() }
+    }
+
+    /// SHA-256 in hexadecimal of what has been read.
+    #[must_use]
+    pub fn sha256(self) -> String {
+        hexadecimal(&self.hash.finalize())
+    }
+}
+
+impl<R: Read> Read for Hashed<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.source.read(buffer)?;
+        self.hash.update(buffer.get(..count).unwrap_or_default());
+        Ok(count)
+    }
 }
 
 #[derive(Serialize)]
