@@ -2,7 +2,7 @@
 
 pub mod statistics;
 
-use isotherm_client::{Domain, Options};
+use isotherm_client::{Domain, Options, RawSample};
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::error::Error;
@@ -19,6 +19,18 @@ pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
 pub const IMU: &str = "imu-paper";
 /// No answer takes longer, or something is broken.
 pub const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The sample that is sent, an IMU at rest.
+pub fn sample() -> RawSample {
+    RawSample {
+        interval_ns: 2_500_000,
+        positive_pulses: [140, 0, 150],
+        negative_pulses: [0, 110, 0],
+        head_temperature: [2.4, 2.41, 2.42],
+        board_temperature: [2.5, 2.51, 2.52],
+        ..RawSample::default()
+    }
+}
 
 /// Where processes of a domain log, in its folder.
 const LOG: &str = "log";

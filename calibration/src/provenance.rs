@@ -6,6 +6,8 @@ use crate::campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;
 use nalgebra::Matrix3;
 use serde::Serialize;
+use sha2::{Digest as _, Sha256};
+use std::io::{self, Read, Write};
 
 /// What only the caller knows.
 #[derive(Clone, Debug)]
@@ -20,6 +22,56 @@ pub struct Source {
     pub campaign_sha256: String,
     /// SHA-256 of the samples, in hexadecimal.
     pub samples_sha256: String,
+}
+
+/// SHA-256 in hexadecimal.
+#[must_use]
+pub fn sha256(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
+}
+
+/// What is hashed while it is read or written.
+#[derive(Debug)]
+pub struct Hashed<T> {
+    inner: T,
+    hash: Sha256,
+}
+
+impl<T> Hashed<T> {
+    /// Nothing of it has been read or written yet.
+    pub fn new(inner: T) -> Self {
+        Self { inner, hash: Sha256::new() }
+    }
+
+    /// What was read or written, and the SHA-256 in hexadecimal of that.
+    #[must_use]
+    pub fn finish(self) -> (T, String) {
+        (self.inner, hexadecimal(&self.hash.finalize()))
+    }
+}
+
+impl<R: Read> Read for Hashed<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        self.hash.update(buffer.get(..count).unwrap_or_default());
+        Ok(count)
+    }
+}
+
+impl<W: Write> Write for Hashed<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.inner.write(bytes)?;
+        self.hash.update(bytes.get(..count).unwrap_or_default());
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
 }
 
 #[derive(Serialize)]

@@ -15,8 +15,10 @@ use std::time::Duration;
 pub const REACH_NS: u64 = 100_000;
 /// The counter's rate is taken over at least this long \[ns\], where a reading's uncertainty no longer matters.
 const BASELINE_NS: u64 = 200_000;
-/// A reading of both clocks that took more ticks was interrupted.
-const TOGETHER_TICKS: u64 = 2_000;
+/// A reading of both clocks that took more ticks was interrupted: what it is off by would be in every reading until the next.
+const TOGETHER_TICKS: u64 = 500;
+/// Attempts at a first reading of both clocks.
+const ATTEMPTS: usize = 10;
 /// Fixed point of the rate.
 const FRACTION: u32 = 32;
 const KERNELS_CLOCK: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
@@ -45,6 +47,14 @@ struct Anchor {
     ns: u64,
 }
 
+impl Anchor {
+    /// Both clocks, unless it was interrupted between the two.
+    fn now() -> Option<Self> {
+        let now = Self { ticks: ticks(), ns: monotonic_ns() };
+        (ticks().wrapping_sub(now.ticks) <= TOGETHER_TICKS).then_some(now)
+    }
+}
+
 impl Clock {
     /// One that finds out by itself whether the counter can be used; that takes less than a millisecond.
     #[must_use]
@@ -52,8 +62,7 @@ impl Clock {
         let usable =
             cfg!(target_arch = "x86_64") && fs::read_to_string(KERNELS_CLOCK).is_ok_and(|name| name.trim() == "tsc");
         let mut clock = Self { anchor: None, rate: 0, reach: 0 };
-        if usable {
-            let first = Anchor { ticks: ticks(), ns: monotonic_ns() };
+        if usable && let Some(first) = (0..ATTEMPTS).find_map(|_| Anchor::now()) {
             thread::sleep(Duration::from_nanos(BASELINE_NS));
             clock.renew(first);
             clock.anchor = clock.anchor.or(Some(first));
@@ -89,10 +98,7 @@ impl Clock {
     /// Asks the kernel, and learns the rate from what has passed since it was asked last.
     #[cold]
     fn renew(&mut self, last: Anchor) -> u64 {
-        let now = Anchor { ticks: ticks(), ns: monotonic_ns() };
-        if ticks().wrapping_sub(now.ticks) > TOGETHER_TICKS {
-            return now.ns; // interrupted between the two
-        }
+        let Some(now) = Anchor::now() else { return monotonic_ns() };
         let (passed, passed_ns) = (now.ticks.wrapping_sub(last.ticks), now.ns.saturating_sub(last.ns));
         if (BASELINE_NS..1 << (63 - FRACTION)).contains(&passed_ns) {
             let rate = (passed_ns << FRACTION) / passed.max(1);

@@ -188,8 +188,9 @@ fn the_screen_lives_pauses_and_leaves_the_terminal_as_it_was() {
 
     top.press("p");
     let still = received(&top.has("PAUSED"));
-    // Nothing to wait for: it is what does not happen.
-    thread::sleep(Duration::from_millis(700));
+    let sent = || world.imu_status()["received"].as_u64().unwrap();
+    let before = sent();
+    wait_until("samples behind the screen", || sent() > before + 100);
     assert_eq!(received(&top.screen()), still);
     top.press("p");
     top.wait_for("more samples after the pause", |screen| received(screen) > still);

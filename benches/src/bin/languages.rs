@@ -14,7 +14,7 @@
 
 use clap::Parser;
 use isotherm_benches::statistics::{figures, ratios};
-use isotherm_benches::{Outcome, Spin, World, become_child, cores, imu, pin};
+use isotherm_benches::{Outcome, Spin, World, become_child, cores, imu, pin, sample};
 use isotherm_client::{Acquisition, Options, RawSample, domain};
 use serde_json::Value;
 use std::hint::black_box;
@@ -81,16 +81,7 @@ fn acquisition(imu: &str, name: &str) -> Outcome<()> {
 fn round_trip(acquisition: &mut Acquisition) -> Outcome<u64> {
     let sent = Instant::now();
     let mut loan = acquisition.loan()?;
-    *loan = RawSample {
-        session: loan.session,
-        sequence: loan.sequence,
-        interval_ns: 2_500_000,
-        positive_pulses: [140, 0, 150],
-        negative_pulses: [0, 110, 0],
-        head_temperature: [2.4, 2.41, 2.42],
-        board_temperature: [2.5, 2.51, 2.52],
-        ..RawSample::default()
-    };
+    *loan = RawSample { session: loan.session, sequence: loan.sequence, ..sample() };
     acquisition.send(loan)?;
     let mut spin = Spin::default();
     while black_box(acquisition.receive()?).is_none() {

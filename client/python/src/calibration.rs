@@ -7,7 +7,7 @@ use crate::table::Table;
 use isotherm_calibration::calibrate::{Calibration as Figures, Method, Options, calibrate as fit, observable};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::checks::{Finding, Severity};
-use isotherm_calibration::provenance::{Source, provenance};
+use isotherm_calibration::provenance::{Hashed, Source, provenance, sha256};
 use isotherm_calibration::report::calibration::html;
 use isotherm_shared::recording::{CampaignReader, CampaignRow, RecordingError};
 use isotherm_shared::table::CoefficientTable;
@@ -15,9 +15,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::Value;
-use sha2::{Digest as _, Sha256};
 use std::fs::File;
-use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -90,7 +88,7 @@ pub fn calibrate(
         tool: tool(),
         time: python(py, "_files", "now")?.call0()?.extract()?,
         campaign: name,
-        campaign_sha256: hex(&Sha256::digest(text)),
+        campaign_sha256: sha256(text.as_bytes()),
         samples_sha256,
     };
     let text = sealed(&campaign, &figures, &source).map_err(CalibrationError::new_err)?;
@@ -98,9 +96,9 @@ pub fn calibrate(
 }
 
 fn of_file(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), RecordingError> {
-    let mut hashed = Hashed { source: File::open(path)?, hash: Sha256::new() };
+    let mut hashed = Hashed::new(File::open(path)?);
     let dwells = read(campaign, CampaignReader::new(&mut hashed)?)?;
-    Ok((dwells, hex(&hashed.hash.finalize())))
+    Ok((dwells, hashed.finish().1))
 }
 
 /// Rows are counted from 0, as in the array.
@@ -132,25 +130,7 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), Rec
         Ok(CampaignRow { line, set_point_c, position, sample })
     };
     let dwells = read(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
-    Ok((dwells, hex(&Sha256::digest(rows))))
-}
-
-/// A source that is hashed while it is read.
-struct Hashed<R> {
-    source: R,
-    hash: Sha256,
-}
-
-impl<R: Read> Read for Hashed<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = self.source.read(buffer)?;
-        self.hash.update(buffer.get(..count).unwrap_or_default());
-        Ok(count)
-    }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
+    Ok((dwells, sha256(rows)))
 }
 
 fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String) {

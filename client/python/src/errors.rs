@@ -70,6 +70,9 @@ pub fn recording(path: &Path, error: &RecordingError) -> PyErr {
         RecordingError::Data { line, message } => {
             RecordingFault::new_err((format!("{}:{line}: {message}", path.display()), *line))
         }
+        RecordingError::Place { place, message } => {
+            RecordingFault::new_err((format!("{}: {place}: {message}", path.display()), None::<u64>))
+        }
         RecordingError::Io(error) => file(path, error),
     }
 }

@@ -3,8 +3,8 @@
 use super::plan::Plan;
 use crate::cli::calibrate::tool;
 use crate::failure::{Exit, Failure};
+use isotherm_calibration::provenance::sha256;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -290,7 +290,7 @@ fn intact(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
         file.seek(SeekFrom::Start(unit.from)).map_err(failed)?;
         buffer.clear();
         file.take(unit.to.saturating_sub(unit.from)).read_to_end(&mut buffer).map_err(failed)?;
-        if hex(&Sha256::digest(&buffer)) != unit.sha256 {
+        if sha256(&buffer) != unit.sha256 {
             let message = format!(
                 "{}: the bytes {} to {} ({}) are not those that were taken; restore the file, or begin anew in another folder",
                 path.display(),
@@ -302,11 +302,6 @@ fn intact(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
         }
     }
     Ok(())
-}
-
-/// As hexadecimal digits.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
 }
 
 #[cfg(test)]

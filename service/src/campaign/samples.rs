@@ -6,15 +6,15 @@
 //! took the least time from its end to its sending maps one clock onto the other. One that took longer makes no difference, so that a
 //! sample that comes late is not taken for one that was taken late.
 
-use super::journal::{Kept, hex};
+use super::journal::Kept;
 use super::machine::Place;
 use super::plan::{Plan, SAMPLES};
 use crate::failure::Failure;
+use isotherm_calibration::provenance::Hashed;
 use isotherm_client::{Options, RawReader, monotonic_ns};
 use isotherm_shared::recording::RawWriter;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
-use sha2::{Digest as _, Sha256};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write};
 use std::path::Path;
@@ -163,6 +163,9 @@ pub struct Recorder<'p> {
     open: Option<Unit>,
 }
 
+/// Bytes on their way to a file.
+type Sink = Hashed<BufWriter<File>>;
+
 /// The unit in progress.
 struct Unit {
     place: Place,
@@ -170,7 +173,7 @@ struct Unit {
     since: f64,
     /// Where it begins in its file.
     from: u64,
-    sink: RawWriter<Hashed>,
+    sink: RawWriter<Sink>,
     row: Option<Row>,
     rows: u64,
     ns: u64,
@@ -179,26 +182,6 @@ struct Unit {
     gaps: u64,
     left_out: u64,
     spoiled: Option<String>,
-}
-
-/// Bytes on their way to a file.
-struct Hashed {
-    file: BufWriter<File>,
-    length: u64,
-    hash: Sha256,
-}
-
-impl Write for Hashed {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let count = self.file.write(bytes)?;
-        self.hash.update(bytes.get(..count).unwrap_or_default());
-        self.length += count as u64;
-        Ok(count)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
 }
 
 impl<'p> Recorder<'p> {
@@ -370,13 +353,13 @@ impl<'p> Recorder<'p> {
         Ok(())
     }
 
-    fn sink(&self, place: Place, name: &str, kept: u64) -> io::Result<RawWriter<Hashed>> {
+    fn sink(&self, place: Place, name: &str, kept: u64) -> io::Result<RawWriter<Sink>> {
         let path = self.plan.output.join(name);
         let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
         // Nothing but what the journal lists stays.
         file.set_len(kept)?;
         file.seek(SeekFrom::Start(kept))?;
-        let sink = Hashed { file: BufWriter::new(file), length: 0, hash: Sha256::new() };
+        let sink = Hashed::new(BufWriter::new(file));
         let leading = if matches!(place, Place::Dwell { .. }) { "set_point_c,position,session" } else { "session" };
         if kept == 0 { RawWriter::new(sink, leading, true) } else { Ok(RawWriter::resume(sink, true, true)) }
     }
@@ -402,7 +385,9 @@ impl<'p> Recorder<'p> {
         let file = file_of(unit.place);
         let failed = |error: io::Error| Failure::io("writing", &self.plan.output.join(&file), &error);
         let sink = unit.sink.finish().map_err(failed)?;
-        sink.file.get_ref().sync_data().map_err(failed)?;
+        let (sink, sha256) = sink.finish();
+        sink.get_ref().sync_data().map_err(failed)?;
+        let to = sink.get_ref().metadata().map_err(failed)?.len();
         if unit.from == 0 {
             // The file's name is the folder's to keep.
             File::open(&self.plan.output).and_then(|folder| folder.sync_all()).map_err(failed)?;
@@ -414,8 +399,8 @@ impl<'p> Recorder<'p> {
             unit: number,
             name: unit.place.name(self.plan),
             from: unit.from,
-            to: unit.from + sink.length,
-            sha256: hex(&sink.hash.finalize()),
+            to,
+            sha256,
             rows: unit.rows,
             seconds: unit.ns as f64 / 1e9,
             end_ns: unit.end_ns,

@@ -62,26 +62,28 @@ impl Ledger {
         &self.tallies[stream as usize]
     }
 
-    /// Counts what is missing at the ends of sessions too, which the other stream gives away. To be called at the end, if both were
-    /// recorded.
+    /// Counts what is missing at the beginnings and ends of sessions too, which the other stream gives away. To be called at the end, if
+    /// both were recorded.
     pub fn settle(&mut self) {
+        // What was on its way when the recording began or ended is not missing.
+        let mut before = RAW_DEPTH as u64;
         while let Some((_, ends)) = self.ends.pop_front() {
-            // What was on its way when the recording ended is not missing.
-            let in_flight = if self.ends.is_empty() { RAW_DEPTH as u64 } else { 0 };
-            self.compare(ends, in_flight);
+            self.compare(ends, before, if self.ends.is_empty() { RAW_DEPTH as u64 } else { 0 });
+            before = 0;
         }
     }
 
-    fn compare(&mut self, ends: Ends, in_flight: u64) {
+    fn compare(&mut self, ends: Ends, before: u64, behind: u64) {
+        let over = |missing: u64, in_flight| if missing > in_flight { missing } else { 0 };
         for (stream, other) in [(0, 1), (1, 0)] {
             let Some((first, last)) = ends[other] else { continue };
             let missing = match ends[stream] {
-                Some((_, own)) => last.saturating_sub(own),
-                None => (last - first).saturating_add(1),
+                Some((own_first, own_last)) => {
+                    over(own_first.saturating_sub(first), before) + over(last.saturating_sub(own_last), behind)
+                }
+                None => over((last - first).saturating_add(1), before.max(behind)),
             };
-            if missing > in_flight {
-                self.tallies[stream].missing = self.tallies[stream].missing.saturating_add(missing);
-            }
+            self.tallies[stream].missing = self.tallies[stream].missing.saturating_add(missing);
         }
     }
 
@@ -136,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_stream_lost_at_the_end_the_other_tells() {
+    fn what_one_stream_lost_at_an_end_the_other_tells() {
         let mut ledger = Ledger::default();
         take_all(&mut ledger, Raw, 1, 0..10);
         take_all(&mut ledger, Increment, 1, 5..30);
@@ -152,6 +154,16 @@ mod tests {
             take_all(&mut ledger, Increment, 1, 0..=answered);
             ledger.settle();
             assert_eq!(ledger.tally(Increment).missing, missing);
+        }
+        // On the way at the beginning, or found too late; a later session has no such excuse.
+        for (found, missing) in [(64, 0), (65, 65)] {
+            let mut ledger = Ledger::default();
+            take_all(&mut ledger, Raw, 1, 0..=100);
+            take_all(&mut ledger, Increment, 1, found..=100);
+            take_all(&mut ledger, Raw, 2, 0..=100);
+            take_all(&mut ledger, Increment, 2, 3..=100);
+            ledger.settle();
+            assert_eq!(ledger.tally(Increment).missing, missing + 3);
         }
     }
 

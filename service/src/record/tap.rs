@@ -1,11 +1,12 @@
 //! Takes the streams' copies out of shared memory, in a thread that does nothing else.
 
 use super::columns::{Row, Sample, Stream};
-use isotherm_client::{ConnectError, ImuId, IncrementReader, Options, RawReader};
+use isotherm_client::{ConnectError, ImuId, IncrementReader, Options, RawReader, Realtime};
 use isotherm_shared::stream::INCREMENT_DEPTH;
 use rtrb::{Consumer, Producer, RingBuffer};
+use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -53,23 +54,34 @@ enum Reader {
 }
 
 impl Tap {
-    /// Begins to tap `streams`: places in the list `imus`, and which of their streams.
+    /// Begins to tap `streams`: places in the list `imus`, and which of their streams; in a thread with these settings.
     ///
     /// # Errors
-    /// If the operating system gives no thread.
-    pub fn start(imus: &[ImuId], streams: &[(usize, Stream)], options: &Options) -> std::io::Result<Self> {
+    /// If the operating system gives no thread, or no such one.
+    pub fn start(
+        imus: &[ImuId],
+        streams: &[(usize, Stream)],
+        options: &Options,
+        realtime: Realtime,
+    ) -> io::Result<Self> {
         let (producer, rows) = RingBuffer::new(QUEUE * imus.len());
         let shared = Arc::<Shared>::default();
         let (imus, streams, options) = (imus.to_vec(), streams.to_vec(), options.clone());
         let both = Arc::clone(&shared);
+        let (applied, result) = mpsc::channel();
         // Readers stay in the thread that made them.
         let thread = thread::Builder::new().name("tap".to_owned()).spawn(move || {
+            // Nobody listens only if nobody is there any more.
+            let _ = applied.send(realtime.apply());
             let readers = streams.iter().map(|&(imu, stream)| match stream {
                 Stream::Raw => (imu, Reader::Raw(RawReader::new(imus[imu].clone(), &options))),
                 Stream::Increment => (imu, Reader::Increment(IncrementReader::new(imus[imu].clone(), &options))),
             });
             drain(readers.collect(), producer, &both)
         })?;
+        if let Ok(Err(error)) = result.recv() {
+            return Err(io::Error::other(error));
+        }
         Ok(Self { rows, shared, thread })
     }
 

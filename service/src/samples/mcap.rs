@@ -37,7 +37,6 @@ pub struct McapSamples {
     messages: u64,
     finished: bool,
     cut: bool,
-    ended: bool,
 }
 
 /// What a record means to us.
@@ -73,7 +72,6 @@ impl McapSamples {
             messages: 0,
             finished: false,
             cut: false,
-            ended: false,
         }
     }
 
@@ -87,7 +85,7 @@ impl McapSamples {
         Some(format!("the recording was not ended properly: {what}; everything before has been read"))
     }
 
-    fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
+    pub fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
         loop {
             match self.step()? {
                 Step::Sample(sample) => {
@@ -231,18 +229,5 @@ fn decode(message: &[u8]) -> Result<RawSample, String> {
         None if whole => Ok(sample),
         None => Err("a message that is no protobuf".to_owned()),
         Some(name) => Err(format!("{name} is not of its type, or does not fit into 32 bits")),
-    }
-}
-
-impl Iterator for McapSamples {
-    type Item = Result<RawSample, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.ended {
-            return None;
-        }
-        let item = self.read().transpose();
-        self.ended = !matches!(item, Some(Ok(_)));
-        item
     }
 }

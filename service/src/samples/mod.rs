@@ -36,6 +36,7 @@ pub enum Pick<'a> {
 pub struct Samples {
     path: PathBuf,
     source: Source,
+    ended: bool,
 }
 
 enum Source {
@@ -68,7 +69,7 @@ impl Samples {
             let source: Box<dyn Read> = Box::new(bar.wrap_read(Cursor::new(head).chain(source)));
             Source::Csv(Box::new(RawReader::new(source).map_err(failed)?))
         };
-        Ok(Self { path: path.to_owned(), source })
+        Ok(Self { path: path.to_owned(), source, ended: false })
     }
 
     #[cfg(feature = "record")]
@@ -102,17 +103,21 @@ impl Iterator for Samples {
     type Item = Result<RawSample, Failure>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
         let (item, cut) = match &mut self.source {
             Source::Csv(reader) => (reader.next(), reader.cut()),
             #[cfg(feature = "record")]
-            Source::Mcap(reader) => (reader.next(), reader.cut()),
+            Source::Mcap(reader) => (reader.read().transpose(), reader.cut()),
             #[cfg(feature = "record")]
             Source::Parquet(reader, bar) => {
-                let item = reader.next();
+                let item = reader.read().transpose();
                 bar.set_position(reader.bytes_read());
                 (item, None)
             }
         };
+        self.ended = !matches!(item, Some(Ok(_)));
         if let (None, Some(cut), false) = (&item, cut, cfg!(test)) {
             let _ = writeln!(io::stderr(), "isotherm: warning: {}: {cut}", self.path.display());
         }

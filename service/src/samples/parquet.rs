@@ -34,7 +34,6 @@ pub struct ParquetSamples {
     next: usize,
     row: u64,
     rising: Rising,
-    ended: bool,
 }
 
 /// A column that is read.
@@ -95,7 +94,7 @@ impl ParquetSamples {
         let batch = columns.iter().map(|_| Vec::new()).collect();
         let rows = u64::try_from(metadata.num_rows()).unwrap_or(0);
         let (open, rising) = (Vec::new(), Rising::default());
-        Ok(Self { file, size, reader, rows, columns, group: 0, open, batch, next: 0, row: 0, rising, ended: false })
+        Ok(Self { file, size, reader, rows, columns, group: 0, open, batch, next: 0, row: 0, rising })
     }
 
     /// Bytes read, about.
@@ -104,7 +103,7 @@ impl ParquetSamples {
         (self.size as f64 * done) as u64
     }
 
-    fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
+    pub fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
         while self.next == self.batch[0].len() {
             if !self.decode()? {
                 return Ok(None);
@@ -238,17 +237,4 @@ fn batch<T: DataType>(
 /// Programs write NaN as no value.
 fn missing<T: DataType>() -> Option<u64> {
     (T::get_physical_type() == Physical::DOUBLE).then(|| f64::NAN.to_bits())
-}
-
-impl Iterator for ParquetSamples {
-    type Item = Result<RawSample, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.ended {
-            return None;
-        }
-        let item = self.read().transpose();
-        self.ended = !matches!(item, Some(Ok(_)));
-        item
-    }
 }

@@ -1,4 +1,5 @@
 //! What the recorder writes is what the reader reads, in every format; and what is not so is an error.
+#![allow(clippy::unwrap_used, reason = "helpers of tests, in which the panic is the report")]
 
 use super::{Pick, Samples};
 use crate::failure::{Exit, Failure};

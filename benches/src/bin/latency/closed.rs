@@ -6,9 +6,9 @@
 
 use crate::Effort;
 use crate::floor::Floor;
-use crate::paths::{Bare, InProcess, Isotherm, Path, Socket, sample};
+use crate::paths::{Bare, InProcess, Isotherm, Path, Socket};
 use isotherm_benches::statistics::{figures, ratios};
-use isotherm_benches::{IMU, Outcome, Partner, World, cores, pin, preemptions, stolen};
+use isotherm_benches::{IMU, Outcome, Partner, World, cores, pin, preemptions, sample, stolen};
 use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Map, Value, json};
 use std::hint::black_box;

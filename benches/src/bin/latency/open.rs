@@ -1,8 +1,7 @@
 //! Samples sent by the clock: the schedule does not wait for answers, so that a slow answer is not left out by sending less.
 
-use crate::paths::sample;
 use isotherm_benches::statistics::figures;
-use isotherm_benches::{Outcome, PATIENCE};
+use isotherm_benches::{Outcome, PATIENCE, sample};
 use isotherm_client::{Acquisition, RawSample, monotonic_ns};
 use serde_json::{Map, Value};
 use std::collections::VecDeque;

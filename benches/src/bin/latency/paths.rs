@@ -24,18 +24,6 @@ pub trait Path {
     fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement>;
 }
 
-/// The sample that is sent, an IMU at rest.
-pub fn sample() -> RawSample {
-    RawSample {
-        interval_ns: 2_500_000,
-        positive_pulses: [140, 0, 150],
-        negative_pulses: [0, 110, 0],
-        head_temperature: [2.4, 2.41, 2.42],
-        board_temperature: [2.5, 2.51, 2.52],
-        ..RawSample::default()
-    }
-}
-
 /// The client library, waiting for the answer by spinning.
 pub struct Isotherm(pub Acquisition);
 
@@ -314,7 +302,14 @@ mod tests {
 
     #[test]
     fn the_socket_carries_the_payloads_unchanged() {
-        let raw = RawSample { session: 1, sequence: 2, timestamp_ns: 3, sent_ns: 5, telemetry_ns: 6, ..sample() };
+        let raw = RawSample {
+            session: 1,
+            sequence: 2,
+            timestamp_ns: 3,
+            sent_ns: 5,
+            telemetry_ns: 6,
+            ..isotherm_benches::sample()
+        };
         assert_eq!(raw_of(&raw_bytes(&raw)), raw);
         let increment = InProcess::new().unwrap().round_trip(&raw).unwrap();
         let increment = CompensatedIncrement { flags: 7, latency_ns: 8, ..increment };

@@ -5,9 +5,11 @@ use crate::open::{self, Schedule};
 
 use isotherm_benches::statistics::{figures, pooled_ratio};
 use isotherm_benches::{Outcome, PATIENCE, Partner, World, imu};
-use isotherm_client::Acquisition;
+use isotherm_client::{Acquisition, Realtime};
 use serde_json::{Map, Value, json};
 use std::fs;
+use std::sync::mpsc;
+use std::thread;
 use std::time::{Duration, Instant};
 
 const IMUS: usize = 4;
@@ -16,6 +18,8 @@ const PERIOD: Duration = Duration::from_micros(100);
 const WARM_UP: usize = 2_000;
 /// Blocks with each of these follow each other: no recorder, then one a format.
 const STATES: [&str; 4] = ["none", "csv", "parquet", "mcap"];
+/// `SCHED_FIFO` priorities, where they may be had: the service before its client before the recorder.
+const PRIORITIES: (i32, i32, &str) = (50, 49, "48");
 /// Ticks of processor time in a second.
 const TICKS: f64 = 100.0;
 
@@ -32,7 +36,45 @@ struct Recorded {
 
 pub fn measure(effort: Effort) -> Outcome<Value> {
     let world = World::new()?;
-    let _service = world.serve_many(IMUS, 1, "")?;
+    // Whether a thread of this process may have a priority is found out in one of its own: it stays.
+    let realtime = thread::spawn(|| priority(PRIORITIES.0).apply().is_ok()).join().unwrap_or(false);
+    let settings = if realtime { format!("[realtime]\npriority = {}\n", PRIORITIES.0) } else { String::new() };
+    let _service = world.serve_many(IMUS, 1, &settings)?;
+    thread::scope(|scope| {
+        // Recorders are started by a thread without a priority, or they would inherit it.
+        let (ask, asked) = mpsc::channel::<&str>();
+        let (give, given) = mpsc::channel();
+        let starting = &world;
+        scope.spawn(move || {
+            for format in asked {
+                let _ = give.send(start(starting, format, realtime).map_err(|error| error.to_string()));
+            }
+        });
+        let start = move |format| -> Outcome<Partner> {
+            ask.send(format)?;
+            Ok(given.recv()??)
+        };
+        // In a thread of its own, since real-time settings are a thread's and stay.
+        let sending =
+            scope.spawn(move || alternate(effort, starting, realtime, start).map_err(|error| error.to_string()));
+        let result = sending.join().map_err(|_| "the bench panicked")?;
+        Ok(result?)
+    })
+}
+
+fn priority(number: i32) -> Realtime {
+    Realtime { priority: Some(number), ..Realtime::default() }
+}
+
+fn alternate(
+    effort: Effort,
+    world: &World,
+    realtime: bool,
+    start: impl Fn(&'static str) -> Outcome<Partner>,
+) -> Outcome<Value> {
+    if realtime {
+        priority(PRIORITIES.1).apply()?;
+    }
     let connect = |index| -> Outcome<Acquisition> { Ok(Acquisition::connect(&imu(index).parse()?, &world.options())?) };
     let mut acquisitions = (0..IMUS).map(connect).collect::<Outcome<Vec<_>>>()?;
     let schedule = Schedule { period: PERIOD, warm_up: WARM_UP, count: effort.of(2_000, 20_000), spin: false };
@@ -43,14 +85,14 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
             for acquisition in &mut acquisitions {
                 acquisition.begin_session()?;
             }
-            let recorder = if index == 0 { None } else { Some(start(&world, state)?) };
+            let recorder = if index == 0 { None } else { Some(start(state)?) };
             let started = Instant::now();
             sent[index].push(open::run(&mut acquisitions, schedule, || ())?.sent);
             if let Some(recorder) = recorder {
                 let total = &mut recorded[index];
                 total.seconds += started.elapsed().as_secs_f64();
                 total.sent += ((schedule.warm_up + schedule.count) * IMUS * 2) as u64;
-                end(&world, recorder, total)?;
+                end(world, recorder, total)?;
             }
         }
     }
@@ -70,7 +112,7 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
         }
         document.insert((*state).to_owned(), entry);
     }
-    Ok(json!({"record": document, "imus": IMUS, "rate_hz": 1e9 / PERIOD.as_nanos() as f64}))
+    Ok(json!({"record": document, "imus": IMUS, "rate_hz": 1e9 / PERIOD.as_nanos() as f64, "real_time": realtime}))
 }
 
 /// For people.
@@ -78,7 +120,10 @@ pub fn print(document: &Value) {
     let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
     let ratio =
         |value: &Value| format!("{} ({} {})", number(&value["ratio"]), number(&value["low"]), number(&value["high"]));
-    println!("Recording {} IMUs at {} Hz each, raw samples and increments", document["imus"], document["rate_hz"]);
+    println!(
+        "Recording {} IMUs at {} Hz each, raw samples and increments, real-time priorities: {}",
+        document["imus"], document["rate_hz"], document["real_time"]
+    );
     println!(
         "{:<8} {:>10} {:>8} {:>11} {:>10}   round trip with/without recorder: {:<18} {:<18} p99.9",
         "format", "rows", "lost", "bytes/row", "% of core", "p50", "p99"
@@ -107,13 +152,16 @@ pub fn print(document: &Value) {
 }
 
 /// A recorder of all IMUs that has found their streams.
-fn start(world: &World, format: &str) -> Outcome<Partner> {
+fn start(world: &World, format: &str, realtime: bool) -> Outcome<Partner> {
     fs::create_dir_all(world.path("recorded"))?;
     fs::write(world.path("log"), "")?;
     let name = if format == "mcap" { "recorded/all.mcap".to_owned() } else { format!("recorded/{{imu}}.{format}") };
     let ids: Vec<_> = (0..IMUS).map(imu).collect();
     let mut words = vec!["record", "-o", &name];
     ids.iter().for_each(|id| words.extend(["--imu", id]));
+    if realtime {
+        words.extend(["--priority", PRIORITIES.2]);
+    }
     let recorder = world.spawn(&words)?;
     wait(world, "the recorder finds no streams", |log| {
         ids.iter().all(|id| log.contains(&format!("recording {id}\n")))
@@ -151,7 +199,7 @@ fn wait(world: &World, trouble: &str, condition: impl Fn(&str) -> bool) -> Outco
         if Instant::now() > deadline {
             return Err(format!("{trouble}:\n{}", world.log()).into());
         }
-        std::thread::sleep(Duration::from_millis(10));
+        thread::sleep(Duration::from_millis(10));
     }
     Ok(())
 }

@@ -2,9 +2,9 @@
 
 use crate::Effort;
 use crate::open::{self, Schedule};
-use crate::paths::{Isotherm, Path as _, sample};
+use crate::paths::{Isotherm, Path as _};
 use isotherm_benches::statistics::figures;
-use isotherm_benches::{Outcome, World, cores, imu, pin, worker_time};
+use isotherm_benches::{Outcome, World, cores, imu, pin, sample, worker_time};
 use isotherm_client::Acquisition;
 use serde_json::{Map, Value, json};
 use std::hint::black_box;

@@ -1,9 +1,9 @@
 //! Many samples in flight: how many a second, and what one costs, beside a bare iceoryx2 pair used alike.
 
 use crate::Effort;
-use crate::paths::{Bare, sample};
+use crate::paths::Bare;
 use isotherm_benches::statistics::median;
-use isotherm_benches::{IMU, Outcome, Spin, World, cores, pin};
+use isotherm_benches::{IMU, Outcome, Spin, World, cores, pin, sample};
 use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Value, json};
 use std::time::Instant;

@@ -8,13 +8,12 @@ use isotherm_calibration::calibrate::{
 };
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::checks::{Finding, Severity};
-use isotherm_calibration::provenance::{Source, provenance};
+use isotherm_calibration::provenance::{Hashed, Source, provenance, sha256};
 use isotherm_calibration::report::calibration::html;
 use isotherm_shared::recording::CampaignReader;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
-use sha2::{Digest as _, Sha256};
 use std::fmt::Write as _;
-use std::io::{self, Read, Write as _};
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -121,7 +120,7 @@ impl Calibrate {
             tool: tool(),
             time: now(),
             campaign: self.campaign.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-            campaign_sha256: hex(&Sha256::digest(&text)),
+            campaign_sha256: sha256(text.as_bytes()),
             samples_sha256,
         };
         let sealed = sealed(&campaign, &calibration, &source)?;
@@ -159,7 +158,7 @@ pub fn now() -> String {
 fn read_samples(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), Failure> {
     let source = open_recording(path).map_err(|error| Failure::io("opening the samples", path, &error))?;
     let bar = bytes_bar(path, "reading");
-    let mut hashed = Hashed { source: bar.wrap_read(source), hash: Sha256::new() };
+    let mut hashed = Hashed::new(bar.wrap_read(source));
     let failed = |error| Failure::recording(path, &error);
     let dwells = CampaignReader::new(&mut hashed).and_then(|rows| read(campaign, rows));
     bar.finish_and_clear();
@@ -167,7 +166,7 @@ fn read_samples(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String)
     if dwells.is_empty() {
         return Err(Failure::new(Exit::Data, format!("{}: no rows; a campaign needs dwells", path.display())));
     }
-    Ok((dwells, hex(&hashed.hash.finalize())))
+    Ok((dwells, hashed.finish().1))
 }
 
 /// A progress bar over the bytes of a file; on stderr, and only if that is a terminal.
@@ -186,24 +185,6 @@ pub fn spinner(what: &'static str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10)).with_message(what);
     bar.enable_steady_tick(Duration::from_millis(100));
     bar
-}
-
-/// A source that is hashed while it is read.
-struct Hashed<R> {
-    source: R,
-    hash: Sha256,
-}
-
-impl<R: Read> Read for Hashed<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = self.source.read(buffer)?;
-        self.hash.update(buffer.get(..count).unwrap_or_default());
-        Ok(count)
-    }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
 }
 
 fn located(samples: &Path, finding: &Finding) -> String {

@@ -1,11 +1,12 @@
 use super::{options, seconds};
+use crate::config::MAX_IMUS;
 use crate::failure::{Exit, Failure};
 use crate::record::columns::{Row, Stream};
 use crate::record::files::{FileError, Files, Format, IMU, Rotation};
 use crate::record::tally::{Ledger, Tally};
 use crate::record::tap::Tap;
 use clap::Args;
-use isotherm_client::{Domain, ImuId};
+use isotherm_client::{Domain, ImuId, Realtime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -18,8 +19,6 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(5);
 /// Rows between two looks at the clock.
 const BATCH: usize = 1024;
-/// As many as a service has.
-const MAX_IMUS: usize = 32;
 /// How often it is looked whether there is something to tell.
 const LOOK: Duration = Duration::from_millis(500);
 /// Losses that go on are told this often.
@@ -60,6 +59,9 @@ pub struct Record {
     /// End this long after the first row [s]
     #[arg(long, value_name = "S", value_parser = seconds)]
     duration: Option<Duration>,
+    /// Real-time priority (SCHED_FIFO, 1 to 99) of the thread that takes the samples, which sleeps most of the time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=99))]
+    priority: Option<i32>,
 }
 
 impl Record {
@@ -71,8 +73,12 @@ impl Record {
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
         let name = domain.name().to_owned();
-        let tap = Tap::start(&self.imus, &streams, &options(domain, Duration::ZERO));
-        let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
+        let realtime = Realtime { priority: self.priority, ..Realtime::default() };
+        let tap = Tap::start(&self.imus, &streams, &options(domain, Duration::ZERO), realtime);
+        let tap = tap.map_err(|error| {
+            remove(&files);
+            Failure::new(Exit::Failed, format!("starting the thread that takes the samples: {error}"))
+        })?;
         let now = Instant::now();
         let mut recorder = Recorder {
             ledgers: vec![Ledger::default(); self.imus.len()],
@@ -141,7 +147,7 @@ impl Record {
                 Ok(made) => files.push(made),
                 Err(error) => {
                     // All or none.
-                    files.iter().flat_map(Files::paths_now).for_each(|path| drop(std::fs::remove_file(path)));
+                    remove(&files);
                     return Err(refused(&error));
                 }
             }
@@ -152,6 +158,11 @@ impl Record {
 
 /// Places in the list of IMUs, and which of their streams.
 type Streams = Vec<(usize, Stream)>;
+
+/// Takes files away in which nothing is.
+fn remove(files: &[Files]) {
+    files.iter().flat_map(Files::paths_now).for_each(|path| drop(std::fs::remove_file(path)));
+}
 
 fn refused(FileError(path, error): &FileError) -> Failure {
     if error.kind() == io::ErrorKind::AlreadyExists {
