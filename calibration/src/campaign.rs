@@ -190,12 +190,17 @@ pub struct Sums {
     pub negative: [f64; AXES],
     head: [f64; AXES],
     board: [f64; AXES],
+    /// Age of the telemetry in the middle of its row, where it is known, times the row's seconds.
+    age: f64,
 }
 
 impl Sums {
     fn add(&mut self, sample: &RawSample) {
         let seconds = sample.interval_ns as f64 / 1e9;
         self.seconds += seconds;
+        if sample.telemetry_ns > 0 {
+            self.age += seconds * (sample.timestamp_ns as f64 / 1e9 - 0.5 * seconds - sample.telemetry_ns as f64 / 1e9);
+        }
         for axis in 0..AXES {
             self.positive[axis] += f64::from(sample.positive_pulses[axis]);
             self.negative[axis] += f64::from(sample.negative_pulses[axis]);
@@ -206,6 +211,7 @@ impl Sums {
 
     fn merge(&mut self, other: &Self) {
         self.seconds += other.seconds;
+        self.age += other.age;
         for axis in 0..AXES {
             self.positive[axis] += other.positive[axis];
             self.negative[axis] += other.negative[axis];
@@ -337,6 +343,42 @@ impl Dwell {
         });
         self.blocks = merged.collect();
         self.block_length *= 2.0;
+    }
+
+    /// Mean telemetry of the sensor head, in the middle of the time counted.
+    #[must_use]
+    pub fn head(&self, axis: usize) -> f64 {
+        self.sums.head(axis) + self.head_per_s(axis) * self.age_s()
+    }
+
+    /// Mean telemetry of the converter board, in the middle of the time counted.
+    #[must_use]
+    pub fn board(&self, axis: usize) -> f64 {
+        self.sums.board(axis) + self.per_s(|sums| sums.board(axis)) * self.age_s()
+    }
+
+    /// Drift of the head's telemetry, in its unit per second; 0 where there is nothing to tell it from.
+    #[must_use]
+    pub fn head_per_s(&self, axis: usize) -> f64 {
+        self.per_s(|sums| sums.head(axis))
+    }
+
+    /// Second half less first half.
+    fn per_s(&self, telemetry: impl Fn(&Sums) -> f64) -> f64 {
+        let (first, second) = self.blocks.split_at(self.blocks.len() / 2);
+        if first.is_empty() {
+            return 0.0;
+        }
+        let mean =
+            |blocks: &[Block]| blocks.iter().map(|block| telemetry(&block.sums)).sum::<f64>() / blocks.len() as f64;
+        (mean(second) - mean(first)) / (0.5 * self.sums.seconds)
+    }
+
+    /// How long before the middle of the time counted the telemetry was read, on average. Its drift within the dwell says nothing
+    /// about an age longer than the dwell.
+    fn age_s(&self) -> f64 {
+        let age_s = self.sums.age / self.sums.seconds;
+        if age_s.abs() <= self.sums.seconds { age_s } else { 0.0 }
     }
 
     /// Lowest and highest telemetry of the head.

@@ -256,7 +256,7 @@ impl<'a> Model<'a> {
         let (force, by_tilt) = self.force(dwell);
         let others = [(axis + 1) % AXES, (axis + 2) % AXES];
         let misalignment = [0, 1].map(|k| self.unknown[self.misalignments[axis] + k]);
-        let telemetry = [dwell.sums.head(axis), dwell.sums.board(axis), dwell.sums.board(axis)];
+        let telemetry = [dwell.head(axis), dwell.board(axis), dwell.board(axis)];
         let rates = dwell.sums.rates(axis);
         let powers = [0, 1, 2].map(|quantity| self.curves[axis][quantity].powers(telemetry[quantity]));
         let [a, k_plus, k_minus] = [0, 1, 2].map(|quantity| self.value(axis, quantity, powers[quantity].as_slice()));
@@ -458,7 +458,7 @@ fn local_correction(
         .dwells
         .iter()
         .map(|&d| {
-            let (board, rates) = (dwells[d].sums.board(axis), dwells[d].sums.rates(axis));
+            let (board, rates) = (dwells[d].board(axis), dwells[d].sums.rates(axis));
             let (force, _) = campaign.force(dwells[d].position, solution.tilt);
             let by = |channel: usize| -rates[channel] * size / curves[channel + 1].at(board).powi(2);
             [-1.0, by(0), by(1), -force[(axis + 1) % AXES], -force[(axis + 2) % AXES]]

@@ -70,7 +70,7 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<
     let effective = |j: usize, telemetry: &dyn Fn(&Dwell) -> f64| -> f64 {
         dwells.iter().enumerate().map(|(i, dwell)| pseudo[(j, i)] * matrix[(i, j)] * telemetry(dwell)).sum()
     };
-    let board = |dwell: &Dwell| dwell.sums.board(axis);
+    let board = |dwell: &Dwell| dwell.board(axis);
     Some(Reduced {
         values: [solution[0], k_plus, k_minus, solution[3], solution[4]],
         standard_errors: [
@@ -80,7 +80,7 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<
             error(3),
             error(4),
         ],
-        telemetry: [effective(0, &|dwell| dwell.sums.head(axis)), effective(1, &board), effective(2, &board)],
+        telemetry: [effective(0, &|dwell| dwell.head(axis)), effective(1, &board), effective(2, &board)],
         residual_sd,
     })
 }

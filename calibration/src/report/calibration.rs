@@ -166,7 +166,7 @@ impl Report<'_> {
         };
         page.figures(&by(&|_, dwell| hours(dwell), "residuals over time", "Time / h"));
         let label = format!("dU/dt of the head / ({} per h)", self.unit());
-        page.figures(&by(&|axis, dwell| rate(dwell, axis), "residuals against drift", &label));
+        page.figures(&by(&|axis, dwell| dwell.head_per_s(axis) * 3600.0, "residuals against drift", &label));
         page.paragraph(
             "A trend against dU/dt would mean that heads or boards lag behind their telemetry: no polynomial of the telemetry \
              removes that.",
@@ -212,7 +212,7 @@ impl Report<'_> {
             let dwells = self.calibration.dwells.iter().zip(&solution.residuals);
             dwells
                 .map(|(dwell, residual)| {
-                    let (head, board) = (dwell.sums.head(axis), dwell.sums.board(axis));
+                    let (head, board) = (dwell.head(axis), dwell.board(axis));
                     let [n_plus, n_minus] = dwell.sums.rates(axis);
                     let change = n_plus * (1.0 / frozen.1 - 1.0 / plus.at(board))
                         + n_minus * (1.0 / frozen.2 - 1.0 / minus.at(board))
@@ -223,7 +223,7 @@ impl Report<'_> {
         };
         let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
         let hours = |dwell: &Dwell, _: usize| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
-        let head = |dwell: &Dwell, axis: usize| dwell.sums.head(axis);
+        let head = |dwell: &Dwell, axis: usize| dwell.head(axis);
         type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell, usize) -> f64);
         let telemetry = self.telemetry(0);
         let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
@@ -381,8 +381,8 @@ impl Report<'_> {
                     Cell::Number(format!("{} to {}", dwell.lines[0], dwell.lines[1])),
                     Cell::Number(dwell.rows.to_string()),
                     Cell::number(dwell.sums.seconds, 1),
-                    Cell::number(dwell.sums.head(0), 5),
-                    Cell::number(rate(dwell, 0), 5),
+                    Cell::number(dwell.head(0), 5),
+                    Cell::number(dwell.head_per_s(0) * 3600.0, 5),
                     Cell::number(residual[0] * 1e6, 2),
                     Cell::number(residual[1] * 1e6, 2),
                     Cell::number(residual[2] * 1e6, 2),
@@ -450,17 +450,4 @@ impl Report<'_> {
 /// Telemetry all over a range, for drawing and averaging.
 fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
     (0..=CURVE).map(move |i| low + (high - low) * i as f64 / CURVE as f64)
-}
-
-/// Drift of the head's telemetry within a dwell, in its unit per hour: second half less first half.
-fn rate(dwell: &Dwell, axis: usize) -> f64 {
-    let half = dwell.blocks.len() / 2;
-    let mean = |blocks: &[crate::campaign::Block]| {
-        blocks.iter().map(|block| block.sums.head(axis)).sum::<f64>() / blocks.len() as f64
-    };
-    if half == 0 {
-        return f64::NAN;
-    }
-    let (first, second) = dwell.blocks.split_at(half);
-    (mean(second) - mean(first)) / (0.5 * dwell.sums.seconds) * 3600.0
 }

@@ -420,12 +420,14 @@ struct Row {
     first: RawSample,
     seconds: f64,
     telemetry: [[f64; 2]; AXES],
+    /// When the telemetry was read, times the interval \[ns2\]; 0 if that is unknown of a sample.
+    read_ns2: u128,
 }
 
 impl Row {
     fn new(first: &RawSample) -> Self {
         let zero = RawSample { interval_ns: 0, positive_pulses: [0; AXES], negative_pulses: [0; AXES], ..*first };
-        Self { sum: zero, count: 0, first: *first, seconds: 0.0, telemetry: [[0.0; 2]; AXES] }.with(first)
+        Self { sum: zero, count: 0, first: *first, seconds: 0.0, telemetry: [[0.0; 2]; AXES], read_ns2: 0 }.with(first)
     }
 
     fn with(mut self, sample: &RawSample) -> Self {
@@ -433,7 +435,9 @@ impl Row {
         self.count += 1;
         self.seconds += seconds;
         self.sum.timestamp_ns = sample.timestamp_ns;
-        self.sum.telemetry_ns = sample.telemetry_ns;
+        let known = sample.telemetry_ns > 0 && (self.count == 1 || self.read_ns2 > 0);
+        self.read_ns2 += u128::from(sample.telemetry_ns) * u128::from(sample.interval_ns);
+        self.read_ns2 *= u128::from(known);
         self.sum.interval_ns += sample.interval_ns;
         for axis in 0..AXES {
             self.sum.positive_pulses[axis] =
@@ -458,7 +462,9 @@ impl Row {
             return self.first;
         }
         let of = |part: usize| [0, 1, 2].map(|axis: usize| self.telemetry[axis][part] / self.seconds);
-        RawSample { head_temperature: of(0), board_temperature: of(1), ..self.sum }
+        // A mean is not over the largest.
+        let telemetry_ns = (self.read_ns2 / u128::from(self.sum.interval_ns)) as u64;
+        RawSample { head_temperature: of(0), board_temperature: of(1), telemetry_ns, ..self.sum }
     }
 }
 

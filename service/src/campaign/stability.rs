@@ -49,8 +49,9 @@ impl Trend {
             self.points.push_back([time / count, sum / count]);
             self.open = [0.0; 3];
         }
-        // Where points are rare the window is longer instead.
-        while self.points.len() > LEAST && self.points.front().is_some_and(|point| time_s - point[0] > self.window_s) {
+        // A point goes when the others fill the window without it: where points are rare it is longer instead.
+        while self.points.len() > LEAST && self.points.get(1).is_some_and(|second| time_s - second[0] >= self.window_s)
+        {
             self.points.pop_front();
         }
     }
@@ -150,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_slope_is_the_slope_however_fast_the_points_come() {
-        for step_s in [0.01, 1.0, 10.0, 100.0] {
+        for step_s in [0.01, 1.0, 10.0, 100.0, 160.0, 250.0] {
             let mut trend = Trend::new(600.0);
             for index in 0..(500.0 / step_s) as u32 {
                 trend.add(f64::from(index) * step_s, 20.0);

@@ -21,6 +21,8 @@ fn sample(clock: &Clock, number: u64, interval_ns: u64) -> RawSample {
         timestamp_ns: 1000 * SECOND + end_ns,
         interval_ns,
         sent_ns: clock.origin_ns + end_ns,
+        // Read when the sample ends.
+        telemetry_ns: 1000 * SECOND + end_ns,
         positive_pulses: [number as u32, 1, 2],
         head_temperature: [number as f64, 1.0, 1.0],
         board_temperature: [2.0; AXES],
@@ -106,6 +108,8 @@ fn samples_are_summed_into_rows_that_calibrate_reads() {
     // Samples 5 to 404, their telemetry averaged.
     assert_eq!(dwells[0].sums.positive[0], (5..405).sum::<u64>() as f64);
     assert!((dwells[0].sums.head(0) - 204.5).abs() < 1e-9);
+    // Read half a sample after the middle of each, while it changes by 1 a sample.
+    assert!((dwells[0].head(0) - 204.0).abs() < 1e-9 && dwells[0].board(0) == 2.0);
 }
 
 #[test]
