@@ -108,6 +108,11 @@ impl Laboratory {
         });
     }
 
+    fn phase(&self) -> String {
+        let status: Value = serde_json::from_slice(&self.file("status.json")).unwrap_or_default();
+        status["phase"].as_str().unwrap_or_default().to_owned()
+    }
+
     fn faults(&self, lines: &str) {
         self.world.replace("station/faults", lines);
     }
@@ -271,13 +276,18 @@ fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
 
 #[test]
 fn an_instrument_that_goes_away_pauses_the_campaign_until_it_is_back() {
-    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
+    // So slow that every way can be interrupted.
+    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("rate_deg_s = 10", "rate_deg_s = 0.5")]);
     let runner = laboratory.spawn();
-    // While it soaks; in a dwell or on the way to one.
-    for (event, count, fault) in
-        [("reached", 1, "port-loss:chamber"), ("kept", 1, "missing:table"), ("kept", 3, "garbled:chamber")]
-    {
-        laboratory.wait_for(event, count);
+    for (count, phase, fault) in [
+        (0, "soak", "port-loss:chamber"),
+        (1, "travel", "missing:table"),
+        (2, "travel", "garbled:chamber"),
+        (3, "travel", "port-loss:table"),
+        (4, "dwell", "garbled:chamber"),
+    ] {
+        laboratory.wait_for("kept", count);
+        wait_long(phase, || laboratory.phase() == phase || laboratory.events("kept").len() > count);
         let pauses = laboratory.events("paused").len();
         laboratory.faults(fault);
         laboratory.wait_for("paused", pauses + 1);

@@ -169,10 +169,11 @@ impl<'p> Station<'p> {
         self.table(|table| table.move_to(angles_deg, motion.rate_deg_s, motion.acceleration_deg_s2))
     }
 
-    /// Stops the table, if that can be done now.
+    /// Stops the table, if that can be done now. It is engaged again when it is connected anew.
     pub fn stop_table(&mut self) {
         // One that does not answer is stopped by the safe state, or found stopped.
         let _ = self.table(|table| table.stop());
+        self.table = None;
     }
 
     /// The safe state: table stopped, chamber in standby or held at ambient. Tries hard, and says what has come of it.
