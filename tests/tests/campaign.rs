@@ -207,6 +207,8 @@ fn from_a_plan_to_an_installed_table() {
     let [bias, scale_factor] = worst(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
     assert!(bias < 1.5 && scale_factor < 4.0, "{bias} ug0, {scale_factor} ppm");
     assert!(text(&laboratory.file("readbacks.csv")).lines().count() > 100);
+    let page = text(&laboratory.file("live.html"));
+    assert!(page.contains("all data are taken") && page.contains("</svg>") && !page.contains("http-equiv=\"refresh\""));
     // Nothing is left to do, and nothing is done to the instruments.
     let before = laboratory.file("campaign.csv");
     succeeded(&laboratory.run(&[]));
@@ -277,7 +279,8 @@ fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
 #[test]
 fn an_instrument_that_goes_away_pauses_the_campaign_until_it_is_back() {
     // So slow that every way can be interrupted.
-    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("rate_deg_s = 10", "rate_deg_s = 0.5")]);
+    let laboratory =
+        Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("rate_deg_s = 10", "rate_deg_s = 0.5")]);
     let runner = laboratory.spawn();
     for (count, phase, fault) in [
         (0, "soak", "port-loss:chamber"),

@@ -65,13 +65,20 @@ pub struct Page {
     /// Level, identifier and title of the headings so far.
     headings: Vec<(u8, String, String)>,
     tables: usize,
+    reload_s: Option<u32>,
 }
 
 impl Page {
     /// An empty document.
     #[must_use]
     pub fn new(title: &str, subtitle: &str) -> Self {
-        Self { title: title.into(), subtitle: subtitle.into(), body: String::new(), headings: Vec::new(), tables: 0 }
+        let [title, subtitle] = [title, subtitle].map(String::from);
+        Self { title, subtitle, body: String::new(), headings: Vec::new(), tables: 0, reload_s: None }
+    }
+
+    /// Has a browser load the document again after so many seconds.
+    pub const fn reload_every(&mut self, seconds: u32) {
+        self.reload_s = Some(seconds);
     }
 
     /// Adds a heading of level 2 or 3, which the table of contents links to by `id`. What an identifier cannot hold is
@@ -191,8 +198,11 @@ impl Page {
         if !contents.is_empty() {
             contents = format!("<nav aria-label=\"Contents\"><p>Contents</p><ul>\n{contents}</ul></nav>\n");
         }
+        let reload = self
+            .reload_s
+            .map_or(String::new(), |seconds| format!("<meta http-equiv=\"refresh\" content=\"{seconds}\">\n"));
         format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n{reload}\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta name=\"color-scheme\" content=\"light dark\">\n\

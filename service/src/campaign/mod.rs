@@ -12,6 +12,7 @@ pub mod finish;
 pub mod journal;
 mod limits;
 mod machine;
+mod page;
 pub mod plan;
 pub mod progress;
 mod readbacks;

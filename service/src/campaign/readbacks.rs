@@ -1,15 +1,16 @@
-//! What chamber and table said, beside the samples: readbacks.csv.
+//! What chamber, table and the IMU's telemetry said, beside the samples: readbacks.csv.
 
 use crate::failure::Failure;
 use crate::instruments::{ChamberReading, TableReading};
+use isotherm_shared::wire::AXES;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Its file in the campaign's folder.
-const READBACKS: &str = "readbacks.csv";
+pub const READBACKS: &str = "readbacks.csv";
 const HEADER: &str = "unix_s,laboratory_s,phase,chamber_air_c,chamber_set_point_c,chamber_running,outer_deg,inner_deg,\
-                      outer_deg_s,inner_deg_s\n";
+                      outer_deg_s,inner_deg_s,a1_head,a1_board,a2_head,a2_board,a3_head,a3_board\n";
 
 /// The open file.
 pub struct Readbacks {
@@ -42,7 +43,7 @@ impl Readbacks {
         Ok(Self { file, path })
     }
 
-    /// Adds a row.
+    /// Adds a row; `telemetry` is head and board of each accelerometer, NaN before the first sample.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -50,17 +51,19 @@ impl Readbacks {
         &mut self,
         chamber: &ChamberReading,
         table: &TableReading,
+        telemetry: [[f64; 2]; AXES],
         phase: &str,
         now: f64,
     ) -> Result<(), Failure> {
         let ([outer, inner], [outer_rate, inner_rate]) = (table.angles_deg, table.rates_deg_s);
         let row = format!(
-            "{:.3},{now:.3},{phase},{:?},{:?},{},{outer:?},{inner:?},{outer_rate:?},{inner_rate:?}\n",
+            "{:.3},{now:.3},{phase},{:?},{:?},{},{outer:?},{inner:?},{outer_rate:?},{inner_rate:?}",
             super::journal::unix_s(),
             chamber.air_c,
             chamber.set_point_c,
             chamber.running
         );
+        let row = telemetry.iter().flatten().fold(row, |row, value| format!("{row},{value:?}")) + "\n";
         self.file.write_all(row.as_bytes()).map_err(|error| Failure::io("writing", &self.path, &error))
     }
 }

@@ -6,6 +6,7 @@
 
 use super::journal::{Entry, History, Journal, unix_s};
 use super::machine::{Halt, Machine, Order, Phase, Place, Seen};
+use super::page;
 use super::plan::Plan;
 use super::progress::{Progress, Snapshot};
 use super::readbacks::Readbacks;
@@ -16,6 +17,7 @@ use super::timeline::{left_s, unit_s, units};
 use crate::failure::{Exit, Failure};
 use crate::instruments::{ChamberReading, TableReading};
 use isotherm_client::Options;
+use isotherm_shared::wire::AXES;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
@@ -78,6 +80,10 @@ pub struct Runner<'p> {
     ramp: Trend,
     chamber: (ChamberReading, f64),
     table: (TableReading, f64),
+    /// Head and board of each accelerometer, as last read.
+    telemetry: [[f64; 2]; AXES],
+    /// When the live page was written.
+    page: Option<Instant>,
     /// Ends of the samples' file and of nothing else: what is kept.
     kept: u64,
     /// Why the stream has nothing, as the transport says it.
@@ -127,6 +133,8 @@ impl<'p> Runner<'p> {
             ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),
             table: (TableReading::default(), f64::NEG_INFINITY),
+            telemetry: [[f64::NAN; 2]; AXES],
+            page: None,
             kept: last_dwell.map_or(0, |kept| kept.to),
             stream_error: None,
             ended,
@@ -161,7 +169,9 @@ impl<'p> Runner<'p> {
         self.progress.event(&words);
         self.progress.finish();
         let safe = self.journal.lasting(Entry::Safe { reason, table: table.to_string(), chamber: chamber.to_string() });
-        self.progress.write(&Snapshot { ended: Some(words.clone()), ..self.snapshot() });
+        let end = Snapshot { ended: Some(words.clone()), ..self.snapshot() };
+        self.progress.write(&end);
+        self.draw(&end);
         safe?;
         let reached = table.is_reached() && chamber.is_reached();
         match failure {
@@ -281,6 +291,7 @@ impl<'p> Runner<'p> {
                     self.stream_error = None;
                     if self.recorder.take(&sample, received_ns)? {
                         self.trends.sample(&sample);
+                        self.telemetry = [0, 1, 2].map(|i| [sample.head_temperature[i], sample.board_temperature[i]]);
                     }
                 }
                 Err(error) => self.stream_error = Some(error),
@@ -309,7 +320,8 @@ impl<'p> Runner<'p> {
         self.chamber = (reading, now);
         self.trends.chamber(now, self.chamber.0.air_c);
         self.ramp.add(now, self.chamber.0.air_c);
-        self.readbacks.write(&self.chamber.0, &self.table.0, self.machine.phase().name(), now)?;
+        let phase = self.machine.phase().name();
+        self.readbacks.write(&self.chamber.0, &self.table.0, self.telemetry, phase, now)?;
         self.station.watch_ramp(self.ramp.per_h())?;
         Ok(())
     }
@@ -418,6 +430,17 @@ impl<'p> Runner<'p> {
         if self.progress.is_due(now, self.machine.phase().name()) {
             let snapshot = self.snapshot();
             self.progress.tell(now, self.part(), &snapshot);
+            if self.page.is_none_or(|written| written.elapsed() >= Duration::from_secs(page::EVERY_S.into())) {
+                self.page = Some(Instant::now());
+                self.draw(&snapshot);
+            }
+        }
+    }
+
+    /// The live page. What cannot be written now is written the next time.
+    fn draw(&self, snapshot: &Snapshot) {
+        if let Err(error) = page::write(self.plan, snapshot) {
+            tracing::warn!("writing the live page: {error}");
         }
     }
 
