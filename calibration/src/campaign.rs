@@ -54,16 +54,15 @@ impl Campaign {
         document.finish(campaign)
     }
 
-    /// Specific force along A1, A2, A3 in the position of index `position` \[g0\], and its derivatives by the base's tilt \[g0/rad\].
+    /// Specific force along A1, A2, A3 in `position` \[g0\], and its derivatives by the base's tilt \[g0/rad\].
     /// Without a tilt, or without angles, the base is level and the derivatives are 0.
     ///
     /// ```text
     /// f = g_local/g0 * mount * R' u,    u = (-ty, tx, 1) / |(-ty, tx, 1)|
     /// ```
     #[must_use]
-    pub fn force(&self, position: usize, tilt: Option<[f64; 2]>) -> ([f64; AXES], [[f64; 2]; AXES]) {
+    pub fn force(&self, position: &Position, tilt: Option<[f64; 2]>) -> ([f64; AXES], [[f64; 2]; AXES]) {
         let gravity = self.gravity_local / self.gravity_reference;
-        let position = &self.positions[position];
         let level = Vector3::from(position.specific_force) * gravity;
         let (Some([tx, ty]), Some(mount), Some(by_tilt)) = (tilt, self.mount, position.by_tilt()) else {
             return (level.into(), [[0.0; 2]; AXES]);

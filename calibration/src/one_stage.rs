@@ -248,7 +248,7 @@ impl<'a> Model<'a> {
 
     fn force(&self, dwell: &Dwell) -> ([f64; AXES], [[f64; 2]; AXES]) {
         let tilt = [self.unknown[self.tilt], self.unknown[self.tilt + 1]];
-        self.campaign.force(dwell.position, self.with_tilt.then_some(tilt))
+        self.campaign.force(&self.campaign.positions[dwell.position], self.with_tilt.then_some(tilt))
     }
 
     /// Residual of one dwell and axis, its derivatives by the unknowns, and by the five parameters of its set point (A, K+, K-, m, m).
@@ -459,7 +459,7 @@ fn local_correction(
         .iter()
         .map(|&d| {
             let (board, rates) = (dwells[d].board(axis), dwells[d].sums.rates(axis));
-            let (force, _) = campaign.force(dwells[d].position, solution.tilt);
+            let (force, _) = campaign.force(&campaign.positions[dwells[d].position], solution.tilt);
             let by = |channel: usize| -rates[channel] * size / curves[channel + 1].at(board).powi(2);
             [-1.0, by(0), by(1), -force[(axis + 1) % AXES], -force[(axis + 2) % AXES]]
         })

@@ -36,7 +36,8 @@ pub struct Reduced {
 /// that their positions can is the caller's to check: a few pulses of a horizontal reading pass for a scale factor.
 #[must_use]
 pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<[f64; 2]>) -> Option<Reduced> {
-    let force = |dwell: &Dwell, k: usize| campaign.force(dwell.position, tilt).0[(axis + k) % AXES];
+    let force =
+        |dwell: &Dwell, k: usize| campaign.force(&campaign.positions[dwell.position], tilt).0[(axis + k) % AXES];
     // Rates as parts of the largest, so that all columns are of order 1.
     let largest = |channel: usize| dwells.iter().map(|dwell| dwell.sums.rates(axis)[channel]).fold(0.0, f64::max);
     let nominal = [largest(0), largest(1)];

@@ -39,15 +39,18 @@ impl Finish {
         let folder = &plan.output;
         let table = folder.join(TABLE);
         tell("fitting");
-        Calibrate::of(&folder.join("campaign.toml"), &table, &folder.join("calibration.html"), self.alignment).run()?;
+        let calibrate =
+            Calibrate::of(&folder.join("campaign.toml"), &table, &folder.join("calibration.html"), self.alignment);
+        let tilt = calibrate.calibrate()?.solution.tilt;
         let (fitted, _) = load_table(&table, Some(&plan.imu), Guard::Lax)?;
         journal.lasting(Entry::Calibrated { digest: fitted.digest().to_string() })?;
         let gravity = plan.campaign.gravity_local;
+        // On a base as tilted as it was found to be.
+        let attitude = plan.verify.map(|verify| plan.campaign.force(&verify.position(), tilt).0);
         let mut failed = Vec::new();
         for run in runs(plan) {
             tell(&format!("{run}:"));
             let recording = folder.join(&run);
-            let attitude = plan.verify.map_or([0.0, 0.0, 1.0], |verify| verify.attitude);
             let report = recording.with_extension("html");
             let verify = Verify::of(&table, &recording, self.require, attitude, gravity, &report);
             // All of them are looked at before any decides.

@@ -136,6 +136,14 @@ pub struct Verify {
     pub attitude: [f64; 3],
 }
 
+impl Verify {
+    /// Where the IMU is at rest.
+    pub const fn position(&self) -> Position {
+        let label = String::new();
+        Position { number: 0, label, angles: Some(self.angles_deg), specific_force: self.attitude }
+    }
+}
+
 impl Plan {
     /// Reads a plan. Paths in it are relative to its folder.
     ///

@@ -8,6 +8,10 @@ use std::time::{Duration, Instant};
 const SPEED: u32 = 1000;
 /// Dwells of the short campaign.
 const UNITS: usize = 24;
+/// Long enough that most of the time is in dwells.
+const DWELL: (&str, &str) = ("time_s = 60\n", "time_s = 600\n");
+/// Rows of such a dwell.
+const ROWS: u64 = 60;
 /// A runner lives up to this long before it is killed.
 const LIFE_S: f64 = 6.0;
 
@@ -18,8 +22,9 @@ pub fn bench(smoke: bool) -> Outcome<()> {
     let (mut lost, mut differences) = (0, 0);
     println!("{campaigns} campaigns of {UNITS} dwells, each runner killed {kills} times at random moments");
     println!("  campaign   killed in                                         dwells repeated   s");
+    let changes: Vec<_> = SHORT.into_iter().chain([DWELL]).collect();
     for campaign in 1..=campaigns {
-        let laboratory = Laboratory::new(SPEED, "1", &SHORT, false)?;
+        let laboratory = Laboratory::new(SPEED, "1", &changes, false)?;
         let (begun, mut phases, mut before) = (Instant::now(), Vec::new(), Vec::new());
         let mut repeated = 0;
         for _ in 0..kills {
@@ -43,7 +48,7 @@ pub fn bench(smoke: bool) -> Outcome<()> {
             return Err(format!("campaign {campaign} was not completed:\n{}", laboratory.world.log()).into());
         }
         differences += usize::from(!laboratory.file("campaign.csv").starts_with(&before));
-        if let Some(wrong) = laboratory.wrong(UNITS, 6)? {
+        if let Some(wrong) = laboratory.wrong(UNITS, ROWS)? {
             return Err(wrong.into());
         }
         println!("  {campaign:>8}   {:<50} {repeated:>14}   {:.0}", phases.join(", "), begun.elapsed().as_secs_f64());

@@ -92,6 +92,11 @@ impl Calibrate {
     }
 
     pub fn run(self) -> Result<(), Failure> {
+        self.calibrate().map(drop)
+    }
+
+    /// What has been written.
+    pub fn calibrate(self) -> Result<Calibration, Failure> {
         let (text, campaign) = load_campaign(&self.campaign)?;
         let samples = self.campaign.parent().unwrap_or(Path::new("")).join(&campaign.samples);
         let inputs = [(self.campaign.as_path(), "the campaign file"), (&samples, "the samples")];
@@ -131,7 +136,8 @@ impl Calibrate {
         let report = report.map(|report| report.write(&html(&campaign, &calibration, &source))).transpose()?;
         let table = table.write(&sealed)?;
         report.map_or(Ok(()), Aside::finish)?;
-        table.finish()
+        table.finish()?;
+        Ok(calibration)
     }
 }
 

@@ -55,13 +55,13 @@ fn over_0(text: &str) -> Result<f64, String> {
 }
 
 impl Verify {
-    /// At a stated attitude, in windows of 10 s.
+    /// In windows of 10 s.
     #[cfg(feature = "campaign")]
     pub fn of(
         table: &Path,
         recording: &Path,
         require: Option<f64>,
-        attitude: [f64; AXES],
+        attitude: Option<[f64; AXES]>,
         gravity_local: f64,
         report: &Path,
     ) -> Self {
@@ -71,7 +71,7 @@ impl Verify {
             recording: recording.to_owned(),
             window: Duration::from_secs(10),
             require,
-            attitude: Some(attitude),
+            attitude,
             gravity_local: Some(gravity_local),
             report: Some(report.to_owned()),
         }
