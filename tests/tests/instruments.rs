@@ -94,6 +94,15 @@ fn kind<T: std::fmt::Debug>(result: Result<T, Fault>) -> FaultKind {
     result.unwrap_err().kind
 }
 
+/// All at the same time: most of it is waiting.
+fn each<const N: usize>(drivers: [(&'static str, &'static str); N], test: impl Fn(&str, &str) + Sync) {
+    thread::scope(|scope| {
+        for (driver, own) in drivers {
+            scope.spawn(|| test(driver, own));
+        }
+    });
+}
+
 /// Both ways of reaching an instrument.
 fn ways(check: impl Fn(&[&str])) {
     check(&[]);
@@ -102,7 +111,7 @@ fn ways(check: impl Fn(&[&str])) {
 
 #[test]
 fn every_chamber_goes_where_it_is_sent_and_into_standby() {
-    for (driver, own) in CHAMBERS {
+    each(CHAMBERS, |driver, own| {
         ways(|way| {
             let world = World::new();
             let station = Station::start(&world, &[&["--speed", "2000", "--chamber", driver], way].concat());
@@ -127,12 +136,12 @@ fn every_chamber_goes_where_it_is_sent_and_into_standby() {
             assert!(!chamber.read().unwrap().running);
             wait_until("the drift", || chamber.read().unwrap().air_c > -4.5);
         });
-    }
+    });
 }
 
 #[test]
 fn every_table_goes_where_it_is_sent_and_stops() {
-    for (driver, own) in TABLES {
+    each(TABLES, |driver, own| {
         ways(|way| {
             let world = World::new();
             let station = Station::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
@@ -156,12 +165,12 @@ fn every_table_goes_where_it_is_sent_and_stops() {
             wait_until("the stop", || table.read().unwrap().rates_deg_s == [0.0; 2]);
             assert!(table.read().unwrap().angles_deg[0] < 690.0);
         });
-    }
+    });
 }
 
 #[test]
 fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
-    for (driver, own) in CHAMBERS {
+    each(CHAMBERS, |driver, own| {
         ways(|way| {
             let world = World::new();
             let station = Station::start(&world, &[&["--chamber", driver], way].concat());
@@ -193,12 +202,12 @@ fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
             assert_eq!(chamber.read().unwrap().set_point_c, 25.0);
             chamber.run().unwrap();
         });
-    }
+    });
 }
 
 #[test]
 fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
-    for (driver, own) in TABLES {
+    each(TABLES, |driver, own| {
         ways(|way| {
             let world = World::new();
             let station = Station::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
@@ -236,14 +245,14 @@ fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
             wait_until("the position", || table.read().unwrap().angles_deg == [-10.0, 0.0]);
             assert_eq!(table.read().unwrap().faults.len(), 0);
         });
-    }
+    });
 }
 
 /// A controller that refuses says so, where its protocol can; else it is silent.
 #[test]
 fn refusals_are_told_apart_from_silence() {
-    let world = World::new();
-    for (driver, own) in CHAMBERS {
+    each(CHAMBERS, |driver, own| {
+        let world = World::new();
         let station = Station::start(&world, &["--chamber", driver, "--fault", "na"]);
         let silent = driver == "ascii2";
         let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
@@ -251,22 +260,21 @@ fn refusals_are_told_apart_from_silence() {
         let mut chamber = station.chamber(&keys(driver, own, line));
         assert_eq!(kind(chamber.read()), expected, "{driver}");
         assert_eq!(kind(chamber.set_point(5.0)), expected, "{driver}");
-        station.process.terminate();
-    }
-    for (driver, own) in TABLES {
+    });
+    each(TABLES, |driver, own| {
+        let world = World::new();
         let station = Station::start(&world, &["--table", driver, "--fault", "na:table"]);
         let silent = driver == "aerosmith";
         let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
         let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
         let mut table = station.table(&keys(driver, own, line));
         assert_eq!(kind(table.engage()), expected, "{driver}");
-        station.process.terminate();
-    }
+    });
 }
 
 #[test]
 fn a_late_reply_is_never_taken_for_the_next_ones() {
-    for (driver, own) in TABLES {
+    each(TABLES, |driver, own| {
         let world = World::new();
         let station = Station::start(&world, &["--speed", "20", "--table", driver]);
         let mut table = station.table(&keys(driver, own, PATIENT));
@@ -285,7 +293,7 @@ fn a_late_reply_is_never_taken_for_the_next_ones() {
         }
         let TableReading { angles_deg, rates_deg_s, .. } = reading.unwrap();
         assert_eq!((angles_deg, rates_deg_s), ([30.0, 60.0], [0.0; 2]), "{driver}");
-    }
+    });
 }
 
 #[test]

@@ -38,7 +38,10 @@ fn html(plan: &Plan, snapshot: &Snapshot, readbacks: &str) -> String {
     let subtitle = format!("{} of {} dwells and runs · {} left", snapshot.unit, snapshot.units, snapshot.remaining());
     let mut page = Page::new(&format!("Campaign of {}", plan.imu), &subtitle);
     match (&snapshot.ended, &snapshot.paused) {
-        (Some(ended), _) => page.note(Kind::Warning, "Ended", ended),
+        (Some(ended), _) => {
+            let kind = if snapshot.unit == snapshot.units { Kind::Good } else { Kind::Warning };
+            page.note(kind, "Ended", &ended.replace('\n', "; "));
+        }
         (None, Some(cause)) => page.note(Kind::Warning, "Paused", cause),
         (None, None) => page.note(Kind::Good, "Running", &snapshot.line()),
     }

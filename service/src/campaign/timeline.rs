@@ -97,7 +97,7 @@ pub fn moments(plan: &Plan) -> Vec<Moment> {
 pub fn duration(seconds: f64) -> String {
     let minutes = (seconds / 60.0).round() as u64;
     match minutes {
-        0 => format!("{:.0} s", seconds.max(0.0)),
+        0 => format!("{} s", seconds.round() as u64),
         1..60 => format!("{minutes} min"),
         _ => format!("{} h {:02} min", minutes / 60, minutes % 60),
     }

@@ -24,7 +24,10 @@ use std::time::Duration;
 /// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the folder
 /// that comes of it is what `isotherm calibrate` reads.
 #[derive(Debug, Args)]
-#[command(arg_required_else_help = true)]
+#[command(
+    arg_required_else_help = true,
+    after_help = "Examples:\n  isotherm campaign check plan.toml\n  isotherm campaign run plan.toml --calibrate --require 10\n  isotherm campaign status plan.toml"
+)]
 pub struct Campaign {
     #[command(subcommand)]
     what: What,
@@ -68,6 +71,7 @@ struct Run {
 
 /// Validate a plan, estimate how long it takes and print its time line
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm campaign check plan.toml")]
 struct Check {
     /// The plan
     #[arg(value_name = "PLAN.toml")]
@@ -76,6 +80,7 @@ struct Check {
 
 /// Show a running campaign, or how far one has got
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm campaign status plan.toml --json")]
 struct Status {
     /// The plan
     #[arg(value_name = "PLAN.toml")]
@@ -87,6 +92,7 @@ struct Status {
 
 /// End a running campaign in the safe state, and wait for that
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm campaign stop plan.toml --timeout 300")]
 struct Stop {
     /// The plan
     #[arg(value_name = "PLAN.toml")]
