@@ -328,3 +328,53 @@ fn an_alarm_ends_it_in_the_safe_state_at_once() {
     assert!(!ended && log.contains("stopped by a signal"), "{log}");
     laboratory.in_standby();
 }
+
+#[test]
+fn one_instrument_that_is_away_hides_nothing_of_the_other_and_the_safe_state_can_be_had_later() {
+    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
+    let stop = || laboratory.world.run(&["campaign", "stop", "station/plan.toml"]);
+    let pauses = || laboratory.events("paused").len();
+
+    // The chamber's alarm while the table is away, which can then not be stopped.
+    let runner = laboratory.spawn();
+    laboratory.wait_for("reached", 1);
+    laboratory.faults("port-loss:table");
+    laboratory.wait_for("paused", 1);
+    laboratory.faults("port-loss:table\nalarm:chamber");
+    wait_long("the end", || runner.has_ended());
+    let (status, log) = runner.wait();
+    assert_eq!(status.code(), Some(69), "{log}");
+    assert!(log.contains("the chamber has an alarm") && log.contains("table NOT known to be stopped"), "{log}");
+    assert!(log.contains("GO THERE AND LOOK"), "{log}");
+    laboratory.faults("");
+    wait_until("the table", || laboratory.world.path("station/table").exists());
+    assert!(succeeded(&stop()).contains("table stopped at"));
+    laboratory.in_standby();
+    assert_eq!(stop().status.code(), Some(69), "nothing is left to do");
+
+    // A fault that has come while the table was away is not reset by connecting it again.
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 1);
+    let before = pauses();
+    laboratory.faults("port-loss:table\nalarm:table");
+    laboratory.wait_for("paused", before + 1);
+    laboratory.faults("");
+    let (ended, log) = wait(runner);
+    assert!(!ended && log.contains("the table has a fault: interlock of axis 1: Fault"), "{log}");
+    laboratory.in_standby();
+
+    // A runner that has died has not done it; one that cannot go on says so.
+    let kept = laboratory.events("kept").len();
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", kept + 1);
+    runner.kill();
+    let mut samples = laboratory.file("campaign.csv");
+    samples[200] ^= 1;
+    fs::write(laboratory.world.path("station/campaign/campaign.csv"), samples).unwrap();
+    let refused = laboratory.run(&[]);
+    assert_eq!(refused.status.code(), Some(65));
+    assert!(text(&refused.stderr).contains("`isotherm campaign stop` brings them into the safe state"));
+    assert!(succeeded(&stop()).contains("after its runner had died"));
+    laboratory.in_standby();
+    assert_eq!(stop().status.code(), Some(69));
+}

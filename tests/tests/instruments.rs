@@ -152,8 +152,7 @@ fn every_table_goes_where_it_is_sent_and_stops() {
                     .contains(&name.as_str())
             );
             table.engage().unwrap();
-            let TableReading { angles_deg, rates_deg_s, faults } = table.read().unwrap();
-            assert_eq!((angles_deg, rates_deg_s, faults), ([0.0; 2], [0.0; 2], Vec::new()));
+            assert_eq!(table.read().unwrap(), TableReading::default());
             table.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
             wait_until("the position", || table.read().unwrap().angles_deg == [90.0, -30.5]);
             assert_eq!(table.read().unwrap().rates_deg_s, [0.0; 2]);

@@ -96,14 +96,12 @@ pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
     }
 }
 
-/// Asks the runner to go into the safe state and waits until it has ended.
+/// Asks the runner to go into the safe state and waits until it has ended; whether there was one.
 ///
 /// # Errors
-/// If nobody runs the campaign, or it does not end within `timeout`.
-pub fn stop(folder: &Path, timeout: Duration) -> Result<(), Failure> {
-    let Some(pid) = runner(folder)? else {
-        return Err(Failure::new(Exit::Unavailable, format!("{}: nobody runs this campaign", folder.display())));
-    };
+/// If it does not end within `timeout`.
+pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
+    let Some(pid) = runner(folder)? else { return Ok(false) };
     // One that ends at this moment has ended, which is what is asked for.
     let _ = Pid::from_raw(pid).map(|pid| kill_process(pid, Signal::TERM));
     let begun = Instant::now();
@@ -117,5 +115,5 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<(), Failure> {
         }
         thread::sleep(RETRY);
     }
-    Ok(())
+    Ok(true)
 }

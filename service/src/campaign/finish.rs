@@ -13,6 +13,7 @@ use isotherm_shared::table::CoefficientTable;
 use std::fs;
 use std::io::{self, Write as _};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -31,11 +32,11 @@ pub struct Finish {
 }
 
 impl Finish {
-    /// Fits the table, looks at every verification run, and installs the table if all of them hold.
+    /// Fits the table, looks at every verification run, and installs the table if all of them hold and nobody has asked it to end.
     ///
     /// # Errors
     /// What has failed; the table that was in force is then untouched.
-    pub fn run(self, plan: &Plan, journal: &mut Journal, options: &Options) -> Result<(), Failure> {
+    pub fn run(self, plan: &Plan, journal: &mut Journal, options: &Options, ended: &AtomicBool) -> Result<(), Failure> {
         let folder = &plan.output;
         let table = folder.join(TABLE);
         tell("fitting");
@@ -49,6 +50,7 @@ impl Finish {
         let attitude = plan.verify.map(|verify| plan.campaign.force(&verify.position(), tilt).0);
         let mut failed = Vec::new();
         for run in runs(plan) {
+            asked_to_end(ended)?;
             tell(&format!("{run}:"));
             let recording = folder.join(&run);
             let report = recording.with_extension("html");
@@ -73,10 +75,19 @@ impl Finish {
             ));
             return Ok(());
         }
+        asked_to_end(ended)?;
         install(&table, target)?;
         journal.lasting(Entry::Installed { digest: fitted.digest().to_string(), file: target.clone() })?;
         tell(&format!("{} is installed as {}", fitted.digest(), target.display()));
         taken(plan, &fitted, options)
+    }
+}
+
+fn asked_to_end(ended: &AtomicBool) -> Result<(), Failure> {
+    if ended.load(Relaxed) {
+        Err(Failure::new(Exit::Failed, "stopped by a signal; nothing is installed"))
+    } else {
+        Ok(())
     }
 }
 

@@ -59,6 +59,8 @@ pub enum Entry {
         /// \[degC\]
         set_point_c: f64,
     },
+    /// The chamber has left the set point, or is told to.
+    Left,
     /// A unit is complete.
     Kept(Kept),
     /// The unit in progress was thrown away.
@@ -84,6 +86,8 @@ pub enum Entry {
         table: String,
         /// What came of the chamber.
         chamber: String,
+        /// Whether both are certain.
+        certain: bool,
     },
     /// The table of coefficients is made.
     Calibrated {
@@ -139,9 +143,9 @@ pub struct History {
     pub reached: Option<(f64, f64)>,
     /// When the last of them was complete, seconds since 1970.
     pub kept_unix_s: f64,
-    /// When the last line was written, seconds since 1970.
-    pub last_unix_s: f64,
-    /// Whether the last runner has ended in the safe state, or tried to.
+    /// Whether a runner has begun.
+    pub begun: bool,
+    /// Whether the last runner has ended in the safe state, for certain.
     pub safe: bool,
 }
 
@@ -149,6 +153,8 @@ pub struct History {
 pub struct Journal {
     file: File,
     path: PathBuf,
+    /// Whole lines \[bytes\]; `None` when half a line could not be taken away again.
+    length: Option<u64>,
 }
 
 /// Now, in seconds since 1970.
@@ -165,10 +171,8 @@ impl Journal {
         let path = plan.output.join(JOURNAL);
         let failed = |error: io::Error| Failure::io("opening the journal", &path, &error);
         let (lines, whole) = read(&path)?;
-        let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path).map_err(failed)?;
-        file.set_len(whole).map_err(failed)?;
-        file.seek(SeekFrom::End(0)).map_err(failed)?;
-        let mut journal = Self { file, path: path.clone() };
+        let file = open(&path, whole).map_err(failed)?;
+        let mut journal = Self { file, path: path.clone(), length: Some(whole) };
         if lines.is_empty() {
             if let Some(name) = super::samples::existing(&plan.output) {
                 let message = format!(
@@ -196,8 +200,17 @@ impl Journal {
         let line = Line { unix_s: unix_s(), entry };
         let failed = |error: io::Error| Failure::io("writing the journal", &self.path, &error);
         let text = serde_json::to_string(&line).map_err(|error| failed(error.into()))? + "\n";
+        let Some(length) = self.length else {
+            return Err(failed(io::Error::other("half a line is at its end, and cannot be taken away")));
+        };
         // In one piece: a kill leaves the line or nothing of it, a power loss at most a part, which is cut off.
-        self.file.write_all(text.as_bytes()).map_err(failed)
+        if let Err(error) = self.file.write_all(text.as_bytes()) {
+            // A full disk has taken a part.
+            self.length = self.file.set_len(length).is_ok().then_some(length);
+            return Err(failed(error));
+        }
+        self.length = Some(length + text.len() as u64);
+        Ok(())
     }
 
     /// Appends an entry and returns when it is on the disk.
@@ -235,19 +248,45 @@ pub fn read(path: &Path) -> Result<(Vec<Line>, u64), Failure> {
     Ok((lines.collect::<Result<_, _>>()?, whole as u64))
 }
 
+/// Whether a runner has begun in `folder` and none has reached the safe state since, or nobody can tell.
+#[must_use]
+pub fn needs_safe_state(folder: &Path) -> bool {
+    read(&folder.join(JOURNAL)).map_or(true, |(lines, _)| {
+        let history = history(&lines);
+        history.begun && !history.safe
+    })
+}
+
+/// Appends an entry to the journal of `folder`, whatever the plan is. A last line that was cut off is taken away.
+///
+/// # Errors
+/// If it cannot be read or written.
+pub fn append(folder: &Path, entry: Entry) -> Result<(), Failure> {
+    let path = folder.join(JOURNAL);
+    let (_, whole) = read(&path)?;
+    let file = open(&path, whole).map_err(|error| Failure::io("opening the journal", &path, &error))?;
+    Journal { file, path, length: Some(whole) }.lasting(entry)
+}
+
+fn open(path: &Path, whole: u64) -> io::Result<File> {
+    let file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
+    file.set_len(whole)?;
+    Ok(file)
+}
+
 /// What the lines of a journal amount to.
 pub fn history(lines: &[Line]) -> History {
     let mut history = History::default();
     for line in lines {
-        history.last_unix_s = line.unix_s;
         match &line.entry {
-            Entry::Started { .. } => history.safe = false,
+            Entry::Started { .. } => (history.begun, history.safe) = (true, false),
             Entry::Kept(kept) => {
                 history.kept.push(kept.clone());
                 history.kept_unix_s = line.unix_s;
             }
             Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.unix_s)),
-            Entry::Safe { .. } => (history.reached, history.safe) = (None, true),
+            Entry::Left => history.reached = None,
+            Entry::Safe { certain, .. } => (history.reached, history.safe) = (None, *certain),
             _ => {}
         }
     }

@@ -15,6 +15,8 @@ use crate::instruments::{ChamberReading, TableReading, turn_deg};
 const STEP_C: f64 = 0.5;
 /// Set points as a controller keeps them agree to this \[degC\].
 const SAME_C: f64 = 0.11;
+/// Reached is this part of the tolerance, left is all of it: noise at the edge is neither.
+const REACHED: f64 = 0.8;
 /// However long nobody looked, the set point is led on by a step or by what this time allows \[s\].
 const LEAD_S: f64 = 60.0;
 /// Without enough samples a dwell may take so many times its length.
@@ -136,7 +138,10 @@ pub enum Phase {
         led: Option<f64>,
     },
     /// At the set point, until time and rates are right.
-    Soak,
+    Soak {
+        /// Since when it is watched.
+        since: f64,
+    },
     /// The table moves.
     Travel {
         /// When it was told to; `None` if it has not been.
@@ -174,7 +179,7 @@ impl Phase {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Begin | Self::Approach { .. } => "approach",
-            Self::Soak => "soak",
+            Self::Soak { .. } => "soak",
             Self::Travel { .. } => "travel",
             Self::Settle { .. } => "settle",
             Self::Dwell { .. } => "dwell",
@@ -276,7 +281,7 @@ impl<'p> Machine<'p> {
         self.running = false;
         self.phase = Phase::Begin;
         if self.reached.is_some() {
-            (self.phase, self.running, self.lead) = (Phase::Soak, true, Some((target, now)));
+            (self.phase, self.running, self.lead) = (Phase::Soak { since: now }, true, Some((target, now)));
             self.ordered[0] = now;
         }
         Ok(())
@@ -301,7 +306,7 @@ impl<'p> Machine<'p> {
                 self.order_set_point(seen)
             }
             Phase::Approach { led } => self.approach(place, seen, led),
-            Phase::Soak => self.soak(place, seen),
+            Phase::Soak { since } => self.soak(place, seen, since),
             Phase::Travel { begun } => self.travel(place, seen, begun),
             Phase::Settle { begun, since } => self.settle(place, seen, begun, since),
             Phase::Dwell { begun, complete } => self.dwell(place, seen, begun, complete),
@@ -317,19 +322,21 @@ impl<'p> Machine<'p> {
         }
     }
 
-    /// Whether the chamber does what it was told; somebody may have gone to it, or it has stopped by itself.
+    /// Whether the chamber does what it was told. If not, somebody has gone to it, or it has stopped by itself: nothing is commanded
+    /// against that.
     fn obeyed(&self, seen: &Seen<'_>) -> Result<(), Halt> {
         let (chamber, at) = seen.chamber;
         let Some((commanded, _)) = self.lead.filter(|_| self.running && at > self.ordered[0]) else { return Ok(()) };
-        if !chamber.running {
-            return Err(Halt::Interrupted("the chamber has stopped".to_owned()));
-        }
-        if (chamber.set_point_c - commanded).abs() > SAME_C {
-            let message =
-                format!("the chamber's set point is {:?} degC, commanded was {commanded:?}", chamber.set_point_c);
-            return Err(Halt::Interrupted(message));
-        }
-        Ok(())
+        let wrong = if !chamber.running {
+            "it has stopped".to_owned()
+        } else if (chamber.set_point_c - commanded).abs() > SAME_C {
+            format!("its set point is {:?} degC, commanded was {commanded:?}", chamber.set_point_c)
+        } else {
+            return Ok(());
+        };
+        Err(Halt::GivenUp(format!(
+            "the chamber does not do what it was told, {wrong}; run the campaign again to go on"
+        )))
     }
 
     fn order_set_point(&mut self, seen: &Seen<'_>) -> Result<Order, Halt> {
@@ -368,23 +375,27 @@ impl<'p> Machine<'p> {
         let since = led.unwrap_or(seen.now);
         self.phase = Phase::Approach { led: Some(since) };
         let (chamber, at) = seen.chamber;
-        if at > self.ordered[0] && (chamber.air_c - target).abs() <= self.plan.soak.tolerance_c {
+        if at > self.ordered[0] && (chamber.air_c - target).abs() <= REACHED * self.plan.soak.tolerance_c {
             self.reached = Some(seen.now);
-            self.phase = Phase::Soak;
+            self.phase = Phase::Soak { since: seen.now };
             return Ok(Order::Reached(target));
         }
-        let patience = self.plan.patience.approach_s.max(self.floor_s);
-        if seen.now - since > patience {
-            let message = format!(
-                "the chamber does not get to {target:?} degC: {:?} degC {patience:.0} s after it was told to",
-                chamber.air_c
-            );
-            return Err(Halt::GivenUp(message));
-        }
-        Ok(Order::Wait)
+        self.on_its_way(target, since, seen)
     }
 
-    fn soak(&mut self, place: Place, seen: &Seen<'_>) -> Result<Order, Halt> {
+    /// The chamber may take its time to `target`, all of which was commanded at `since`, but not for ever.
+    fn on_its_way(&self, target: f64, since: f64, seen: &Seen<'_>) -> Result<Order, Halt> {
+        let patience = self.plan.patience.approach_s.max(self.floor_s);
+        if seen.now - since <= patience {
+            return Ok(Order::Wait);
+        }
+        let air_c = seen.chamber.0.air_c;
+        let message =
+            format!("the chamber does not get to {target:?} degC: {air_c:?} degC {patience:.0} s after it was told to");
+        Err(Halt::GivenUp(message))
+    }
+
+    fn soak(&mut self, place: Place, seen: &Seen<'_>, since: f64) -> Result<Order, Halt> {
         if let Some(reason) = self.left_set_point(place, seen) {
             return self.again(Phase::Approach { led: None }, reason, false);
         }
@@ -397,8 +408,9 @@ impl<'p> Machine<'p> {
             self.phase = Phase::Travel { begun: None };
             return Ok(Order::Wait);
         };
-        let patience = self.plan.patience.stable_s.max(self.floor_s);
-        if soaked > soak.time_s + soak.window_s + patience {
+        // After an interruption the rates are watched anew, however long ago the soak was over.
+        let watched = (seen.now - since).min(soaked - soak.time_s);
+        if watched > soak.window_s + self.plan.patience.stable_s.max(self.floor_s) {
             let message = format!(
                 "not settled {soaked:.0} s after {:?} degC was reached: {unsettled}",
                 place.set_point_c(self.plan)
@@ -512,7 +524,10 @@ impl<'p> Machine<'p> {
         }
         let Some(verify) = self.plan.verify else { return Ok(Order::Wait) };
         if seen.now - begun < verify.hold_s {
-            return Ok(Order::Wait);
+            return match self.left_set_point(place, seen) {
+                Some(reason) => self.again(Phase::Approach { led: None }, reason, true),
+                None => Ok(Order::Wait),
+            };
         }
         if arrived.is_none() && seen.now - begun - verify.hold_s < LEAD_S.max(self.floor_s / 50.0) {
             // The ramp begins now, not when the set point was reached.
@@ -523,6 +538,10 @@ impl<'p> Machine<'p> {
         }
         if self.commanded_c() != Some(verify.to_c) {
             return Ok(Order::Wait);
+        }
+        if arrived.is_none() && (seen.chamber.0.air_c - verify.to_c).abs() > self.plan.soak.tolerance_c {
+            let commanded_at = self.lead.map_or(seen.now, |(_, at)| at);
+            return self.on_its_way(verify.to_c, commanded_at, seen);
         }
         let arrived = arrived.unwrap_or(seen.now);
         self.phase = Phase::Sweep { begun, arrived: Some(arrived) };

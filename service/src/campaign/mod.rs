@@ -19,5 +19,5 @@ mod readbacks;
 pub mod runner;
 pub mod samples;
 mod stability;
-mod station;
+pub mod station;
 pub mod timeline;

@@ -53,8 +53,12 @@ pub struct Snapshot {
     pub left_s: f64,
     /// Why it pauses; null if it does not.
     pub paused: Option<String>,
+    /// The last time that all was well, seconds since 1970.
+    pub well_unix_s: f64,
     /// How it ended; null while it runs.
     pub ended: Option<String>,
+    /// Whether it ended in the safe state, for certain.
+    pub safe: bool,
 }
 
 impl Snapshot {

@@ -18,6 +18,7 @@ use crate::failure::{Exit, Failure};
 use crate::instruments::{ChamberReading, TableReading};
 use isotherm_client::Options;
 use isotherm_shared::wire::AXES;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
@@ -89,8 +90,13 @@ pub struct Runner<'p> {
     /// Why the stream has nothing, as the transport says it.
     stream_error: Option<String>,
     ended: Arc<AtomicBool>,
-    /// The last time that all was well.
+    /// The last time that all was well: laboratory time, and seconds since 1970.
     well_at: f64,
+    well_unix_s: f64,
+    /// Whether the journal says that the set point is reached.
+    told_reached: bool,
+    /// Units that the journal lists.
+    units_kept: usize,
     /// When the set point had been reached when an earlier runner ended, and how long ago that was.
     reached: Option<f64>,
     away_s: f64,
@@ -112,18 +118,20 @@ impl<'p> Runner<'p> {
         let clock = Clock::new(speed);
         let floor_s = FLOOR.as_secs_f64() * speed;
         let ago_s = |unix: f64| (unix_s() - unix).max(0.0) * speed;
-        let alive = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.unix_s);
+        let well_unix_s = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.well_unix_s);
         let target = Place::of(plan, history.kept.len()).map(|place| place.set_point_c(plan));
         let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
         let last_dwell = history.kept.iter().rfind(|kept| kept.file == super::plan::SAMPLES);
         let tap = Tap::start(plan.imu.clone(), options);
         let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
-        let away_s = ago_s(history.last_unix_s.max(alive));
+        // All was well when something was journalled as taken or reached, too.
+        let last_well = history.reached.map_or(0.0, |(_, unix)| unix).max(history.kept_unix_s).max(well_unix_s);
+        let away_s = ago_s(last_well);
         Ok(Self {
             plan,
             clock,
             machine: Machine::new(plan, history.kept.len(), floor_s),
-            station: Station::new(plan),
+            station: Station::new(plan, history.begun && !history.safe),
             tap,
             recorder: Recorder::new(plan, clock, history.kept.last(), ago_s(history.kept_unix_s)),
             journal,
@@ -139,6 +147,9 @@ impl<'p> Runner<'p> {
             stream_error: None,
             ended,
             well_at: 0.0,
+            told_reached: reached.is_some(),
+            units_kept: history.kept.len(),
+            well_unix_s,
             reached: reached.map(|(_, unix)| -ago_s(unix)),
             away_s,
             paused: None,
@@ -150,40 +161,46 @@ impl<'p> Runner<'p> {
     /// # Errors
     /// Why it could not, with the safe state that was reached.
     pub fn run(mut self) -> Result<(), Failure> {
-        let unit = self.machine.unit();
-        let speed = self.clock.speed;
-        let started = Entry::Started { pid: std::process::id(), speed, unit };
-        self.journal.lasting(started)?;
-        let left = super::timeline::duration(self.left_s() / speed);
-        self.progress.event(&format!("{unit} of {} units are complete; about {left} to go", units(self.plan)));
-        let result = self.connect().and_then(|()| self.all());
+        // Whatever happens, a defect of the program included, passes through the safe state.
+        let result =
+            catch_unwind(AssertUnwindSafe(|| self.begin().and_then(|()| self.connect()).and_then(|()| self.all())));
         let failure = match result {
-            Ok(()) => None,
-            Err(Trouble::GivenUp(failure)) => Some(failure),
-            Err(Trouble::Interrupted(cause)) => Some(Failure::new(Exit::Failed, cause)),
+            Ok(Ok(())) => None,
+            Ok(Err(Trouble::GivenUp(failure))) => Some(failure),
+            Ok(Err(Trouble::Interrupted(cause))) => Some(Failure::new(Exit::Failed, cause)),
+            Err(_) => Some(Failure::new(Exit::Failed, "the program has failed; its message is above")),
         };
+        let (table, chamber) = self.station.safe();
         self.recorder.discard();
         let reason = failure.as_ref().map_or_else(|| "all data are taken".to_owned(), ToString::to_string);
-        let (table, chamber) = self.station.safe();
         let words = format!("{reason}\nsafe state: {table}; {chamber}");
         self.progress.event(&words);
         self.progress.finish();
-        let safe = self.journal.lasting(Entry::Safe { reason, table: table.to_string(), chamber: chamber.to_string() });
-        let end = Snapshot { ended: Some(words.clone()), ..self.snapshot() };
+        let certain = table.is_reached() && chamber.is_reached();
+        let (table, chamber) = (table.to_string(), chamber.to_string());
+        let safe = self.journal.lasting(Entry::Safe { reason, table, chamber, certain });
+        let end = Snapshot { ended: Some(words.clone()), safe: certain, ..self.snapshot() };
         self.progress.write(&end);
         self.draw(&end);
-        safe?;
-        let reached = table.is_reached() && chamber.is_reached();
         match failure {
-            None if reached => Ok(()),
-            None => Err(Failure::new(Exit::Failed, words)),
+            None if certain => safe,
+            None => Err(Failure::new(Exit::Unavailable, words)),
             Some(failure) => {
-                let unit = self.machine.unit();
-                let message =
-                    format!("{words}\n{unit} units are complete; `isotherm campaign run` goes on with the next");
-                Err(Failure::new(failure.exit, message))
+                let message = format!(
+                    "{words}\n{} units are complete; `isotherm campaign run` goes on with the next",
+                    self.units_kept
+                );
+                Err(Failure::new(if certain { failure.exit } else { Exit::Unavailable }, message))
             }
         }
+    }
+
+    fn begin(&mut self) -> Result<(), Trouble> {
+        let (unit, speed) = (self.machine.unit(), self.clock.speed);
+        self.journal.lasting(Entry::Started { pid: std::process::id(), speed, unit })?;
+        let left = super::timeline::duration(self.left_s() / speed);
+        self.progress.event(&format!("{unit} of {} units are complete; about {left} to go", units(self.plan)));
+        Ok(())
     }
 
     fn all(&mut self) -> Result<(), Trouble> {
@@ -229,7 +246,11 @@ impl<'p> Runner<'p> {
                 order => self.obey(order)?,
             }
         }
-        self.well_at = self.clock.now();
+        if self.told_reached && self.machine.reached().is_none() {
+            self.told_reached = false;
+            self.journal.write(Entry::Left)?;
+        }
+        (self.well_at, self.well_unix_s) = (self.clock.now(), unix_s());
         self.tell();
         let pause = Duration::from_secs_f64(TABLE_EVERY_S[usize::from(!moving)] / self.clock.speed);
         let pause = pause.clamp(PAUSES[1], PAUSES[0]);
@@ -245,6 +266,7 @@ impl<'p> Runner<'p> {
             Order::Move(angles) => self.station.move_to(angles)?,
             Order::Reached(set_point_c) => {
                 self.journal.write(Entry::Reached { set_point_c })?;
+                self.told_reached = true;
                 self.progress.event(&format!("{set_point_c} degC reached"));
             }
             Order::Collect(place) => {
@@ -270,6 +292,7 @@ impl<'p> Runner<'p> {
             }
         }
         self.journal.lasting(Entry::Kept(kept))?;
+        self.units_kept += 1;
         self.progress.event(&words);
         Ok(())
     }
@@ -351,6 +374,7 @@ impl<'p> Runner<'p> {
         self.progress.event(&format!("paused: {cause}"));
         self.journal.write(Entry::Paused { cause: cause.clone() })?;
         self.recorder.discard();
+        self.recorder.forget();
         let reached = self.machine.reached();
         let away = self.well_at;
         if matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. }) {
@@ -396,9 +420,16 @@ impl<'p> Runner<'p> {
 
     fn attempt(&mut self) -> Result<(), Trouble> {
         self.asked_to_end()?;
-        self.station.connect()?;
-        self.read_chamber()?;
-        self.read_table()?;
+        // An alarm of one of them is not overheard because the other one is away.
+        let chamber = self.station.connect_chamber().map_err(Trouble::from).and_then(|()| self.read_chamber());
+        if let Err(Trouble::GivenUp(failure)) = chamber {
+            return Err(Trouble::GivenUp(failure));
+        }
+        let table = self.station.connect_table().map_err(Trouble::from).and_then(|()| self.read_table());
+        if let Err(Trouble::GivenUp(failure)) = table {
+            return Err(Trouble::GivenUp(failure));
+        }
+        chamber.and(table)?;
         self.drain()?;
         self.stream_is_alive()
     }
@@ -446,7 +477,7 @@ impl<'p> Runner<'p> {
 
     fn snapshot(&self) -> Snapshot {
         let waits_for = match self.machine.phase() {
-            Phase::Soak => {
+            Phase::Soak { .. } => {
                 let left = self.machine.reached().unwrap_or_default() + self.plan.soak.time_s - self.clock.now();
                 if left > 0.0 {
                     format!("{} more", super::timeline::duration(left))
@@ -462,7 +493,7 @@ impl<'p> Runner<'p> {
             speed: self.clock.speed,
             phase: self.machine.phase().name().to_owned(),
             place: self.place_name(),
-            unit: self.machine.unit(),
+            unit: self.units_kept,
             units: units(self.plan),
             waits_for,
             target_c: self.machine.place().map_or(self.chamber.0.set_point_c, |place| place.set_point_c(self.plan)),
@@ -474,7 +505,9 @@ impl<'p> Runner<'p> {
             collected_s: self.recorder.collected_s(),
             left_s: self.left_s(),
             paused: self.paused.clone(),
+            well_unix_s: self.well_unix_s,
             ended: None,
+            safe: false,
         }
     }
 }

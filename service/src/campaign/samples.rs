@@ -33,6 +33,9 @@ const COMPARED_S: [f64; 2] = [300.0, 30.0];
 /// A sample that claims to have been on its way for longer does not tell when it was sent \[ns\].
 const ON_ITS_WAY_NS: u64 = 10_000_000_000;
 
+/// A sample that is so far ahead of the one before has a wrong time \[ns\]: a day.
+const FAR_AHEAD_NS: u64 = 86_400_000_000_000;
+
 /// Laboratory time: real time, times the speed of a simulated laboratory.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
@@ -272,7 +275,8 @@ impl<'p> Recorder<'p> {
         let RawSample { timestamp_ns, interval_ns, telemetry_ns, .. } = *sample;
         let valid = (1..=MAX_INTERVAL_NS).contains(&interval_ns) && timestamp_ns >= interval_ns;
         let rises = last.is_none_or(|last| {
-            timestamp_ns > last.timestamp_ns && interval_ns / 3 * 2 <= timestamp_ns - last.timestamp_ns
+            let passed_ns = timestamp_ns.saturating_sub(last.timestamp_ns);
+            (1..=FAR_AHEAD_NS).contains(&passed_ns) && interval_ns / 3 * 2 <= passed_ns
         });
         let finite = (0..AXES)
             .all(|axis| sample.head_temperature[axis].is_finite() && sample.board_temperature[axis].is_finite());
@@ -362,6 +366,12 @@ impl<'p> Recorder<'p> {
         let sink = Hashed::new(BufWriter::new(file));
         let leading = if matches!(place, Place::Dwell { .. }) { "set_point_c,position,session" } else { "session" };
         if kept == 0 { RawWriter::new(sink, leading, true) } else { Ok(RawWriter::resume(sink, true, true)) }
+    }
+
+    /// Whatever comes next may begin anywhere: one sample with a wrong time must not make all others late.
+    pub fn forget(&mut self) {
+        self.last = None;
+        self.offset = Offset::new(self.clock.speed);
     }
 
     /// Throws the unit in progress away.

@@ -4,11 +4,13 @@ use super::plan::Plan;
 use crate::instruments::{self, Chamber, ChamberReading, Fault, FaultKind, Table, TableReading};
 use std::fmt;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Attempts at the safe state, and the pause between two.
 const ATTEMPTS: u32 = 5;
 const PAUSE: Duration = Duration::from_millis(300);
+/// A table that was told to stop comes to rest within this.
+const COMES_TO_REST: Duration = Duration::from_secs(20);
 /// The air may change by so many times the ramp's limit before that is an alarm: a controller swings.
 const SWING: f64 = 1.5;
 
@@ -50,12 +52,14 @@ pub struct Station<'p> {
     chamber: Option<Box<dyn Chamber>>,
     table: Option<Box<dyn Table>>,
     names: [String; 2],
+    /// Whether the table may be in the middle of something: an earlier connection, or an earlier runner, has left it so.
+    left: bool,
 }
 
 impl<'p> Station<'p> {
-    /// Neither is connected.
-    pub fn new(plan: &'p Plan) -> Self {
-        Self { plan, chamber: None, table: None, names: [String::new(), String::new()] }
+    /// Neither is connected. `left` if an earlier runner has not ended in the safe state.
+    pub fn new(plan: &'p Plan, left: bool) -> Self {
+        Self { plan, chamber: None, table: None, names: [String::new(), String::new()], left }
     }
 
     /// What chamber and table call themselves.
@@ -63,23 +67,48 @@ impl<'p> Station<'p> {
         self.names.clone()
     }
 
-    /// Connects what is not connected: nothing moves by it.
+    /// Connects the chamber if it is not: nothing changes by it.
     ///
     /// # Errors
     /// What is in the way.
-    pub fn connect(&mut self) -> Result<(), Watch> {
+    pub fn connect_chamber(&mut self) -> Result<(), Watch> {
         if self.chamber.is_none() {
             let mut chamber = instruments::chamber(&self.plan.chamber).map_err(lost)?;
             self.names[0] = chamber.identify().map_err(lost)?;
             self.chamber = Some(chamber);
         }
+        Ok(())
+    }
+
+    /// Connects and engages the table if it is not connected: nothing moves by it. Engaging resets faults, so that one which has come
+    /// since the campaign began is looked for before.
+    ///
+    /// # Errors
+    /// What is in the way.
+    pub fn connect_table(&mut self) -> Result<(), Watch> {
         if self.table.is_none() {
             let mut table = instruments::table(&self.plan.table).map_err(lost)?;
             self.names[1] = table.identify().map_err(lost)?;
+            if self.left {
+                self.hold_to(&table.read().map_err(lost)?)?;
+                table.stop().map_err(lost)?;
+            }
             table.engage().map_err(lost)?;
+            self.left = true;
             self.table = Some(table);
         }
         Ok(())
+    }
+
+    /// Faults and limits of the table.
+    fn hold_to(&self, reading: &TableReading) -> Result<(), Watch> {
+        if !reading.faults.is_empty() {
+            return Err(Watch::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
+        }
+        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s) {
+            Some(wrong) => Err(Watch::Alarm(format!("the table: {wrong}"))),
+            None => Ok(()),
+        }
     }
 
     fn chamber<T>(&mut self, ask: impl FnOnce(&mut dyn Chamber) -> Result<T, Fault>) -> Result<T, Watch> {
@@ -132,12 +161,11 @@ impl<'p> Station<'p> {
     /// What is wrong.
     pub fn read_table(&mut self) -> Result<TableReading, Watch> {
         let reading = self.table(|table| table.read())?;
-        if !reading.faults.is_empty() {
-            return Err(Watch::Alarm(format!("the table has a fault: {}", reading.faults.join(", "))));
-        }
-        match self.plan.limits.reading(reading.angles_deg, reading.rates_deg_s) {
-            Some(wrong) => Err(Watch::Alarm(format!("the table: {wrong}"))),
-            None => Ok(reading),
+        self.hold_to(&reading)?;
+        if reading.open.is_empty() {
+            Ok(reading)
+        } else {
+            Err(Watch::Alarm(format!("somebody has taken the table's power: {}", reading.open.join(", "))))
         }
     }
 
@@ -176,49 +204,84 @@ impl<'p> Station<'p> {
         self.table = None;
     }
 
-    /// The safe state: table stopped, chamber in standby or held at ambient. Tries hard, and says what has come of it.
+    /// The safe state: table stopped, chamber in standby or held at ambient. Tries hard, with both at once, and says what has come of
+    /// it.
     pub fn safe(&mut self) -> (Safe, Safe) {
-        let (plan, mut table, mut chamber) = (self.plan, self.table.take(), self.chamber.take());
-        let open = || {
-            let mut table = instruments::table(&plan.table)?;
-            table.identify().map(|_| table)
-        };
-        let stopped = persist(&mut table, open, |table| {
-            table.stop()?;
-            table.read()
-        });
-        let stopped = match stopped {
-            Ok(TableReading { angles_deg: [outer, inner], .. }) => {
-                Safe::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg"))
+        let (plan, table, chamber) = (self.plan, self.table.take(), self.chamber.take());
+        thread::scope(|scope| {
+            let stopped = scope.spawn(move || safe_table(plan, table));
+            let quiet = safe_chamber(plan, chamber);
+            let panicked = || Safe::Unknown("table NOT known to be stopped: the program has failed".to_owned());
+            (stopped.join().unwrap_or_else(|_| panicked()), quiet)
+        })
+    }
+}
+
+fn safe_table(plan: &Plan, mut table: Option<Box<dyn Table>>) -> Safe {
+    let open = || {
+        let mut table = instruments::table(&plan.table)?;
+        table.identify().map(|_| table)
+    };
+    let still = |reading: &TableReading| reading.rates_deg_s.iter().all(|rate| rate.abs() <= plan.motion.still_deg_s);
+    let stopped = persist(&mut table, open, |table| {
+        table.stop()?;
+        let begun = Instant::now();
+        loop {
+            let reading = table.read()?;
+            if still(&reading) || begun.elapsed() > COMES_TO_REST {
+                return Ok(reading);
             }
-            Err(fault) => Safe::Unknown(format!("table NOT known to be stopped: {fault}")),
-        };
-        let open = || {
-            let mut chamber = instruments::chamber(&plan.chamber)?;
-            chamber.identify().map(|_| chamber)
-        };
-        let quiet = persist(&mut chamber, open, |chamber| {
-            match plan.ambient_c {
-                // Even ambient is only commanded within the limits.
-                Some(ambient_c) => {
-                    chamber.set_point(plan.limits.clamp_chamber(ambient_c))?;
-                    chamber.run()?;
-                }
-                None => chamber.standby()?,
+            thread::sleep(PAUSE);
+        }
+    });
+    match stopped {
+        Ok(reading) => {
+            let [outer, inner] = reading.angles_deg;
+            if still(&reading) {
+                return Safe::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg"));
             }
-            chamber.read()
-        });
-        let quiet = match quiet {
-            Ok(ChamberReading { air_c, running, .. }) if running == plan.ambient_c.is_some() => {
-                let what = plan
-                    .ambient_c
-                    .map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
-                Safe::Reached(format!("chamber {what}, air at {air_c:.1} degC"))
+            let rates = reading.rates_deg_s;
+            Safe::Unknown(format!("table was told to stop, but turns at {:.3}/{:.3} deg/s", rates[0], rates[1]))
+        }
+        Err(fault) => Safe::Unknown(format!("table NOT known to be stopped: {fault}")),
+    }
+}
+
+/// Where the chamber is held \[degC\], if it is, and what it says after that.
+type Quiet = (Option<f64>, ChamberReading);
+
+fn standby(chamber: &mut (dyn Chamber + 'static)) -> Result<Quiet, Fault> {
+    chamber.standby()?;
+    chamber.read().map(|reading| (None, reading))
+}
+
+fn safe_chamber(plan: &Plan, mut chamber: Option<Box<dyn Chamber>>) -> Safe {
+    let open = || {
+        let mut chamber = instruments::chamber(&plan.chamber)?;
+        chamber.identify().map(|_| chamber)
+    };
+    let quiet = match plan.ambient_c {
+        None => persist(&mut chamber, open, standby),
+        Some(ambient_c) => persist(&mut chamber, open, |chamber| {
+            let reading = chamber.read()?;
+            // One that does not run, or should not, is not told to.
+            if !reading.running || !reading.alarms.is_empty() || plan.limits.chamber(reading.air_c).is_some() {
+                return standby(chamber);
             }
-            Ok(_) => Safe::Unknown("chamber was told to, but does not say that it is safe".to_owned()),
-            Err(fault) => Safe::Unknown(format!("chamber NOT known to be safe: {fault}")),
-        };
-        (stopped, quiet)
+            // Even ambient is only commanded within the limits.
+            chamber.set_point(plan.limits.clamp_chamber(ambient_c))?;
+            chamber.run()?;
+            chamber.read().map(|reading| (Some(ambient_c), reading))
+        })
+        .or_else(|_| persist(&mut None, open, standby)),
+    };
+    match quiet {
+        Ok((held, ChamberReading { air_c, running, .. })) if running == held.is_some() => {
+            let what = held.map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
+            Safe::Reached(format!("chamber {what}, air at {air_c:.1} degC"))
+        }
+        Ok(_) => Safe::Unknown("chamber was told to, but does not say that it is safe".to_owned()),
+        Err(fault) => Safe::Unknown(format!("chamber NOT known to be safe: {fault}")),
     }
 }
 

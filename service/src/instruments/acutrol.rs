@@ -82,19 +82,36 @@ impl Acutrol {
         })
     }
 
-    /// What is wrong with an axis, if anything.
-    fn fault_of(&mut self, axis: u8) -> Result<Option<String>, Fault> {
-        let state = self.ask(&format!(":interlock? {axis}"), |reply| match number(reply) {
+    /// State of an axis's interlock, as the controller names it.
+    fn interlock(&mut self, axis: u8) -> Result<String, Fault> {
+        self.ask(&format!(":interlock? {axis}"), |reply| match number(reply) {
             None if reply != "OK" => Ok(reply.to_owned()),
             _ => Err(Wrong::garbled(reply.as_bytes())),
-        })?;
-        let bad = ["fault", "open"].iter().any(|word| state.to_ascii_lowercase().contains(word));
-        Ok(bad.then(|| format!("interlock of axis {axis}: {state}")))
+        })
     }
 
-    fn faults(&mut self) -> Result<Vec<String>, Fault> {
-        let [outer, inner] = self.settings.axes;
-        Ok([self.fault_of(outer)?, self.fault_of(inner)?].into_iter().flatten().collect())
+    /// Axes whose interlock is at fault, and axes whose interlock is open.
+    fn interlocks(&mut self) -> Result<[Vec<String>; 2], Fault> {
+        let mut found = [const { Vec::new() }; 2];
+        for axis in self.settings.axes {
+            let state = self.interlock(axis)?;
+            let said = state.to_ascii_lowercase();
+            if let Some(list) = ["fault", "open"].iter().position(|word| said.contains(word)) {
+                found[list].push(format!("interlock of axis {axis}: {state}"));
+            }
+        }
+        Ok(found)
+    }
+
+    fn stop_axis(&mut self, axis: u8) -> Result<(), Fault> {
+        let commands = if self.settings.hold {
+            // The demand first: an earlier one would move the axis.
+            [format!(":demand:rate {axis},0"), format!(":mode:rate {axis}")]
+        } else {
+            [format!(":mode:off {axis}"), format!(":interlock:open {axis}")]
+        };
+        let [first, second] = commands.map(|command| self.command(&command));
+        first.and(second)
     }
 }
 
@@ -112,11 +129,11 @@ impl Table for Acutrol {
             self.command(&format!(":interlock:reset {axis}"))?;
             self.command(&format!(":interlock:close {axis}"))?;
         }
-        let faults = self.faults()?;
-        if faults.is_empty() {
+        let wrong = self.interlocks()?.concat();
+        if wrong.is_empty() {
             return Ok(());
         }
-        Err(self.line.fault(Wrong(FaultKind::Alarm, faults.join(", "))))
+        Err(self.line.fault(Wrong(FaultKind::Alarm, wrong.join(", "))))
     }
 
     fn read(&mut self) -> Result<TableReading, Fault> {
@@ -125,7 +142,7 @@ impl Table for Acutrol {
             reading.angles_deg[index] = self.number(&format!(":read:position? {axis}"))?;
             reading.rates_deg_s[index] = self.number(&format!(":read:rate? {axis}"))?;
         }
-        reading.faults = self.faults()?;
+        [reading.faults, reading.open] = self.interlocks()?;
         Ok(reading)
     }
 
@@ -145,16 +162,7 @@ impl Table for Acutrol {
     }
 
     fn stop(&mut self) -> Result<(), Fault> {
-        for axis in self.settings.axes {
-            if self.settings.hold {
-                // The demand first: an earlier one would move the axis.
-                self.command(&format!(":demand:rate {axis},0"))?;
-                self.command(&format!(":mode:rate {axis}"))?;
-            } else {
-                self.command(&format!(":mode:off {axis}"))?;
-                self.command(&format!(":interlock:open {axis}"))?;
-            }
-        }
-        Ok(())
+        let [outer, inner] = self.settings.axes.map(|axis| self.stop_axis(axis));
+        outer.and(inner)
     }
 }

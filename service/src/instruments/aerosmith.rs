@@ -145,10 +145,8 @@ impl Table for Aerosmith {
     }
 
     fn stop(&mut self) -> Result<(), Fault> {
-        for axis in self.settings.axes {
-            self.command(axis, "STO", "")?;
-        }
-        Ok(())
+        let [outer, inner] = self.settings.axes.map(|axis| self.command(axis, "STO", ""));
+        outer.and(inner)
     }
 }
 

@@ -23,7 +23,7 @@ impl Settings {
     pub(super) fn read(section: &Section<'_, '_>) -> Self {
         Self {
             address: section.optional_integer("address", 1..=32).map(|address| address as u8),
-            decimals: section.optional_integer("decimals", 0..=2).unwrap_or(1) as usize,
+            decimals: section.optional_integer("decimals", 1..=2).unwrap_or(1) as usize,
             power_on: section.optional_bool("power_on").unwrap_or(false),
         }
     }
@@ -120,7 +120,8 @@ impl Chamber for Espec {
 
     fn set_point(&mut self, celsius: f64) -> Result<(), Fault> {
         let decimals = self.settings.decimals;
-        let value = format!("{celsius:.decimals$}");
+        // Adding 0 makes -0 a 0.
+        let value = format!("{:.decimals$}", celsius + 0.0);
         self.command(&format!("TEMP, S{value}"))?;
         let now = self.ask("TEMP?", set_point)?;
         // What was sent, not what was asked for: the controller cannot have more decimals.

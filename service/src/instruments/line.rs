@@ -136,8 +136,13 @@ impl Line {
     fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant) -> Result<bool, Wrong> {
         let mut buffer = [0; 512];
         let Some(port) = &mut self.port else { return Ok(false) };
-        let count = port.read(&mut buffer, deadline.saturating_duration_since(Instant::now()));
-        let count = count.map_err(|error| Wrong(FaultKind::Line, format!("receiving: {error}")))?;
+        let count = loop {
+            match port.read(&mut buffer, deadline.saturating_duration_since(Instant::now())) {
+                // By a signal, which ends the campaign, but not this wait: the reply is still on its way.
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                other => break other.map_err(|error| Wrong(FaultKind::Line, format!("receiving: {error}")))?,
+            }
+        };
         bytes.extend_from_slice(&buffer[..count]);
         if count > 0 {
             self.last = Instant::now();
@@ -264,7 +269,7 @@ impl Port {
         };
         match result {
             Ok(0) => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "closed by the other side")),
-            Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => Ok(0),
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(0),
             other => other,
         }
     }

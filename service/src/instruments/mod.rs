@@ -88,7 +88,7 @@ pub trait Table: Send {
     /// What the table or the line did wrong.
     fn move_to(&mut self, angles_deg: [f64; 2], rate_deg_s: f64, acceleration_deg_s2: f64) -> Result<(), Fault>;
 
-    /// The safe state: motion stopped, held or off.
+    /// The safe state: motion stopped, held or off. Both axes are told to, whatever the first one says.
     ///
     /// # Errors
     /// What the table or the line did wrong.
@@ -102,8 +102,10 @@ pub struct TableReading {
     pub angles_deg: [f64; 2],
     /// \[deg/s\]
     pub rates_deg_s: [f64; 2],
-    /// Active faults and open interlocks as the controller names them; empty for none.
+    /// Active faults as the controller names them; empty for none.
     pub faults: Vec<String>,
+    /// Axes without power, as the controller names them, where it tells: interlocks that are open.
+    pub open: Vec<String>,
 }
 
 /// From `a` to `b` the short way, -180 to 180 \[deg\]: 359.999 and 0 are neighbours.

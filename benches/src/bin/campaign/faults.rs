@@ -8,10 +8,12 @@ use std::time::{Duration, Instant};
 const SPEED: u32 = 500;
 /// How long a fault lasts, in real time: longer than an instrument's own repetitions.
 const LASTS: Duration = Duration::from_secs(8);
-/// Dwells of the campaign.
-const UNITS: usize = 12;
+/// Dwells of the campaign, and a verification run.
+const UNITS: usize = 12 + 1;
+const VERIFY: (&str, &str) =
+    ("[safe]", "[verify]\nruns = 1\nfrom_c = 25\nto_c = 27\nramp_c_per_h = 60\nhold_s = 60\n\n[safe]");
 
-const PHASES: [&str; 4] = ["approach", "soak", "travel", "dwell"];
+const PHASES: [&str; 5] = ["approach", "soak", "travel", "dwell", "sweep"];
 const FAULTS: [(&str, &[&str]); 10] = [
     ("garbled", &["chamber", "table"]),
     ("late", &["chamber", "table"]),
@@ -31,7 +33,7 @@ pub fn bench(smoke: bool) -> Outcome<()> {
     println!(
         "  recovered: went on by itself; paused: and went on; again: dwells begun again; safe: table stopped, chamber in standby"
     );
-    println!("  {:12} {:8} {}", "fault", "at", PHASES.map(|phase| format!("{phase:<22}")).join(" "));
+    println!("  {:12} {:8} {}", "fault", "at", PHASES.map(|phase| format!("{phase:<20}")).join(" "));
     let mut wrong = Vec::new();
     for (fault, instruments) in FAULTS.iter().filter(|(fault, _)| !smoke || *fault == "missing") {
         for instrument in *instruments {
@@ -42,7 +44,7 @@ pub fn bench(smoke: bool) -> Outcome<()> {
                 }
                 let outcome = case(fault, instrument, phase)?;
                 wrong.extend(outcome.wrong.map(|wrong| format!("{fault} {instrument} {phase}: {wrong}")));
-                cells.push(format!("{:<22}", outcome.words));
+                cells.push(format!("{:<20}", outcome.words));
             }
             println!("  {fault:12} {instrument:8} {}", cells.join(" "));
         }
@@ -61,7 +63,7 @@ struct Case {
 }
 
 fn case(fault: &str, instrument: &str, phase: &str) -> Outcome<Case> {
-    let changes: Vec<_> = SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [25]")]).collect();
+    let changes: Vec<_> = SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [25]"), VERIFY]).collect();
     let laboratory = Laboratory::new(SPEED, "1", &changes, false)?;
     let mut runner = laboratory.run(&[])?;
     laboratory.until(phase, || {

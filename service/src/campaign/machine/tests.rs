@@ -227,7 +227,7 @@ fn a_chamber_that_drifts_is_waited_for_and_then_given_up() {
 }
 
 #[test]
-fn a_chamber_that_somebody_else_commands_interrupts() {
+fn a_chamber_that_somebody_else_commands_ends_the_campaign() {
     let plan = small();
     let changes: [fn(&mut ChamberReading); 2] =
         [|chamber| chamber.running = false, |chamber| chamber.set_point_c = 15.0];
@@ -236,14 +236,68 @@ fn a_chamber_that_somebody_else_commands_interrupts() {
         laboratory.until(&mut machine, |order| matches!(order, Order::Collect(_)));
         change(&mut laboratory.chamber);
         let halt = laboratory.step(&mut machine).unwrap_err();
-        assert!(matches!(halt, Halt::Interrupted(_)), "{halt:?}");
-        laboratory.collecting = None;
-        let reached = machine.reached();
-        machine.resume(laboratory.now, 10.0, reached, &laboratory.chamber).unwrap();
-        assert_eq!(machine.reached(), None, "the soak begins anew");
-        assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
-        assert_eq!(laboratory.kept(), all(&plan));
+        assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("does not do what it was told")), "{halt:?}");
     }
+}
+
+#[test]
+fn a_chamber_that_has_stopped_while_it_was_away_is_led_there_again() {
+    let plan = small();
+    let (mut machine, mut laboratory) = (Machine::new(&plan, 0, 5.0), Laboratory::new(&plan));
+    laboratory.until(&mut machine, |order| matches!(order, Order::Collect(_)));
+    laboratory.chamber.running = false;
+    laboratory.collecting = None;
+    let reached = machine.reached();
+    machine.resume(laboratory.now, 10.0, reached, &laboratory.chamber).unwrap();
+    assert_eq!(machine.reached(), None, "the soak begins anew");
+    assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&plan));
+}
+
+#[test]
+fn an_interruption_late_in_a_long_stay_leaves_time_to_watch_the_rates() {
+    let plan = plan(|text| {
+        text.replace("telemetry_per_h = 0.03", "")
+            .replace("time_s = 300", "time_s = 1500")
+            .replace("[limits]", "[patience]\nstable_s = 600\n\n[limits]")
+    });
+    let (mut machine, mut laboratory) = (Machine::new(&plan, 0, 5.0), Laboratory::new(&plan));
+    for _ in 0..10 {
+        laboratory.until(&mut machine, |order| matches!(order, Order::Keep(_)));
+    }
+    let reached = machine.reached();
+    laboratory.trends.clear();
+    machine.resume(laboratory.now, 10.0, reached, &laboratory.chamber).unwrap();
+    laboratory.until(&mut machine, |order| matches!(order, Order::Keep(_)));
+    assert_eq!(machine.unit(), 11);
+}
+
+#[test]
+fn a_verification_run_is_kept_only_if_the_chamber_has_gone_all_the_way() {
+    let plan = small();
+    let (mut machine, mut laboratory) = (Machine::new(&plan, units(&plan) - 1, 5.0), Laboratory::new(&plan));
+    laboratory.until(&mut machine, |order| matches!(order, Order::Collect(_)));
+    // Through the first hold at the set point.
+    laboratory.until(&mut machine, |order| matches!(order, Order::SetPoint(_)));
+    laboratory.off.0 = -3.0;
+    let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
+    assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("does not get to 45.0")), "{halt:?}");
+    assert_eq!(laboratory.kept(), vec![]);
+}
+
+#[test]
+fn noise_at_the_edge_of_the_tolerance_costs_no_attempts() {
+    let plan = small();
+    let (mut machine, mut laboratory) = (Machine::new(&plan, 0, 5.0), Laboratory::new(&plan));
+    while machine.commanded_c() != Some(10.0) {
+        laboratory.step(&mut machine).unwrap();
+    }
+    for step in 0..600 {
+        laboratory.chamber.air_c = if step % 2 == 0 { 10.45 } else { 10.55 };
+        laboratory.step(&mut machine).unwrap();
+        assert_eq!(machine.reached(), None);
+    }
+    assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
 }
 
 #[test]

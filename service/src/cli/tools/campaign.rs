@@ -1,10 +1,11 @@
 use super::{options, seconds, written};
 use crate::campaign::control::{self, Lock, runner, snapshot};
 use crate::campaign::finish::Finish;
-use crate::campaign::journal::Journal;
+use crate::campaign::journal::{self, Entry, Journal};
 use crate::campaign::plan::Plan;
 use crate::campaign::runner::Runner;
 use crate::campaign::samples::describe;
+use crate::campaign::station::Station;
 use crate::campaign::timeline::{duration, left_s, moments, units};
 use crate::failure::{Exit, Failure};
 use crate::logging::{self, LogFormat};
@@ -122,6 +123,14 @@ impl Campaign {
     }
 }
 
+/// Whether this process was started with `signal` ignored.
+fn is_ignored(signal: i32) -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
 impl Run {
     fn run(self, domain: Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
@@ -133,21 +142,33 @@ impl Run {
         fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
         let ended = Arc::<AtomicBool>::default();
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // nohup stays what it is.
+        for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
             let registered = signal_hook::flag::register(signal, Arc::clone(&ended));
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
-        let (journal, history) = Journal::open(&plan)?;
-        describe(&plan)?;
         let options = options(domain, Duration::ZERO);
-        if history.kept.len() < units(&plan) || !history.safe {
-            Runner::new(&plan, (journal, &history), options.clone(), self.speed, ended)?.run()?;
+        let left = journal::needs_safe_state(&plan.output);
+        let runner = (|| {
+            let (journal, history) = Journal::open(&plan)?;
+            describe(&plan)?;
+            let done = history.kept.len() == units(&plan) && history.safe;
+            let runner = || Runner::new(&plan, (journal, &history), options.clone(), self.speed, Arc::clone(&ended));
+            if done { Ok(None) } else { runner().map(Some) }
+        })();
+        let runner = runner.map_err(|failure| {
+            let hint = "\nan earlier runner has left chamber and table as they are; `isotherm campaign stop` brings them into the safe state";
+            let message = format!("{failure}{}", if left { hint } else { "" });
+            Failure::new(failure.exit, message)
+        })?;
+        if let Some(runner) = runner {
+            runner.run()?;
         }
         if !self.calibrate {
             return Ok(());
         }
         let (mut journal, _) = Journal::open(&plan)?;
-        Finish { require: self.require, alignment: self.alignment }.run(&plan, &mut journal, &options)
+        Finish { require: self.require, alignment: self.alignment }.run(&plan, &mut journal, &options, &ended)
     }
 }
 
@@ -198,9 +219,31 @@ impl Status {
 impl Stop {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load(&self.plan)?;
-        control::stop(&plan.output, self.timeout)?;
-        let ended = snapshot(&plan.output)?.and_then(|snapshot| snapshot.ended);
-        let text = ended.unwrap_or_else(|| "it has ended, and has not said how".to_owned());
-        written(None, writeln!(io::stdout(), "{text}"))
+        if !control::stop(&plan.output, self.timeout)? && !journal::needs_safe_state(&plan.output) {
+            let message = format!("{}: nobody runs this campaign", plan.output.display());
+            return Err(Failure::new(Exit::Unavailable, message));
+        }
+        let snapshot = snapshot(&plan.output)?.unwrap_or_default();
+        let (text, certain) = match snapshot.ended.filter(|_| !journal::needs_safe_state(&plan.output)) {
+            Some(ended) => (ended, snapshot.safe),
+            // Its runner has died.
+            None => {
+                let _lock = Lock::take(&plan.output)?;
+                let (table, chamber) = Station::new(&plan, true).safe();
+                let certain = table.is_reached() && chamber.is_reached();
+                let reason = "stopped after its runner had died".to_owned();
+                let text = format!("{reason}\nsafe state: {table}; {chamber}");
+                let (table, chamber) = (table.to_string(), chamber.to_string());
+                if let Err(failure) = journal::append(&plan.output, Entry::Safe { reason, table, chamber, certain }) {
+                    return Err(Failure::new(failure.exit, format!("{text}\n{failure}")));
+                }
+                (text, certain)
+            }
+        };
+        if certain {
+            written(None, writeln!(io::stdout(), "{text}"))
+        } else {
+            Err(Failure::new(Exit::Unavailable, text))
+        }
     }
 }
