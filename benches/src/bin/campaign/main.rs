@@ -18,12 +18,14 @@ fn main() -> ExitCode {
         Some("--domain" | "serve" | "simulate" | "campaign" | "status" | "calibrate") => {
             return isotherm_service::main();
         }
-        Some("full") => full::bench(smoke),
+        Some("full") => full::bench(),
         Some("faults") => faults::bench(smoke),
         Some("kills") => kills::bench(smoke),
-        Some("--smoke") => all(true),
-        None => all(false),
-        Some(other) => Err(format!("{other:?}: give full, faults or kills, and --smoke for a short one").into()),
+        Some("--smoke") => faults::bench(true).and_then(|()| kills::bench(true)),
+        None => all(),
+        Some(other) => {
+            Err(format!("{other:?}: give full, faults or kills; --smoke for a short look whether they work").into())
+        }
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -34,8 +36,8 @@ fn main() -> ExitCode {
     }
 }
 
-fn all(smoke: bool) -> Outcome<()> {
-    full::bench(smoke)?;
-    faults::bench(smoke)?;
-    kills::bench(smoke)
+fn all() -> Outcome<()> {
+    full::bench()?;
+    faults::bench(false)?;
+    kills::bench(false)
 }
