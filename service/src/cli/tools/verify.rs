@@ -12,7 +12,7 @@ use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// Show how stable the output of a recording is, before and after compensation
@@ -58,12 +58,12 @@ impl Verify {
     /// In windows of 10 s.
     #[cfg(feature = "campaign")]
     pub fn of(
-        table: &Path,
-        recording: &Path,
+        table: &std::path::Path,
+        recording: &std::path::Path,
         require: Option<f64>,
         attitude: Option<[f64; AXES]>,
         gravity_local: f64,
-        report: &Path,
+        report: &std::path::Path,
     ) -> Self {
         Self {
             table: table.to_owned(),
