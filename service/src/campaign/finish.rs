@@ -2,7 +2,7 @@
 
 use super::journal::{Entry, Journal};
 use super::plan::Plan;
-use super::runner::runs;
+use super::runner::{runs, stopped_by};
 use crate::cli::calibrate::Calibrate;
 use crate::cli::verify::Verify;
 use crate::failure::{Exit, Failure};
@@ -13,7 +13,7 @@ use isotherm_shared::table::CoefficientTable;
 use std::fs;
 use std::io::{self, Write as _};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::AtomicUsize;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -36,7 +36,13 @@ impl Finish {
     ///
     /// # Errors
     /// What has failed; the table that was in force is then untouched.
-    pub fn run(self, plan: &Plan, journal: &mut Journal, options: &Options, ended: &AtomicBool) -> Result<(), Failure> {
+    pub fn run(
+        self,
+        plan: &Plan,
+        journal: &mut Journal,
+        options: &Options,
+        ended: &AtomicUsize,
+    ) -> Result<(), Failure> {
         let folder = &plan.output;
         let table = folder.join(TABLE);
         tell("fitting");
@@ -51,7 +57,8 @@ impl Finish {
         let mut failed = Vec::new();
         for run in runs(plan) {
             asked_to_end(ended)?;
-            tell(&format!("{run}:"));
+            let heading = writeln!(io::stdout(), "{run}:");
+            heading.map_err(|error| Failure::new(Exit::Io, format!("writing to stdout: {error}")))?;
             let recording = folder.join(&run);
             let report = recording.with_extension("html");
             let verify = Verify::of(&table, &recording, self.require, attitude, gravity, &report);
@@ -62,7 +69,10 @@ impl Finish {
         }
         if let Some(first) = failed.first() {
             let messages: Vec<_> = failed.iter().map(ToString::to_string).collect();
-            return Err(Failure::new(first.exit, format!("{}\nnothing is installed", messages.join("\n"))));
+            return Err(Failure::new(
+                first.exit,
+                format!("{}\nnothing is installed; {} is what was fitted", messages.join("\n"), table.display()),
+            ));
         }
         let Some(target) = &plan.install else {
             tell(&format!("{} is the table; the plan has no install, so it stays there", table.display()));
@@ -83,12 +93,9 @@ impl Finish {
     }
 }
 
-fn asked_to_end(ended: &AtomicBool) -> Result<(), Failure> {
-    if ended.load(Relaxed) {
-        Err(Failure::new(Exit::Failed, "stopped by a signal; nothing is installed"))
-    } else {
-        Ok(())
-    }
+fn asked_to_end(ended: &AtomicUsize) -> Result<(), Failure> {
+    let stopped = |signal| Err(Failure::new(Exit::Failed, format!("{signal}; nothing is installed")));
+    stopped_by(ended).map_or(Ok(()), stopped)
 }
 
 fn tell(words: &str) {

@@ -29,7 +29,7 @@ pub struct Line {
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Entry {
-    /// The campaign begins: the first line.
+    /// The campaign begins: the first line, and again if the plan has changed before anything was taken.
     Begin {
         /// Version of the lines.
         format: u32,
@@ -104,7 +104,7 @@ pub enum Entry {
 }
 
 /// A complete unit.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Kept {
     /// Its number, from 0.
     pub unit: usize,
@@ -181,13 +181,21 @@ impl Journal {
                 );
                 return Err(Failure::new(Exit::Config, message));
             }
-            journal.lasting(Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() })?;
+            journal.lasting(begin(plan))?;
             // The file's name is the folder's to keep.
             File::open(&plan.output).and_then(|folder| folder.sync_all()).map_err(failed)?;
             return Ok((journal, History::default()));
         }
-        same_plan(&path, &lines, plan)?;
-        let history = history(&lines);
+        let mut history = history(&lines);
+        match same_plan(&path, &lines, plan) {
+            Ok(()) => {}
+            // Nothing has been taken by the other one.
+            Err(_) if history.kept.is_empty() => {
+                journal.lasting(begin(plan))?;
+                history.reached = None;
+            }
+            Err(failure) => return Err(failure),
+        }
         intact(&plan.output, &history.kept)?;
         Ok((journal, history))
     }
@@ -285,7 +293,7 @@ pub fn history(lines: &[Line]) -> History {
                 history.kept_unix_s = line.unix_s;
             }
             Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.unix_s)),
-            Entry::Left => history.reached = None,
+            Entry::Begin { .. } | Entry::Left => history.reached = None,
             Entry::Safe { certain, .. } => (history.reached, history.safe) = (None, *certain),
             _ => {}
         }
@@ -293,12 +301,16 @@ pub fn history(lines: &[Line]) -> History {
     history
 }
 
+fn begin(plan: &Plan) -> Entry {
+    Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() }
+}
+
+/// Whether the plan that the last campaign of `lines` began with makes the same data as `plan`.
 fn same_plan(path: &Path, lines: &[Line], plan: &Plan) -> Result<(), Failure> {
     let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
-    let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = lines.first().map(|line| &line.entry) else {
-        return refuse(
-            "its first line is not that of a campaign of this version; give another output folder".to_owned(),
-        );
+    let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
+    let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
+        return refuse("it is not the journal of a campaign of this version; give another output folder".to_owned());
     };
     let now = plan.identity();
     let value = |list: &[(String, String)], key: &str| {
@@ -380,5 +392,28 @@ mod tests {
         fs::write(folder.path().join("campaign.csv"), "precious").unwrap();
         assert_eq!(Journal::open(&plan(folder.path())).err().unwrap().exit, Exit::Config);
         assert_eq!(fs::read_to_string(folder.path().join("campaign.csv")).unwrap(), "precious");
+    }
+
+    #[test]
+    fn a_plan_may_change_until_something_has_been_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = plan(folder.path());
+        let (mut journal, _) = Journal::open(&first).unwrap();
+        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        let second = Plan { set_points_c: vec![5.0], ..first.clone() };
+        let (mut journal, history) = Journal::open(&second).unwrap();
+        assert_eq!(
+            (history.reached, Journal::open(&second).unwrap().1.reached),
+            (None, None),
+            "it was of another plan"
+        );
+        fs::write(folder.path().join("campaign.csv"), "").unwrap();
+        let nothing = sha256(b"");
+        let kept = Kept { file: "campaign.csv".to_owned(), sha256: nothing, ..Kept::default() };
+        journal.lasting(Entry::Kept(kept)).unwrap();
+        assert_eq!(Journal::open(&second).unwrap().1.kept.len(), 1);
+        let refused = Journal::open(&first).err().unwrap();
+        assert_eq!(refused.exit, Exit::Config);
+        assert!(refused.to_string().contains("set_points: was [5.0], is [-25.0, -20.0"), "{refused}");
     }
 }

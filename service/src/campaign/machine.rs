@@ -110,7 +110,7 @@ pub enum Order {
     Reached(f64),
     /// The table has settled: take samples from now on.
     Collect(Place),
-    /// Throw away what was taken of the unit in progress.
+    /// Once more, because of this: throw away what was taken of the unit in progress.
     Discard(String),
     /// The unit in progress is complete.
     Keep(Place),
@@ -397,7 +397,7 @@ impl<'p> Machine<'p> {
 
     fn soak(&mut self, place: Place, seen: &Seen<'_>, since: f64) -> Result<Order, Halt> {
         if let Some(reason) = self.left_set_point(place, seen) {
-            return self.again(Phase::Approach { led: None }, reason, false);
+            return self.again(Phase::Approach { led: None }, reason);
         }
         let soak = &self.plan.soak;
         let soaked = seen.now - self.reached.unwrap_or(seen.now);
@@ -424,7 +424,7 @@ impl<'p> Machine<'p> {
         let target = place.set_point_c(self.plan);
         let air = seen.chamber.0.air_c;
         let off = (air - target).abs() > self.plan.soak.tolerance_c;
-        off.then(|| format!("the chamber left its set point, {target:?} degC, for {air:?}"))
+        off.then(|| format!("the chamber left its set point: air at {air:?} degC instead of {target:?}"))
     }
 
     fn left_place(&self, place: Place, seen: &Seen<'_>) -> Option<String> {
@@ -442,21 +442,21 @@ impl<'p> Machine<'p> {
     }
 
     /// Once more, from `phase` on.
-    fn again(&mut self, phase: Phase, reason: String, discard: bool) -> Result<Order, Halt> {
+    fn again(&mut self, phase: Phase, reason: String) -> Result<Order, Halt> {
         self.attempts += 1;
-        if self.attempts > self.plan.patience.attempts {
+        if self.attempts >= self.plan.patience.attempts {
             return Err(Halt::GivenUp(format!("{reason}; {} attempts", self.attempts)));
         }
         if matches!(phase, Phase::Approach { .. }) {
             self.reached = None;
         }
         self.phase = phase;
-        Ok(if discard { Order::Discard(reason) } else { Order::Wait })
+        Ok(Order::Discard(reason))
     }
 
     fn travel(&mut self, place: Place, seen: &Seen<'_>, begun: Option<f64>) -> Result<Order, Halt> {
         if let Some(reason) = self.left_set_point(place, seen) {
-            return self.again(Phase::Approach { led: None }, reason, false);
+            return self.again(Phase::Approach { led: None }, reason);
         }
         let Some(begun) = begun else {
             self.ordered[1] = seen.now;
@@ -474,7 +474,7 @@ impl<'p> Machine<'p> {
         let motion = &self.plan.motion;
         let way = 360.0 / motion.rate_deg_s + 2.0 * motion.rate_deg_s / motion.acceleration_deg_s2;
         if seen.now - begun > way + motion.settle_s + self.plan.patience.settle_s.max(self.floor_s) {
-            return self.again(Phase::Travel { begun: None }, format!("the table does not settle: {off}"), false);
+            return self.again(Phase::Travel { begun: None }, format!("the table does not settle: {off}"));
         }
         Ok(Order::Wait)
     }
@@ -495,10 +495,10 @@ impl<'p> Machine<'p> {
     fn dwell(&mut self, place: Place, seen: &Seen<'_>, begun: f64, complete: Option<f64>) -> Result<Order, Halt> {
         let moved = self.left_place(place, seen).or_else(|| seen.spoiled.map(str::to_owned));
         if let Some(reason) = moved {
-            return self.again(Phase::Travel { begun: None }, reason, true);
+            return self.again(Phase::Travel { begun: None }, reason);
         }
         if let Some(reason) = self.left_set_point(place, seen) {
-            return self.again(Phase::Approach { led: None }, reason, true);
+            return self.again(Phase::Approach { led: None }, reason);
         }
         if seen.complete {
             let complete = complete.unwrap_or(seen.now);
@@ -520,12 +520,12 @@ impl<'p> Machine<'p> {
     fn sweep(&mut self, place: Place, seen: &Seen<'_>, begun: f64, arrived: Option<f64>) -> Result<Order, Halt> {
         if let Some(reason) = self.left_place(place, seen).or_else(|| seen.spoiled.map(str::to_owned)) {
             // From the beginning: the chamber is on its way.
-            return self.again(Phase::Approach { led: None }, reason, true);
+            return self.again(Phase::Approach { led: None }, reason);
         }
         let Some(verify) = self.plan.verify else { return Ok(Order::Wait) };
         if seen.now - begun < verify.hold_s {
             return match self.left_set_point(place, seen) {
-                Some(reason) => self.again(Phase::Approach { led: None }, reason, true),
+                Some(reason) => self.again(Phase::Approach { led: None }, reason),
                 None => Ok(Order::Wait),
             };
         }

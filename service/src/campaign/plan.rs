@@ -177,17 +177,40 @@ impl Plan {
     #[must_use]
     pub fn identity(&self) -> Vec<(String, String)> {
         let pair = |key: &str, value: String| (key.to_owned(), value);
-        let mut identity = vec![
-            pair("campaign", self.campaign_toml.clone()),
-            pair("set_points", format!("{:?}", self.set_points_c)),
-            pair("soak", format!("{:?}", self.soak)),
-            pair("dwell", format!("{:?}", self.dwell)),
-            pair("chamber.ramp_c_per_min", format!("{:?}", self.ramp_c_per_s * 60.0)),
-            pair("table", format!("{:?}", self.motion)),
-            pair("verify", format!("{:?}", self.verify)),
+        let Self { soak, dwell, motion, .. } = self;
+        let numbers = [
+            ("soak.time_s", soak.time_s),
+            ("soak.stay_s", soak.stay_s),
+            ("soak.window_s", soak.window_s),
+            ("soak.chamber_c_per_h", soak.chamber_c_per_h),
+            ("dwell.time_s", dwell.time_s),
+            ("dwell.row_s", dwell.row_s),
+            ("chamber.ramp_c_per_min", self.ramp_c_per_s * 60.0),
+            ("chamber.tolerance_c", soak.tolerance_c),
+            ("table.rate_deg_s", motion.rate_deg_s),
+            ("table.acceleration_deg_s2", motion.acceleration_deg_s2),
+            ("table.tolerance_deg", motion.tolerance_deg),
+            ("table.still_deg_s", motion.still_deg_s),
+            ("table.settle_s", motion.settle_s),
         ];
+        let mut identity: Vec<_> = numbers.iter().map(|(key, value)| pair(key, format!("{value:?}"))).collect();
+        identity.push(pair("set_points", format!("{:?}", self.set_points_c)));
+        identity.extend(soak.telemetry_per_h.map(|limit| pair("soak.telemetry_per_h", format!("{limit:?}"))));
+        if let Some(verify) = &self.verify {
+            let Verify { runs, from_c, to_c, ramp_c_per_s, hold_s, angles_deg, .. } = verify;
+            let ramp = ramp_c_per_s * 3600.0;
+            let value = format!(
+                "{runs} runs, {from_c:?} to {to_c:?} degC at {ramp:?} degC/h, hold {hold_s:?} s, at {angles_deg:?} deg"
+            );
+            identity.push(pair("verify", value));
+        }
+        // What stands above the positions: imu, gravity and the like.
+        let above = self.campaign_toml.lines().take_while(|line| !line.starts_with('['));
+        identity
+            .extend(above.filter_map(|line| line.split_once(" = ")).map(|(key, value)| pair(key, value.to_owned())));
         identity.extend(self.positions.iter().map(|position| {
-            pair(&format!("position.{}", position.number), format!("{:?}", position.angles.unwrap_or_default()))
+            let Position { number, angles, specific_force, .. } = position;
+            pair(&format!("position.{number}"), format!("{:?} deg, {specific_force:?}", angles.unwrap_or_default()))
         }));
         identity
     }
@@ -201,16 +224,18 @@ fn plan(root: &Section<'_, '_>, folder: &Path) -> Option<Plan> {
     let output = root.string("output", "the folder that the campaign is written into").map(|path| folder.join(path));
     let install = root.optional_string("install").map(|path| folder.join(path));
     let limits = root.section("limits", "[limits] with chamber_c, outer_deg and inner_deg").and_then(limits::read);
-    let (chamber, ramp_c_per_s, tolerance_c) = chamber(root)?;
-    let (table, motion, mounting) = table(root)?;
+    // What is wrong with one section is no reason not to look at the others.
+    let (chamber, ramp_c_per_s, tolerance_c) = chamber(root);
+    let (table, motion, mounting) = table(root);
+    let mounted_as = mounting.unwrap_or_else(Matrix3::identity);
     let set_points_c = root.section("set_points", "[set_points] with start_c, stop_c and step_c, or list_c");
     let set_points_c = set_points_c.and_then(set_points);
-    let positions = positions(root, &mounting);
+    let positions = positions(root, &mounted_as);
     let soak = soak(root, tolerance_c);
     let dwell = dwell(root);
     let patience = patience(root);
     let ambient_c = safe(root);
-    let verify = root.optional_section("verify").and_then(|section| verify(section, &mounting));
+    let verify = root.optional_section("verify").and_then(|section| verify(section, &mounted_as));
     let campaign_toml = about?.campaign(positions.as_ref()?);
     let campaign = match Campaign::from_toml(&campaign_toml) {
         Ok(campaign) => campaign,
@@ -237,8 +262,8 @@ fn plan(root: &Section<'_, '_>, folder: &Path) -> Option<Plan> {
         ambient_c,
         verify,
         install,
-        chamber,
-        table,
+        chamber: chamber?,
+        table: mounting.and(table)?,
         campaign_toml,
         campaign,
     };
@@ -304,68 +329,92 @@ fn not_negative(section: &Section<'_, '_>, key: &'static str, default: f64) -> f
     value.unwrap_or(default)
 }
 
-fn chamber(root: &Section<'_, '_>) -> Option<(ChamberConfig, f64, f64)> {
-    let section = root.section("chamber", "[chamber] with driver and port")?;
-    let config = ChamberConfig::read(&section);
-    let ramp_c_per_s = positive(&section, "ramp_c_per_min", 1.0) / 60.0;
-    let tolerance_c = positive(&section, "tolerance_c", 0.5);
-    section.finish();
-    Some((config?, ramp_c_per_s, tolerance_c))
+/// A number over 0 and up to `most`, or `default`.
+fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> f64 {
+    let value = section.optional_number(key);
+    let wrong = value.filter(|value| !(*value > 0.0 && *value <= most));
+    section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {most:?}")));
+    value.unwrap_or(default)
 }
 
-fn table(root: &Section<'_, '_>) -> Option<(TableConfig, Motion, Matrix3<f64>)> {
-    let section = root.section("table", "[table] with driver and port")?;
-    let config = TableConfig::read(&section);
-    let motion = Motion {
-        rate_deg_s: positive(&section, "rate_deg_s", 10.0),
-        acceleration_deg_s2: positive(&section, "acceleration_deg_s2", 10.0),
-        tolerance_deg: positive(&section, "tolerance_deg", 0.005),
-        still_deg_s: positive(&section, "still_deg_s", 0.01),
-        settle_s: not_negative(&section, "settle_s", 10.0),
+fn chamber(root: &Section<'_, '_>) -> (Option<ChamberConfig>, f64, f64) {
+    let Some(section) = root.section("chamber", "[chamber] with driver and port") else {
+        return (None, f64::MIN_POSITIVE, f64::MIN_POSITIVE);
     };
-    let mounting = if section.has("mounting") {
-        let right = "three rows of three numbers, a rotation: the specific force along A1, A2, A3 is mounting times that at the \
-                     table's angles";
-        let rows = section.matrix("mounting", right)?;
-        let flat: Vec<f64> = rows.iter().flatten().copied().collect();
-        let matrix = (rows.len() == 3 && flat.len() == 9).then(|| Matrix3::from_row_slice(&flat));
-        let rotation = |m: &Matrix3<f64>| {
-            (m * m.transpose() - Matrix3::identity()).amax() < SAME_DIRECTION && m.determinant() > 0.0
-        };
-        let matrix = matrix.filter(rotation);
-        if matrix.is_none() {
-            section.fault("mounting", format!("give {right}"));
-        }
-        matrix
-    } else {
-        Some(Matrix3::identity())
-    };
+    let config = ChamberConfig::read(&section);
+    let ramp_c_per_s = positive(&section, "ramp_c_per_min", 1.0) / 60.0;
+    let tolerance_c = at_most(&section, "tolerance_c", 0.5, 5.0);
     section.finish();
-    Some((config?, motion, mounting?))
+    (config, ramp_c_per_s, tolerance_c)
+}
+
+fn table(root: &Section<'_, '_>) -> (Option<TableConfig>, Motion, Option<Matrix3<f64>>) {
+    let section = root.section("table", "[table] with driver and port");
+    let config = section.as_ref().and_then(TableConfig::read);
+    let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
+    let motion = Motion {
+        rate_deg_s: number("rate_deg_s", 10.0, f64::INFINITY),
+        acceleration_deg_s2: number("acceleration_deg_s2", 10.0, f64::INFINITY),
+        tolerance_deg: number("tolerance_deg", 0.005, 1.0),
+        still_deg_s: number("still_deg_s", 0.01, 1.0),
+        settle_s: section.as_ref().map_or(10.0, |section| not_negative(section, "settle_s", 10.0)),
+    };
+    let mounting = section.as_ref().and_then(mounting);
+    if let Some(section) = section {
+        section.finish();
+    }
+    (config, motion, mounting)
+}
+
+/// How the IMU sits on the table: a rotation.
+fn mounting(section: &Section<'_, '_>) -> Option<Matrix3<f64>> {
+    if !section.has("mounting") {
+        return Some(Matrix3::identity());
+    }
+    let right = "three rows of three numbers, a rotation: the specific force along A1, A2, A3 is mounting times that at the \
+                 table's angles";
+    let rows = section.matrix("mounting", right)?;
+    let flat: Vec<f64> = rows.iter().flatten().copied().collect();
+    let matrix = (rows.len() == 3 && flat.len() == 9).then(|| Matrix3::from_row_slice(&flat));
+    let rotation =
+        |m: &Matrix3<f64>| (m * m.transpose() - Matrix3::identity()).amax() < SAME_DIRECTION && m.determinant() > 0.0;
+    let matrix = matrix.filter(rotation);
+    if matrix.is_none() {
+        section.fault("mounting", format!("give {right}"));
+    }
+    matrix
 }
 
 fn set_points(section: Section<'_, '_>) -> Option<Vec<f64>> {
+    let steps = ["start_c", "stop_c", "step_c"];
     let list = if section.has("list_c") {
+        for key in steps.into_iter().filter(|key| section.has(key)) {
+            section.number(key, "a number of degC");
+            section.fault(key, "there is list_c too; give either");
+        }
         section.numbers("list_c", "set points in degC, for example [-25, 0, 45]")
     } else {
-        let [start, stop, step] = ["start_c", "stop_c", "step_c"].map(|key| section.number(key, "a number of degC"));
+        let [start, stop, step] = steps.map(|key| section.number(key, "a number of degC, or list_c instead of these"));
         start.zip(stop).zip(step).and_then(|((start, stop), step)| {
             let steps = (stop - start) / step;
-            if !(0.0..MAX_SET_POINTS as f64).contains(&steps) {
+            if !(0.0..MAX_SET_POINTS as f64).contains(&steps) || (steps - steps.round()).abs() > 1e-6 {
                 section.fault("step_c", format!("{step:?} does not lead from {start:?} to {stop:?}"));
                 return None;
             }
-            // To 1e-9 degC, so that 0.1 three times is 0.3; a last step that ends at stop but for the rounding counts.
+            // To 1e-9 degC, so that 0.1 three times is 0.3.
             let at = |index: u32| ((start + step * f64::from(index)) * 1e9).round() / 1e9;
-            Some((0..=(steps + 1e-9) as u32).map(at).collect())
+            Some((0..=steps.round() as u32).map(at).collect())
         })
     };
     let list = list.filter(|list| {
-        let right = (1..=MAX_SET_POINTS).contains(&list.len()) && list.windows(2).all(|pair| pair[0] != pair[1]);
-        section.refuse(
-            "list_c",
-            (!right).then(|| format!("give 1 to {MAX_SET_POINTS} set points, each another than the one before")),
-        );
+        let twice = list.windows(2).find(|pair| pair[0] == pair[1]);
+        let wrong = match twice {
+            Some(pair) => Some(format!("{:?} comes twice in a row", pair[0])),
+            None if (1..=MAX_SET_POINTS).contains(&list.len()) => None,
+            None => Some(format!("has {} set points, give 1 to {MAX_SET_POINTS}", list.len())),
+        };
+        let right = wrong.is_none();
+        section.refuse("list_c", wrong);
         right
     });
     section.finish();
@@ -528,23 +577,27 @@ fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Verify> {
 fn within_limits(root: &Section<'_, '_>, plan: &Plan) {
     let Plan { limits, motion, .. } = plan;
     let sweep = plan.verify.iter().flat_map(|verify| [verify.from_c, verify.to_c]);
-    for (key, temperature) in plan
-        .set_points_c
-        .iter()
-        .map(|&t| ("set_points", t))
-        .chain(sweep.map(|t| ("verify", t)))
-        .chain(plan.ambient_c.map(|t| ("safe", t)))
-    {
-        root.refuse(key, limits.chamber(temperature));
+    // The air is at a set point within the tolerance, which must not be an alarm.
+    let tolerance = plan.soak.tolerance_c;
+    let temperatures = plan.set_points_c.iter().map(|&t| ("set_points", t)).chain(sweep.map(|t| ("verify", t)));
+    for (key, temperature) in temperatures {
+        let outside = |t: f64| limits.chamber(t).map(|wrong| (t, wrong));
+        let wrong = [0.0, -tolerance, tolerance].into_iter().find_map(|off| outside(temperature + off));
+        let wrong = wrong.map(|(t, wrong)| {
+            if t == temperature { wrong } else { format!("{temperature:?} degC, within chamber.tolerance_c: {wrong}") }
+        });
+        root.refuse(key, wrong);
     }
+    root.refuse("safe", plan.ambient_c.and_then(|ambient_c| limits.chamber(ambient_c)));
     let ramps = plan.verify.iter().map(|verify| ("verify", verify.ramp_c_per_s));
     for (key, ramp) in ramps.chain([("chamber", plan.ramp_c_per_s)]) {
         root.refuse(key, limits.ramp(ramp * 60.0));
     }
-    let angles = plan.positions.iter().map(|position| position.angles.unwrap_or_default());
-    for angles in angles.chain(plan.verify.iter().map(|verify| verify.angles_deg)) {
-        root.refuse("limits", limits.angles(angles));
+    for position in &plan.positions {
+        let wrong = limits.angles(position.angles.unwrap_or_default());
+        root.refuse("positions", wrong.map(|wrong| format!("position {}: {wrong}", position.number)));
     }
+    root.refuse("verify", plan.verify.and_then(|verify| limits.angles(verify.angles_deg)));
     root.refuse("table", limits.motion(motion.rate_deg_s, motion.acceleration_deg_s2));
 }
 

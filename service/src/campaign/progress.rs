@@ -35,18 +35,20 @@ pub struct Snapshot {
     pub units: usize,
     /// What it waits for.
     pub waits_for: String,
-    /// Chamber: target \[degC\].
-    pub target_c: f64,
-    /// Chamber: commanded set point \[degC\].
-    pub commanded_c: f64,
-    /// Chamber: air \[degC\].
-    pub air_c: f64,
+    /// Chamber: target \[degC\]; null when there is none.
+    pub target_c: Option<f64>,
+    /// Chamber: commanded set point \[degC\]; null until one was.
+    pub commanded_c: Option<f64>,
+    /// Chamber: air \[degC\]; null until read.
+    pub air_c: Option<f64>,
     /// Chamber: rate \[degC/h\]; null until known.
     pub chamber_c_per_h: Option<f64>,
     /// IMU: fastest temperature \[unit/h\]; null until known.
     pub telemetry_per_h: Option<f64>,
-    /// Table \[deg\].
-    pub angles_deg: [f64; 2],
+    /// Table \[deg\]; null until read.
+    pub angles_deg: Option<[f64; 2]>,
+    /// Requests to the chamber, and to the table, that had to be repeated.
+    pub repeated: [u64; 2],
     /// Counted time of the unit in progress \[s\].
     pub collected_s: f64,
     /// What is left \[s\], if nothing happens.
@@ -64,23 +66,34 @@ pub struct Snapshot {
 impl Snapshot {
     /// One line for people.
     pub fn line(&self) -> String {
-        let rate = |rate: Option<f64>, digits| rate.map_or_else(|| "?".to_owned(), |rate| format!("{rate:+.digits$}"));
+        format!("{} | {} | {} left", self.doing(), self.readings(), self.remaining())
+    }
+
+    /// What it does.
+    fn doing(&self) -> String {
         let state = self.paused.as_ref().map_or_else(|| self.waits_for.clone(), |cause| format!("PAUSED: {cause}"));
-        format!(
-            "{} of {} | {} {}{}{state} | chamber {:.1} of {:.1} degC, {} degC/h | IMU {} per h | table {:.3} {:.3} deg | {} left",
-            self.unit,
-            self.units,
-            self.phase,
-            self.place,
-            if state.is_empty() { "" } else { ": " },
-            self.air_c,
-            self.target_c,
+        let colon = if state.is_empty() { "" } else { ": " };
+        format!("{} of {} | {} {}{colon}{state}", self.unit, self.units, self.phase, self.place)
+    }
+
+    /// What the instruments say.
+    fn readings(&self) -> String {
+        let or = |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.digits$}"));
+        let rate =
+            |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |rate| format!("{rate:+.digits$}"));
+        let mut text = format!(
+            "chamber {} of {} degC, {} degC/h | IMU {} per h | table {} {} deg",
+            or(self.air_c, 1),
+            or(self.target_c, 1),
             rate(self.chamber_c_per_h, 2),
             rate(self.telemetry_per_h, 4),
-            self.angles_deg[0],
-            self.angles_deg[1],
-            self.remaining()
-        )
+            or(self.angles_deg.map(|angles| angles[0]), 3),
+            or(self.angles_deg.map(|angles| angles[1]), 3)
+        );
+        for (count, name) in self.repeated.iter().zip(["chamber", "table"]).filter(|(count, _)| **count > 0) {
+            text += &format!(" | {count} requests to the {name} repeated");
+        }
+        text
     }
 
     /// What is left, in real time.
@@ -96,7 +109,8 @@ fn due(last: Option<Instant>, every: Duration) -> bool {
 /// Tells everybody.
 pub struct Progress {
     path: PathBuf,
-    bars: Option<[ProgressBar; 2]>,
+    /// All units; the one in progress; what the instruments say.
+    bars: Option<[ProgressBar; 3]>,
     written: Option<Instant>,
     phase: &'static str,
     drawn: Option<Instant>,
@@ -112,7 +126,9 @@ impl Progress {
                 let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
                 bars.add(ProgressBar::new(length).with_style(style))
             };
-            [bar(units as u64, "{bar:40} {pos} of {len}  {msg}"), bar(1000, "{bar:40} {msg}")]
+            // A line that is too long for the terminal is cut, not wrapped.
+            let unit = bar(1000, "{bar:20} {wide_msg}");
+            [bar(units as u64, "{bar:20} {wide_msg}"), unit, bar(1000, "{wide_msg}")]
         });
         Self { path: folder.join(STATUS), bars, written: None, phase: "", drawn: None, logged: None }
     }
@@ -120,7 +136,7 @@ impl Progress {
     /// Something has happened.
     pub fn event(&self, text: &str) {
         match &self.bars {
-            Some([bar, _]) => bar.println(format!("{}  {text}", crate::cli::calibrate::now())),
+            Some([bar, ..]) => bar.println(format!("{}  {text}", crate::cli::calibrate::now())),
             None => tracing::info!("{text}"),
         }
     }
@@ -152,11 +168,12 @@ impl Progress {
             self.logged = Some((Instant::now(), now));
             tracing::info!("{}", snapshot.line());
         }
-        if let Some([units, unit]) = self.bars.as_ref().filter(|_| self.draws()) {
+        if let Some([units, unit, readings]) = self.bars.as_ref().filter(|_| self.draws()) {
             units.set_position(snapshot.unit as u64);
-            units.set_message(format!("{} left", snapshot.remaining()));
+            units.set_message(format!("{} of {}, {} left", snapshot.unit, snapshot.units, snapshot.remaining()));
             unit.set_position((part * 1000.0) as u64);
-            unit.set_message(snapshot.line());
+            unit.set_message(snapshot.doing());
+            readings.set_message(snapshot.readings());
             self.drawn = Some(Instant::now());
         }
     }

@@ -20,7 +20,7 @@ use isotherm_client::Options;
 use isotherm_shared::wire::AXES;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -89,7 +89,9 @@ pub struct Runner<'p> {
     kept: u64,
     /// Why the stream has nothing, as the transport says it.
     stream_error: Option<String>,
-    ended: Arc<AtomicBool>,
+    /// Name of the service's domain.
+    domain: String,
+    ended: Arc<AtomicUsize>,
     /// The last time that all was well: laboratory time, and seconds since 1970.
     well_at: f64,
     well_unix_s: f64,
@@ -104,7 +106,7 @@ pub struct Runner<'p> {
 }
 
 impl<'p> Runner<'p> {
-    /// Goes on where `history` ends. `ended` asks it to end in the safe state.
+    /// Goes on where `history` ends. A signal's number in `ended` asks it to end in the safe state.
     ///
     /// # Errors
     /// If a file or thread cannot be made.
@@ -113,7 +115,7 @@ impl<'p> Runner<'p> {
         (journal, history): (Journal, &History),
         options: Options,
         speed: f64,
-        ended: Arc<AtomicBool>,
+        ended: Arc<AtomicUsize>,
     ) -> Result<Self, Failure> {
         let clock = Clock::new(speed);
         let floor_s = FLOOR.as_secs_f64() * speed;
@@ -122,6 +124,7 @@ impl<'p> Runner<'p> {
         let target = Place::of(plan, history.kept.len()).map(|place| place.set_point_c(plan));
         let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
         let last_dwell = history.kept.iter().rfind(|kept| kept.file == super::plan::SAMPLES);
+        let domain = options.domain.name().to_owned();
         let tap = Tap::start(plan.imu.clone(), options);
         let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
         // All was well when something was journalled as taken or reached, too.
@@ -145,6 +148,7 @@ impl<'p> Runner<'p> {
             page: None,
             kept: last_dwell.map_or(0, |kept| kept.to),
             stream_error: None,
+            domain,
             ended,
             well_at: 0.0,
             told_reached: reached.is_some(),
@@ -174,12 +178,14 @@ impl<'p> Runner<'p> {
         self.recorder.discard();
         let reason = failure.as_ref().map_or_else(|| "all data are taken".to_owned(), ToString::to_string);
         let words = format!("{reason}\nsafe state: {table}; {chamber}");
-        self.progress.event(&words);
+        if failure.is_none() {
+            self.progress.event(&words.replace('\n', "; "));
+        }
         self.progress.finish();
         let certain = table.is_reached() && chamber.is_reached();
         let (table, chamber) = (table.to_string(), chamber.to_string());
         let safe = self.journal.lasting(Entry::Safe { reason, table, chamber, certain });
-        let end = Snapshot { ended: Some(words.clone()), safe: certain, ..self.snapshot() };
+        let end = Snapshot { ended: Some(words.clone()), paused: None, safe: certain, ..self.snapshot() };
         self.progress.write(&end);
         self.draw(&end);
         match failure {
@@ -304,7 +310,7 @@ impl<'p> Runner<'p> {
     }
 
     fn asked_to_end(&self) -> Result<(), Trouble> {
-        if self.ended.load(Relaxed) { Err(Trouble::given_up("stopped by a signal")) } else { Ok(()) }
+        stopped_by(&self.ended).map_or(Ok(()), |signal| Err(Trouble::given_up(signal)))
     }
 
     fn drain(&mut self) -> Result<(), Failure> {
@@ -331,10 +337,15 @@ impl<'p> Runner<'p> {
             return Ok(());
         }
         let imu = &self.plan.imu;
+        let since = match self.recorder.usable_at() {
+            Some(_) => format!("for {age:.0} s"),
+            None => "yet".to_owned(),
+        };
         let cause = self.stream_error.clone().unwrap_or_else(|| {
-            format!("see with `isotherm status` whether a service serves {imu} and its acquisition runs")
+            let domain = &self.domain;
+            format!("see with `isotherm status` whether a service serves {imu} in domain {domain:?} and its acquisition runs")
         });
-        Err(Trouble::Interrupted(format!("no usable sample of {imu} for {patience:.0} s; {cause}")))
+        Err(Trouble::Interrupted(format!("no usable sample of {imu} {since}; {cause}")))
     }
 
     fn read_chamber(&mut self) -> Result<(), Trouble> {
@@ -488,6 +499,7 @@ impl<'p> Runner<'p> {
             Phase::Dwell { .. } | Phase::Sweep { .. } => format!("{:.0} s taken", self.recorder.collected_s()),
             _ => String::new(),
         };
+        let read_at = |at: f64| at > f64::NEG_INFINITY;
         Snapshot {
             unix_s: unix_s(),
             speed: self.clock.speed,
@@ -496,12 +508,13 @@ impl<'p> Runner<'p> {
             unit: self.units_kept,
             units: units(self.plan),
             waits_for,
-            target_c: self.machine.place().map_or(self.chamber.0.set_point_c, |place| place.set_point_c(self.plan)),
-            commanded_c: self.machine.commanded_c().unwrap_or(self.chamber.0.set_point_c),
-            air_c: self.chamber.0.air_c,
+            target_c: self.machine.place().map(|place| place.set_point_c(self.plan)),
+            commanded_c: self.machine.commanded_c(),
+            air_c: read_at(self.chamber.1).then_some(self.chamber.0.air_c),
             chamber_c_per_h: self.trends.chamber_c_per_h(),
             telemetry_per_h: self.trends.telemetry_per_h().map(|(rate, _)| rate),
-            angles_deg: self.table.0.angles_deg,
+            angles_deg: read_at(self.table.1).then_some(self.table.0.angles_deg),
+            repeated: self.station.repeated(),
             collected_s: self.recorder.collected_s(),
             left_s: self.left_s(),
             paused: self.paused.clone(),
@@ -515,6 +528,15 @@ impl<'p> Runner<'p> {
 /// What a run's file is called, for the finish.
 pub fn runs(plan: &Plan) -> Vec<String> {
     (0..plan.verify.map_or(0, |verify| verify.runs as usize)).map(|run| file_of(Place::Run(run))).collect()
+}
+
+/// Which signal has asked to end, if one has.
+pub fn stopped_by(ended: &AtomicUsize) -> Option<String> {
+    let signal = ended.load(Relaxed) as i32;
+    let name = signal_hook::low_level::signal_name(signal).unwrap_or("a signal");
+    // What `campaign stop` sends is what the system sends too.
+    let who = if signal == signal_hook::consts::SIGTERM { ", as by campaign stop" } else { "" };
+    (signal != 0).then(|| format!("stopped by {name}{who}"))
 }
 
 /// A word about what is watched.

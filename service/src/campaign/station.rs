@@ -54,17 +54,25 @@ pub struct Station<'p> {
     names: [String; 2],
     /// Whether the table may be in the middle of something: an earlier connection, or an earlier runner, has left it so.
     left: bool,
+    /// Requests on lines that are closed by now that had to be repeated.
+    repeated: [u64; 2],
 }
 
 impl<'p> Station<'p> {
     /// Neither is connected. `left` if an earlier runner has not ended in the safe state.
     pub fn new(plan: &'p Plan, left: bool) -> Self {
-        Self { plan, chamber: None, table: None, names: [String::new(), String::new()], left }
+        Self { plan, chamber: None, table: None, names: [String::new(), String::new()], left, repeated: [0; 2] }
     }
 
     /// What chamber and table call themselves.
     pub fn names(&self) -> [String; 2] {
         self.names.clone()
+    }
+
+    /// Requests to chamber and table that had to be repeated.
+    pub fn repeated(&self) -> [u64; 2] {
+        let now = [self.chamber.as_ref().map(|c| c.repeated()), self.table.as_ref().map(|t| t.repeated())];
+        [0, 1].map(|i| self.repeated[i] + now[i].unwrap_or_default())
     }
 
     /// Connects the chamber if it is not: nothing changes by it.
@@ -116,12 +124,24 @@ impl<'p> Station<'p> {
             return Err(Watch::Lost("the chamber is not connected".to_owned()));
         };
         // The line is opened anew after whatever went wrong on it.
-        ask(chamber.as_mut()).inspect_err(|_| self.chamber = None).map_err(lost)
+        let result = ask(chamber.as_mut());
+        if result.is_err() {
+            self.repeated[0] += self.chamber.take().map_or(0, |chamber| chamber.repeated());
+        }
+        result.map_err(lost)
     }
 
     fn table<T>(&mut self, ask: impl FnOnce(&mut dyn Table) -> Result<T, Fault>) -> Result<T, Watch> {
         let Some(table) = &mut self.table else { return Err(Watch::Lost("the table is not connected".to_owned())) };
-        ask(table.as_mut()).inspect_err(|_| self.table = None).map_err(lost)
+        let result = ask(table.as_mut());
+        if result.is_err() {
+            self.drop_table();
+        }
+        result.map_err(lost)
+    }
+
+    fn drop_table(&mut self) {
+        self.repeated[1] += self.table.take().map_or(0, |table| table.repeated());
     }
 
     /// Reads the chamber and holds it to alarms and limits.
@@ -201,7 +221,7 @@ impl<'p> Station<'p> {
     pub fn stop_table(&mut self) {
         // One that does not answer is stopped by the safe state, or found stopped.
         let _ = self.table(|table| table.stop());
-        self.table = None;
+        self.drop_table();
     }
 
     /// The safe state: table stopped, chamber in standby or held at ambient. Tries hard, with both at once, and says what has come of

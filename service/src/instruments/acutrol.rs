@@ -62,7 +62,12 @@ impl Acutrol {
         let framing = Framing { whole: &whole, gap: self.settings.gap };
         self.line.ask(format!("{request}\r\n").as_bytes(), framing, |reply| {
             let body = reply.get(header..).filter(|body| !body.is_empty()).ok_or_else(|| Wrong::garbled(reply))?;
-            read(text(body)?)
+            match text(body)? {
+                refused if refused.to_ascii_lowercase().starts_with("error") => {
+                    Err(Wrong(FaultKind::Refused, format!("refused, \"{refused}\"")))
+                }
+                reply => read(reply),
+            }
         })
     }
 
@@ -164,5 +169,9 @@ impl Table for Acutrol {
     fn stop(&mut self) -> Result<(), Fault> {
         let [outer, inner] = self.settings.axes.map(|axis| self.stop_axis(axis));
         outer.and(inner)
+    }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
     }
 }

@@ -148,6 +148,10 @@ impl Table for Aerosmith {
         let [outer, inner] = self.settings.axes.map(|axis| self.command(axis, "STO", ""));
         outer.and(inner)
     }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
+    }
 }
 
 #[cfg(test)]

@@ -177,6 +177,10 @@ impl Chamber for Ascii2 {
     fn standby(&mut self) -> Result<(), Fault> {
         self.set(None, Some(false))
     }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
+    }
 }
 
 #[cfg(test)]

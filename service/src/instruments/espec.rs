@@ -141,6 +141,10 @@ impl Chamber for Espec {
     fn standby(&mut self) -> Result<(), Fault> {
         self.mode("STANDBY", &["STANDBY", "OFF"])
     }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
+    }
 }
 
 #[cfg(test)]

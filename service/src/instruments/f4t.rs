@@ -254,6 +254,10 @@ impl Chamber for F4t {
     fn standby(&mut self) -> Result<(), Fault> {
         self.switch(self.settings.start[2], false)
     }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
+    }
 }
 
 #[cfg(test)]

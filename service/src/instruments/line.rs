@@ -52,6 +52,7 @@ pub struct Line {
     stale: bool,
     /// When bytes last went or came.
     last: Instant,
+    repeated: u64,
 }
 
 impl Line {
@@ -62,9 +63,15 @@ impl Line {
     pub fn open(kind: &str, config: &LineConfig) -> Result<Self, Fault> {
         let instrument = format!("{kind} at {}", config.port);
         // Whoever had the port before may have left a reply on its way.
-        let mut line = Self { instrument, config: config.clone(), port: None, stale: true, last: Instant::now() };
+        let mut line =
+            Self { instrument, config: config.clone(), port: None, stale: true, last: Instant::now(), repeated: 0 };
         line.connect().map_err(|wrong| line.fault(wrong))?;
         Ok(line)
+    }
+
+    /// Requests that had to be repeated.
+    pub const fn repeated(&self) -> u64 {
+        self.repeated
     }
 
     /// As this line's fault.
@@ -100,6 +107,7 @@ impl Line {
                 return Err(self.fault(Wrong(kind, format!("asking \"{shown}\": {message}"))));
             }
             attempt += 1;
+            self.repeated += 1;
         }
     }
 

@@ -47,6 +47,9 @@ pub trait Chamber: Send {
     /// # Errors
     /// What the chamber or the line did wrong.
     fn standby(&mut self) -> Result<(), Fault>;
+
+    /// Requests on this line that had to be repeated.
+    fn repeated(&self) -> u64;
 }
 
 /// What a chamber says.
@@ -93,6 +96,9 @@ pub trait Table: Send {
     /// # Errors
     /// What the table or the line did wrong.
     fn stop(&mut self) -> Result<(), Fault>;
+
+    /// Requests on this line that had to be repeated.
+    fn repeated(&self) -> u64;
 }
 
 /// What a table says.

@@ -7,6 +7,7 @@
 use super::Part;
 use crate::files::Identity;
 use std::fs;
+use std::io::{self, Write as _};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -133,13 +134,27 @@ impl Faults {
         now.map(|injection| injection.what).collect()
     }
 
-    /// Reads the file again if it is another. A line that says nothing is passed over: the station goes on.
+    /// Reads the file again if it is another. A line that is wrong is told of and passed over: the station goes on.
     fn look(&mut self) {
         let now = Identity::of(&self.path);
         if now != self.read {
             self.read = now;
             let text = fs::read_to_string(&self.path).unwrap_or_default();
-            self.injections = text.lines().filter_map(|line| line.trim().parse().ok()).collect();
+            self.injections.clear();
+            for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
+                match line.trim().parse() {
+                    Ok(injection) => self.injections.push(injection),
+                    // Told once, though both machines read it.
+                    Err(wrong) if self.who == Part::Chamber => {
+                        let path = self.path.display();
+                        let _ = writeln!(
+                            io::stderr(),
+                            "isotherm: the simulated station: {path}:{number}: {line:?}: {wrong}"
+                        );
+                    }
+                    Err(_) => {}
+                }
+            }
             self.requests = 0;
         }
     }

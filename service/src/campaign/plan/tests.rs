@@ -30,9 +30,20 @@ fn everything_wrong_is_reported_at_once() {
         .replace("stop_c = 45", "stop_c = -45")
         .replace("tolerance_deg = 0.005", "tolerance_deg = 0")
         .replace("chamber_c = [-30, 50]", "chamber_c = [-90, 50]")
-        .replace("hold_s = 1800", "hold = 1800");
+        .replace("hold_s = 1800", "hold = 1800")
+        .replace("driver = \"acutrol\"", "driver = \"acutrol3000\"")
+        .replace("driver = \"espec\"", "driver = \"especially\"");
     let faults = faults(&text);
-    for part in ["imu: is \"IMU A\"", "set_points.step_c", "table.tolerance_deg", "limits.chamber_c", "verify.hold:"] {
+    assert_eq!(faults.matches("unknown key").count(), 1, "{faults}");
+    for part in [
+        "table.driver: is \"acutrol3000\"",
+        "chamber.driver: is \"especially\"",
+        "imu: is \"IMU A\"",
+        "set_points.step_c",
+        "table.tolerance_deg",
+        "limits.chamber_c",
+        "verify.hold:",
+    ] {
         assert!(faults.contains(part), "{part}:\n{faults}");
     }
 }
@@ -42,7 +53,19 @@ fn nothing_beyond_the_limits_is_planned() {
     for (from, to, part) in [
         ("start_c = -25", "start_c = -35", "set_points: -35.0 degC is outside limits.chamber_c"),
         ("from_c = -25", "from_c = -31", "verify: -31.0 degC"),
-        ("outer_deg = [-5, 365]", "outer_deg = [-5, 185]", "outer angle 270.0 deg is outside limits.outer_deg"),
+        (
+            "outer_deg = [-5, 365]",
+            "outer_deg = [-5, 185]",
+            "position 6: outer angle 270.0 deg is outside limits.outer_deg",
+        ),
+        (
+            "chamber_c = [-30, 50]",
+            "chamber_c = [-30, 45]",
+            "set_points: 45.0 degC, within chamber.tolerance_c: 45.5 degC is outside",
+        ),
+        ("hold_s = 1800", "hold_s = 1800\nouter_deg = 500", "verify: outer angle 500.0 deg"),
+        ("step_c = 5", "step_c = 7.3", "set_points.step_c: 7.3 does not lead"),
+        ("step_c = 5", "step_c = 5\nlist_c = [0, 10]", "set_points.start_c: there is list_c too"),
         ("rate_deg_s = 10", "rate_deg_s = 61", "61.0 deg/s is over"),
         ("ramp_c_per_min = 1", "ramp_c_per_min = 4", "4.000 degC/min is over"),
         ("ramp_c_per_h = 20", "ramp_c_per_h = 200", "3.333 degC/min is over"),

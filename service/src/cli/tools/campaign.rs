@@ -17,7 +17,7 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
 
 /// Drive chamber and two-axis table through a campaign, and take its samples
@@ -56,7 +56,7 @@ struct Run {
     /// Go on to fit the table, with a report, and look at the verification runs
     #[arg(long)]
     calibrate: bool,
-    /// Install the table if every axis is FACTOR times more stable in every verification run
+    /// With --calibrate: install the table if every axis is FACTOR times more stable in every verification run
     #[arg(long, value_name = "FACTOR", requires = "calibrate", value_parser = over_0)]
     require: Option<f64>,
     /// Give the table an alignment matrix, from the misalignments
@@ -139,12 +139,18 @@ impl Run {
             let message = format!("--require needs verification runs; give {} a [verify]", self.plan.display());
             return Err(Failure::new(Exit::Usage, message));
         }
+        // Not after two days.
+        let folder = plan.install.as_ref().and_then(|install| install.parent());
+        if let Some(folder) = folder.filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+            let message = format!("{}: install: there is no such folder; make it", folder.display());
+            return Err(Failure::new(Exit::Io, message));
+        }
         fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
-        let ended = Arc::<AtomicBool>::default();
+        let ended = Arc::<AtomicUsize>::default();
         // nohup stays what it is.
         for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
-            let registered = signal_hook::flag::register(signal, Arc::clone(&ended));
+            let registered = signal_hook::flag::register_usize(signal, Arc::clone(&ended), signal as usize);
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
         let options = options(domain, Duration::ZERO);
@@ -161,8 +167,9 @@ impl Run {
             let message = format!("{failure}{}", if left { hint } else { "" });
             Failure::new(failure.exit, message)
         })?;
-        if let Some(runner) = runner {
-            runner.run()?;
+        match runner {
+            Some(runner) => runner.run()?,
+            None => tracing::info!("all {} units are complete", units(&plan)),
         }
         if !self.calibrate {
             return Ok(());
@@ -200,6 +207,7 @@ impl Status {
             let message = format!("{}: no campaign has been run there", plan.output.display());
             return Err(Failure::new(Exit::Unavailable, message));
         };
+        let died = pid.is_none() && snapshot.ended.is_none();
         let text = if self.json {
             let document = serde_json::json!({ "pid": pid, "campaign": snapshot });
             format!("{document:#}\n")
@@ -207,12 +215,17 @@ impl Status {
             let state = match (pid, &snapshot.ended) {
                 (Some(pid), _) => format!("running, pid {pid}"),
                 (None, Some(ended)) => format!("ended: {ended}"),
-                (None, None) => "NOT RUNNING: its runner has died; chamber and table are as it left them. `isotherm campaign run` goes on"
-                    .to_owned(),
+                (None, None) => "NOT RUNNING".to_owned(),
             };
             format!("{state}\n{}\n", snapshot.line())
         };
-        written(None, io::stdout().write_all(text.as_bytes()))
+        written(None, io::stdout().write_all(text.as_bytes()))?;
+        if died {
+            let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` goes on, \
+                           `isotherm campaign stop` brings them into the safe state";
+            return Err(Failure::new(Exit::Failed, message));
+        }
+        Ok(())
     }
 }
 
