@@ -127,8 +127,8 @@ impl Progress {
                 bars.add(ProgressBar::new(length).with_style(style))
             };
             // A line that is too long for the terminal is cut, not wrapped.
-            let unit = bar(1000, "{bar:20} {wide_msg}");
-            [bar(units as u64, "{bar:20} {wide_msg}"), unit, bar(1000, "{wide_msg}")]
+            const BAR: &str = "{bar:20} {wide_msg}";
+            [bar(units as u64, BAR), bar(1000, BAR), bar(1000, "{wide_msg}")]
         });
         Self { path: folder.join(STATUS), bars, written: None, phase: "", drawn: None, logged: None }
     }
