@@ -160,6 +160,23 @@ fn varied(polynomial: &Polynomial, constant: f64, random: &mut Random) -> Polyno
     Polynomial::new(&coefficients, polynomial.center(), polynomial.scale(), polynomial.range()).unwrap_or(*polynomial)
 }
 
+/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] over the ranges of `table` against the truth.
+#[must_use]
+pub fn worst_errors(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
+    let mut worst = [0.0_f64; 2];
+    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
+        for i in 0..=400 {
+            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 400.0;
+            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
+            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
+            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
+            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
+            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
+        }
+    }
+    worst
+}
+
 /// The hardware: what is the same each time.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Chain {

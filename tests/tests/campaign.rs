@@ -1,6 +1,7 @@
 //! The automatic campaign, with a real service and the processes of a simulated station, a thousand times faster than a laboratory.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_tests::{PATIENCE, Process, TABLE, World, text, wait_until};
 use rustix::process::Signal;
@@ -168,22 +169,6 @@ fn succeeded(output: &Output) -> String {
     text(&output.stdout)
 }
 
-/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] within the fitted ranges.
-fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
-    let mut worst = [0.0_f64; 2];
-    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
-        for i in 0..=100 {
-            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 100.0;
-            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
-            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
-            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
-            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
-            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
-        }
-    }
-    worst
-}
-
 #[test]
 fn from_a_plan_to_an_installed_table() {
     let verify = "\n[verify]\nruns = 1\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 60\nhold_s = 60\n";
@@ -204,7 +189,7 @@ fn from_a_plan_to_an_installed_table() {
     let table = CoefficientTable::from_toml(&fs::read_to_string(world.path("imu-a.toml")).unwrap(), None).unwrap();
     assert_eq!(world.imu_status()["table"], table.digest().to_string());
     let truth = fs::read_to_string(world.path("station/truth.toml")).unwrap();
-    let [bias, scale_factor] = worst(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
+    let [bias, scale_factor] = worst_errors(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
     assert!(bias < 1.5 && scale_factor < 4.0, "{bias} ug0, {scale_factor} ppm");
     assert!(text(&laboratory.file("readbacks.csv")).lines().count() > 100);
     let page = text(&laboratory.file("live.html"));

@@ -3,6 +3,7 @@
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, Options, calibrate};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::positions::Position;
+pub use isotherm_calibration::simulate::worst_errors as worst;
 use isotherm_calibration::simulate::{MISALIGNMENT, Noise, Plan, Row, Truth, campaign, campaign_toml};
 use isotherm_shared::recording::{CampaignReader, RawWriter};
 use isotherm_shared::table::CoefficientTable;
@@ -51,22 +52,6 @@ pub fn calibrated(
     let dwells = dwells(&stated, &csv(campaign(truth, plan, seed))).unwrap();
     let calibration = calibrate(&stated, dwells, options)?;
     Ok((stated, calibration))
-}
-
-/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] over the ranges of `table`.
-pub fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
-    let mut worst = [0.0_f64; 2];
-    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
-        for i in 0..=400 {
-            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 400.0;
-            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
-            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
-            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
-            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
-            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
-        }
-    }
-    worst
 }
 
 /// The paper's IMU with the usual misalignment.

@@ -156,12 +156,11 @@ impl Table for Aerosmith {
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::settings_of;
     use super::*;
 
     fn settings(toml: &str) -> Settings {
-        let document = isotherm_shared::document::Document::parse(toml).unwrap();
-        let settings = Settings::read(&document.root());
-        document.finish(Some(settings)).unwrap()
+        settings_of(toml, Settings::read)
     }
 
     #[test]

@@ -185,12 +185,11 @@ impl Chamber for Ascii2 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::settings_of;
     use super::*;
 
     fn settings(toml: &str) -> Settings {
-        let document = isotherm_shared::document::Document::parse(toml).unwrap();
-        let settings = Settings::read(&document.root());
-        document.finish(Some(settings)).unwrap()
+        settings_of(toml, Settings::read)
     }
 
     // The request that ondrejh/VT4002, VT4002.py sends at -25 degC, but for its line feed.

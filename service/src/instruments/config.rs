@@ -171,3 +171,11 @@ impl TableConfig {
         })
     }
 }
+
+/// A driver's settings from text.
+#[cfg(test)]
+pub(super) fn settings_of<S>(toml: &str, read: impl Fn(&Section<'_, '_>) -> S) -> S {
+    let document = isotherm_shared::document::Document::parse(toml).unwrap();
+    let settings = read(&document.root());
+    document.finish(Some(settings)).unwrap()
+}

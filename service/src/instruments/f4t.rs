@@ -262,12 +262,11 @@ impl Chamber for F4t {
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::settings_of;
     use super::*;
 
     fn settings(toml: &str) -> Settings {
-        let document = isotherm_shared::document::Document::parse(toml).unwrap();
-        let settings = Settings::read(&document.root());
-        document.finish(Some(settings)).unwrap()
+        settings_of(toml, Settings::read)
     }
 
     // Word order as StaflSystems/ChamberConnectLibrary, chamberconnectlibrary/modbus.py packs floats, low_word_first True and False.

@@ -2,6 +2,7 @@
 
 use crate::laboratory::{Laboratory, PATIENCE};
 use isotherm_benches::Outcome;
+use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
 use std::fs;
@@ -40,9 +41,9 @@ fn campaign(positioning: &str) -> Outcome<()> {
         kept.len() - dwells
     );
     println!("installed and in force: {}", installed.digest());
-    let [bias, scale_factor] = worst(&installed, &truth);
+    let [bias, scale_factor] = worst_errors(&installed, &truth);
     println!("worst error over the range against the truth: bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm");
-    let [bias, scale_factor] = worst(&load(&simulated(&laboratory, positioning)?)?, &truth);
+    let [bias, scale_factor] = worst_errors(&load(&simulated(&laboratory, positioning)?)?, &truth);
     println!("the same by simulate campaign and calibrate:  bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm");
     for (number, run) in kept.iter().filter(|unit| unit["file"] != "campaign.csv").enumerate() {
         println!("verification run {}: {} rows, {} s", number + 1, run["rows"], run["seconds"]);
@@ -65,20 +66,4 @@ fn simulated(laboratory: &Laboratory, positioning: &str) -> Outcome<std::path::P
     run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--positioning", positioning])?;
     run(&["calibrate", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;
     Ok(laboratory.world.path("simulated.toml"))
-}
-
-/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] within the fitted ranges.
-fn worst(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
-    let mut worst = [0.0_f64; 2];
-    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
-        for i in 0..=400 {
-            let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 400.0;
-            let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
-            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
-            let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
-            let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
-            worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
-        }
-    }
-    worst
 }
