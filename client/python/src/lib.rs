@@ -13,12 +13,13 @@ mod table;
 mod wait;
 
 use isotherm_shared::wire::Flags;
+use numpy::PyArray1;
 use pyo3::prelude::*;
 
 /// See `_isotherm.pyi`.
 #[pymodule]
 mod _isotherm {
-    use super::{Bound, Flags, PyModule, PyModuleMethods as _, PyResult, pyfunction};
+    use super::{Bound, Flags, PyArray1, PyModule, PyModuleMethods as _, PyResult, pyfunction};
 
     #[pymodule_export]
     use crate::acquisition::{Acquisition, Loan};
@@ -42,6 +43,8 @@ mod _isotherm {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // NumPy's C interface is looked up at its first use and then kept: an interrupt that came during that would be a panic.
+        drop(PyArray1::<u8>::zeros(module.py(), 0, false));
         module.add("FLAGS", Flags::NAMES.to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }

@@ -9,7 +9,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -125,6 +124,13 @@ class World:
 
 
 WORLDS: list[World] = []
+# The one that a test's output does not go to.
+STDERR = 2
+
+
+def pytest_configure() -> None:
+    global STDERR
+    STDERR = os.dup(2)
 
 
 @pytest.fixture(autouse=True)
@@ -132,7 +138,7 @@ def watchdog() -> Iterator[None]:
     """A test that hangs tells where, takes its processes with it, and ends."""
 
     def bite() -> None:
-        faulthandler.dump_traceback(file=sys.__stderr__ or 2)
+        faulthandler.dump_traceback(file=STDERR)
         for world in WORLDS:
             world.end()
         os._exit(1)
@@ -141,7 +147,7 @@ def watchdog() -> Iterator[None]:
     timer.daemon = True
     timer.start()
     # Should even that hang, since something holds the GIL.
-    faulthandler.dump_traceback_later(WATCHDOG + PATIENCE, exit=True, file=sys.__stderr__ or 2)
+    faulthandler.dump_traceback_later(WATCHDOG + PATIENCE, exit=True, file=STDERR)
     yield
     timer.cancel()
     faulthandler.cancel_dump_traceback_later()

@@ -405,7 +405,9 @@ def test_waiting_lets_other_threads_run(world: World) -> None:
 def test_ctrl_c_ends_a_wait(world: World, wait: str) -> None:
     world.serve()
     program = f"""
-import numpy as np, isotherm
+import signal, numpy as np, isotherm
+# A shell starts its background jobs with this ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 acquisition, reader = isotherm.Acquisition("imu-a", timeout={PATIENCE}), isotherm.IncrementReader("imu-a", timeout={PATIENCE})
 samples = np.zeros(3, isotherm.RAW_SAMPLE)
 samples["sequence"] = range(3)
@@ -424,7 +426,7 @@ except KeyboardInterrupt:
 
 
 def test_connecting_can_be_interrupted(world: World) -> None:
-    program = "import isotherm\ntry:\n    print('waiting', flush=True)\n    isotherm.Acquisition('imu-a', timeout=1e9)\nexcept KeyboardInterrupt: print('interrupted')"
+    program = "import signal, isotherm\nsignal.signal(signal.SIGINT, signal.default_int_handler)\ntry:\n    print('waiting', flush=True)\n    isotherm.Acquisition('imu-a', timeout=1e9)\nexcept KeyboardInterrupt: print('interrupted')"
     child = world.start(sys.executable, "-c", program)
     assert child.stdout is not None
     assert child.stdout.readline() == "waiting\n"
