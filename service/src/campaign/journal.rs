@@ -371,6 +371,9 @@ mod tests {
         let (mut journal, history) = Journal::open(&plan).unwrap();
         assert_eq!(history, History::default());
         journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        journal.lasting(Entry::Left).unwrap();
+        assert_eq!(Journal::open(&plan).unwrap().1.reached, None);
+        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
         let whole = fs::read(folder.path().join(JOURNAL)).unwrap();
         for cut in 1..40 {
             let torn = [&whole[..], &whole[..cut]].concat();
