@@ -4,7 +4,7 @@
 use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_tests::{PATIENCE, Process, TABLE, World, text, wait_until};
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
@@ -16,7 +16,7 @@ const SPEED: &str = "1000";
 struct Laboratory {
     world: World,
     _service: Process,
-    _station: Process,
+    station: Process,
 }
 
 /// As short as the physics allows.
@@ -72,7 +72,7 @@ impl Laboratory {
         plan =
             plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
         world.write("station/plan.toml", &plan);
-        Self { world, _service: service, _station: station }
+        Self { world, _service: service, station }
     }
 
     fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
@@ -366,4 +366,26 @@ fn one_instrument_that_is_away_hides_nothing_of_the_other_and_the_safe_state_can
     assert!(succeeded(&stop()).contains("after its runner had died"));
     laboratory.in_standby();
     assert_eq!(stop().status.code(), Some(69));
+}
+
+#[test]
+fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
+    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("stream_s = 30000", "stream_s = 60")]);
+    let station = laboratory.station.pid();
+    let children = fs::read_to_string(format!("/proc/{station}/task/{station}/children")).unwrap();
+    let imu = children.split_whitespace().find(|pid| {
+        let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap();
+        words.split(|byte| *byte == 0).any(|word| word == b"imu")
+    });
+    let imu = Pid::from_raw(imu.unwrap().parse().unwrap()).unwrap();
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 1);
+    kill_process(imu, Signal::STOP).unwrap();
+    laboratory.wait_for("paused", 1);
+    let cause = laboratory.events("paused")[0]["cause"].as_str().unwrap().to_owned();
+    assert!(cause.contains("no usable sample of imu-a for "), "{cause}");
+    kill_process(imu, Signal::CONT).unwrap();
+    let (well, log) = wait(runner);
+    assert!(well, "{log}");
+    laboratory.complete(12);
 }
