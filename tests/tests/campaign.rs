@@ -363,8 +363,10 @@ fn one_instrument_that_is_away_hides_nothing_of_the_other_and_the_safe_state_can
     let refused = laboratory.run(&[]);
     assert_eq!(refused.status.code(), Some(65));
     assert!(text(&refused.stderr).contains("`isotherm campaign stop` brings them into the safe state"));
-    assert!(succeeded(&stop()).contains("after its runner had died"));
+    assert!(succeeded(&stop()).contains("after its runner had ended without"));
     laboratory.in_standby();
+    let status = laboratory.world.run_well(&["campaign", "status", "station/plan.toml"]);
+    assert!(status.starts_with("ended: asked for after its runner had ended without"), "{status}");
     assert_eq!(stop().status.code(), Some(69));
 }
 
@@ -378,8 +380,17 @@ fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
         words.split(|byte| *byte == 0).any(|word| word == b"imu")
     });
     let imu = Pid::from_raw(imu.unwrap().parse().unwrap()).unwrap();
+    let paused = || {
+        let status: Value = serde_json::from_slice(&laboratory.file("status.json")).unwrap_or_default();
+        status["paused"].is_string()
+    };
+    // At the beginning, before there is any sample.
+    kill_process(imu, Signal::STOP).unwrap();
     let runner = laboratory.spawn();
+    wait_long("the wait for samples", paused);
+    kill_process(imu, Signal::CONT).unwrap();
     laboratory.wait_for("kept", 1);
+    assert!(!paused(), "it is over");
     kill_process(imu, Signal::STOP).unwrap();
     laboratory.wait_for("paused", 1);
     let cause = laboratory.events("paused")[0]["cause"].as_str().unwrap().to_owned();

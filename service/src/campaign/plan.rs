@@ -339,7 +339,7 @@ fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64
 
 fn chamber(root: &Section<'_, '_>) -> (Option<ChamberConfig>, f64, f64) {
     let Some(section) = root.section("chamber", "[chamber] with driver and port") else {
-        return (None, f64::MIN_POSITIVE, f64::MIN_POSITIVE);
+        return (None, 1.0 / 60.0, 0.5);
     };
     let config = ChamberConfig::read(&section);
     let ramp_c_per_s = positive(&section, "ramp_c_per_min", 1.0) / 60.0;

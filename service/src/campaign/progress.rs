@@ -102,6 +102,20 @@ impl Snapshot {
     }
 }
 
+/// Writes the status file. What cannot be written now is written the next time.
+pub fn write(path: &Path, snapshot: &Snapshot) {
+    // Renamed, but not forced onto the disk every second: the journal is what lasts.
+    let aside = path.with_extension("json.new");
+    let write = || {
+        fs::write(&aside, serde_json::to_string_pretty(snapshot)?)?;
+        fs::rename(&aside, path)
+    };
+    let result: io::Result<()> = write();
+    if let Err(error) = result {
+        tracing::warn!("writing {}: {error}", path.display());
+    }
+}
+
 fn due(last: Option<Instant>, every: Duration) -> bool {
     last.is_none_or(|last| last.elapsed() >= every)
 }
@@ -178,18 +192,9 @@ impl Progress {
         }
     }
 
-    /// For those who look at it from outside. What cannot be written now is written the next time.
+    /// For those who look at it from outside.
     pub fn write(&self, snapshot: &Snapshot) {
-        // Renamed, but not forced onto the disk every second: the journal is what lasts.
-        let aside = self.path.with_extension("json.new");
-        let write = || {
-            fs::write(&aside, serde_json::to_string_pretty(snapshot)?)?;
-            fs::rename(&aside, &self.path)
-        };
-        let result: io::Result<()> = write();
-        if let Err(error) = result {
-            tracing::warn!("writing {}: {error}", self.path.display());
-        }
+        write(&self.path, snapshot);
     }
 
     /// Takes the bars away.

@@ -393,7 +393,6 @@ impl<'p> Runner<'p> {
         }
         self.paused = Some(cause);
         self.until_well(self.plan.patience.pause_s.max(FLOOR.as_secs_f64() * self.clock.speed))?;
-        self.paused = None;
         let now = self.clock.now();
         self.journal.write(Entry::Resumed { after_s: now - away })?;
         self.progress.event("all is well again");
@@ -410,7 +409,10 @@ impl<'p> Runner<'p> {
         loop {
             let attempt = self.attempt();
             let cause = match attempt {
-                Ok(()) => return Ok(()),
+                Ok(()) => {
+                    self.paused = None;
+                    return Ok(());
+                }
                 Err(Trouble::Interrupted(cause)) => cause,
                 Err(given_up) => return Err(given_up),
             };

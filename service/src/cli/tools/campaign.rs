@@ -3,6 +3,7 @@ use crate::campaign::control::{self, Lock, runner, snapshot};
 use crate::campaign::finish::Finish;
 use crate::campaign::journal::{self, Entry, Journal};
 use crate::campaign::plan::Plan;
+use crate::campaign::progress::{self, STATUS, Snapshot};
 use crate::campaign::runner::Runner;
 use crate::campaign::samples::describe;
 use crate::campaign::station::Station;
@@ -232,31 +233,31 @@ impl Status {
 impl Stop {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load(&self.plan)?;
-        if !control::stop(&plan.output, self.timeout)? && !journal::needs_safe_state(&plan.output) {
+        let stopped = control::stop(&plan.output, self.timeout)?;
+        if journal::needs_safe_state(&plan.output) {
+            return safe(&plan);
+        }
+        if !stopped {
             let message = format!("{}: nobody runs this campaign", plan.output.display());
             return Err(Failure::new(Exit::Unavailable, message));
         }
-        let snapshot = snapshot(&plan.output)?.unwrap_or_default();
-        let (text, certain) = match snapshot.ended.filter(|_| !journal::needs_safe_state(&plan.output)) {
-            Some(ended) => (ended, snapshot.safe),
-            // Its runner has died.
-            None => {
-                let _lock = Lock::take(&plan.output)?;
-                let (table, chamber) = Station::new(&plan, true).safe();
-                let certain = table.is_reached() && chamber.is_reached();
-                let reason = "stopped after its runner had died".to_owned();
-                let text = format!("{reason}\nsafe state: {table}; {chamber}");
-                let (table, chamber) = (table.to_string(), chamber.to_string());
-                if let Err(failure) = journal::append(&plan.output, Entry::Safe { reason, table, chamber, certain }) {
-                    return Err(Failure::new(failure.exit, format!("{text}\n{failure}")));
-                }
-                (text, certain)
-            }
-        };
-        if certain {
-            written(None, writeln!(io::stdout(), "{text}"))
-        } else {
-            Err(Failure::new(Exit::Unavailable, text))
-        }
+        let ended = snapshot(&plan.output)?.and_then(|snapshot| snapshot.ended);
+        written(None, writeln!(io::stdout(), "{}", ended.unwrap_or_default()))
     }
+}
+
+/// The safe state, which the runner has ended without.
+fn safe(plan: &Plan) -> Result<(), Failure> {
+    let _lock = Lock::take(&plan.output)?;
+    let (table, chamber) = Station::new(plan, true).safe();
+    let certain = table.is_reached() && chamber.is_reached();
+    let reason = "asked for after its runner had ended without".to_owned();
+    let text = format!("{reason}\nsafe state: {table}; {chamber}");
+    let told = snapshot(&plan.output)?.unwrap_or_default();
+    let told = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..told };
+    progress::write(&plan.output.join(STATUS), &told);
+    let (table, chamber) = (table.to_string(), chamber.to_string());
+    let noted = journal::append(&plan.output, Entry::Safe { reason, table, chamber, certain });
+    noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
+    if certain { written(None, writeln!(io::stdout(), "{text}")) } else { Err(Failure::new(Exit::Unavailable, text)) }
 }
