@@ -155,7 +155,9 @@ fn every_table_goes_where_it_is_sent_and_stops() {
             assert_eq!(table.read().unwrap(), TableReading::default());
             table.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
             wait_until("the position", || table.read().unwrap().angles_deg == [90.0, -30.5]);
-            assert_eq!(table.read().unwrap().rates_deg_s, [0.0; 2]);
+            // The last digit of the angle is there before the rate's.
+            wait_until("the rest", || table.read().unwrap().rates_deg_s == [0.0; 2]);
+            assert_eq!(table.read().unwrap().angles_deg, [90.0, -30.5]);
             // A way of hours, so that it is still on it when it is stopped, however slow the machine.
             table.engage().unwrap();
             table.move_to([700.0, 0.0], 0.05, 5.0).unwrap();
