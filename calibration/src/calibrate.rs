@@ -3,28 +3,22 @@
 use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, SetPoint, Severity, check, set_points};
 use crate::curve::Curve;
-use crate::diagnostics::Diagnostics;
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
-use crate::order::{Choice, Rule, choose};
+use crate::order::{BIAS_EFFECT, Choice, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT, choose};
 use crate::positions::Observability;
 use crate::quality::{lack_of_fit, level_error, order_findings, outliers};
 use crate::reduce::{Reduced, reduce};
-use crate::regression::{Point, Regression, RegressionError};
+use crate::regression::{DataPoint, Regression, RegressionError};
+use isotherm_failure::{Exit, Failure};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
+use std::path::Path;
 
-/// Names of the three curves, as tables have them.
-pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
 /// Highest order that `auto` looks at.
 const AUTO_ORDER: usize = 6;
-/// Smallest change of the bias that is worth another order \[g0\].
-pub(crate) const BIAS_EFFECT: f64 = 0.1e-6;
-/// Smallest relative change of a scale factor that is worth another order.
-pub(crate) const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
-
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum Method {
@@ -37,7 +31,7 @@ pub enum Method {
 
 /// What the user asks for.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Options {
+pub struct CalibrationOptions {
     /// How the coefficients are estimated.
     pub method: Method,
     /// The order of every polynomial; chosen from the data if `None`.
@@ -54,6 +48,9 @@ pub enum CalibrationError {
     /// The list of positions cannot tell all parameters apart.
     #[error("{}", .0.join("\n"))]
     Positions(Vec<String>),
+    /// There is nothing to fit.
+    #[error("no rows; a campaign needs dwells")]
+    Empty,
     /// What the checks found.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     Faults(Vec<Finding>),
@@ -86,24 +83,13 @@ pub enum CalibrationError {
     Table(Vec<Refusal>),
 }
 
-/// The orders of one curve side by side.
-#[derive(Clone, Debug)]
-pub struct OrderTable {
-    /// Through the set points' values, in g0 and pulse/(s*g0).
-    pub regression: Regression,
-    /// The chosen order and why.
-    pub choice: Choice,
-    /// What speaks against it.
-    pub diagnostics: Diagnostics,
-}
-
 /// Everything that came out of a campaign.
 #[derive(Clone, Debug)]
 pub struct Calibration {
     /// The result.
     pub table: CoefficientTable,
     /// What was asked for.
-    pub options: Options,
+    pub options: CalibrationOptions,
     /// The dwells that counted.
     pub dwells: Vec<Dwell>,
     /// The stays at set points.
@@ -171,12 +157,49 @@ pub fn observable(campaign: &Campaign) -> Result<[Observability; AXES], Calibrat
     if deficiencies.is_empty() { Ok(found) } else { Err(CalibrationError::Positions(deficiencies)) }
 }
 
+impl CalibrationError {
+    /// The failure of a program: what is wrong with which file, and where. `campaign` is the campaign file, `samples` the recording, and
+    /// `locate` gives file and line of a row of it.
+    #[must_use]
+    pub fn failure(&self, campaign: &Path, samples: &Path, locate: impl Fn(u64) -> String) -> Failure {
+        let exit = match self {
+            Self::Positions(_) => Exit::Config,
+            Self::NothingToExclude(..) => Exit::Usage,
+            Self::Fit(_) | Self::Table(_) => Exit::Failed,
+            Self::Empty | Self::Faults(_) | Self::SetPoint { .. } | Self::Order { .. } => Exit::Data,
+        };
+        let message = match self {
+            Self::Faults(findings) => {
+                let line = |finding: &Finding| {
+                    let warning = if finding.severity == Severity::Warning { "warning: " } else { "" };
+                    format!("{warning}{}", finding.located(&locate))
+                };
+                findings.iter().map(line).collect::<Vec<_>>().join("\n")
+            }
+            Self::NothingToExclude(..) => format!("--exclude: {self}"),
+            Self::Positions(deficiencies) => {
+                let line = |deficiency: &String| format!("{}: {deficiency}", campaign.display());
+                deficiencies.iter().map(line).collect::<Vec<_>>().join("\n")
+            }
+            _ => format!("{}: {self}", samples.display()),
+        };
+        Failure::new(exit, message)
+    }
+}
+
 /// Makes a table of a campaign's dwells.
 ///
 /// # Errors
 /// Everything that keeps it from being one.
-pub fn calibrate(campaign: &Campaign, dwells: Vec<Dwell>, options: Options) -> Result<Calibration, CalibrationError> {
+pub fn calibrate(
+    campaign: &Campaign,
+    dwells: Vec<Dwell>,
+    options: CalibrationOptions,
+) -> Result<Calibration, CalibrationError> {
     let observability = observable(campaign)?;
+    if dwells.is_empty() {
+        return Err(CalibrationError::Empty);
+    }
     let dwells = without(campaign, dwells, &options.exclude)?;
     let stays = set_points(&dwells, campaign.positions.len());
     let mut findings = check(campaign, &dwells, &stays, &options.exclude);
@@ -307,7 +330,7 @@ fn order_tables(
 ) -> Result<[[OrderTable; 3]; AXES], CalibrationError> {
     let of = |axis: usize, q: usize| -> Result<OrderTable, CalibrationError> {
         let failed = |error| CalibrationError::Order { axis: AXIS_NAMES[axis], quantity: QUANTITIES[q], error };
-        let points: Vec<_> = values.iter().map(|value| value[axis][q]).map(|(x, y)| Point::new(x, y)).collect();
+        let points: Vec<_> = values.iter().map(|value| value[axis][q]).map(|(x, y)| DataPoint::new(x, y)).collect();
         let size = points.iter().map(|point| point.y.value().abs()).fold(0.0, f64::max);
         // A user who asks for order N sees the neighbours too, where there are points for them.
         let shown = (highest + 2).min(values.len().saturating_sub(2)).min(MAX_ORDER).max(highest);
@@ -317,8 +340,7 @@ fn order_tables(
             Some(order) => Choice { order, reason: "asked for".to_owned() },
             None => choose(&regression, &Rule { effect: Some(effect), unit, ..Rule::default() }),
         };
-        let diagnostics = Diagnostics::of(&regression, choice.order);
-        Ok(OrderTable { regression, choice, diagnostics })
+        Ok(OrderTable::new(regression, choice))
     };
     let axis = |axis: usize| Ok::<_, CalibrationError>([of(axis, 0)?, of(axis, 1)?, of(axis, 2)?]);
     Ok([axis(0)?, axis(1)?, axis(2)?])
@@ -342,7 +364,11 @@ fn two_stage(
     })
 }
 
-fn table(campaign: &Campaign, options: &Options, solution: &Solution) -> Result<CoefficientTable, CalibrationError> {
+fn table(
+    campaign: &Campaign,
+    options: &CalibrationOptions,
+    solution: &Solution,
+) -> Result<CoefficientTable, CalibrationError> {
     let refuse = |axis: usize, quantity: usize| {
         let key = format!("axis.{}.{}", AXIS_NAMES[axis], QUANTITIES[quantity]);
         CalibrationError::Table(vec![Refusal { key, message: format!("tables hold orders up to {MAX_ORDER}") }])

@@ -5,8 +5,8 @@
 //! does not grow with the sampling rate.
 
 use crate::positions::{Position, SAME_DIRECTION, mount, specific_force};
+use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::document::{Document, Faults, Section};
-use isotherm_shared::recording::{CampaignRow, RecordingError};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_RANGE, OutOfRange};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
@@ -19,8 +19,8 @@ pub struct Campaign {
     pub imu: ImuId,
     /// Serial number, free text.
     pub serial: Option<String>,
-    /// File of the samples, relative to the campaign's.
-    pub samples: String,
+    /// Files of the samples, relative to the campaign's: one, or the pieces of one recording in any order.
+    pub samples: Vec<String>,
     /// The value of 1 g0 \[m/s2\]; goes into the table.
     pub gravity_reference: f64,
     /// Gravity at the station \[m/s2\].
@@ -47,7 +47,7 @@ impl Campaign {
     /// # Errors
     /// All faults of the text with line and key.
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
-        let document = Document::parse(text)?;
+        let document = Document::parse_as(text, "give the campaign file that names it")?;
         let root = document.root();
         let campaign = campaign(&root);
         root.finish();
@@ -80,13 +80,9 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     if format.is_some_and(|format| format != 1.0) {
         root.fault("format", "unknown; this version reads format = 1");
     }
-    let imu = root.string("imu", "the IMU's name, 1 to 32 of a-z 0-9 - _").and_then(|name| {
-        let id = ImuId::new(name);
-        root.refuse("imu", id.is_none().then(|| format!("is {name:?}, give 1 to 32 of a-z 0-9 - _")));
-        id
-    });
+    let imu = root.imu_id("imu");
     let serial = root.optional_string("serial").map(str::to_owned);
-    let samples = root.string("samples", "the file of the samples, for example \"samples.csv\"").map(str::to_owned);
+    let samples = root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files");
     let gravity = |key, right| {
         let value = root.number(key, right);
         let [low, high] = GRAVITY_RANGE;
@@ -131,7 +127,7 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     Some(Campaign {
         imu: imu?,
         serial,
-        samples: samples?,
+        samples: samples?.into_iter().map(str::to_owned).collect(),
         gravity_reference: gravity_reference?,
         gravity_local: gravity_local?,
         temperature_unit: unit?,
@@ -180,7 +176,7 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
 
 /// What rows add up to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sums {
+pub struct DwellSums {
     /// Time counted \[s\].
     pub seconds: f64,
     /// Pulses of the positive channel.
@@ -193,7 +189,7 @@ pub struct Sums {
     age: f64,
 }
 
-impl Sums {
+impl DwellSums {
     fn add(&mut self, sample: &RawSample) {
         let seconds = sample.interval_ns as f64 / 1e9;
         self.seconds += seconds;
@@ -244,7 +240,7 @@ pub struct Block {
     /// Line of its first row.
     pub line: u64,
     /// What its rows add up to.
-    pub sums: Sums,
+    pub sums: DwellSums,
     /// Lowest and highest telemetry of each head.
     pub head: [[f64; 2]; AXES],
     /// Lowest and highest telemetry of each board.
@@ -272,7 +268,7 @@ pub struct Dwell {
     /// Begin of its first and end of its last row \[ns\].
     pub time_ns: [u64; 2],
     /// What all rows add up to.
-    pub sums: Sums,
+    pub sums: DwellSums,
     /// Its parts.
     pub blocks: Vec<Block>,
     block_length: f64,
@@ -287,7 +283,7 @@ impl Dwell {
             lines: [row.line; 2],
             rows: 0,
             time_ns: [begin; 2],
-            sums: Sums::default(),
+            sums: DwellSums::default(),
             blocks: Vec::new(),
             block_length: BLOCK,
         }
@@ -310,7 +306,7 @@ impl Dwell {
                 }
                 self.blocks.push(Block {
                     line: row.line,
-                    sums: Sums::default(),
+                    sums: DwellSums::default(),
                     head: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
                     board: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
                     rate: [0.0; 3],
@@ -363,7 +359,7 @@ impl Dwell {
     }
 
     /// Second half less first half.
-    fn per_s(&self, telemetry: impl Fn(&Sums) -> f64) -> f64 {
+    fn per_s(&self, telemetry: impl Fn(&DwellSums) -> f64) -> f64 {
         let (first, second) = self.blocks.split_at(self.blocks.len() / 2);
         if first.is_empty() {
             return 0.0;
@@ -405,7 +401,7 @@ pub fn range(ranges: impl IntoIterator<Item = [f64; 2]>) -> [f64; 2] {
     all
 }
 
-/// Reads the samples of `campaign`: a [`CampaignReader`](isotherm_shared::recording::CampaignReader), or rows from elsewhere.
+/// Reads the samples of `campaign`: a [`CampaignCsvReader`](isotherm_recording::CampaignCsvReader), or rows from elsewhere.
 ///
 /// # Errors
 /// At the first row that cannot be read or used, with its line: an unknown position, time that does not rise, an interval out of
@@ -427,7 +423,7 @@ pub fn read(
             Err(RecordingError::Data { line: row.line, message: place + &message })
         };
         let sample = &row.sample;
-        if let Some(wrong) = unusable(sample, previous.as_ref().map(|row| row.sample.timestamp_ns)) {
+        if let Some(wrong) = implausible(sample, previous.as_ref().map(|row| row.sample.timestamp_ns)) {
             return fault(wrong);
         }
         let same = |last: &CampaignRow| (last.set_point_c, last.position) == (row.set_point_c, row.position);
@@ -449,20 +445,23 @@ pub fn read(
     Ok(dwells)
 }
 
-fn unusable(sample: &RawSample, previous: Option<u64>) -> Option<String> {
+/// Why nothing can be done with a raw sample of a campaign, if so; `previous_ns` is the timestamp of the one before. The automatic campaign
+/// leaves such samples out, `calibrate` refuses them.
+#[must_use]
+pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
     let RawSample { timestamp_ns, interval_ns, .. } = *sample;
     if interval_ns == 0 || interval_ns > MAX_INTERVAL_NS {
         return Some(format!("interval_ns is {interval_ns}, give 1 to {MAX_INTERVAL_NS}"));
     }
-    if let Some(previous) = previous {
-        if timestamp_ns <= previous {
-            return Some(format!("timestamp_ns {timestamp_ns} after {previous}; time must rise from row to row"));
+    if let Some(previous_ns) = previous_ns {
+        if timestamp_ns <= previous_ns {
+            return Some(format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row"));
         }
         // A jittering clock is no fault; a wrong unit or an overlap is.
-        if interval_ns / 3 * 2 > timestamp_ns - previous {
+        if interval_ns / 3 * 2 > timestamp_ns - previous_ns {
             return Some(format!(
                 "interval_ns is {interval_ns}, but only {} ns have passed since the row before; pulses would be counted twice",
-                timestamp_ns - previous
+                timestamp_ns - previous_ns
             ));
         }
     }

@@ -52,6 +52,17 @@ pub struct Finding {
     pub message: String,
 }
 
+impl Finding {
+    /// The finding with the place of its line, if it has one; `locate` gives file and line of a row.
+    #[must_use]
+    pub fn located(&self, locate: impl Fn(u64) -> String) -> String {
+        match self.line {
+            Some(line) => format!("{}: {self}", locate(line)),
+            None => self.to_string(),
+        }
+    }
+}
+
 /// `set point 5 degC, position 3: message`, without the line.
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -173,7 +173,7 @@ pub fn student(level: f64, freedom: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::regression::Point;
+    use crate::regression::DataPoint;
 
     #[test]
     fn student_is_that_of_the_tables() {
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn tables_keep_their_digits_far_from_zero() {
-        let points = (0..15).map(|i| 8e6 + 4e3 * f64::from(i)).map(|x| Point::new(x, 9e4 + (x / 7e3).sin()));
+        let points = (0..15).map(|i| 8e6 + 4e3 * f64::from(i)).map(|x| DataPoint::new(x, 9e4 + (x / 7e3).sin()));
         let regression = Regression::new(points.collect(), 7).unwrap();
         let curve = Curve::of(&regression, 7, [8e6, 8.056e6]);
         let table = curve.polynomial(1.0).unwrap();
@@ -198,7 +198,8 @@ mod tests {
 
     #[test]
     fn raw_coefficients_and_errors_are_those_of_the_regression() {
-        let points = (0..9).map(|i| f64::from(i) / 3.0 + 1.1).map(|x| Point::new(x, 3.0 - x + 0.1 * (9.0 * x).sin()));
+        let points =
+            (0..9).map(|i| f64::from(i) / 3.0 + 1.1).map(|x| DataPoint::new(x, 3.0 - x + 0.1 * (9.0 * x).sin()));
         let regression = Regression::new(points.collect(), 3).unwrap();
         let curve = Curve::of(&regression, 3, [1.1, 3.8]);
         let fit = &regression.fits()[3];

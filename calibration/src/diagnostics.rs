@@ -195,10 +195,10 @@ fn outliers(residuals: &[f64]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::regression::Point;
+    use crate::regression::DataPoint;
 
     fn regression(points: impl Iterator<Item = (f64, f64)>, order: usize) -> Regression {
-        Regression::new(points.map(|(x, y)| Point::new(x, y)).collect(), order).unwrap()
+        Regression::new(points.map(|(x, y)| DataPoint::new(x, y)).collect(), order).unwrap()
     }
 
     /// A scatter without pattern.

@@ -107,7 +107,7 @@ pub fn solve(
     start: &Curves,
     left_out: &[usize],
 ) -> Result<Solution, OneStageError> {
-    let mut model = Model::new(campaign, dwells, stays, start);
+    let mut model = JointModel::new(campaign, dwells, stays, start);
     let counted: Vec<bool> = (0..dwells.len()).map(|dwell| !left_out.contains(&dwell)).collect();
     if model.with_tilt {
         let with = model.step(&counted).map_or(f64::INFINITY, |step| step.condition);
@@ -118,7 +118,7 @@ pub fn solve(
     }
     match model.converge(&counted) {
         Err(OneStageError::Divergence) if model.with_tilt => {
-            let mut model = Model::new(campaign, dwells, stays, start);
+            let mut model = JointModel::new(campaign, dwells, stays, start);
             model.with_tilt = false;
             model.converge(&counted)
         }
@@ -137,7 +137,7 @@ pub(crate) fn hold(
     misalignment: impl Fn(usize, usize) -> (f64, f64),
 ) -> Solution {
     let m = [0, 1, 2].map(|axis| [misalignment(axis, 0), misalignment(axis, 1)]);
-    let mut model = Model::new(campaign, dwells, stays, &curves);
+    let mut model = JointModel::new(campaign, dwells, stays, &curves);
     model.with_tilt = tilt.is_some();
     for (k, tilt) in tilt.unwrap_or_default().into_iter().enumerate() {
         model.unknown[model.tilt + k] = tilt;
@@ -160,7 +160,7 @@ pub(crate) fn hold(
     Solution { axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis), tilt, tilt_error: None, residuals }
 }
 
-struct Model<'a> {
+struct JointModel<'a> {
     campaign: &'a Campaign,
     dwells: &'a [Dwell],
     stays: &'a [SetPoint],
@@ -176,7 +176,7 @@ struct Model<'a> {
 }
 
 /// A linearisation with its solution.
-struct Step {
+struct NewtonStep {
     jacobian: DMatrix<f64>,
     residual: DVector<f64>,
     /// H^-1.
@@ -185,7 +185,7 @@ struct Step {
     condition: f64,
 }
 
-impl<'a> Model<'a> {
+impl<'a> JointModel<'a> {
     fn new(campaign: &'a Campaign, dwells: &'a [Dwell], stays: &'a [SetPoint], curves: &'a Curves) -> Self {
         let mut next = 0;
         let mut take = |count| {
@@ -282,7 +282,7 @@ impl<'a> Model<'a> {
     }
 
     /// Linearises and solves; `None` if the dwells do not determine the unknowns.
-    fn step(&self, counted: &[bool]) -> Option<Step> {
+    fn step(&self, counted: &[bool]) -> Option<NewtonStep> {
         let (rows, columns) = (AXES * self.dwells.len(), self.unknowns());
         let mut jacobian = DMatrix::zeros(rows, columns);
         let mut residual = DVector::zeros(rows);
@@ -324,10 +324,10 @@ impl<'a> Model<'a> {
                 inverse[(i, j)] /= scale[i] * scale[j];
             }
         }
-        Some(Step { jacobian, residual, inverse, change, condition })
+        Some(NewtonStep { jacobian, residual, inverse, change, condition })
     }
 
-    fn solution(&self, step: &Step, counted: &[bool]) -> Solution {
+    fn solution(&self, step: &NewtonStep, counted: &[bool]) -> Solution {
         let covariance = self.covariance(step, counted);
         let set_points = self.stays.len();
         let block = |offset: usize, count: usize, unit: f64| {
@@ -365,7 +365,7 @@ impl<'a> Model<'a> {
 
     /// L of one set point: derivatives of the residuals by its five parameters of each axis and by the tilt, and the rows of the
     /// residuals; `None` if an axis has fewer dwells than parameters.
-    fn local(&self, stay: &SetPoint, step: &Step, counted: &[bool]) -> Option<(Vec<usize>, DMatrix<f64>)> {
+    fn local(&self, stay: &SetPoint, step: &NewtonStep, counted: &[bool]) -> Option<(Vec<usize>, DMatrix<f64>)> {
         // K relative, so that all columns are of order 1.
         let size = [1.0, 1e5, 1e5, 1.0, 1.0];
         let used: Vec<_> = stay.dwells.iter().copied().filter(|&d| counted[d]).collect();
@@ -392,7 +392,7 @@ impl<'a> Model<'a> {
     }
 
     /// See the module's header; `None` if some set point has fewer dwells than parameters.
-    fn covariance(&self, step: &Step, counted: &[bool]) -> Option<DMatrix<f64>> {
+    fn covariance(&self, step: &NewtonStep, counted: &[bool]) -> Option<DMatrix<f64>> {
         let columns = self.unknowns();
         let mut deltas = Vec::new();
         let mut scores = Vec::new();

@@ -4,8 +4,19 @@
 //! From the highest down, because a forward rule that stops at the first term without effect stops at order 0 on a cubic
 //! whose linear and quadratic parts cancel. Large enough, because on many samples any trifle is significant.
 
-use crate::regression::{Fit, Regression};
+use crate::diagnostics::Diagnostics;
+use crate::regression::{Fit, Partial, Regression, f_limit};
 use core::fmt::Write as _;
+use serde_json::{Value, json};
+
+/// Names of the three curves of an accelerometer, as tables have them.
+pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
+/// Smallest change of the bias that is worth another order \[g0\].
+pub const BIAS_EFFECT: f64 = 0.1e-6;
+/// Smallest relative change of a scale factor that is worth another order.
+pub const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
+/// Highest order of a table of orders, where the data allow it and none is asked for.
+const DEFAULT_ORDER: usize = 6;
 
 /// When a term counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,13 +88,144 @@ pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
     Choice { order, reason }
 }
 
+/// The highest order that is fitted if none is asked for: 6, or what the number of different x allows.
+#[must_use]
+pub fn default_order(x: impl IntoIterator<Item = f64>) -> usize {
+    let mut distinct: Vec<_> = x.into_iter().collect();
+    distinct.sort_by(f64::total_cmp);
+    distinct.dedup();
+    DEFAULT_ORDER.min(distinct.len().saturating_sub(2)).max(1)
+}
+
+/// The orders of one curve side by side.
+#[derive(Clone, Debug)]
+pub struct OrderTable {
+    /// All fits.
+    pub regression: Regression,
+    /// The chosen order and why.
+    pub choice: Choice,
+    /// What speaks against it.
+    pub diagnostics: Diagnostics,
+}
+
+impl OrderTable {
+    /// With an order that has been chosen.
+    #[must_use]
+    pub fn new(regression: Regression, choice: Choice) -> Self {
+        let diagnostics = Diagnostics::of(&regression, choice.order);
+        Self { regression, choice, diagnostics }
+    }
+
+    /// With the order that `rule` chooses.
+    #[must_use]
+    pub fn choose(regression: Regression, rule: &Rule) -> Self {
+        let choice = choose(&regression, rule);
+        Self::new(regression, choice)
+    }
+
+    /// As one JSON document: what `isotherm regress --json` prints, less what only a file has.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let Self { regression, choice, diagnostics } = self;
+        json!({
+            "n": regression.n(),
+            "center": regression.center(),
+            "scale": regression.scale(),
+            "orders": regression.fits().iter().skip(1).map(fit_json).collect::<Vec<_>>(),
+            "selected": choice.order,
+            "reason": choice.reason,
+            "residuals": regression.residuals(choice.order),
+            "diagnostics": {
+                "lag1": diagnostics.lag1,
+                "runs": diagnostics.runs,
+                "heating_cooling": diagnostics.heating_cooling,
+                "outliers": diagnostics.outliers,
+            },
+            "warnings": diagnostics.warnings,
+        })
+    }
+
+    /// As text for people; `x` and `y` are the names of the columns.
+    #[must_use]
+    pub fn text(&self, x: &str, y: &str) -> String {
+        let Self { regression, choice, .. } = self;
+        let mut text = format!(
+            "{y} as a polynomial of {x}: {} points\n\n order  residual sd          R2           R            F        p   \
+             leave-one-out rms         max      effect\n",
+            regression.n()
+        );
+        let fits = &regression.fits()[1..];
+        // Writing to a String cannot fail.
+        for fit in fits {
+            let _ = writeln!(
+                text,
+                "{:6} {} {:11.9} {:11.9} {} {} {:>19} {} {}",
+                fit.order,
+                number(fit.residual_sd, 12),
+                fit.r_squared.unwrap_or(f64::NAN),
+                fit.r.unwrap_or(f64::NAN),
+                number(fit.f, 12),
+                number(fit.f_p, 8),
+                number(fit.leave_one_out_rms, 11),
+                number(fit.leave_one_out_max, 11),
+                number(Some(fit.effect), 11),
+            );
+        }
+        for fit in fits {
+            let _ = writeln!(
+                text,
+                "\norder {}: coefficients of {x}^k; partial sums of squares in the basis centred at {:.6}, scaled by {:.6}\n  \
+                 k            coefficient  standard error     partial sum            F        p",
+                fit.order,
+                regression.center(),
+                regression.scale()
+            );
+            for (k, coefficient) in fit.coefficients.iter().enumerate() {
+                let error = fit.standard_errors.as_ref().map(|errors| errors[k]);
+                let none = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
+                let partial = if k == 0 { &none } else { fit.partial_centred.get(k - 1).unwrap_or(&none) };
+                let sum = (k > 0).then_some(partial.sum_of_squares);
+                let _ = writeln!(
+                    text,
+                    "  {k:1} {coefficient:>22.14e} {} {} {} {}",
+                    number(error, 15),
+                    number(sum, 15),
+                    number(partial.f, 12),
+                    number(partial.p, 8)
+                );
+            }
+        }
+        let _ = writeln!(text, "\nChosen: order {}; {}.", choice.order, choice.reason);
+        text
+    }
+}
+
+fn fit_json(fit: &Fit) -> Value {
+    let mut value = serde_json::to_value(fit).unwrap_or_default();
+    let limit = |d1: usize, p: f64| (fit.df_residual > 0).then(|| f_limit(p, d1 as f64, fit.df_residual as f64));
+    value["f_limit"] = json!({"0.05": limit(fit.order, 0.05), "0.01": limit(fit.order, 0.01)});
+    value["partial_f_limit"] = json!({"0.05": limit(1, 0.05), "0.01": limit(1, 0.01)});
+    value
+}
+
+fn number(value: Option<f64>, width: usize) -> String {
+    match value {
+        Some(value) if value == 0.0 || (1e-3..1e6).contains(&value.abs()) => {
+            let digits = 5_usize.saturating_sub(value.abs().max(1.0).log10() as usize);
+            format!("{value:>width$.digits$}")
+        }
+        Some(value) => format!("{:>width$}", format!("{value:.*e}", width.min(12).saturating_sub(8).max(1))),
+        None => format!("{:>width$}", "-"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::regression::Point;
+    use crate::regression::DataPoint;
 
     fn regression(y: impl Fn(f64) -> f64) -> Regression {
-        let points = (0..15).map(|i| f64::from(i) / 7.0 - 1.0).map(|x| Point::new(x, y(x))).collect();
+        let points = (0..15).map(|i| f64::from(i) / 7.0 - 1.0).map(|x| DataPoint::new(x, y(x))).collect();
         Regression::new(points, 5).unwrap()
     }
 

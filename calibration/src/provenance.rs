@@ -1,9 +1,10 @@
 //! Where a table comes from and how good it is: the `[provenance]` section that `calibrate` writes below it. It does not count for
 //! the digest and no program reads it; people and scripts do.
 
-use crate::calibrate::{Calibration, QUANTITIES};
+use crate::calibrate::Calibration;
 use crate::campaign::Campaign;
-use isotherm_shared::table::AXIS_NAMES;
+use crate::order::QUANTITIES;
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use nalgebra::Matrix3;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
@@ -11,7 +12,7 @@ use std::io::{self, Read, Write};
 
 /// What only the caller knows.
 #[derive(Clone, Debug)]
-pub struct Source {
+pub struct CampaignSource {
     /// Program and version.
     pub tool: String,
     /// When, as RFC 3339 in UTC.
@@ -22,6 +23,34 @@ pub struct Source {
     pub campaign_sha256: String,
     /// SHA-256 of the samples, in hexadecimal.
     pub samples_sha256: String,
+}
+
+/// This program, for [`CampaignSource::tool`].
+#[must_use]
+pub fn tool() -> String {
+    format!("isotherm {}", env!("CARGO_PKG_VERSION"))
+}
+
+/// The time to the second, RFC 3339 in UTC, for [`CampaignSource::time`].
+#[must_use]
+pub fn now() -> String {
+    let now = jiff::Timestamp::now();
+    now.round(jiff::Unit::Second).unwrap_or(now).to_string()
+}
+
+/// The text of a calibration's table file: sealed, with its provenance, and read back before it is believed.
+///
+/// # Errors
+/// If it does not read back the same.
+pub fn sealed_table(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> Result<String, String> {
+    let failed = |cause: String| format!("writing the table: {cause}");
+    let section = provenance(campaign, calibration, source).map_err(|error| failed(error.to_string()))?;
+    let text = format!("{}\n{section}", calibration.table.to_toml());
+    match CoefficientTable::from_toml(&text, Some(&campaign.imu)) {
+        Ok(table) if table == calibration.table => Ok(text),
+        Ok(_) => Err(failed("it does not read back the same".to_owned())),
+        Err(faults) => Err(failed(faults.to_string())),
+    }
 }
 
 /// SHA-256 in hexadecimal.
@@ -75,7 +104,7 @@ impl<W: Write> Write for Hashed<W> {
 }
 
 #[derive(Serialize)]
-struct Document<'a> {
+struct ProvenanceFile<'a> {
     provenance: Provenance<'a>,
 }
 
@@ -146,7 +175,11 @@ fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
 ///
 /// # Errors
 /// If it cannot be written as TOML, which no valid calibration brings about.
-pub fn provenance(campaign: &Campaign, calibration: &Calibration, source: &Source) -> Result<String, toml::ser::Error> {
+pub fn provenance(
+    campaign: &Campaign,
+    calibration: &Calibration,
+    source: &CampaignSource,
+) -> Result<String, toml::ser::Error> {
     let place = |set_point: f64, number: u32| format!("{set_point}/{number}");
     let errors = || {
         let mut matrix = Matrix3::zeros();
@@ -157,7 +190,7 @@ pub fn provenance(campaign: &Campaign, calibration: &Calibration, source: &Sourc
         }
         Some(rows(&matrix))
     };
-    let document = Document {
+    let document = ProvenanceFile {
         provenance: Provenance {
             tool: &source.tool,
             time: &source.time,

@@ -1,10 +1,10 @@
 //! How good a calibration is, beyond its standard errors: what single positions, dwells and curves have to say against it.
 
-use crate::calibrate::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
 use crate::campaign::{Campaign, Dwell};
 use crate::checks::{Finding, SetPoint, Severity};
 use crate::diagnostics::{median, robust_sd};
 use crate::one_stage::{Solution, solve};
+use crate::order::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
 use crate::positions::SAME_DIRECTION;
 use crate::reduce::Reduced;
 use isotherm_shared::table::AXIS_NAMES;

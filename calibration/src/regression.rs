@@ -30,7 +30,7 @@ pub const MAX_ORDER: usize = 15;
 
 /// One point, its weight over 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
+pub struct DataPoint {
     /// What the quantity is regressed on.
     pub x: DoubleDouble,
     /// The quantity.
@@ -39,7 +39,7 @@ pub struct Point {
     pub weight: DoubleDouble,
 }
 
-impl Point {
+impl DataPoint {
     /// Of weight 1.
     #[must_use]
     pub fn new(x: f64, y: f64) -> Self {
@@ -129,7 +129,7 @@ pub struct Fit {
 /// The regressions of all orders from 0 to a highest one.
 #[derive(Clone, Debug)]
 pub struct Regression {
-    points: Vec<Point>,
+    points: Vec<DataPoint>,
     center: DoubleDouble,
     scale: DoubleDouble,
     /// Inverse of the triangle R, row by row.
@@ -144,7 +144,7 @@ impl Regression {
     ///
     /// # Errors
     /// If `max_order` is over [`MAX_ORDER`], not below the number of different x, or the numbers leave the range of doubles.
-    pub fn new(points: Vec<Point>, max_order: usize) -> Result<Self, RegressionError> {
+    pub fn new(points: Vec<DataPoint>, max_order: usize) -> Result<Self, RegressionError> {
         if max_order > MAX_ORDER {
             return Err(RegressionError::OrderTooHigh(max_order));
         }
@@ -187,7 +187,7 @@ impl Regression {
 
     /// The points.
     #[must_use]
-    pub fn points(&self) -> &[Point] {
+    pub fn points(&self) -> &[DataPoint] {
         &self.points
     }
 
@@ -206,7 +206,7 @@ impl Regression {
     /// y - fit of `order` at every point.
     #[must_use]
     pub fn residuals(&self, order: usize) -> Vec<f64> {
-        let residual = |point: &Point| {
+        let residual = |point: &DataPoint| {
             let fitted: DoubleDouble =
                 self.basis(point.x).iter().zip(&self.rotated).take(order + 1).map(|(&q, &z)| q * z).sum();
             (point.y - fitted).value()
@@ -269,7 +269,7 @@ impl Regression {
     /// A residual sum of squares that is no more than the rounding of y: a perfect fit. Numbers that are doubles in their shortest form were
     /// rounded to doubles; others were not.
     fn rounding(&self) -> DoubleDouble {
-        let is_double = |point: &Point| DoubleDouble::parse(&format!("{:e}", point.y.value())) == Some(point.y);
+        let is_double = |point: &DataPoint| DoubleDouble::parse(&format!("{:e}", point.y.value())) == Some(point.y);
         let doubles = self.points.iter().all(|point| point.y == point.y.value().into() || is_double(point));
         let unit = DoubleDouble::from(if doubles { f64::EPSILON } else { f64::EPSILON * f64::EPSILON });
         let largest = self.points.iter().map(|p| (p.y * p.y * p.weight).value()).fold(0.0, f64::max);
@@ -282,7 +282,7 @@ impl Regression {
         sse: DoubleDouble,
         previous: DoubleDouble,
         raw: &[Vec<DoubleDouble>],
-        look: &Look,
+        look: &PointScan,
     ) -> Fit {
         let terms = order + 1;
         let df = self.n() - terms;
@@ -343,8 +343,8 @@ impl Regression {
     }
 
     /// What needs a look at every point.
-    fn looks(&self, max_order: usize) -> Vec<Look> {
-        let mut looks = vec![Look { effect: 0.0, press: Some(0.0), worst: 0.0 }; max_order + 1];
+    fn looks(&self, max_order: usize) -> Vec<PointScan> {
+        let mut looks = vec![PointScan { effect: 0.0, press: Some(0.0), worst: 0.0 }; max_order + 1];
         for point in &self.points {
             let (mut rest, mut leverage) = (point.y, DoubleDouble::ZERO);
             for ((look, q), &z) in looks.iter_mut().zip(self.basis(point.x)).zip(&self.rotated) {
@@ -363,7 +363,7 @@ impl Regression {
 }
 
 #[derive(Clone, Debug)]
-struct Look {
+struct PointScan {
     effect: f64,
     press: Option<f64>,
     worst: f64,
@@ -395,7 +395,7 @@ pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
     high
 }
 
-fn distinct(points: &[Point]) -> usize {
+fn distinct(points: &[DataPoint]) -> usize {
     let mut x: Vec<_> = points.iter().map(|point| point.x).collect();
     x.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
     x.dedup();
@@ -403,7 +403,7 @@ fn distinct(points: &[Point]) -> usize {
 }
 
 /// Doubles, so that a user can repeat the centring; they need not be the exact middle.
-fn center_and_scale(points: &[Point]) -> (DoubleDouble, DoubleDouble) {
+fn center_and_scale(points: &[DataPoint]) -> (DoubleDouble, DoubleDouble) {
     let x = || points.iter().map(|point| point.x.value());
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(f64::NEG_INFINITY, f64::max));
     let half = (high - low) / 2.0;

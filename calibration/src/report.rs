@@ -8,6 +8,7 @@ pub mod calibration;
 pub mod page;
 pub mod plot;
 mod svg;
+pub mod text;
 mod thin;
 pub mod verification;
 

@@ -9,8 +9,8 @@
 //!         -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the rest is carried       [pulse]
 //! ```
 //! The truth is a [`CoefficientTable`] with a misalignment M; compensating with it gives f back, but for noise and the
-//! charge that has not made a pulse yet. The details are in the modules: [`Imu`] is head, board and converter, [`campaign`]
-//! and [`run`] let it through a schedule; [`Chamber`] and [`Turntable`] are the machines around it on their own. The same seed gives the same data, to the byte on the same machine.
+//! charge that has not made a pulse yet. The details are in the modules: [`SimulatedImu`] is head, board and converter, [`campaign`]
+//! and [`run`] let it through a schedule; [`SimulatedChamber`] and [`SimulatedTurntable`] are the machines around it on their own. The same seed gives the same data, to the byte on the same machine.
 
 mod campaign;
 mod chamber;
@@ -18,11 +18,13 @@ mod imu;
 mod random;
 mod turntable;
 
-pub use campaign::{Campaign, Plan, Row, Run, RunSamples, campaign, campaign_toml, run};
-pub use chamber::Chamber;
-pub use imu::Imu;
+pub use campaign::{
+    CampaignSchedule, RunSamples, RunSchedule, SimulatedCampaign, SimulatedRow, campaign, campaign_toml, run,
+};
+pub use chamber::SimulatedChamber;
+pub use imu::SimulatedImu;
 pub use random::Random;
-pub use turntable::{Turntable, specific_force};
+pub use turntable::{SimulatedTurntable, specific_force};
 
 use isotherm_shared::polynomial::{Polynomial, Side};
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
@@ -123,13 +125,13 @@ impl Truth {
     }
 
     /// The table's text, sealed, followed by a `[provenance]` section with the truth's other numbers, the `seed`, what
-    /// wrote it and the schedule, a [`Plan`] or a [`Run`], with all its parameters.
+    /// wrote it and the schedule, a [`CampaignSchedule`] or a [`RunSchedule`], with all its parameters.
     ///
     /// # Errors
     /// If TOML cannot express it, which is a seed over 2^63 - 1.
     pub fn to_toml(&self, tool: &str, seed: u64, schedule: &impl Serialize) -> Result<String, toml::ser::Error> {
         #[derive(Serialize)]
-        struct Provenance<'a, T> {
+        struct TruthProvenance<'a, T> {
             tool: &'a str,
             seed: u64,
             gravity_local: f64,
@@ -139,13 +141,13 @@ impl Truth {
             schedule: &'a T,
         }
         #[derive(Serialize)]
-        struct File<'a, T> {
-            provenance: Provenance<'a, T>,
+        struct TruthFile<'a, T> {
+            provenance: TruthProvenance<'a, T>,
         }
         let misalignment = self.misalignment.transpose().into();
         let Self { gravity_local, tilt_rad, .. } = *self;
-        let provenance = Provenance { tool, seed, gravity_local, tilt_rad, misalignment, schedule };
-        Ok(format!("{}\n{}", self.table.to_toml(), toml::to_string(&File { provenance })?))
+        let provenance = TruthProvenance { tool, seed, gravity_local, tilt_rad, misalignment, schedule };
+        Ok(format!("{}\n{}", self.table.to_toml(), toml::to_string(&TruthFile { provenance })?))
     }
 }
 
@@ -250,7 +252,7 @@ pub struct Noise {
     pub sensor_g0: f64,
     /// Of a telemetry reading, in the table's unit.
     pub telemetry: f64,
-    /// Offset of the bias in each visit of a set point \[g0\].
+    /// VisitOffset of the bias in each visit of a set point \[g0\].
     pub bias_g0: f64,
     /// Relative offsets of K+ and of K- in each visit of a set point.
     pub scale_factor: f64,

@@ -39,6 +39,18 @@ pub struct Setup {
     pub gravity_local: f64,
 }
 
+impl Setup {
+    /// For an attitude of any length, if one is stated, and local gravity \[m/s2\], if it is not the table's.
+    #[must_use]
+    pub fn new(attitude: Option<[f64; AXES]>, gravity_local: Option<f64>, table: &CoefficientTable) -> Self {
+        let attitude = attitude.map(|direction| {
+            let length = direction.iter().map(|f| f * f).sum::<f64>().sqrt();
+            direction.map(|f| f / length)
+        });
+        Self { attitude, gravity_local: gravity_local.unwrap_or(table.content().gravity) }
+    }
+}
+
 /// Means over one window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
@@ -133,6 +145,23 @@ impl Stability {
     }
 }
 
+impl Stability {
+    /// The verdict on a required factor: what is wrong, if an axis is not so many times more stable after than before.
+    ///
+    /// # Errors
+    /// Naming each such axis.
+    pub fn require(&self, factor: f64) -> Result<(), String> {
+        let axes = AXIS_NAMES.iter().zip(&self.axes);
+        let short = axes.filter(|(_, axis)| axis.factor().is_nan() || axis.factor() < factor);
+        let short: Vec<_> = short.map(|(name, axis)| format!("{name} {:.2}", axis.factor())).collect();
+        if short.is_empty() {
+            return Ok(());
+        }
+        let axes = short.join(", ");
+        Err(format!("stability: {axes} times better, {factor} are required; calibrate anew, or look at the report"))
+    }
+}
+
 /// Why there is no stability to tell.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StabilityError {
@@ -184,7 +213,7 @@ impl fmt::Display for Force {
 
 /// What the samples of one window add up to.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sums {
+struct WindowSums {
     begin_s: f64,
     end_s: f64,
     seconds: f64,
@@ -202,8 +231,8 @@ pub struct Collector<'a> {
     table: &'a CoefficientTable,
     window_s: f64,
     begin_ns: Option<u64>,
-    open: Sums,
-    windows: Vec<Sums>,
+    open: WindowSums,
+    windows: Vec<WindowSums>,
     telemetry: [[Telemetry; 2]; AXES],
     left_out: u64,
 }
@@ -231,10 +260,10 @@ impl Telemetry {
 
 /// Middle of the windows' mean telemetry, head and board by axis; of those without a flag, if there are any, since a single broken
 /// reading is no temperature.
-fn middle(windows: &[Sums]) -> [[f64; 2]; AXES] {
+fn middle(windows: &[WindowSums]) -> [[f64; 2]; AXES] {
     let good = windows.iter().any(|window| !window.flagged);
     let used = || windows.iter().filter(move |window| !(good && window.flagged));
-    let of = |telemetry: &dyn Fn(&Sums) -> f64| {
+    let of = |telemetry: &dyn Fn(&WindowSums) -> f64| {
         let (low, high) = used()
             .map(|window| telemetry(window) / window.seconds)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
@@ -249,7 +278,15 @@ impl<'a> Collector<'a> {
     pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
         let telemetry = Telemetry { last: f64::NAN, step: f64::INFINITY };
         let telemetry = [[telemetry; 2]; 3];
-        Self { table, window_s, begin_ns: None, open: Sums::default(), windows: Vec::new(), telemetry, left_out: 0 }
+        Self {
+            table,
+            window_s,
+            begin_ns: None,
+            open: WindowSums::default(),
+            windows: Vec::new(),
+            telemetry,
+            left_out: 0,
+        }
     }
 
     /// Adds the next sample. One whose interval is invalid carries no velocity and is left out.
@@ -357,7 +394,7 @@ impl Frozen {
     }
 }
 
-fn window(sums: &Sums, frozen: &Frozen, table: &CoefficientTable) -> Window {
+fn window(sums: &WindowSums, frozen: &Frozen, table: &CoefficientTable) -> Window {
     let content = table.content();
     let mean = |values: [f64; AXES]| values.map(|value| value / sums.seconds);
     let mut before = [0, 1, 2].map(|axis| {

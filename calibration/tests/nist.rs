@@ -3,7 +3,7 @@
 
 use isotherm_calibration::double_double::DoubleDouble;
 use isotherm_calibration::order::{Rule, choose};
-use isotherm_calibration::regression::{Fit, Partial, Point, Regression, f_limit};
+use isotherm_calibration::regression::{DataPoint, Fit, Partial, Regression, f_limit};
 use serde_json::Value;
 
 fn load(name: &str) -> Value {
@@ -15,7 +15,7 @@ fn regression(set: &Value, order: usize) -> Regression {
     let column = |name: &str| set["text"][name].as_array().unwrap().iter().map(|v| v.as_str().unwrap());
     let number = |text: &str| DoubleDouble::parse(text).unwrap();
     let points = column("x").zip(column("y"));
-    let points = points.map(|(x, y)| Point { x: number(x), y: number(y), weight: DoubleDouble::ONE });
+    let points = points.map(|(x, y)| DataPoint { x: number(x), y: number(y), weight: DoubleDouble::ONE });
     Regression::new(points.collect(), order).unwrap()
 }
 

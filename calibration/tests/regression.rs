@@ -3,11 +3,14 @@
 
 use isotherm_calibration::double_double::DoubleDouble;
 use isotherm_calibration::order::{Rule, choose};
-use isotherm_calibration::regression::{Point, Regression, RegressionError, f_limit, f_tail};
+use isotherm_calibration::regression::{DataPoint, Regression, RegressionError, f_limit, f_tail};
 use proptest::prelude::*;
 
-fn points(count: u32) -> Vec<Point> {
-    (0..count).map(|i| f64::from(i) / 5.0 + 1.1).map(|x| Point::new(x, 3.0 + (3.0 * x).sin() + 0.2 * x * x)).collect()
+fn points(count: u32) -> Vec<DataPoint> {
+    (0..count)
+        .map(|i| f64::from(i) / 5.0 + 1.1)
+        .map(|x| DataPoint::new(x, 3.0 + (3.0 * x).sin() + 0.2 * x * x))
+        .collect()
 }
 
 fn close(a: f64, b: f64, relative: f64) -> bool {
@@ -72,14 +75,14 @@ fn what_allows_no_regression_is_refused() {
     assert_eq!(Regression::new(same, 1).unwrap_err(), RegressionError::TooFewPoints { order: 1, distinct: 1 });
     assert_eq!(Regression::new(points(30), 16).unwrap_err(), RegressionError::OrderTooHigh(16));
     assert_eq!(Regression::new(Vec::new(), 0).unwrap_err(), RegressionError::TooFewPoints { order: 0, distinct: 0 });
-    let huge = points(30).iter().map(|p| Point::new(p.x.value() * 1e135, p.y.value())).collect();
+    let huge = points(30).iter().map(|p| DataPoint::new(p.x.value() * 1e135, p.y.value())).collect();
     assert_eq!(Regression::new(huge, 15).unwrap_err(), RegressionError::OutOfRange);
     // As many coefficients as points: a curve, but nothing to judge it by.
     let exact = Regression::new(three(), 2).unwrap();
     assert!(exact.fits()[2].standard_errors.is_none() && exact.fits()[2].f.is_none());
     assert_eq!(exact.fits()[2].leave_one_out_rms, None);
     // A constant has no R.
-    let constant = Regression::new([1.0, 2.0, 3.0].map(|x| Point::new(x, 5.0)).to_vec(), 1).unwrap();
+    let constant = Regression::new([1.0, 2.0, 3.0].map(|x| DataPoint::new(x, 5.0)).to_vec(), 1).unwrap();
     assert_eq!((constant.fits()[1].r_squared, constant.fits()[1].coefficients[0]), (None, 5.0));
 }
 
@@ -104,7 +107,7 @@ proptest! {
     ) {
         let exact = |x: DoubleDouble| coefficients.iter().rev().fold(DoubleDouble::ZERO, |r, &c| r * x + c.into());
         let x = (0..20).map(|i| DoubleDouble::from(offset + width * f64::from(i)));
-        let points = x.map(|x| Point { x, y: exact(x), weight: DoubleDouble::ONE }).collect();
+        let points = x.map(|x| DataPoint { x, y: exact(x), weight: DoubleDouble::ONE }).collect();
         let regression = Regression::new(points, 7).unwrap();
         let fit = &regression.fits()[coefficients.len() - 1];
         // What y is good for, 1e-31 of its size, reaches a coefficient through the powers of the offset over the width.
@@ -125,7 +128,7 @@ fn any_scale_of_x_and_y_is_answered_or_refused() {
             let scale = 10_f64.powi(exponent);
             for (x_scale, y_scale) in [(scale, 1.0), (1.0, scale), (scale, scale), (scale, 1.0 / scale)] {
                 let points: Vec<_> =
-                    points(30).iter().map(|p| Point::new(p.x.value() * x_scale, p.y.value() * y_scale)).collect();
+                    points(30).iter().map(|p| DataPoint::new(p.x.value() * x_scale, p.y.value() * y_scale)).collect();
                 // Never a panic; figures that are given are numbers.
                 if let Ok(regression) = Regression::new(points, order) {
                     let fit = &regression.fits()[order];
@@ -141,7 +144,7 @@ fn any_scale_of_x_and_y_is_answered_or_refused() {
     let times: Vec<_> = points(60)
         .iter()
         .zip(0_i64..)
-        .map(|(p, i)| Point {
+        .map(|(p, i)| DataPoint {
             x: DoubleDouble::parse(&format!("{}", 1_700_000_000_000_000_000 + i * 10_000_000_000)).unwrap(),
             ..*p
         })
@@ -153,7 +156,7 @@ fn any_scale_of_x_and_y_is_answered_or_refused() {
 #[test]
 fn a_fit_is_perfect_only_to_the_rounding_of_its_data() {
     let line = |y: &dyn Fn(i64) -> String| {
-        let point = |i: i64| Point {
+        let point = |i: i64| DataPoint {
             x: DoubleDouble::from(i as f64),
             y: DoubleDouble::parse(&y(i)).unwrap(),
             weight: DoubleDouble::ONE,
@@ -171,7 +174,7 @@ fn a_fit_is_perfect_only_to_the_rounding_of_its_data() {
 #[test]
 fn as_many_coefficients_as_points_are_never_chosen() {
     let noisy = |x: f64| 2.0 * x + 0.01 * (97.0 * x).sin();
-    let points = (0..7).map(f64::from).map(|x| Point::new(x, noisy(x))).collect();
+    let points = (0..7).map(f64::from).map(|x| DataPoint::new(x, noisy(x))).collect();
     let choice = choose(&Regression::new(points, 6).unwrap(), &Rule::default());
     assert_eq!(choice.order, 1, "{}", choice.reason);
 }

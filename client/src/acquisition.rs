@@ -1,7 +1,8 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
 use crate::clock::{Clock, monotonic_ns};
-use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
+use crate::connect::{Options, absent, deadline, join_existing, until};
+use crate::error::{ConnectError, permission};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
 use crate::peers::{depth_of, publisher_of};
 use crate::pending::Pending;

@@ -9,7 +9,7 @@
 use rustix::time::{ClockId, clock_gettime};
 use std::fs;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// How far from its last reading of the kernel's clock a [`Clock`] trusts the counter \[ns\].
 pub const REACH_NS: u64 = 100_000;
@@ -28,6 +28,12 @@ const KERNELS_CLOCK: &str = "/sys/devices/system/clocksource/clocksource0/curren
 pub fn monotonic_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// The time now, in seconds of Unix time.
+#[must_use]
+pub fn unix_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
 /// A thread's reader of `CLOCK_MONOTONIC`. Two of them, in whatever threads and processes, agree to within 0.1 us.

@@ -1,12 +1,11 @@
 //! Joining a domain: where it is, how a process gets its node, and how long that may take.
 
-use crate::peers::{publisher_of, subscribers_of};
+use crate::error::{ConnectError, permission};
+use crate::peers::publisher_of;
 use crate::resources::{SHARED_MEMORY, check_folder, check_room};
-use core::fmt;
 use iceoryx2::node::NodeCreationFailure;
-use iceoryx2::prelude::{IceoryxSend, NodeBuilder, PortFactory as _, SignalHandlingMode};
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, Ipc, IpcNode};
+use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
+use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
 use std::collections::HashMap;
 use std::fs;
 use std::io;
@@ -71,80 +70,6 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
     Domain::new(&name, &root)
 }
 
-/// Why a process could not connect.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum ConnectError {
-    /// Nothing serves this domain.
-    #[error(
-        "no service is running in domain {0:?}; start one with `isotherm serve --domain {0} --imu ID=TABLE`, or name its domain with --domain or ISOTHERM_DOMAIN"
-    )]
-    NoService(String),
-    /// The service runs, but not for this IMU.
-    #[error("the service of domain {domain:?} does not serve IMU {imu}; `isotherm status` lists those that it serves")]
-    NoSuchImu {
-        /// The IMU asked for.
-        imu: ImuId,
-        /// The domain.
-        domain: String,
-    },
-    /// Another process is this IMU's acquisition.
-    #[error("IMU {imu} already has an acquisition process{}; stop that one first", pid.map(|pid| format!(", pid {pid}")).unwrap_or_default())]
-    Occupied {
-        /// The IMU asked for.
-        imu: ImuId,
-        /// The other process.
-        pid: Option<i32>,
-    },
-    /// The stream has no room for another reader.
-    #[error("IMU {imu}: all {places} reader places are taken, by processes {pids:?}; stop one of them")]
-    NoRoom {
-        /// The IMU asked for.
-        imu: ImuId,
-        /// How many there are.
-        places: usize,
-        /// Those that read.
-        pids: Vec<i32>,
-    },
-    /// The domain belongs to another user.
-    #[error(
-        "domain {domain:?} belongs to another user ({root} or its shared memory cannot be opened); run as the service's user"
-    )]
-    Permission {
-        /// The domain.
-        domain: String,
-        /// Its folder.
-        root: String,
-    },
-    /// The domain cannot be used.
-    #[error(transparent)]
-    Domain(#[from] DomainError),
-    /// The machine has no room, or the process no descriptors left. Says what to do.
-    #[error("{0}")]
-    Exhausted(String),
-    /// Anything else that the transport says.
-    #[error(
-        "transport: {phase}: {cause}; {remedy}",
-        remedy = "if it persists, stop all processes of the domain and start the service anew"
-    )]
-    Transport {
-        /// What was being done.
-        phase: &'static str,
-        /// What iceoryx2 says.
-        cause: String,
-    },
-}
-
-impl ConnectError {
-    pub(crate) fn no_room<T: IceoryxSend + fmt::Debug>(imu: &ImuId, stream: &PortFactory<Ipc, T, ()>) -> Self {
-        let places = stream.static_config().max_subscribers();
-        Self::NoRoom { imu: imu.clone(), places, pids: subscribers_of(stream) }
-    }
-
-    pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
-        Self::Transport { phase, cause: cause.to_string() }
-    }
-}
-
 /// As [`join`], but only if a service has been there: a client leaves no trace in a domain that does not exist.
 ///
 /// # Errors
@@ -192,10 +117,6 @@ pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
         Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(permission(domain)),
         _ => Ok(()),
     }
-}
-
-pub(crate) fn permission(domain: &Domain) -> ConnectError {
-    ConnectError::Permission { domain: domain.name().to_owned(), root: domain.root_path().to_owned() }
 }
 
 /// Removes shared memory objects of `domain` that a process created and died before giving them a size.

@@ -45,6 +45,7 @@
 mod acquisition;
 mod clock;
 mod connect;
+mod error;
 mod loan;
 mod once;
 mod peers;
@@ -52,13 +53,15 @@ mod pending;
 mod reader;
 mod realtime;
 mod resources;
+mod status;
+mod tap;
 
 pub use acquisition::Acquisition;
-pub use clock::{Clock, monotonic_ns};
+pub use clock::{Clock, monotonic_ns, unix_s};
 pub use connect::{
-    ConnectError, DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing,
-    sweep_half_created,
+    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing, sweep_half_created,
 };
+pub use error::ConnectError;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
 pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
@@ -66,3 +69,5 @@ pub use peers::{publisher_of, subscribers_of};
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use resources::{check_room, reserve};
+pub use status::{StatusError, StatusReader, fetch_status};
+pub use tap::{Tap, TapSettings, TappedSample};

@@ -2,6 +2,7 @@
 
 use core::fmt;
 use iceoryx2::sample_mut::SampleMut;
+use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
 use isotherm_shared::wire::RawSample;
 
@@ -51,6 +52,12 @@ pub enum SendError {
 pub struct TransportError {
     phase: &'static str,
     cause: String,
+}
+
+impl From<TransportError> for Failure {
+    fn from(error: TransportError) -> Self {
+        Self::new(Exit::Failed, error.to_string())
+    }
 }
 
 /// Why a round trip gave no increment.

@@ -1,6 +1,7 @@
 //! Reading a stream beside acquisition and service: navigation, loggers, recorders.
 
-use crate::connect::{ConnectError, Options, absent, deadline, join_existing, permission, until};
+use crate::connect::{Options, absent, deadline, join_existing, until};
+use crate::error::{ConnectError, permission};
 use crate::once::Once;
 use crate::resources::reserve;
 use core::fmt;

@@ -3,7 +3,7 @@
 //! Shared memory is given by the kernel page by page when it is first touched, and a process that touches a page when there is none left
 //! is ended by SIGBUS. So room is asked for before anything is created, and what has been created is reserved at once.
 
-use crate::connect::ConnectError;
+use crate::error::ConnectError;
 use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
 use rustix::io::Errno;

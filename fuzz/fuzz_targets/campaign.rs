@@ -3,11 +3,11 @@
 //! and within the limits of time and memory, and a table that comes out is one that its file gives back.
 #![no_main]
 
-use isotherm_calibration::calibrate::{Method, Options, calibrate, observable};
+use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::checks::{check, set_points};
 use isotherm_fuzz::check_faults;
-use isotherm_shared::recording::CampaignReader;
+use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::table::CoefficientTable;
 use libfuzzer_sys::fuzz_target;
 
@@ -30,7 +30,7 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let observable = observable(&campaign);
     let Some(samples) = bytes.get(end + 1..) else { return };
-    let Ok(dwells) = CampaignReader::new(samples).and_then(|rows| read(&campaign, rows)) else { return };
+    let Ok(dwells) = CampaignCsvReader::new(samples).and_then(|rows| read(&campaign, rows)) else { return };
     for dwell in &dwells {
         assert!(dwell.rows >= 1 && dwell.lines[0] <= dwell.lines[1] && dwell.position < campaign.positions.len());
         assert!((1..=512).contains(&dwell.blocks.len()));
@@ -44,7 +44,7 @@ fuzz_target!(|bytes: &[u8]| {
         return;
     }
     for method in [Method::OneStage, Method::TwoStage] {
-        let options = Options { method, alignment: method == Method::TwoStage, ..Options::default() };
+        let options = CalibrationOptions { method, alignment: method == Method::TwoStage, ..CalibrationOptions::default() };
         if let Ok(calibration) = calibrate(&campaign, dwells.clone(), options) {
             let table = calibration.table;
             let again = CoefficientTable::from_toml(&table.to_toml(), Some(&campaign.imu));

@@ -3,8 +3,8 @@
 #![no_main]
 
 use isotherm_fuzz::{checked, same};
-use isotherm_shared::csv::{RecordingError, Rows};
-use isotherm_shared::recording::{IncrementWriter, RawReader, RawWriter};
+use isotherm_recording::{RecordingError, csv::Rows};
+use isotherm_recording::{IncrementCsvWriter, RawCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{Flags, RawSample};
 use libfuzzer_sys::fuzz_target;
@@ -18,7 +18,7 @@ static TABLE: LazyLock<CoefficientTable> = LazyLock::new(|| {
 /// The samples up to the first error, and its text.
 fn read(source: impl Read) -> (Vec<RawSample>, Option<String>) {
     let mut samples = Vec::new();
-    let result = RawReader::new(source).and_then(|reader| {
+    let result = RawCsvReader::new(source).and_then(|reader| {
         for sample in reader {
             samples.push(sample?);
         }
@@ -47,8 +47,8 @@ fuzz_target!(|bytes: &[u8]| {
     let (parted, same_error) = read(begin.chain(end));
     assert_eq!((all(&parted), same_error), (all(&samples), error));
 
-    let mut raw = RawWriter::new(Vec::new(), "session", true).expect("memory takes all");
-    let mut increments = IncrementWriter::new(Vec::new(), true).expect("memory takes all");
+    let mut raw = RawCsvWriter::new(Vec::new(), "session", true).expect("memory takes all");
+    let mut increments = IncrementCsvWriter::new(Vec::new(), true).expect("memory takes all");
     let mut answers = Vec::new();
     for sample in &samples {
         raw.write(sample.session, sample).expect("memory takes all");

@@ -4,7 +4,7 @@
 #![no_main]
 
 use isotherm_fuzz::{SAMPLE, checked, sample};
-use isotherm_service::worker::order::{Arrival, Order};
+use isotherm_service::worker::sequence::{Arrival, SequenceTracker};
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use libfuzzer_sys::fuzz_target;
@@ -26,7 +26,7 @@ static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
 fuzz_target!(|bytes: &[u8]| {
     let (chunks, _) = bytes.as_chunks::<SAMPLE>();
     let samples: Vec<_> = chunks.iter().map(sample).collect();
-    let mut order = Order::default();
+    let mut order = SequenceTracker::default();
     // The sequences since the session began.
     let (mut session, mut seen) = (None, Vec::new());
     let (mut missing, mut new) = (0_u128, 0_u128);

@@ -1,9 +1,9 @@
 //! Removing what a domain leaves behind: a few small files that the transport keeps for the next start.
 
-use crate::failure::{Exit, Failure};
 use iceoryx2::node::{NodeListFailure, NodeView as _};
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
 use isotherm_client::{Domain, check_owner, sweep_half_created};
+use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
 use std::fs;
 use std::io;

@@ -1,6 +1,6 @@
 //! The service's configuration: a file, the command line, or both.
 
-use crate::files::{Guard, TableFileError, read_text};
+use isotherm_files::{Guard, LoadError, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::{ImuId, RAW_DEPTH};
 use std::collections::BTreeSet;
@@ -68,14 +68,14 @@ pub struct Config {
     /// Increments that take longer are flagged late \[us\].
     pub budget_us: f64,
     /// Real-time settings of the worker.
-    pub realtime: Realtime,
+    pub realtime: WorkerRealtime,
     /// Where metrics are served, if at all.
     pub metrics: Option<SocketAddr>,
 }
 
 /// Real-time settings, all off by default.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Realtime {
+pub struct WorkerRealtime {
     /// The core that each worker is bound to; empty for none.
     pub cores: Vec<usize>,
     /// `SCHED_FIFO` priority of the workers, 1 to 99.
@@ -86,7 +86,7 @@ pub struct Realtime {
     pub timer_slack_ns: NonZeroU64,
 }
 
-impl Default for Realtime {
+impl Default for WorkerRealtime {
     fn default() -> Self {
         Self { cores: Vec::new(), priority: None, lock_memory: false, timer_slack_ns: NonZeroU64::MIN }
     }
@@ -101,7 +101,7 @@ impl Default for Config {
             imus: Vec::new(),
             strategy: Strategy::default(),
             budget_us: BUDGET_US,
-            realtime: Realtime::default(),
+            realtime: WorkerRealtime::default(),
             metrics: None,
         }
     }
@@ -112,10 +112,10 @@ impl Config {
     ///
     /// # Errors
     /// Everything that is wrong with the file.
-    pub fn load(path: &Path, guard: Guard) -> Result<Self, TableFileError> {
+    pub fn load(path: &Path, guard: Guard) -> Result<Self, LoadError> {
         let (text, _) = read_text(path, guard)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::from_toml(&text, folder).map_err(|faults| TableFileError::Refused { path: path.to_owned(), faults })
+        Self::from_toml(&text, folder).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
 
     /// How many worker threads serve the IMUs.
@@ -128,7 +128,7 @@ impl Config {
     /// # Errors
     /// Everything that is wrong with it.
     pub fn from_toml(text: &str, folder: &Path) -> Result<Self, Faults> {
-        let document = Document::parse(text)?;
+        let document = Document::parse_as(text, "give the service configuration")?;
         let root = document.root();
         let config = read(&root, folder);
         root.finish();
@@ -159,13 +159,7 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
     }
     let mut known = BTreeSet::new();
     for section in sections {
-        let id = section.string("id", "the IMU's name, 1 to 32 of a-z 0-9 - _").and_then(|name| {
-            let id = ImuId::new(name);
-            if id.is_none() {
-                section.fault("id", format!("is {name:?}, give 1 to 32 of a-z 0-9 - _"));
-            }
-            id
-        });
+        let id = section.imu_id("id");
         let table = section.string("table", "the path of the IMU's coefficient table");
         section.refuse("table", table.filter(|table| table.is_empty()).map(|_| "is empty, give a path".to_owned()));
         if let Some(id) = &id
@@ -196,7 +190,7 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
     if let Some(realtime) = root.optional_section("realtime") {
         let cores = realtime.optional_integers("core", 0..=1023).unwrap_or_default();
         let slack = realtime.optional_integer("timer_slack_ns", 1..=1_000_000_000);
-        config.realtime = Realtime {
+        config.realtime = WorkerRealtime {
             cores: cores.into_iter().map(|core| core as usize).collect(),
             priority: realtime.optional_integer("priority", 1..=99).map(|priority| priority as i32),
             lock_memory: realtime.optional_bool("lock_memory").unwrap_or_default(),
@@ -211,9 +205,6 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
             if config.metrics.is_none() {
                 metrics
                     .fault("listen", format!("is {listen:?}, give an address and a port, for example 127.0.0.1:9464"));
-            } else if cfg!(not(feature = "metrics")) {
-                let remedy = "build it with `--features metrics`, or remove [metrics]";
-                metrics.fault("listen", format!("this isotherm was built without metrics; {remedy}"));
             }
         }
         metrics.finish();
@@ -226,7 +217,6 @@ mod tests {
     use super::*;
 
     #[test]
-    #[cfg(feature = "metrics")]
     fn reads_every_key() {
         let text = r#"
             [[imu]]
@@ -257,7 +247,7 @@ mod tests {
         assert_eq!((config.imus[1].depth, config.imus[1].worker, config.workers()), (2, 1, 2));
         let timer_slack_ns = NonZeroU64::new(1000).unwrap();
         let cores = vec![1, 3];
-        assert_eq!(config.realtime, Realtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
+        assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!(config.metrics.unwrap().port(), 9464);
     }
 

@@ -4,28 +4,27 @@
 //! service out -> worker with the IMUs' streams -> file watch -> loop. The order of the end is the reverse.
 
 use crate::config::{Config, Strategy};
-use crate::failure::{Exit, Failure};
-use crate::files::Guard;
+use crate::imu::{ImuState, PendingImu};
 use crate::leftovers::{self, Leftovers};
-#[cfg(feature = "metrics")]
 use crate::metrics::Metrics;
-use crate::reload::{self, Look, TICK, TableFile};
-use crate::served::{Preparation, Served};
+use crate::reload::{self, FileChange, TICK, TableFile};
 use crate::sigbus;
-use crate::status::{ImuStatus, Status, StatusPublisher, unix_s};
+use crate::status::{StatusPublisher, imu_status};
 use crate::systemd::Manager;
-use crate::threads::{self, Change, Thread};
+use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
-use crate::worker::channel::Wiring;
-use crate::worker::counters::Counters;
-use isotherm_client::{Realtime, check_room, join, monotonic_ns, process_kb, reserve};
+use crate::worker::channel::ChannelLink;
+use crate::worker::counters::CounterReader;
+use isotherm_client::{Realtime, check_room, join, monotonic_ns, process_kb, reserve, unix_s};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::Guard;
+use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::stream::{Domain, IpcNode};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::ffi::OsString;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
@@ -54,7 +53,6 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     let mut manager = Manager::from_environment();
 
     let (files, first_tables) = load_tables(config, allow_uncalibrated, guard)?;
-    #[cfg(feature = "metrics")]
     let metrics = config.metrics.map(Metrics::start).transpose()?;
     // Before the threads and the streams, so that all their memory is in.
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
@@ -66,20 +64,20 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     let publisher = StatusPublisher::create(&node, domain)?;
 
     // The first tables are on their way before the streams exist, so that no sample meets an empty channel.
-    let mut wirings: Vec<Vec<Wiring>> = (0..config.workers()).map(|_| Vec::new()).collect();
-    let mut prepared = Vec::new();
-    for ((imu, file), look) in config.imus.iter().zip(files).zip(first_tables) {
-        let (preparation, wiring) = Preparation::new(imu, file, look);
-        wirings[imu.worker].push(wiring);
-        prepared.push(preparation);
+    let mut links: Vec<Vec<ChannelLink>> = (0..config.workers()).map(|_| Vec::new()).collect();
+    let mut pending = Vec::new();
+    for ((imu, file), change) in config.imus.iter().zip(files).zip(first_tables) {
+        let (pending_imu, link) = PendingImu::new(imu, file, change);
+        links[imu.worker].push(link);
+        pending.push(pending_imu);
     }
     let stopped = || matches!(inbox.try_recv(), Ok(Event::Signal(SIGTERM | SIGINT)));
-    let Some(workers) = start_workers(domain, config, wirings, stopped)? else {
+    let Some(workers) = start_workers(domain, config, links, stopped)? else {
         info!("stopped while starting");
         return Ok(());
     };
-    let served: Result<Vec<_>, _> = prepared.into_iter().map(|preparation| preparation.served(&node)).collect();
-    let mut served = served?;
+    let states: Result<Vec<_>, _> = pending.into_iter().map(|imu| imu.open_streams(&node)).collect();
+    let mut imus = states?;
     reserve(domain)?;
     let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
     let (_watcher, failures) = reload::watch(&paths, move |name| {
@@ -100,7 +98,6 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
         started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
         node,
         publisher,
-        #[cfg(feature = "metrics")]
         metrics,
         threads,
         workers,
@@ -115,7 +112,7 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
         pid = std::process::id(),
         "ready"
     );
-    service.run(&mut served, &inbox)
+    service.run(&mut imus, &inbox)
 }
 
 struct Service<'a> {
@@ -125,16 +122,15 @@ struct Service<'a> {
     started_unix_s: f64,
     node: IpcNode,
     publisher: StatusPublisher,
-    #[cfg(feature = "metrics")]
     metrics: Option<Metrics>,
     workers: Vec<Worker>,
-    threads: Vec<Thread>,
+    threads: Vec<WorkerThread>,
     manager: Manager,
     leftovers: Leftovers,
 }
 
 impl Service<'_> {
-    fn run(mut self, served: &mut [Served], inbox: &Receiver<Event>) -> Result<(), Failure> {
+    fn run(mut self, imus: &mut [ImuState], inbox: &Receiver<Event>) -> Result<(), Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
         let (mut unpublished, mut held_back) = (false, vec![false; self.workers.len()]);
         loop {
@@ -142,20 +138,20 @@ impl Service<'_> {
                 Ok(Event::Signal(SIGHUP)) => {
                     info!("SIGHUP: loading all tables");
                     self.manager.reloading();
-                    for imu in served.iter_mut() {
-                        let look = imu.file.load();
-                        imu.take(look, true);
+                    for imu in imus.iter_mut() {
+                        let change = imu.file.load();
+                        imu.apply(change, true);
                     }
                     self.manager.ready();
                 }
                 Ok(Event::Signal(signal)) => {
                     info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
-                    return self.stop(served);
+                    return self.stop(imus);
                 }
                 Ok(Event::File(name)) => {
-                    for imu in served.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
-                        let look = imu.file.load_complete(Instant::now());
-                        imu.take(look, false);
+                    for imu in imus.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
+                        let change = imu.file.load_complete(Instant::now());
+                        imu.apply(change, false);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -166,8 +162,8 @@ impl Service<'_> {
             let now = Instant::now();
             if now >= next_tick {
                 next_tick = now + TICK;
-                look_at_all(served);
-                self.feel_workers(now);
+                look_at_all(imus);
+                self.check_heartbeats(now);
             }
             if self.workers.iter().any(Worker::is_finished) {
                 return stop_all(self.workers).and(Err(Failure::new(Exit::Failed, "a worker thread ended by itself")));
@@ -176,10 +172,11 @@ impl Service<'_> {
             if housekeeping {
                 next_housekeeping = now + HOUSEKEEPING;
                 self.node.try_cleanup_dead_nodes();
-                self.leftovers.sweep(&self.node, served);
-                for imu in served.iter_mut() {
-                    imu.windows.turn(&imu.counters.latency);
-                    imu.tell(false);
+                let ports: Vec<_> = imus.iter().flat_map(ImuState::ports).collect();
+                self.leftovers.sweep(&self.node, &ports);
+                for imu in imus.iter_mut() {
+                    imu.windows.end_second(imu.counters.latency());
+                    imu.log_losses(false);
                 }
                 for (index, (thread, told)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
                     thread.look();
@@ -194,15 +191,14 @@ impl Service<'_> {
                         );
                     }
                 }
-                self.manager.status(&summary(served));
+                self.manager.status(&summary(imus));
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
                 next_status = now + STATUS;
-                let status = Arc::new(self.status(served));
+                let status = Arc::new(self.status(imus));
                 let result = self.publisher.publish(&status);
-                #[cfg(feature = "metrics")]
                 if let Some(metrics) = &self.metrics {
-                    metrics.tell(&status);
+                    metrics.update(&status);
                 }
                 if let Err(cause) = &result
                     && !unpublished
@@ -215,25 +211,25 @@ impl Service<'_> {
     }
 
     /// Tells of workers that have come to stand still. While none does, the service manager is told that all is well.
-    fn feel_workers(&mut self, now: Instant) {
+    fn check_heartbeats(&mut self, now: Instant) {
         for (index, thread) in self.threads.iter_mut().enumerate() {
-            match thread.feel() {
-                Some(Change::StandsStill) => error!(
+            match thread.check_heartbeat() {
+                Some(HeartbeatChange::Stopped) => error!(
                     worker = index,
                     imus = thread.imus(),
                     "stands still: its loop has not turned for a second, its IMUs are not served; if it stays so, restart the service"
                 ),
-                Some(Change::Moves) => info!(worker = index, imus = thread.imus(), "moves again"),
+                Some(HeartbeatChange::Resumed) => info!(worker = index, imus = thread.imus(), "moves again"),
                 None => {}
             }
         }
-        if !self.threads.iter().any(Thread::stands_still) {
+        if !self.threads.iter().any(WorkerThread::stands_still) {
             self.manager.alive(now);
         }
     }
 
-    fn status(&self, served: &[Served]) -> Status {
-        Status {
+    fn status(&self, imus: &[ImuState]) -> ServiceStatus {
+        ServiceStatus {
             domain: self.domain.into(),
             pid: std::process::id(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -242,20 +238,20 @@ impl Service<'_> {
             taken_ns: monotonic_ns(),
             wait: self.config.strategy.name().to_owned(),
             budget_us: self.config.budget_us,
-            workers: self.threads.iter().map(Thread::status).collect(),
+            workers: self.threads.iter().map(WorkerThread::status).collect(),
             memory_locked_kb: process_kb("VmLck").unwrap_or(0),
-            imus: served.iter().map(ImuStatus::new).collect(),
+            imus: imus.iter().map(imu_status).collect(),
         }
     }
 
-    fn stop(mut self, served: &mut [Served]) -> Result<(), Failure> {
+    fn stop(mut self, imus: &mut [ImuState]) -> Result<(), Failure> {
         self.manager.stopping();
         stop_all(self.workers)?;
-        for imu in served {
-            imu.tell(true);
-            let count = |counter: &AtomicU64| counter.load(Relaxed);
+        for imu in imus {
+            imu.log_losses(true);
             let counters = &imu.counters;
-            info!(imu = %imu.imu.id, received = count(&counters.received), compensated = count(&counters.compensated), missing = count(&counters.missing), "stopped");
+            let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());
+            info!(imu = %imu.imu.id, received, compensated, missing, "stopped");
         }
         Ok(())
     }
@@ -265,12 +261,12 @@ impl Service<'_> {
 fn start_workers(
     domain: &Domain,
     config: &Config,
-    wirings: Vec<Vec<Wiring>>,
+    links: Vec<Vec<ChannelLink>>,
     mut give_up: impl FnMut() -> bool,
 ) -> Result<Option<Vec<Worker>>, Failure> {
     let mut workers = Vec::new();
-    for (index, wirings) in wirings.into_iter().enumerate() {
-        match Worker::start(domain, config, index, wirings, &mut give_up) {
+    for (index, links) in links.into_iter().enumerate() {
+        match Worker::start(domain, config, index, links, &mut give_up) {
             Ok(Some(worker)) => workers.push(worker),
             incomplete => {
                 // Those that run already leave their streams in order; what kept the next from starting is what counts.
@@ -296,10 +292,10 @@ fn stop_all(workers: Vec<Worker>) -> Result<(), Failure> {
     workers.into_iter().map(Worker::join).fold(Ok(()), Result::and)
 }
 
-fn threads_of(config: &Config, workers: &[Worker]) -> Vec<Thread> {
+fn threads_of(config: &Config, workers: &[Worker]) -> Vec<WorkerThread> {
     let of = |(index, worker): (usize, &Worker)| {
         let imus = config.imus.iter().filter(|imu| imu.worker == index).map(|imu| imu.id.to_string());
-        Thread::new(worker.thread_id, imus.collect(), Arc::clone(&worker.pulse))
+        WorkerThread::new(worker.thread_id, imus.collect(), worker.heartbeat.clone())
     };
     workers.iter().enumerate().map(of).collect()
 }
@@ -312,19 +308,17 @@ fn raise_descriptor_limit() {
 }
 
 /// One line for the service manager.
-fn summary(served: &[Served]) -> String {
-    let sum = |counter: fn(&Counters) -> &AtomicU64| {
-        served.iter().map(|imu| counter(&imu.counters).load(Relaxed)).sum::<u64>()
-    };
-    let (compensated, missing) = (sum(|counters| &counters.compensated), sum(|counters| &counters.missing));
-    let refused = served.iter().filter(|imu| imu.last_error.is_some()).count();
-    format!("{} IMUs, {compensated} increments, {missing} samples missing, {refused} table files refused", served.len())
+fn summary(imus: &[ImuState]) -> String {
+    let sum = |count: fn(&CounterReader) -> u64| imus.iter().map(|imu| count(&imu.counters)).sum::<u64>();
+    let (compensated, missing) = (sum(CounterReader::compensated), sum(CounterReader::missing));
+    let refused = imus.iter().filter(|imu| imu.last_error.is_some()).count();
+    format!("{} IMUs, {compensated} increments, {missing} samples missing, {refused} table files refused", imus.len())
 }
 
-fn look_at_all(served: &mut [Served]) {
-    for imu in served {
-        let look = imu.file.look(Instant::now());
-        imu.take(look, false);
+fn look_at_all(imus: &mut [ImuState]) {
+    for imu in imus {
+        let change = imu.file.look(Instant::now());
+        imu.apply(change, false);
         imu.flush();
     }
 }
@@ -348,26 +342,22 @@ fn load_tables(
     config: &Config,
     allow_uncalibrated: bool,
     guard: Guard,
-) -> Result<(Vec<TableFile>, Vec<Look>), Failure> {
+) -> Result<(Vec<TableFile>, Vec<FileChange>), Failure> {
     let mut files: Vec<_> =
         config.imus.iter().map(|imu| TableFile::new(imu.id.clone(), imu.table.clone(), guard)).collect();
-    let looks: Vec<_> = files.iter_mut().map(TableFile::load).collect();
+    let changes: Vec<_> = files.iter_mut().map(TableFile::load).collect();
     let mut failures = Vec::new();
-    for (imu, look) in config.imus.iter().zip(&looks) {
-        match look {
-            Look::Refused(error) if allow_uncalibrated && !imu.table.exists() => {
+    for (imu, change) in config.imus.iter().zip(&changes) {
+        match change {
+            FileChange::Refused(error) if allow_uncalibrated && !imu.table.exists() => {
                 warn!(imu = %imu.id, "no table yet, serving NaN: {error}");
             }
-            Look::Refused(error) => failures.push(Failure::from(error.clone())),
-            Look::Loaded(table) => {
+            FileChange::Refused(error) => failures.push(Failure::from(error.clone())),
+            FileChange::Loaded(table) => {
                 info!(imu = %imu.id, table = %table.digest(), file = %imu.table.display(), "table loaded");
             }
-            Look::Unchanged => {}
+            FileChange::Unchanged => {}
         }
     }
-    let Some(worst) = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8) else {
-        return Ok((files, looks));
-    };
-    let messages: Vec<_> = failures.iter().map(|failure| failure.message.as_str()).collect();
-    Err(Failure::new(worst, messages.join("\n")))
+    Failure::all(failures).map_or(Ok((files, changes)), Err)
 }

@@ -4,7 +4,6 @@
 //! the transport never clears that away by itself. What is older than twice the transport's creation time-out and still
 //! half-created is removed here; everything else is retried for a bounded time.
 
-use crate::failure::{Exit, Failure};
 use crate::leftovers::{self, Port, ports_of};
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{IceoryxSend, ServiceName};
@@ -14,6 +13,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::publish_subscribe;
 use isotherm_client::in_mode;
+use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
 use std::fmt;
@@ -27,8 +27,8 @@ const LIMIT: Duration = Duration::from_secs(3);
 /// How long a place that a dead process holds may take to be freed.
 const PLACE: Duration = Duration::from_secs(1);
 
-/// What stands in the way of creating something.
-pub enum Trouble {
+/// Why an attempt to create a stream or port has failed.
+pub enum CreateError {
     /// A file of it has been half-created, by a process that is still at it or dead.
     HalfCreated,
     /// Other processes create or remove it just now, or died doing so.
@@ -41,60 +41,95 @@ pub enum Trouble {
     Other(String),
 }
 
-/// Tries until it works, nothing more can be done, or the time is over. `name` is for the operator; `stream` is what is created, if that is a
-/// stream.
-///
-/// # Errors
-/// What still stands in the way. `taken` says what it means that a publisher's place is taken for good.
-pub fn create<T>(
-    node: &IpcNode,
-    domain: &Domain,
-    name: &str,
-    stream: Option<&ServiceName>,
-    taken: impl Fn() -> Failure,
-    mut attempt: impl FnMut() -> Result<T, Trouble>,
-) -> Result<T, Failure> {
-    let started = Instant::now();
-    loop {
-        let trouble = match attempt() {
-            Ok(value) => return Ok(value),
-            Err(trouble) => trouble,
-        };
-        let waited = started.elapsed();
-        match trouble {
-            Trouble::HalfCreated if waited < LIMIT => remove_half_created(domain),
-            Trouble::InFlux if waited < LIMIT => {
-                node.blocking_cleanup_dead_nodes(Duration::from_millis(100));
-                if waited > 2 * CREATION_TIMEOUT
-                    && let Some(stream) = stream
-                {
-                    remove_remains(domain, stream);
+/// Creates streams and ports of one process in one domain.
+pub struct Creator<'a> {
+    node: &'a IpcNode,
+    domain: &'a Domain,
+}
+
+impl<'a> Creator<'a> {
+    /// Of the process with this node.
+    pub const fn new(node: &'a IpcNode, domain: &'a Domain) -> Self {
+        Self { node, domain }
+    }
+
+    /// Creates a stream; `name` is for the operator, `stream` what the transport calls it.
+    ///
+    /// # Errors
+    /// What still stands in the way after [`LIMIT`].
+    pub fn stream<T>(
+        &self,
+        name: &str,
+        stream: &ServiceName,
+        attempt: impl FnMut() -> Result<T, CreateError>,
+    ) -> Result<T, Failure> {
+        self.create(name, Some(stream), &|| "its places are taken".to_owned(), attempt)
+    }
+
+    /// Creates a port of a stream; `name` is for the operator.
+    ///
+    /// # Errors
+    /// What still stands in the way after [`LIMIT`], or `taken` if its place is taken for good: what that means, and what to do.
+    pub fn port<T>(
+        &self,
+        name: &str,
+        taken: impl Fn() -> String,
+        attempt: impl FnMut() -> Result<T, CreateError>,
+    ) -> Result<T, Failure> {
+        self.create(name, None, &taken, attempt)
+    }
+
+    /// Tries until it works, nothing more can be done, or the time is over.
+    fn create<T>(
+        &self,
+        name: &str,
+        stream: Option<&ServiceName>,
+        taken: &dyn Fn() -> String,
+        mut attempt: impl FnMut() -> Result<T, CreateError>,
+    ) -> Result<T, Failure> {
+        let (node, domain) = (self.node, self.domain);
+        let failed = |cause: &str| Err(failed(name, domain, cause));
+        let started = Instant::now();
+        loop {
+            let error = match attempt() {
+                Ok(value) => return Ok(value),
+                Err(error) => error,
+            };
+            let waited = started.elapsed();
+            match error {
+                CreateError::HalfCreated if waited < LIMIT => remove_half_created(domain),
+                CreateError::InFlux if waited < LIMIT => {
+                    node.blocking_cleanup_dead_nodes(Duration::from_millis(100));
+                    if waited > 2 * CREATION_TIMEOUT
+                        && let Some(stream) = stream
+                    {
+                        remove_remains(domain, stream);
+                    }
                 }
-            }
-            Trouble::Taken(ports) => {
-                if waited > PLACE {
-                    return Err(taken());
+                CreateError::Taken(ports) => {
+                    if waited > PLACE {
+                        return Err(Failure::new(Exit::Failed, taken()));
+                    }
+                    node.try_cleanup_dead_nodes();
+                    // The transport has had its turn.
+                    if waited > PLACE / 4 {
+                        leftovers::remove_dead(domain, node, &ports);
+                    }
                 }
-                node.try_cleanup_dead_nodes();
-                // The transport has had its turn.
-                if waited > PLACE / 4 {
-                    leftovers::remove_dead(domain, node, &ports);
+                CreateError::Foreign(cause) => {
+                    let name_of_domain = domain.name();
+                    let message = format!(
+                        "creating {name}: another process has created it with other settings ({cause}); stop all processes of domain \
+                         {name_of_domain:?} and start the service first"
+                    );
+                    return Err(Failure::new(Exit::Failed, message));
                 }
+                CreateError::HalfCreated => return failed("it stays half-created"),
+                CreateError::InFlux => return failed("other processes keep changing it"),
+                CreateError::Other(cause) => return failed(&cause),
             }
-            Trouble::Foreign(cause) => {
-                return Err(Failure::new(
-                    Exit::Failed,
-                    format!(
-                        "creating {name}: another process has created it with other settings ({cause}); stop all processes of domain {:?} and start the service first",
-                        domain.name()
-                    ),
-                ));
-            }
-            Trouble::HalfCreated => return Err(failed(name, domain, "it stays half-created")),
-            Trouble::InFlux => return Err(failed(name, domain, "other processes keep changing it")),
-            Trouble::Other(cause) => return Err(failed(name, domain, &cause)),
+            thread::sleep(Duration::from_millis(10));
         }
-        thread::sleep(Duration::from_millis(10));
     }
 }
 
@@ -169,7 +204,7 @@ impl Remains {
     }
 }
 
-impl From<PublishSubscribeOpenOrCreateError> for Trouble {
+impl From<PublishSubscribeOpenOrCreateError> for CreateError {
     fn from(error: PublishSubscribeOpenOrCreateError) -> Self {
         use PublishSubscribeCreateError as Create;
         use PublishSubscribeOpenError as Open;
@@ -201,7 +236,7 @@ impl From<PublishSubscribeOpenOrCreateError> for Trouble {
     }
 }
 
-impl From<EventOpenOrCreateError> for Trouble {
+impl From<EventOpenOrCreateError> for CreateError {
     fn from(error: EventOpenOrCreateError) -> Self {
         use EventCreateError as Create;
         use EventOpenError as Open;
@@ -227,7 +262,7 @@ impl From<EventOpenOrCreateError> for Trouble {
     }
 }
 
-impl Trouble {
+impl CreateError {
     /// Why a publisher of `stream` was not created.
     pub fn of_publisher<T: IceoryxSend + fmt::Debug + ?Sized>(
         error: PublisherCreateError,

@@ -4,7 +4,6 @@
 //! say nothing; killed while it made a port, it can leave that port listed for ever, with its place taken. Both are looked for once a second, and
 //! removed when their process has been dead for [`PASSES`] such looks, which leaves the transport its turn.
 
-use crate::served::Served;
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::prelude::{
@@ -98,8 +97,8 @@ impl Leftovers {
         }
     }
 
-    /// Looks once, and removes what has been dead for long enough.
-    pub fn sweep(&mut self, node: &IpcNode, served: &[Served]) {
+    /// Looks once, and removes what has been dead for long enough; `ports` are those of all streams.
+    pub fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
         let removed = !self.nodes.exists();
         if removed && !self.told_of_removal {
             error!(
@@ -118,8 +117,6 @@ impl Leftovers {
         if self.own != std::process::id() {
             return;
         }
-        let of = |imu: &Served| [ports_of(&imu.raw), ports_of(&imu.increments), ports_of_event(&imu.wake)].concat();
-        let ports: Vec<_> = served.iter().flat_map(of).collect();
         let mut numbers = self.numbers();
         numbers.extend(ports.iter().map(|(node, _)| node.value()));
         numbers.retain(|number| !self.lives(*number));

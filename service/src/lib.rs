@@ -1,62 +1,93 @@
-//! `isotherm`: the compensation service and the tools around it.
+//! The Isotherm daemon: receives raw samples over shared memory, compensates them, publishes increments.
 //!
-//! A library so that a bench can be the service in one of its processes, and so that what reads untrusted input can be fuzzed; the program
-//! is [`main`].
+//! The program `isothermd` is [`main`]. `isotherm serve`, `check` and `status` are the same [`commands`]. Besides, this library has what
+//! other programs do about a domain: [`create`] streams in it, and [`clean`] it.
 
-#[cfg(feature = "campaign")]
-mod campaign;
-#[cfg(feature = "tools")]
-mod clean;
-mod cli;
+pub mod clean;
+pub mod commands;
 pub mod config;
 mod control;
-mod create;
-mod failure;
-mod files;
-#[cfg(feature = "campaign")]
-pub mod instruments;
+pub mod create;
+mod imu;
 mod leftovers;
-mod logging;
-#[cfg(feature = "metrics")]
+pub mod logging;
 mod metrics;
-#[cfg(feature = "record")]
-mod record;
 mod reload;
-#[cfg(feature = "tools")]
-mod samples;
-mod served;
 mod sigbus;
-#[cfg(feature = "campaign")]
-mod station;
 mod status;
 mod systemd;
 mod threads;
-#[cfg(feature = "top")]
-mod top;
 mod windows;
 pub mod worker;
 
-use clap::Parser as _;
-use failure::Exit;
-use std::io::Write as _;
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use commands::check::{Check, FileKind};
+use commands::serve::Serve;
+use commands::status::Status;
+use isotherm_failure::{Exit, Failure};
+use isotherm_shared::document::Document;
+use std::path::Path;
 use std::process::ExitCode;
 
-/// The program: does what the process's command line asks for.
-#[must_use]
-pub fn main() -> ExitCode {
-    let cli = match cli::Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => {
-            // Help and version go to stdout and are no failure; a closed pipe is nobody's either.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { Exit::Usage as u8 } else { 0 });
-        }
-    };
-    match cli.run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            let _ = writeln!(std::io::stderr(), "isotherm: {failure}");
-            ExitCode::from(failure.exit as u8)
+/// Compensates accelerometer pulses for temperature, live over shared memory: the daemon alone
+#[derive(Debug, Parser)]
+#[command(
+    name = "isothermd",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true,
+    after_help = "Examples:
+  isothermd serve --imu imu-a=imu-a.toml
+  isothermd status
+`isotherm` has these commands too, and the tools: calibrate, feed, replay, record and the others."
+)]
+struct Daemon {
+    /// The domain: service and clients of different domains never meet
+    ///
+    /// The one that ISOTHERM_DOMAIN names, or "default", unless given
+    #[arg(long, global = true, value_name = "NAME")]
+    domain: Option<String>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Serve(Serve),
+    Check(Check),
+    Status(Status),
+}
+
+impl Daemon {
+    fn run(self) -> Result<(), Failure> {
+        let domain = commands::domain(self.domain.as_deref())?;
+        match self.command {
+            Command::Serve(serve) => serve.run(&domain),
+            Command::Check(check) => check.run(&[LABORATORY_FILE]),
+            Command::Status(status) => status.run(domain),
         }
     }
+}
+
+/// Files of the laboratory, which this program recognises and does not read.
+const LABORATORY_FILE: FileKind = FileKind {
+    name: "a campaign file or a campaign plan",
+    mark: "[chamber] or [[position]]",
+    is_meant: |document: &Document<'_>| {
+        ["chamber", "position", "samples", "gravity_reference"].iter().any(|key| document.has(key))
+    },
+    check: |_, path: &Path| {
+        let message = "a campaign file or plan; `isotherm check` reads it";
+        Err(Failure::new(Exit::Usage, format!("{}: {message}", path.display())))
+    },
+};
+
+/// The program `isothermd`: does what the process's command line asks for. `long_version` is what `--version` prints behind its name.
+#[must_use]
+pub fn main(long_version: &'static str) -> ExitCode {
+    let command = commands::finish(Daemon::command().long_version(long_version), "isothermd");
+    commands::exit_code("isothermd", || {
+        let matches = command.try_get_matches()?;
+        Ok(Daemon::from_arg_matches(&matches)?.run())
+    })
 }

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    isotherm_service::main()
+    isotherm_service::main(isotherm_version::LONG_VERSION)
 }

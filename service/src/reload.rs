@@ -5,7 +5,7 @@
 //! target written, a file system that does not notify). A file that was renamed or closed is loaded at once; one that is
 //! just seen to differ, or that is not good, must have stayed the same for [`SETTLE`] first: its writer may not be done.
 
-use crate::files::{Guard, Identity, TableFileError, load_table};
+use isotherm_files::{Guard, Identity, LoadError, load_table};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
@@ -68,15 +68,15 @@ pub struct TableFile {
     candidate: Option<(Option<Identity>, Instant)>,
 }
 
-/// What a look at a file found.
+/// What was found at a table's file.
 #[derive(Debug)]
-pub enum Look {
+pub enum FileChange {
     /// Nothing new, or not yet complete.
     Unchanged,
     /// A valid table.
     Loaded(Box<CoefficientTable>),
     /// Something that is no table for this IMU, or nothing.
-    Refused(TableFileError),
+    Refused(LoadError),
 }
 
 impl TableFile {
@@ -96,38 +96,38 @@ impl TableFile {
     }
 
     /// Loads the file as it is.
-    pub fn load(&mut self) -> Look {
+    pub fn load(&mut self) -> FileChange {
         self.candidate = None;
         self.seen = Identity::of(&self.path);
         match load_table(&self.path, Some(&self.imu), self.guard) {
             Ok((table, identity)) => {
                 self.seen = Some(identity);
-                Look::Loaded(Box::new(table))
+                FileChange::Loaded(Box::new(table))
             }
-            Err(error) => Look::Refused(error),
+            Err(error) => FileChange::Refused(error),
         }
     }
 
     /// Loads the file because it is said to be complete. If it is not good after all, another writer may be at it: that is
     /// for [`look`](Self::look) to find out.
-    pub fn load_complete(&mut self, now: Instant) -> Look {
+    pub fn load_complete(&mut self, now: Instant) -> FileChange {
         let (seen, current) = (self.seen, Identity::of(&self.path));
         match self.load() {
-            Look::Refused(_) => {
+            FileChange::Refused(_) => {
                 self.seen = seen;
                 self.candidate = Some((current, now));
-                Look::Unchanged
+                FileChange::Unchanged
             }
             look => look,
         }
     }
 
     /// Looks whether the file has changed, and loads it if it has and is at rest.
-    pub fn look(&mut self, now: Instant) -> Look {
+    pub fn look(&mut self, now: Instant) -> FileChange {
         let current = Identity::of(&self.path);
         if current == self.seen {
             self.candidate = None;
-            return Look::Unchanged;
+            return FileChange::Unchanged;
         }
         let since = match self.candidate {
             Some((candidate, since)) if candidate == current => since,
@@ -135,7 +135,7 @@ impl TableFile {
         };
         self.candidate = Some((current, since));
         let patience = if current.is_none() { ABSENCE } else { SETTLE };
-        if now.duration_since(since) < patience { Look::Unchanged } else { self.load() }
+        if now.duration_since(since) < patience { FileChange::Unchanged } else { self.load() }
     }
 }
 
@@ -150,7 +150,7 @@ mod tests {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
         let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, Guard::Strict);
-        assert!(matches!(file.load(), Look::Loaded(_)));
+        assert!(matches!(file.load(), FileChange::Loaded(_)));
         file
     }
 
@@ -159,14 +159,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut file = file(&folder);
         let start = Instant::now();
-        assert!(matches!(file.look(start), Look::Unchanged));
+        assert!(matches!(file.look(start), FileChange::Unchanged));
         fs::write(file.path(), TABLE.replace("9.8015", "9.8016")).unwrap();
-        assert!(matches!(file.look(start), Look::Unchanged));
+        assert!(matches!(file.look(start), FileChange::Unchanged));
         fs::write(file.path(), TABLE.replace("9.8015", "9.80171")).unwrap();
-        assert!(matches!(file.look(start + SETTLE), Look::Unchanged), "it has changed again");
-        let Look::Loaded(table) = file.look(start + 2 * SETTLE) else { panic!("settled") };
+        assert!(matches!(file.look(start + SETTLE), FileChange::Unchanged), "it has changed again");
+        let FileChange::Loaded(table) = file.look(start + 2 * SETTLE) else { panic!("settled") };
         assert_eq!(table.content().gravity, 9.80171);
-        assert!(matches!(file.look(start + 9 * SETTLE), Look::Unchanged));
+        assert!(matches!(file.look(start + 9 * SETTLE), FileChange::Unchanged));
     }
 
     #[test]
@@ -176,15 +176,15 @@ mod tests {
         let now = Instant::now();
         fs::write(folder.path().join("new"), "format = 2\n").unwrap();
         fs::rename(folder.path().join("new"), file.path()).unwrap();
-        assert!(matches!(file.load_complete(now), Look::Unchanged), "somebody may still be writing");
-        assert!(matches!(file.look(now + SETTLE), Look::Refused(_)));
-        assert!(matches!(file.look(now + 9 * SETTLE), Look::Unchanged));
+        assert!(matches!(file.load_complete(now), FileChange::Unchanged), "somebody may still be writing");
+        assert!(matches!(file.look(now + SETTLE), FileChange::Refused(_)));
+        assert!(matches!(file.look(now + 9 * SETTLE), FileChange::Unchanged));
         fs::remove_file(file.path()).unwrap();
-        assert!(matches!(file.look(now), Look::Unchanged), "it may come back");
-        assert!(matches!(file.look(now + ABSENCE), Look::Refused(TableFileError::Io { .. })));
-        assert!(matches!(file.look(now + 2 * ABSENCE), Look::Unchanged));
+        assert!(matches!(file.look(now), FileChange::Unchanged), "it may come back");
+        assert!(matches!(file.look(now + ABSENCE), FileChange::Refused(LoadError::Io { .. })));
+        assert!(matches!(file.look(now + 2 * ABSENCE), FileChange::Unchanged));
         fs::write(file.path(), TABLE).unwrap();
-        assert!(matches!(file.load_complete(now), Look::Loaded(_)));
+        assert!(matches!(file.load_complete(now), FileChange::Loaded(_)));
     }
 
     #[test]

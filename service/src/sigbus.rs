@@ -4,7 +4,7 @@
 //! on and must not return from the signal: it would touch them again. So the message is written, and the process ended, where the signal finds it.
 #![expect(unsafe_code, reason = "what runs within a signal must be chosen with care")]
 
-use crate::failure::Exit;
+use isotherm_failure::Exit;
 use signal_hook::consts::SIGBUS;
 use signal_hook::low_level;
 use std::io;

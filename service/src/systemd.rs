@@ -1,6 +1,11 @@
 //! Telling a service manager how the service does, as sd_notify(3) describes it. Without one nothing is told.
 
 use sd_notify::NotifyState;
+use std::env;
+use std::io;
+use std::os::linux::net::SocketAddrExt as _;
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 use tracing::{info, warn};
 
@@ -10,7 +15,7 @@ pub struct Manager {
     /// How often it wants a sign of life; none if it does not watch.
     period: Option<Duration>,
     next: Instant,
-    told_of_failure: bool,
+    reported_failure: bool,
 }
 
 impl Manager {
@@ -21,7 +26,7 @@ impl Manager {
         if let Some(period) = period {
             info!("the service manager's watchdog is fed every {} ms while all workers move", period.as_millis());
         }
-        Self { period, next: Instant::now(), told_of_failure: false }
+        Self { period, next: Instant::now(), reported_failure: false }
     }
 
     /// Everything is served.
@@ -58,11 +63,27 @@ impl Manager {
     }
 
     fn notify(&mut self, states: &[NotifyState<'_>]) {
-        if let Err(error) = sd_notify::notify(states)
-            && !self.told_of_failure
+        if let Err(error) = send(states)
+            && !self.reported_failure
         {
-            self.told_of_failure = true;
+            self.reported_failure = true;
             warn!("telling the service manager: {error}; NOTIFY_SOCKET names its socket");
         }
+    }
+}
+
+/// Sends without waiting: a manager that does not read its socket must not stop the control thread, so what finds no room is lost.
+fn send(states: &[NotifyState<'_>]) -> io::Result<()> {
+    let Some(name) = env::var_os("NOTIFY_SOCKET").filter(|name| !name.is_empty()) else { return Ok(()) };
+    let address = match name.as_bytes().strip_prefix(b"@") {
+        Some(name) => SocketAddr::from_abstract_name(name)?,
+        None => SocketAddr::from_pathname(&name)?,
+    };
+    let message: String = states.iter().map(|state| format!("{state}\n")).collect();
+    let socket = UnixDatagram::unbound()?;
+    socket.set_nonblocking(true)?;
+    match socket.send_to_addr(message.as_bytes(), &address) {
+        Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(()),
+        result => result.map(drop),
     }
 }

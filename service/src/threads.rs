@@ -1,10 +1,9 @@
 //! What the operating system says of the worker threads: settings in force, processor time, and time held back.
 
 use crate::reload::TICK;
-use crate::status::WorkerStatus;
+use crate::worker::counters::HeartbeatReader;
+use isotherm_shared::status::WorkerStatus;
 use std::fs;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 /// `SCHED_FIFO` in `/proc`.
@@ -16,24 +15,24 @@ const STILL: u32 = (1_000 / TICK.as_millis()) as u32;
 
 /// One thread of this process, looked at once in a while.
 #[derive(Debug)]
-pub struct Thread {
+pub struct WorkerThread {
     id: i32,
     imus: Vec<String>,
     last: Option<(Instant, Times)>,
     cpu_percent: f64,
     held_back: Duration,
-    pulse: Arc<AtomicU64>,
-    last_pulse: u64,
+    heartbeat: HeartbeatReader,
+    last_count: u64,
     looks_without: u32,
 }
 
-/// What [`Thread::feel`] tells.
+/// What [`WorkerThread::check_heartbeat`] tells.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Change {
+pub enum HeartbeatChange {
     /// The loop has not turned for a second.
-    StandsStill,
+    Stopped,
     /// It turns again.
-    Moves,
+    Resumed,
 }
 
 /// Since the thread began.
@@ -43,24 +42,24 @@ struct Times {
     waited: Duration,
 }
 
-impl Thread {
+impl WorkerThread {
     /// The thread with this id, which serves these IMUs.
-    pub const fn new(id: i32, imus: Vec<String>, pulse: Arc<AtomicU64>) -> Self {
-        let (last_pulse, looks_without) = (0, 0);
-        Self { id, imus, last: None, cpu_percent: 0.0, held_back: Duration::ZERO, pulse, last_pulse, looks_without }
+    pub const fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
+        let (last_count, looks_without) = (0, 0);
+        Self { id, imus, last: None, cpu_percent: 0.0, held_back: Duration::ZERO, heartbeat, last_count, looks_without }
     }
 
-    /// Looks whether its loop has turned. Looks are counted, not time: when the whole process is stopped none are taken. Tells when it has come to
-    /// stand still, and when it moves again.
-    pub fn feel(&mut self) -> Option<Change> {
-        let pulse = self.pulse.load(Relaxed);
-        if pulse == self.last_pulse {
+    /// Checks whether its loop has turned since the last check. Checks are counted, not time: none are made while the whole process is
+    /// stopped. Tells when the loop has stopped, and when it turns again.
+    pub fn check_heartbeat(&mut self) -> Option<HeartbeatChange> {
+        let count = self.heartbeat.count();
+        if count == self.last_count {
             self.looks_without = self.looks_without.saturating_add(1);
-            (self.looks_without == STILL).then_some(Change::StandsStill)
+            (self.looks_without == STILL).then_some(HeartbeatChange::Stopped)
         } else {
             let stood_still = self.stands_still();
-            (self.last_pulse, self.looks_without) = (pulse, 0);
-            stood_still.then_some(Change::Moves)
+            (self.last_count, self.looks_without) = (count, 0);
+            stood_still.then_some(HeartbeatChange::Resumed)
         }
     }
 

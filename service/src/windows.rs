@@ -1,35 +1,25 @@
-//! Latency over the last second and the last minute, from a histogram that only grows.
+//! Latency in the last second and in the last minute: how much the histogram has grown, second by second.
 
-use crate::worker::counters::{Histogram, Summary};
+use crate::worker::histogram::{BucketCounts, Growth};
+use isotherm_shared::status::LatencySummary;
 use std::collections::VecDeque;
 
 /// Seconds in a minute.
 const MINUTE: usize = 60;
 
-/// What one histogram has taken in, second by second.
+/// How much one histogram has grown in each of the last seconds.
 #[derive(Debug, Default)]
 pub struct Windows {
     /// All counts when the last second ended.
-    seen: Vec<u64>,
+    seen: BucketCounts,
     /// The newest last.
-    seconds: VecDeque<Second>,
-}
-
-#[derive(Debug)]
-struct Second {
-    /// Bucket and count, of those that are not 0.
-    counts: Vec<(usize, u64)>,
-    max: u64,
+    seconds: VecDeque<Growth>,
 }
 
 impl Windows {
-    /// Ends a second.
-    pub fn turn(&mut self, histogram: &Histogram) {
-        let counts = histogram.counts();
-        self.seen.resize(counts.len(), 0);
-        let grown = counts.iter().zip(&self.seen).map(|(now, before)| now - before).enumerate();
-        let grown = grown.filter(|(_, count)| *count > 0).collect();
-        self.seconds.push_back(Second { counts: grown, max: histogram.take_recent_max() });
+    /// Ends a second, with the counts as they are now.
+    pub fn end_second(&mut self, counts: BucketCounts) {
+        self.seconds.push_back(counts.since(&self.seen));
         if self.seconds.len() > MINUTE {
             self.seconds.pop_front();
         }
@@ -37,47 +27,41 @@ impl Windows {
     }
 
     /// The last second that has ended; `None` if nothing came in it.
-    pub fn second(&self) -> Option<Summary> {
-        self.last(1)
+    pub fn second(&self) -> Option<LatencySummary> {
+        BucketCounts::sum(self.seconds.back()).summary()
     }
 
     /// The last sixty of them; `None` if nothing came in them.
-    pub fn minute(&self) -> Option<Summary> {
-        self.last(MINUTE)
-    }
-
-    fn last(&self, seconds: usize) -> Option<Summary> {
-        let mut counts = vec![0; self.seen.len()];
-        let mut max = 0;
-        for second in self.seconds.iter().rev().take(seconds) {
-            for (bucket, count) in &second.counts {
-                counts[*bucket] += count;
-            }
-            max = max.max(second.max);
-        }
-        Histogram::summarize(&counts, max)
+    pub fn minute(&self) -> Option<LatencySummary> {
+        BucketCounts::sum(&self.seconds).summary()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::worker::counters::counters;
+    use crate::worker::sequence::Arrival;
+    use isotherm_shared::wire::{Flags, RawSample};
 
     #[test]
     fn each_window_knows_its_own_time_only() {
-        let (histogram, mut windows) = (Histogram::default(), Windows::default());
+        let ((mut writer, reader), mut windows) = (counters(), Windows::default());
+        let mut record = |latency_ns| {
+            writer.answered(&RawSample::default(), Arrival::default(), Flags(0), latency_ns, true);
+        };
         assert_eq!((windows.second(), windows.minute()), (None, None));
         for second in 0..=60 {
-            histogram.record(1000 + second);
-            histogram.record(10);
-            windows.turn(&histogram);
+            record(1000 + second);
+            record(10);
+            windows.end_second(reader.latency());
             let last = windows.second().unwrap();
             assert_eq!((last.count, last.max), (2, u64::from(1000 + second)));
         }
         let minute = windows.minute().unwrap();
         assert_eq!((minute.count, minute.p50, minute.max), (120, 10, 1060));
-        assert_eq!(histogram.summary().unwrap().count, 122);
-        windows.turn(&histogram);
+        assert_eq!(reader.latency().summary().unwrap().count, 122);
+        windows.end_second(reader.latency());
         assert_eq!(windows.second(), None);
         assert_eq!(windows.minute().unwrap().count, 118);
     }

@@ -18,7 +18,7 @@
 //! clock, no allocation, no panic for any bit pattern. What is not finite, which only an extrapolation far outside can make
 //! it, becomes NaN.
 
-use crate::lanes::Values;
+use crate::lanes::LaneValues;
 use crate::polynomial::{Polynomial, Side};
 use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{Bias, NegativeScaleFactor, PositiveScaleFactor};
@@ -70,7 +70,7 @@ pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
 
 /// All telemetry inside its ranges and a valid interval: the increments of the three axes \[m/s\].
 #[inline(always)]
-fn usual(values: &Values, raw: &RawSample, ts: f64, gravity: f64) -> [f64; AXES] {
+fn usual(values: &LaneValues, raw: &RawSample, ts: f64, gravity: f64) -> [f64; AXES] {
     let mut dv = [0.0; AXES];
     for (index, dv) in dv.iter_mut().enumerate() {
         *dv = increment(

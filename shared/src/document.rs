@@ -3,6 +3,7 @@
 //! A [`Document`] hands out [`Section`]s; whatever is missing, of the wrong type or never asked for becomes a
 //! [`Fault`] with line and key, and reading goes on. Coefficient tables and service configurations are read by it.
 
+use crate::stream::{ImuId, NAME_RULE};
 use core::cell::RefCell;
 use core::fmt;
 use core::ops::Range;
@@ -90,6 +91,21 @@ impl<'a> Document<'a> {
             faults.push(Fault { line, key: String::new(), message: format!("and {rest} lines more like this") });
         }
         Err(Faults(faults))
+    }
+
+    /// As [`parse`](Self::parse), but a recording in CSV is recognised as one; `wanted` says what to give instead, as in "give the coefficient
+    /// table".
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse).
+    pub fn parse_as(text: &'a str, wanted: &str) -> Result<Self, Faults> {
+        Self::parse(text).map_err(|faults| match is_csv(text) {
+            true => {
+                let message = format!("this is comma-separated data, not TOML; {wanted}");
+                Faults(vec![Fault { line: 1, key: String::new(), message }])
+            }
+            false => faults,
+        })
     }
 
     /// The top level.
@@ -273,6 +289,30 @@ impl<'d, 'a> Section<'d, 'a> {
         self.required(key, string, right)
     }
 
+    /// A string or a list of strings, none empty, which must be there; `right` says what it means.
+    pub fn strings(&self, key: &'static str, right: &str) -> Option<Vec<&'d str>> {
+        let strings = self.get(key).and_then(|value| {
+            let strings: Option<Vec<_>> = match value.get_ref().as_array() {
+                Some(list) => list.iter().map(|item| item.get_ref().as_str()).collect(),
+                None => value.get_ref().as_str().map(|string| vec![string]),
+            };
+            let strings = strings.filter(|strings| !strings.is_empty() && strings.iter().all(|text| !text.is_empty()));
+            if strings.is_none() {
+                self.wrong(key, value.get_ref(), right);
+            }
+            strings
+        });
+        self.required(key, strings, right)
+    }
+
+    /// The name of an IMU, which must be there.
+    pub fn imu_id(&self, key: &'static str) -> Option<ImuId> {
+        let name = self.string(key, &format!("the IMU's name, {NAME_RULE}"))?;
+        let id = ImuId::new(name);
+        self.refuse(key, id.is_none().then(|| format!("is {name:?}, give {NAME_RULE}")));
+        id
+    }
+
     /// One of the named values.
     pub fn optional_choice<T: Copy>(&self, key: &'static str, choices: &[(T, &str)]) -> Option<T> {
         let name = self.optional_string(key)?;
@@ -410,6 +450,18 @@ fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
 }
 
+/// Whether a text that is no TOML looks like CSV with a header row: names with commas between them, and as many values below.
+fn is_csv(text: &str) -> bool {
+    let mut lines = text.trim_start_matches('\u{feff}').lines().filter(|line| !line.trim().is_empty());
+    let name = |field: &str| {
+        let field = field.trim().trim_matches('"');
+        !field.is_empty() && field.chars().all(|c| c.is_alphanumeric() || "_-. []/".contains(c))
+    };
+    let Some(header) = lines.next() else { return false };
+    let count = |line: &str| line.split(',').count();
+    count(header) > 1 && header.split(',').all(name) && lines.next().is_none_or(|row| count(row) == count(header))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -457,5 +509,17 @@ mod tests {
         let document = Document::parse(&text).unwrap();
         let sections = document.root().list("s");
         assert_eq!(sections.last().unwrap().line(), sections.len());
+    }
+
+    #[test]
+    fn a_recording_is_recognised_where_toml_is_wanted() {
+        for text in ["a,b\n1,2\n", "\u{feff}\"set_point_c\",a1_head\r\n-25,1.5\r\n", "a,b,c\n"] {
+            let faults = Document::parse_as(text, "give the table").err().unwrap();
+            assert_eq!(faults.to_string(), "line 1: this is comma-separated data, not TOML; give the table", "{text}");
+        }
+        for text in ["a = [1, 2\nb = 3\n", "x, y = 1\n", "", "name\nvalue\n", "a,b\n1\n", "key = \"a,b\nc,d\n"] {
+            let faults = Document::parse_as(text, "give the table").err();
+            assert!(faults.is_none_or(|faults| !faults.to_string().contains("comma-separated")), "{text}");
+        }
     }
 }

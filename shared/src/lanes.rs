@@ -6,7 +6,6 @@
 //! the finite `x` inside a range. (The sign of a bias that is 0 may differ; no increment can tell.)
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
-use crate::table::Axis;
 use crate::wire::AXES;
 
 /// Nine, and one that makes their number even.
@@ -14,7 +13,7 @@ const LANES: usize = 10;
 
 /// Values of the nine polynomials, one array for the three axes each.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Values {
+pub struct LaneValues {
     /// Bias \[g0\].
     pub bias: [f64; AXES],
     /// K+ \[pulse/(s*g0)\].
@@ -41,9 +40,9 @@ pub struct Lanes {
 }
 
 impl Lanes {
-    /// Lines the polynomials of three axes up.
+    /// Puts the polynomials side by side: bias, K+ and K- of each axis, and the factor from each bias's unit to g0.
     #[must_use]
-    pub fn new(axes: &[Axis; AXES]) -> Self {
+    pub fn new(polynomials: [[&Polynomial; 3]; AXES], bias_unit: [f64; AXES]) -> Self {
         let mut lanes = Self {
             coefficients: [[0.0; LANES]; MAX_ORDER + 1],
             order: 0,
@@ -52,12 +51,12 @@ impl Lanes {
             scale: [1.0; LANES],
             low: [f64::NEG_INFINITY; LANES],
             high: [f64::INFINITY; LANES],
-            bias_unit: axes.each_ref().map(|axis| axis.bias_unit.in_g0()),
+            bias_unit,
         };
-        for (index, axis) in axes.iter().enumerate() {
-            lanes.put(index, &axis.bias);
-            lanes.put(AXES + index, &axis.positive_scale_factor);
-            lanes.put(2 * AXES + index, &axis.negative_scale_factor);
+        for (axis, [bias, positive, negative]) in polynomials.into_iter().enumerate() {
+            lanes.put(axis, bias);
+            lanes.put(AXES + axis, positive);
+            lanes.put(2 * AXES + axis, negative);
         }
         lanes
     }
@@ -80,7 +79,7 @@ impl Lanes {
     /// The values, if every telemetry lies inside the range of every polynomial that it drives (and so is finite).
     #[must_use]
     #[inline(always)]
-    pub fn inside(&self, head: &[f64; AXES], board: &[f64; AXES]) -> Option<Values> {
+    pub fn inside(&self, head: &[f64; AXES], board: &[f64; AXES]) -> Option<LaneValues> {
         let ([h1, h2, h3], [b1, b2, b3]) = (*head, *board);
         let mut x = [h1, h2, h3, b1, b2, b3, b1, b2, b3, 0.0];
         let mut inside = true;
@@ -103,7 +102,7 @@ impl Lanes {
             }
         }
         let [u1, u2, u3] = self.bias_unit;
-        Some(Values {
+        Some(LaneValues {
             bias: [r[0] * u1, r[1] * u2, r[2] * u3],
             positive_scale_factor: [r[3], r[4], r[5]],
             negative_scale_factor: [r[6], r[7], r[8]],

@@ -15,17 +15,16 @@
 //!
 //! An acquisition process sends [`RawSample`](wire::RawSample)s, the service answers with
 //! [`CompensatedIncrement`](wire::CompensatedIncrement)s; [`stream`] says over which streams, [`document`] how files are
-//! read, [`recording`] how recordings look.
+//! read, [`status`] what the service tells about itself.
 //!
 //! This crate opens no file, reads no clock and starts no thread.
 
 pub mod compensate;
-pub mod csv;
 pub mod document;
 pub mod lanes;
 pub mod polynomial;
-pub mod recording;
 pub mod recycled;
+pub mod status;
 pub mod stream;
 pub mod table;
 pub mod units;

@@ -139,12 +139,38 @@ pub fn status(node: &IpcNode) -> PublishSubscribe<[u8]> {
         .enable_safe_overflow(true)
 }
 
-/// The name of an IMU: 1 to 32 of `a-z 0-9 - _`.
+/// One of an IMU's two streams of samples.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum StreamKind {
+    /// Raw samples.
+    Raw,
+    /// Compensated increments.
+    Increment,
+}
+
+impl StreamKind {
+    /// Both streams.
+    pub const BOTH: [Self; 2] = [Self::Raw, Self::Increment];
+
+    /// The last part of the stream's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Raw => "raw",
+            Self::Increment => "increment",
+        }
+    }
+}
+
+/// What the name of an IMU or a domain must be, for messages.
+pub const NAME_RULE: &str = "1 to 32 of a-z 0-9 - _";
+
+/// The name of an IMU: [`NAME_RULE`].
 #[derive(Clone, Debug, Eq, Hash, Ord, PartialEq, PartialOrd)]
 pub struct ImuId(String);
 
 impl ImuId {
-    /// `None` unless `name` is 1 to 32 of `a-z 0-9 - _`.
+    /// `None` unless `name` keeps to [`NAME_RULE`].
     #[must_use]
     pub fn new(name: &str) -> Option<Self> {
         is_name(name).then(|| Self(name.to_owned()))
@@ -199,9 +225,9 @@ fn service_name(name: &str) -> ServiceName {
     ServiceName::new(name).expect("a short name")
 }
 
-/// A name that is not 1 to 32 of `a-z 0-9 - _`.
+/// A name that does not keep to [`NAME_RULE`].
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-#[error("{0:?} is no valid name; give 1 to 32 of a-z 0-9 - _")]
+#[error("{0:?} is no valid name; give {NAME_RULE}")]
 pub struct InvalidName(pub String);
 
 fn is_name(name: &str) -> bool {
@@ -279,7 +305,7 @@ impl Domain {
 /// Why a domain cannot be used.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum DomainError {
-    /// The name is not 1 to 32 of `a-z 0-9 - _`.
+    /// The name does not keep to [`NAME_RULE`].
     #[error("domain: {0}")]
     Name(InvalidName),
     /// The folder cannot be used.

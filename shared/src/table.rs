@@ -144,7 +144,7 @@ impl CoefficientTable {
     pub fn new(content: Content) -> Result<Self, Vec<Refusal>> {
         let refusals = content.refusals();
         if refusals.is_empty() {
-            let (lanes, digest) = (Lanes::new(&content.axes), content.digest());
+            let (lanes, digest) = (content.lanes(), content.digest());
             Ok(Self { content, lanes, id: digest.id(), digest })
         } else {
             Err(refusals)
@@ -180,6 +180,13 @@ impl CoefficientTable {
 }
 
 impl Content {
+    /// All polynomials side by side.
+    fn lanes(&self) -> Lanes {
+        let polynomials =
+            self.axes.each_ref().map(|axis| [&axis.bias, &axis.positive_scale_factor, &axis.negative_scale_factor]);
+        Lanes::new(polynomials, self.axes.each_ref().map(|axis| axis.bias_unit.in_g0()))
+    }
+
     fn refusals(&self) -> Vec<Refusal> {
         let mut refusals = Vec::new();
         let mut check = |key: String, fault: Option<String>| {

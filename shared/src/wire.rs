@@ -263,6 +263,15 @@ impl core::fmt::Display for Flags {
     }
 }
 
+/// A sample of one of an IMU's two streams.
+#[derive(Clone, Copy, Debug)]
+pub enum StreamSample {
+    /// From the raw stream.
+    Raw(RawSample),
+    /// From the increment stream.
+    Increment(CompensatedIncrement),
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,7 +10,7 @@
 )]
 
 use isotherm_client::{Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Options, RawSample};
-use isotherm_shared::recording::RawReader;
+use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -374,7 +374,7 @@ pub fn table(text: &str) -> CoefficientTable {
 
 /// The recording's samples.
 pub fn recording() -> Vec<RawSample> {
-    RawReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
+    RawCsvReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
 }
 
 /// The table of the recording with another gravity, and so with another digest and other increments.

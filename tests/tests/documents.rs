@@ -132,7 +132,7 @@ fn the_quick_start_works_as_it_stands() {
 }
 
 #[test]
-fn the_version_tells_commit_and_features() {
+fn the_version_tells_commit_and_profile() {
     let world = World::new();
     let version = world.run_well(&["--version"]);
     assert!(version.starts_with(&format!("isotherm {}\n", env!("CARGO_PKG_VERSION"))), "{version}");
@@ -143,7 +143,9 @@ fn the_version_tells_commit_and_features() {
         let (hash, date) = commit.split_once(' ').unwrap();
         assert!(hash.len() == 12 && u64::from_str_radix(hash, 16).is_ok() && date.len() == 12, "{version}");
     }
-    assert!(line("features: ").split(' ').any(|feature| feature == "tools"), "{version}");
+    let (profile, target) = line("built: ").split_once(", ").map(|(a, b)| (a.to_owned(), b.to_owned())).unwrap();
+    assert!(["debug", "release", "dist"].contains(&profile.as_str()), "{version}");
+    assert!(target.contains("linux"), "{version}");
 }
 
 #[test]

@@ -2,8 +2,9 @@
 //! peers that say what public drivers expect.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_service::instruments::{
-    self, Chamber, ChamberConfig, ChamberReading, Fault, FaultKind, Table, TableConfig, TableReading, turn_deg,
+use isotherm_instruments::{
+    self as instruments, Chamber, ChamberConfig, ChamberReading, Fault, FaultKind, Turntable, TurntableConfig,
+    TurntableReading, turn_deg,
 };
 use isotherm_shared::document::{Document, Faults};
 use isotherm_tests::{Process, World, text, wait_until};
@@ -27,21 +28,21 @@ fn chamber_config(toml: &str) -> Result<ChamberConfig, Faults> {
     document.finish(config)
 }
 
-fn table_config(toml: &str) -> Result<TableConfig, Faults> {
+fn table_config(toml: &str) -> Result<TurntableConfig, Faults> {
     let document = Document::parse(toml)?;
     let root = document.root();
-    let config = TableConfig::read(&root);
+    let config = TurntableConfig::read(&root);
     root.finish();
     document.finish(config)
 }
 
 /// A running station.
-struct Station<'w> {
+struct TestStation<'w> {
     world: &'w World,
     process: Process,
 }
 
-impl<'w> Station<'w> {
+impl<'w> TestStation<'w> {
     fn start(world: &'w World, arguments: &[&str]) -> Self {
         let given = [&["simulate", "station", "-o", "station", "--imu", "imu-a"], arguments].concat();
         let process = world.spawn(&given);
@@ -65,9 +66,9 @@ impl<'w> Station<'w> {
         opened(|| instruments::chamber(&config))
     }
 
-    fn table(&self, keys: &str) -> Box<dyn Table> {
+    fn table(&self, keys: &str) -> Box<dyn Turntable> {
         let config = table_config(&format!("port = {:?}\n{keys}", self.port("table"))).unwrap();
-        opened(|| instruments::table(&config))
+        opened(|| instruments::turntable(&config))
     }
 
     /// From now on these faults, one a line.
@@ -114,7 +115,7 @@ fn every_chamber_goes_where_it_is_sent_and_into_standby() {
     each(CHAMBERS, |driver, own| {
         ways(|way| {
             let world = World::new();
-            let station = Station::start(&world, &[&["--speed", "2000", "--chamber", driver], way].concat());
+            let station = TestStation::start(&world, &[&["--speed", "2000", "--chamber", driver], way].concat());
             let mut chamber = station.chamber(&keys(driver, own, PATIENT));
             let name = chamber.identify().unwrap();
             assert!(
@@ -144,7 +145,7 @@ fn every_table_goes_where_it_is_sent_and_stops() {
     each(TABLES, |driver, own| {
         ways(|way| {
             let world = World::new();
-            let station = Station::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
+            let station = TestStation::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
             let mut table = station.table(&keys(driver, own, PATIENT));
             let name = table.identify().unwrap();
             assert!(
@@ -152,7 +153,7 @@ fn every_table_goes_where_it_is_sent_and_stops() {
                     .contains(&name.as_str())
             );
             table.engage().unwrap();
-            assert_eq!(table.read().unwrap(), TableReading::default());
+            assert_eq!(table.read().unwrap(), TurntableReading::default());
             table.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
             wait_until("the position", || table.read().unwrap().angles_deg == [90.0, -30.5]);
             // The last digit of the angle is there before the rate's.
@@ -174,7 +175,7 @@ fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
     each(CHAMBERS, |driver, own| {
         ways(|way| {
             let world = World::new();
-            let station = Station::start(&world, &[&["--chamber", driver], way].concat());
+            let station = TestStation::start(&world, &[&["--chamber", driver], way].concat());
             let mut chamber = station.chamber(&keys(driver, own, PATIENT));
             chamber.set_point(23.5).unwrap();
             station.faults("garbled:chamber\n");
@@ -211,7 +212,7 @@ fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
     each(TABLES, |driver, own| {
         ways(|way| {
             let world = World::new();
-            let station = Station::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
+            let station = TestStation::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
             let mut table = station.table(&keys(driver, own, PATIENT));
             table.engage().unwrap();
             station.faults("garbled:table\n");
@@ -254,7 +255,7 @@ fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
 fn refusals_are_told_apart_from_silence() {
     each(CHAMBERS, |driver, own| {
         let world = World::new();
-        let station = Station::start(&world, &["--chamber", driver, "--fault", "na"]);
+        let station = TestStation::start(&world, &["--chamber", driver, "--fault", "na"]);
         let silent = driver == "ascii2";
         let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
         let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
@@ -264,7 +265,7 @@ fn refusals_are_told_apart_from_silence() {
     });
     each(TABLES, |driver, own| {
         let world = World::new();
-        let station = Station::start(&world, &["--table", driver, "--fault", "na:table"]);
+        let station = TestStation::start(&world, &["--table", driver, "--fault", "na:table"]);
         let silent = driver == "aerosmith";
         let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
         let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
@@ -277,7 +278,7 @@ fn refusals_are_told_apart_from_silence() {
 fn a_late_reply_is_never_taken_for_the_next_ones() {
     each(TABLES, |driver, own| {
         let world = World::new();
-        let station = Station::start(&world, &["--speed", "20", "--table", driver]);
+        let station = TestStation::start(&world, &["--speed", "20", "--table", driver]);
         let mut table = station.table(&keys(driver, own, PATIENT));
         table.engage().unwrap();
         table.move_to([30.0, 60.0], 20.0, 20.0).unwrap();
@@ -292,7 +293,7 @@ fn a_late_reply_is_never_taken_for_the_next_ones() {
         while reading.as_ref().is_err_and(|fault| fault.kind == FaultKind::NoReply) {
             reading = table.read();
         }
-        let TableReading { angles_deg, rates_deg_s, .. } = reading.unwrap();
+        let TurntableReading { angles_deg, rates_deg_s, .. } = reading.unwrap();
         assert_eq!((angles_deg, rates_deg_s), ([30.0, 60.0], [0.0; 2]), "{driver}");
     });
 }
@@ -300,7 +301,7 @@ fn a_late_reply_is_never_taken_for_the_next_ones() {
 #[test]
 fn what_is_lost_once_is_asked_again() {
     let world = World::new();
-    let station = Station::start(&world, &["--fault", "missing:chamber@2"]);
+    let station = TestStation::start(&world, &["--fault", "missing:chamber@2"]);
     let mut chamber = station.chamber("driver = \"espec\"\ntimeout_s = 3\nquiet_s = 0.1\nretries = 4\n");
     chamber.set_point(31.0).unwrap();
     assert_eq!(chamber.read().unwrap().set_point_c, 31.0);
@@ -309,7 +310,7 @@ fn what_is_lost_once_is_asked_again() {
 #[test]
 fn chambers_overshoot_or_never_arrive_and_tables_swing_on_demand() {
     let world = World::new();
-    let station = Station::start(&world, &["--speed", "500", "--fault", "overshoot"]);
+    let station = TestStation::start(&world, &["--speed", "500", "--fault", "overshoot"]);
     let mut chamber = station.chamber(&keys("espec", "", PATIENT));
     let mut table = station.table(&keys("acutrol", "", PATIENT));
     chamber.set_point(30.0).unwrap();
@@ -323,7 +324,7 @@ fn chambers_overshoot_or_never_arrive_and_tables_swing_on_demand() {
     table.engage().unwrap();
     table.move_to([5.0, 5.0], 10.0, 10.0).unwrap();
     wait_until("the swing", || {
-        let TableReading { angles_deg, rates_deg_s, .. } = table.read().unwrap();
+        let TurntableReading { angles_deg, rates_deg_s, .. } = table.read().unwrap();
         turn_deg(angles_deg[0], 5.0).abs() < 0.1 && rates_deg_s[0].abs() > 0.05
     });
     station.faults("");
@@ -334,7 +335,7 @@ fn chambers_overshoot_or_never_arrive_and_tables_swing_on_demand() {
 #[test]
 fn the_imu_feels_table_and_chamber_and_survives_the_service() {
     let world = World::new();
-    let station = Station::start(&world, &["--speed", "200"]);
+    let station = TestStation::start(&world, &["--speed", "200"]);
     let mut chamber = station.chamber(&keys("espec", "", PATIENT));
     let mut table = station.table(&keys("acutrol", "", PATIENT));
     table.engage().unwrap();
@@ -366,7 +367,7 @@ fn the_imu_feels_table_and_chamber_and_survives_the_service() {
 #[test]
 fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     let world = World::new();
-    let station = Station::start(&world, &[]);
+    let station = TestStation::start(&world, &[]);
     let mut chamber = station.chamber(&keys("espec", "", PATIENT));
     chamber.identify().unwrap();
     let path = format!("/proc/{0}/task/{0}/children", station.process.pid());
@@ -379,7 +380,7 @@ fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     station.process.kill();
     wait_until("the end of its processes", || children.iter().all(ended));
     // The link to nowhere is replaced by the next one.
-    let station = Station::start(&world, &[]);
+    let station = TestStation::start(&world, &[]);
     let mut chamber = station.chamber(&keys("espec", "", PATIENT));
     chamber.identify().unwrap();
     station.process.signal(Signal::INT);
@@ -429,7 +430,7 @@ fn an_acutrol_hears_what_a_public_driver_says() {
     ];
     let (port, peer) = scripted(transcript);
     let mut table =
-        instruments::table(&table_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap()).unwrap();
+        instruments::turntable(&table_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap()).unwrap();
     table.engage().unwrap();
     assert_eq!(kind(table.stop()), FaultKind::Refused);
     drop(table);
@@ -449,7 +450,7 @@ fn an_acutrol_says_fault_as_a_public_driver_reads_it() {
     ];
     let (port, peer) = scripted(transcript);
     let config = table_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
-    let reading = instruments::table(&config).unwrap().read().unwrap();
+    let reading = instruments::turntable(&config).unwrap().read().unwrap();
     assert_eq!((reading.angles_deg, reading.rates_deg_s), ([90.0001, 180.0], [-0.005, 0.0]));
     assert_eq!(reading.faults, ["interlock of axis 3: Fault"]);
     peer.join().unwrap();
@@ -523,7 +524,7 @@ fn nobody_at_the_other_end_is_a_fault_of_the_line() {
     assert!(fault.to_string().contains(&port) && fault.to_string().contains("check cable"), "{fault}");
     let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let config = table_config(&format!("driver = \"aerosmith\"\nport = \"tcp://{closed}\"\n")).unwrap();
-    assert_eq!(instruments::table(&config).err().unwrap().kind, FaultKind::Line);
+    assert_eq!(instruments::turntable(&config).err().unwrap().kind, FaultKind::Line);
 }
 
 #[test]

@@ -99,3 +99,25 @@ fn a_manager_that_does_not_listen_is_told_of_once() {
     assert!(status.success(), "{log}");
     assert_eq!(log.matches("telling the service manager: ").count(), 1, "{log}");
 }
+
+/// Its socket takes some ten messages, and then no more.
+#[test]
+fn a_manager_that_does_not_read_stops_nobody() {
+    let world = World::new();
+    world.write("imu-a.toml", TABLE);
+    let path = world.path("notify");
+    let manager = Manager(UnixDatagram::bind(&path).unwrap());
+    manager.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    let mut command = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "2000");
+    let service = world.start(command);
+    service.wait_for_log("ready");
+    let sender = UnixDatagram::unbound().unwrap();
+    sender.set_nonblocking(true).unwrap();
+    wait_until("the socket is full", || sender.send_to(b"", &path).is_err());
+    let uptime = |status: serde_json::Value| status["uptime_s"].as_f64().unwrap();
+    let full = uptime(world.status());
+    wait_until("the control thread goes on", || uptime(world.status()) > full + 0.5);
+    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    service.terminate();
+}

@@ -4,10 +4,10 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use isotherm_benches::{Outcome, TABLE};
-use isotherm_calibration::calibrate::{Options, calibrate};
+use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::{Campaign, read};
-use isotherm_calibration::simulate::{Plan, Truth, campaign, campaign_toml};
-use isotherm_shared::recording::{CampaignReader, RawWriter};
+use isotherm_calibration::simulate::{CampaignSchedule, Truth, campaign, campaign_toml};
+use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, BufWriter};
@@ -31,7 +31,8 @@ fn bench(smoke: bool) -> Outcome<()> {
     let path = folder.path().join("samples.csv");
     let table = CoefficientTable::from_toml(TABLE, None)?;
     let truth = Truth::of(table);
-    let plan = Plan { interval_ns: if smoke { 1_000_000_000 } else { 10_000_000 }, ..Plan::default() };
+    let plan =
+        CampaignSchedule { interval_ns: if smoke { 1_000_000_000 } else { 10_000_000 }, ..CampaignSchedule::default() };
     let (stated, rows) = (write(&truth, &plan, &path)?, plan.rows());
     let rounds = if smoke { 2 } else { 7 };
     let mut times: [Vec<Duration>; 4] = Default::default();
@@ -39,9 +40,9 @@ fn bench(smoke: bool) -> Outcome<()> {
         // Alternating, so that what the machine does besides hits all alike.
         times[0].push(timed(|| parse(&path))?.0);
         times[1].push(timed(|| samples(&path))?.0);
-        let (elapsed, dwells) = timed(|| Ok(read(&stated, CampaignReader::new(File::open(&path)?)?)?))?;
+        let (elapsed, dwells) = timed(|| Ok(read(&stated, CampaignCsvReader::new(File::open(&path)?)?)?))?;
         times[2].push(elapsed);
-        times[3].push(timed(|| Ok(calibrate(&stated, dwells, Options::default())?))?.0);
+        times[3].push(timed(|| Ok(calibrate(&stated, dwells, CalibrationOptions::default())?))?.0);
     }
     let size = fs::metadata(&path)?.len() as f64;
     println!("{rows} rows, {:.0} MB, {rounds} rounds; the fastest and the slowest of each", size / 1e6);
@@ -66,9 +67,9 @@ fn bench(smoke: bool) -> Outcome<()> {
     Ok(())
 }
 
-fn write(truth: &Truth, plan: &Plan, path: &Path) -> Outcome<Campaign> {
+fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> Outcome<Campaign> {
     let content = truth.table.content();
-    let mut writer = RawWriter::new(BufWriter::new(File::create(path)?), "set_point_c,position,", false)?;
+    let mut writer = RawCsvWriter::new(BufWriter::new(File::create(path)?), "set_point_c,position,", false)?;
     for row in campaign(truth, plan, 1) {
         writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw)?;
     }
@@ -107,7 +108,7 @@ fn parse(path: &Path) -> Outcome<usize> {
 /// Reads every number and does nothing with it.
 fn samples(path: &Path) -> Outcome<usize> {
     let mut count = 0;
-    for row in CampaignReader::new(File::open(path)?)? {
+    for row in CampaignCsvReader::new(File::open(path)?)? {
         count += usize::from(core::hint::black_box(row?).position.is_some());
     }
     Ok(count)

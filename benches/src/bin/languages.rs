@@ -45,7 +45,7 @@ fn main() -> ExitCode {
     let result = match words.as_slice() {
         ["serve", ..] => {
             become_child();
-            return isotherm_service::main();
+            return isotherm_service::main(env!("CARGO_PKG_VERSION"));
         }
         ["--imu", imu, "--domain", name] => acquisition(imu, name),
         _ => bench(&Arguments::parse()),

@@ -13,7 +13,7 @@ const PERIOD: Duration = Duration::from_micros(500);
 fn main() -> ExitCode {
     let mut words = std::env::args().skip(1);
     let reloads = match words.next().as_deref() {
-        Some("serve") => return isotherm_service::main(),
+        Some("serve") => return isotherm_service::main(env!("CARGO_PKG_VERSION")),
         Some("--smoke") => 10,
         _ => 300,
     };

@@ -7,7 +7,7 @@
 pub(super) const TICKS: (usize, usize) = (4, 7);
 
 /// A linear axis.
-pub(super) struct Axis {
+pub(super) struct PlotAxis {
     low: f64,
     high: f64,
     /// Value and label of the tick marks, ascending.
@@ -16,7 +16,7 @@ pub(super) struct Axis {
     pub(super) note: String,
 }
 
-impl Axis {
+impl PlotAxis {
     /// An axis over the usable ones of `values`, widened by the fraction `margin` on both sides. Labels of more than
     /// `widest` characters are shortened by a power of ten and an offset.
     pub(super) fn new(values: impl IntoIterator<Item = f64>, margin: f64, widest: usize) -> Self {
@@ -185,32 +185,32 @@ fn times(exponent: i32) -> String {
 mod tests {
     use super::*;
 
-    fn texts(axis: &Axis) -> Vec<&str> {
+    fn texts(axis: &PlotAxis) -> Vec<&str> {
         axis.ticks.iter().map(|(_, label)| label.as_str()).collect()
     }
 
     #[test]
     fn plain_labels() {
-        let axis = Axis::new([1.1, 3.9], 0.03, 6);
+        let axis = PlotAxis::new([1.1, 3.9], 0.03, 6);
         assert_eq!(texts(&axis), ["1.5", "2.0", "2.5", "3.0", "3.5"]);
         assert_eq!(axis.note, "");
-        assert_eq!(texts(&Axis::new([-0.3, 0.3], 0.05, 8)), ["−0.3", "−0.2", "−0.1", "0.0", "0.1", "0.2", "0.3"]);
-        assert_eq!(texts(&Axis::new([0.0, 20_000.0], 0.02, 6))[1], "5000");
-        assert_eq!(texts(&Axis::new([0.0, 20_000.0], 0.02, 6))[4], "20\u{2009}000");
+        assert_eq!(texts(&PlotAxis::new([-0.3, 0.3], 0.05, 8)), ["−0.3", "−0.2", "−0.1", "0.0", "0.1", "0.2", "0.3"]);
+        assert_eq!(texts(&PlotAxis::new([0.0, 20_000.0], 0.02, 6))[1], "5000");
+        assert_eq!(texts(&PlotAxis::new([0.0, 20_000.0], 0.02, 6))[4], "20\u{2009}000");
     }
 
     #[test]
     fn a_tiny_range_on_a_large_value_is_readable() {
-        let axis = Axis::new([90_751.2, 90_751.9], 0.0, 8);
+        let axis = PlotAxis::new([90_751.2, 90_751.9], 0.0, 8);
         assert_eq!(texts(&axis), ["90\u{2009}751.2", "90\u{2009}751.4", "90\u{2009}751.6", "90\u{2009}751.8"]);
-        let axis = Axis::new([90_751.234, 90_751.240_5], 0.0, 8);
+        let axis = PlotAxis::new([90_751.234, 90_751.240_5], 0.0, 8);
         assert_eq!(texts(&axis), ["0.004", "0.005", "0.006", "0.007", "0.008", "0.009", "0.010"]);
         assert_eq!(axis.note, "+ 90\u{2009}751.23");
-        let axis = Axis::new([-5.000_000_3, -5.0], 0.0, 8);
+        let axis = PlotAxis::new([-5.000_000_3, -5.0], 0.0, 8);
         assert_eq!((texts(&axis)[0], axis.note.as_str()), ("0.70", "×10⁻⁶ − 5.000001"));
-        let axis = Axis::new([0.0, 3e-7], 0.0, 8);
+        let axis = PlotAxis::new([0.0, 3e-7], 0.0, 8);
         assert_eq!((texts(&axis)[1], axis.note.as_str()), ("50", "×10⁻⁹"));
-        let axis = Axis::new([0.0, 3e7], 0.0, 8);
+        let axis = PlotAxis::new([0.0, 3e7], 0.0, 8);
         assert_eq!((texts(&axis)[1], axis.note.as_str()), ("5", "×10⁶"));
         assert_eq!(number(123_000, 17), "1.23 ×10²²");
     }
@@ -221,7 +221,7 @@ mod tests {
             for exponent in -40..40 {
                 for factor in [1.0, 1.3, 2.1, 2.7, 3.4, 4.9, 7.7, 9.9] {
                     let high = value + factor * 10_f64.powi(exponent);
-                    let axis = Axis::new([value, high], 0.04, 8);
+                    let axis = PlotAxis::new([value, high], 0.04, 8);
                     let labels = texts(&axis);
                     let context = format!("{value:e}..{high:e}: {labels:?} {}", axis.note);
                     assert!((TICKS.0..=TICKS.1).contains(&labels.len()), "{context}");
@@ -250,7 +250,7 @@ mod tests {
     fn nothing_and_constants_have_width() {
         for values in [vec![], vec![f64::NAN, f64::INFINITY], vec![0.0], vec![5.0; 3], vec![1e300, -2.0], vec![5e-324]]
         {
-            let axis = Axis::new(values.iter().copied(), 0.05, 8);
+            let axis = PlotAxis::new(values.iter().copied(), 0.05, 8);
             assert!(axis.high > axis.low, "{values:?}");
             assert!(axis.ticks.len() >= TICKS.0, "{values:?}");
         }

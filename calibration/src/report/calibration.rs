@@ -3,11 +3,11 @@
 mod orders;
 
 use super::navigation;
-use super::page::{Cell, Kind, Page};
+use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::calibrate::{Calibration, Method};
 use crate::campaign::{Campaign, Dwell};
-use crate::provenance::Source;
+use crate::provenance::CampaignSource;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 
@@ -23,7 +23,7 @@ const fn factor(quantity: usize) -> f64 {
 
 /// The page as HTML.
 #[must_use]
-pub fn html(campaign: &Campaign, calibration: &Calibration, source: &Source) -> String {
+pub fn html(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> String {
     let report = Report { campaign, calibration, source };
     let title = format!("Calibration of {}", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.campaign, source.time, source.tool));
@@ -44,7 +44,7 @@ pub fn html(campaign: &Campaign, calibration: &Calibration, source: &Source) -> 
 struct Report<'a> {
     campaign: &'a Campaign,
     calibration: &'a Calibration,
-    source: &'a Source,
+    source: &'a CampaignSource,
 }
 
 impl Report<'_> {
@@ -65,11 +65,13 @@ impl Report<'_> {
         page.heading(2, "result", "Result");
         if calibration.findings.is_empty() {
             let text = "Positions, time, soak, stillness, telemetry, saturation, fit and outliers were looked at without a remark.";
-            page.note(Kind::Good, "Nothing found", text);
+            page.note(NoteKind::Good, "Nothing found", text);
         }
         for finding in &calibration.findings {
-            let line = finding.line.map_or(String::new(), |line| format!("{}, line {line}: ", self.campaign.samples));
-            page.note(Kind::Warning, "Look at this", &format!("{line}{finding}"));
+            let line = finding
+                .line
+                .map_or(String::new(), |line| format!("{}, line {line}: ", self.campaign.samples.join(", ")));
+            page.note(NoteKind::Warning, "Look at this", &format!("{line}{finding}"));
         }
         let conditions = calibration.observability.iter().map(|o| format!("{:.1}", o.condition));
         let mut rows = vec![
@@ -372,9 +374,9 @@ impl Report<'_> {
                 let residual = self.calibration.solution.residuals[index];
                 let place = Some((dwell.set_point_c, Some(self.number(dwell))));
                 let verdict = if self.calibration.findings.iter().any(|finding| finding.place == place) {
-                    Cell::Verdict(Kind::Warning, "see result".to_owned())
+                    Cell::Verdict(NoteKind::Warning, "see result".to_owned())
                 } else {
-                    Cell::Verdict(Kind::Good, "good".to_owned())
+                    Cell::Verdict(NoteKind::Good, "good".to_owned())
                 };
                 vec![
                     Cell::text(format!("{} / {}", dwell.set_point_c, self.number(dwell))),
@@ -440,7 +442,7 @@ impl Report<'_> {
             ("Time", &self.source.time),
             ("Campaign file", &self.source.campaign),
             ("its SHA-256", &self.source.campaign_sha256),
-            ("Samples", &self.campaign.samples),
+            ("Samples", &self.campaign.samples.join(", ")),
             ("their SHA-256", &self.source.samples_sha256),
             ("Table", &self.calibration.table.digest().to_string()),
         ]);

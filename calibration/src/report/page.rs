@@ -11,7 +11,7 @@ const STYLE: &str = include_str!("style.css");
 
 /// What a note or a table cell says about its subject.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum NoteKind {
     /// As it should be.
     Good,
     /// Usable, but look at it.
@@ -20,7 +20,7 @@ pub enum Kind {
     Bad,
 }
 
-impl Kind {
+impl NoteKind {
     /// CSS class and symbol: colour alone says nothing to some readers.
     fn parts(self) -> (&'static str, char) {
         match self {
@@ -39,7 +39,7 @@ pub enum Cell {
     /// A formatted number, right-aligned.
     Number(String),
     /// A verdict, with symbol and colour.
-    Verdict(Kind, String),
+    Verdict(NoteKind, String),
 }
 
 impl Cell {
@@ -103,7 +103,7 @@ impl Page {
     }
 
     /// Adds a box with a title and a text, which may be empty.
-    pub fn note(&mut self, kind: Kind, title: &str, text: &str) {
+    pub fn note(&mut self, kind: NoteKind, title: &str, text: &str) {
         let (class, symbol) = kind.parts();
         let text = if text.is_empty() { String::new() } else { format!("<p>{}</p>", escape(text)) };
         self.body += &format!(
@@ -277,9 +277,9 @@ pub(super) mod tests {
         page.heading(2, text, text);
         page.heading(9, text, text);
         page.paragraph(text);
-        page.note(Kind::Warning, text, text);
+        page.note(NoteKind::Warning, text, text);
         page.key_values(&[(text, text)]);
-        let cells = vec![Cell::text(text), Cell::Number(text.into()), Cell::Verdict(Kind::Bad, text.into())];
+        let cells = vec![Cell::text(text), Cell::Number(text.into()), Cell::Verdict(NoteKind::Bad, text.into())];
         page.table(text, &[text; 3], &[cells, vec![]]);
         page.figures(&[("<svg></svg>", text)]);
         page.finish()
@@ -325,7 +325,7 @@ pub(super) mod tests {
     #[test]
     fn table_cells_align_and_short_rows_are_filled() {
         let mut page = Page::new("t", "");
-        let row = vec![Cell::text("x"), Cell::number(-1.25, 3), Cell::Verdict(Kind::Good, "yes".into())];
+        let row = vec![Cell::text("x"), Cell::number(-1.25, 3), Cell::Verdict(NoteKind::Good, "yes".into())];
         page.table("Caption", &["axis", "bias / <g0>", "ok"], &[row, vec![Cell::text("y"), Cell::number(f64::NAN, 3)]]);
         let page = page.finish();
         let unit = "<span class=\"unit\">/ &lt;g0&gt;</span>";

@@ -1,12 +1,12 @@
 //! One x-y figure as inline SVG.
 //!
 //! Colours, line widths and fonts come from the stylesheet of the [`page`](super::page) by class, so a figure follows
-//! its palette; the SVG itself carries geometry and text only, and no identifier that could clash on a page. Series
+//! its palette; the SVG itself carries geometry and text only, and no identifier that could clash on a page. PlotSeries
 //! differ by colour, by the shape of their points and, unless thinned, by their dashes.
 
 use std::collections::BTreeSet;
 
-use super::axis::{Axis, usable};
+use super::axis::{PlotAxis, usable};
 use super::page::escape;
 use super::svg::{Svg, cut, path, shape, short, text_width};
 use super::thin::{MAX_VERTICES, cloud, extremes, segments};
@@ -32,13 +32,13 @@ pub struct Plot {
     title: String,
     x_label: String,
     y_label: String,
-    series: Vec<Series>,
+    series: Vec<PlotSeries>,
     markers: Vec<(f64, String)>,
     zero: bool,
 }
 
 #[derive(Clone, Debug)]
-struct Series {
+struct PlotSeries {
     name: String,
     style: Style,
     points: Vec<(f64, f64)>,
@@ -69,7 +69,7 @@ impl Plot {
     #[must_use]
     pub fn series(mut self, name: &str, style: Style, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let points = points.into_iter().collect();
-        self.series.push(Series { name: name.into(), style, points, band: Vec::new() });
+        self.series.push(PlotSeries { name: name.into(), style, points, band: Vec::new() });
         self
     }
 
@@ -107,7 +107,7 @@ impl Plot {
         let rows = || self.series.iter().flat_map(|s| s.band.iter().filter(|row| complete(row)));
         let xs = points().map(|p| p.0).chain(rows().map(|r| r.0)).chain(self.markers.iter().map(|m| m.0));
         let ys = points().map(|p| p.1).chain(rows().flat_map(|r| [r.1, r.2])).chain(self.zero.then_some(0.0));
-        let (x_axis, y_axis) = (Axis::new(xs, 0.03, 6), Axis::new(ys, 0.06, 8));
+        let (x_axis, y_axis) = (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8));
 
         let left = 10.0 + y_axis.ticks.iter().map(|(_, label)| text_width(label)).fold(22.0, f64::max);
         let x = |value: f64| left + x_axis.fraction(value) * (RIGHT - left);
@@ -233,7 +233,7 @@ impl Svg {
         self.path(&class("b", index), &d);
     }
 
-    fn series(&mut self, index: usize, series: &Series, x: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) {
+    fn series(&mut self, index: usize, series: &PlotSeries, x: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) {
         let at = |i: usize| (x(series.points[i].0), y(series.points[i].1));
         let (mut line, mut single) = (String::new(), BTreeSet::new());
         if series.style != Style::Line {
@@ -260,7 +260,7 @@ fn complete(row: &(f64, f64, f64)) -> bool {
 }
 
 /// Whether the line is too dense for dashes to be seen.
-fn thinned(series: &Series) -> bool {
+fn thinned(series: &PlotSeries) -> bool {
     series.points.len() > MAX_VERTICES / 4
 }
 

@@ -1,14 +1,14 @@
 //! The report of a verification: the paper's table 4 and figure 6 for a recording.
 
 use super::navigation;
-use super::page::{Cell, Kind, Page};
+use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::stability::{Force, Stability, Window};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 
 /// What only the caller knows.
 #[derive(Clone, Debug)]
-pub struct Source {
+pub struct VerificationSource {
     /// Program and version.
     pub tool: String,
     /// When, as RFC 3339 in UTC.
@@ -25,7 +25,7 @@ pub struct Source {
 
 /// The page as HTML.
 #[must_use]
-pub fn html(table: &CoefficientTable, stability: &Stability, source: &Source) -> String {
+pub fn html(table: &CoefficientTable, stability: &Stability, source: &VerificationSource) -> String {
     let title = format!("Verification of {}", table.content().imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
     result(&mut page, table, stability, source);
@@ -44,35 +44,35 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Source) ->
     page.finish()
 }
 
-fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &Source) {
+fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &VerificationSource) {
     page.heading(2, "result", "Stability");
     if let Some(required) = source.required {
         let least = stability.axes.iter().map(crate::stability::AxisStability::factor).fold(f64::INFINITY, f64::min);
         let text = format!("The smallest factor is {least:.2}, required are {required}.");
         if least >= required {
-            page.note(Kind::Good, "Requirement met", &text);
+            page.note(NoteKind::Good, "Requirement met", &text);
         } else {
-            page.note(Kind::Bad, "Requirement missed", &text);
+            page.note(NoteKind::Bad, "Requirement missed", &text);
         }
     }
     let flagged = stability.windows.iter().filter(|window| window.flagged).count();
     if flagged > 0 {
         let text =
             format!("In {flagged} windows samples are flagged: telemetry out of the table's range, or not plausible.");
-        page.note(Kind::Warning, "Flagged samples", &text);
+        page.note(NoteKind::Warning, "Flagged samples", &text);
     }
     if let Some(word) = stability.not_gravity() {
-        page.note(Kind::Warning, "Not as long as gravity", &format!("Look at this: {word}."));
+        page.note(NoteKind::Warning, "Not as long as gravity", &format!("Look at this: {word}."));
     }
     if !stability.stated {
         let text =
             "The median of the output stands in for it, so that a constant error does not show in the rms about zero.";
-        page.note(Kind::Warning, "The attitude was not stated", text);
+        page.note(NoteKind::Warning, "The attitude was not stated", text);
     }
     if stability.stated && table.content().alignment.is_none() {
         let text =
             "The table has no alignment matrix: the rms about zero includes what misalignments make of this attitude.";
-        page.note(Kind::Warning, "Misalignments count", text);
+        page.note(NoteKind::Warning, "Misalignments count", text);
     }
     let rows: Vec<_> = AXIS_NAMES
         .iter()
@@ -175,7 +175,7 @@ fn modulus(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     ]);
     if table.content().alignment.is_none() {
         page.note(
-            Kind::Warning,
+            NoteKind::Warning,
             "Misalignments are part of it",
             "The table has no alignment matrix: 1e-4 rad may count for as much as 1e-4 g0 here.",
         );

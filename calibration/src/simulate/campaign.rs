@@ -5,7 +5,7 @@
 //! the moment it leaves the last set point. Then for each position `move_s` of moving and `dwell_s` of rest; only the rest
 //! gives rows, as many whole periods as fit. Each angle has its error.
 
-use super::imu::Imu;
+use super::imu::SimulatedImu;
 use super::turntable::specific_force;
 use super::{Chain, Noise, Random, Truth};
 use crate::positions::{Position, Scheme};
@@ -20,8 +20,8 @@ const TURNTABLE: u64 = 3;
 
 /// How a campaign goes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Plan {
-    /// Chamber temperatures, in order \[degC\].
+pub struct CampaignSchedule {
+    /// SimulatedChamber temperatures, in order \[degC\].
     pub set_points_c: Vec<f64>,
     /// The chamber's ramp, over 0 \[degC/s\].
     pub ramp_c_per_s: f64,
@@ -42,7 +42,7 @@ pub struct Plan {
     pub noise: Noise,
 }
 
-impl Default for Plan {
+impl Default for CampaignSchedule {
     /// -25 to 45 degC every 5 degC at 1 degC/min; 70 min of soak, then twelve times 60 s of moving and 300 s of rest in rows
     /// of 10 s.
     fn default() -> Self {
@@ -60,7 +60,7 @@ impl Default for Plan {
     }
 }
 
-impl Plan {
+impl CampaignSchedule {
     /// Rows of a dwell; none if the dwell is shorter than the period, or the period 0.
     fn rows_per_dwell(&self) -> u64 {
         nanoseconds(self.dwell_s).checked_div(self.interval_ns).unwrap_or(0)
@@ -75,7 +75,7 @@ impl Plan {
 
 /// A row of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct SimulatedRow {
     /// Set point of the chamber \[degC\].
     pub set_point_c: f64,
     /// Number of the position.
@@ -86,9 +86,9 @@ pub struct Row {
 
 /// The rows of a campaign, one after the other.
 #[derive(Clone, Debug)]
-pub struct Campaign<'a> {
-    plan: &'a Plan,
-    imu: Imu,
+pub struct SimulatedCampaign<'a> {
+    plan: &'a CampaignSchedule,
+    imu: SimulatedImu,
     turntable: Random,
     truth: Truth,
     /// Dwells that have begun.
@@ -102,11 +102,11 @@ pub struct Campaign<'a> {
 
 /// Lets the IMU that `truth` describes through `plan`.
 #[must_use]
-pub fn campaign<'a>(truth: &Truth, plan: &'a Plan, seed: u64) -> Campaign<'a> {
+pub fn campaign<'a>(truth: &Truth, plan: &'a CampaignSchedule, seed: u64) -> SimulatedCampaign<'a> {
     let first = plan.set_points_c.first().copied().unwrap_or_default();
-    Campaign {
+    SimulatedCampaign {
         plan,
-        imu: Imu::new(truth, &plan.chain, &plan.noise, first, seed),
+        imu: SimulatedImu::new(truth, &plan.chain, &plan.noise, first, seed),
         turntable: Random::new(seed, TURNTABLE),
         truth: truth.clone(),
         dwells: 0,
@@ -117,7 +117,7 @@ pub fn campaign<'a>(truth: &Truth, plan: &'a Plan, seed: u64) -> Campaign<'a> {
     }
 }
 
-impl Campaign<'_> {
+impl SimulatedCampaign<'_> {
     /// Moves on; `None` at the end.
     fn next_dwell(&mut self) -> Option<()> {
         let (plan, rows) = (self.plan, self.plan.rows_per_dwell());
@@ -152,27 +152,27 @@ impl Campaign<'_> {
     }
 }
 
-impl Iterator for Campaign<'_> {
-    type Item = Row;
+impl Iterator for SimulatedCampaign<'_> {
+    type Item = SimulatedRow;
 
-    fn next(&mut self) -> Option<Row> {
+    fn next(&mut self) -> Option<SimulatedRow> {
         if self.left == 0 {
             self.next_dwell()?;
         }
         self.left -= 1;
         let raw = self.imu.step(&self.specific_force, self.plan.interval_ns);
-        Some(Row { set_point_c: self.set_point_c, position: self.position, raw })
+        Some(SimulatedRow { set_point_c: self.set_point_c, position: self.position, raw })
     }
 }
 
 /// How a temperature run at rest goes: hold, ramp, hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Run {
+pub struct RunSchedule {
     /// Direction of the specific force along A1, A2, A3; a unit vector. Its size is the local gravity.
     pub direction: [f64; AXES],
-    /// Chamber at the beginning, in equilibrium \[degC\].
+    /// SimulatedChamber at the beginning, in equilibrium \[degC\].
     pub from_c: f64,
-    /// Chamber at the end \[degC\].
+    /// SimulatedChamber at the end \[degC\].
     pub to_c: f64,
     /// The ramp between them, over 0 \[degC/s\].
     pub ramp_c_per_s: f64,
@@ -186,7 +186,7 @@ pub struct Run {
     pub noise: Noise,
 }
 
-impl Default for Run {
+impl Default for RunSchedule {
     /// -25 to 45 degC at 20 degC/h, half an hour of holding at the ends, 10 samples a second, every axis with a part of
     /// gravity, A2 with a negative one.
     fn default() -> Self {
@@ -203,7 +203,7 @@ impl Default for Run {
     }
 }
 
-impl Run {
+impl RunSchedule {
     /// Samples of the run; none if the period is 0.
     #[must_use]
     pub fn samples(&self) -> u64 {
@@ -222,8 +222,8 @@ impl Run {
 /// The samples of a run, one after the other.
 #[derive(Clone, Debug)]
 pub struct RunSamples<'a> {
-    run: &'a Run,
-    imu: Imu,
+    run: &'a RunSchedule,
+    imu: SimulatedImu,
     specific_force: [f64; AXES],
     count: u64,
     /// The sample at whose beginning the chamber leaves.
@@ -232,8 +232,8 @@ pub struct RunSamples<'a> {
 
 /// Lets the IMU that `truth` describes through `run`.
 #[must_use]
-pub fn run<'a>(truth: &Truth, run: &'a Run, seed: u64) -> RunSamples<'a> {
-    let mut imu = Imu::new(truth, &run.chain, &run.noise, run.from_c, seed);
+pub fn run<'a>(truth: &Truth, run: &'a RunSchedule, seed: u64) -> RunSamples<'a> {
+    let mut imu = SimulatedImu::new(truth, &run.chain, &run.noise, run.from_c, seed);
     imu.visit();
     let leaves = nanoseconds(run.hold_s).checked_div(run.interval_ns).unwrap_or(0);
     RunSamples { run, imu, specific_force: run.specific_force(truth), count: 0, leaves }

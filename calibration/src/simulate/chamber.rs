@@ -46,7 +46,7 @@ impl Follower {
 
 /// The chamber with what is in it.
 #[derive(Clone, Debug)]
-pub struct Chamber {
+pub struct SimulatedChamber {
     /// Air, without the oscillation \[degC\].
     air_c: f64,
     target_c: f64,
@@ -59,8 +59,8 @@ pub struct Chamber {
     phase: f64,
 }
 
-impl Chamber {
-    /// In equilibrium at `temperature_c` \[degC\]. The oscillation's phase is the seed's: the same one as in an [`Imu`](super::Imu) of the
+impl SimulatedChamber {
+    /// In equilibrium at `temperature_c` \[degC\]. The oscillation's phase is the seed's: the same one as in an [`SimulatedImu`](super::SimulatedImu) of the
     /// same seed.
     #[must_use]
     pub fn new(chain: &Chain, temperature_c: f64, seed: u64) -> Self {
@@ -128,8 +128,8 @@ impl Chamber {
 mod tests {
     use super::*;
 
-    fn chamber() -> Chamber {
-        let mut chamber = Chamber::with_phase(&Chain::default(), 20.0, 1.0);
+    fn chamber() -> SimulatedChamber {
+        let mut chamber = SimulatedChamber::with_phase(&Chain::default(), 20.0, 1.0);
         chamber.go_to(30.0, 1.0 / 60.0);
         chamber
     }

@@ -11,7 +11,7 @@
 //! of x; while q >= 1/K+ it gives a positive pulse and takes 1/K+ away, while q <= -1/|K-| a negative one and adds 1/|K-|.
 //! So the pulses of any time, N+/K+ + N-/K-, are the integral of x to within one pulse.
 
-use super::chamber::{Chamber, SLOW};
+use super::chamber::{SLOW, SimulatedChamber};
 use super::{Chain, Noise, Random, Truth};
 use core::f64::consts::TAU;
 use isotherm_shared::table::Axis;
@@ -26,15 +26,15 @@ const SUB_STEPS: f64 = 20.0;
 
 /// An IMU in a chamber, with everything that it remembers: temperatures, charges, the last telemetry, the time.
 #[derive(Clone, Debug)]
-pub struct Imu {
+pub struct SimulatedImu {
     axes: [Axis; AXES],
     misalignment: Matrix3<f64>,
     chain: Chain,
     noise: Noise,
-    chamber: Chamber,
+    chamber: SimulatedChamber,
     slow: Random,
     fast: Random,
-    offsets: [Offset; AXES],
+    offsets: [VisitOffset; AXES],
     /// Charge that has not made a whole pulse yet \[g0*s\].
     charge: [f64; AXES],
     /// What the next sample starts from: the last one's telemetry, this one's sequence.
@@ -43,14 +43,14 @@ pub struct Imu {
 
 /// What an axis does not repeat from one visit of a set point to the next.
 #[derive(Clone, Copy, Debug, Default)]
-struct Offset {
+struct VisitOffset {
     /// Of the bias \[g0\].
     bias: f64,
     /// Of K+ and K-, relative.
     scale_factors: [f64; 2],
 }
 
-impl Imu {
+impl SimulatedImu {
     /// In equilibrium at the chamber temperature `temperature_c` \[degC\]; time and sequence begin at 0.
     #[must_use]
     pub fn new(truth: &Truth, chain: &Chain, noise: &Noise, temperature_c: f64, seed: u64) -> Self {
@@ -61,10 +61,10 @@ impl Imu {
             misalignment: truth.misalignment,
             chain: *chain,
             noise: *noise,
-            chamber: Chamber::with_phase(chain, temperature_c, phase),
+            chamber: SimulatedChamber::with_phase(chain, temperature_c, phase),
             slow,
             fast: Random::new(seed, FAST),
-            offsets: [Offset::default(); AXES],
+            offsets: [VisitOffset::default(); AXES],
             charge: [0.0; AXES],
             latest: RawSample::default(),
         }
@@ -92,7 +92,8 @@ impl Imu {
         let (bias, scale_factor) = (self.noise.bias_g0, self.noise.scale_factor);
         for offset in &mut self.offsets {
             let mut draw = || self.slow.normal();
-            *offset = Offset { bias: bias * draw(), scale_factors: [scale_factor * draw(), scale_factor * draw()] };
+            *offset =
+                VisitOffset { bias: bias * draw(), scale_factors: [scale_factor * draw(), scale_factor * draw()] };
         }
     }
 

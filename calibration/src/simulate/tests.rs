@@ -30,7 +30,7 @@ fn compensated(truth: &Truth, raw: &RawSample) -> [f64; AXES] {
 #[test]
 fn without_noise_the_truth_comes_back_but_for_one_pulse_in_all() {
     let truth = truth();
-    let mut imu = Imu::new(&truth, &still(), &Noise::NONE, 17.0, 1);
+    let mut imu = SimulatedImu::new(&truth, &still(), &Noise::NONE, 17.0, 1);
     for force in [[0.6, -0.48, 0.64], [0.0, 1e-4, -1.0], [-0.3, 0.0, 2e-5]] {
         let mut sum = [0.0; AXES];
         for count in 1..=5000 {
@@ -43,7 +43,7 @@ fn without_noise_the_truth_comes_back_but_for_one_pulse_in_all() {
             }
         }
         // From a discharged converter it is one pulse, however long it takes.
-        let mut fresh = Imu::new(&truth, &still(), &Noise::NONE, 17.0, 1);
+        let mut fresh = SimulatedImu::new(&truth, &still(), &Noise::NONE, 17.0, 1);
         let mut total = fresh.step(&force, 7_000_000);
         (1..100_000).for_each(|_| total.merge(&fresh.step(&force, 7_000_000)).unwrap());
         let dv = compensated(&truth, &total);
@@ -58,7 +58,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
     let truth = truth();
     let chain = Chain { vibration_g0: 0.5, vibration_hz: 40.0, ..still() };
     let force = [0.0, 0.01, -0.01];
-    let mut imu = Imu::new(&truth, &chain, &Noise::NONE, 0.0, 1);
+    let mut imu = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1);
     let mut sum = [0.0; AXES];
     for _ in 0..400 {
         let raw = imu.step(&force, 25_000_000);
@@ -74,7 +74,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
         assert!((sum[i] - force[i] * 10.0).abs() < 1.01 * PULSE, "{sum:?}");
     }
     // One sum of signed pulses, as if both scale factors were one, rectifies the vibration into a bias.
-    let raw = Imu::new(&truth, &chain, &Noise::NONE, 0.0, 1).step(&force, 10_000_000_000);
+    let raw = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1).step(&force, 10_000_000_000);
     let axis = &truth.table.content().axes[0];
     let signed = f64::from(raw.positive_pulses[0]) - f64::from(raw.negative_pulses[0]);
     let naive = signed / axis.positive_scale_factor.at(2.26) - axis.bias_at(2.1).0 * 10.0;
@@ -83,7 +83,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
 
 #[test]
 fn telemetry_is_quantised_and_as_old_as_stated() {
-    let run_1s = Run { chain: Chain { telemetry_s: 1.0, ..Chain::default() }, ..Run::default() };
+    let run_1s = RunSchedule { chain: Chain { telemetry_s: 1.0, ..Chain::default() }, ..RunSchedule::default() };
     let samples: Vec<_> = run(&truth(), &run_1s, 3).take(100).collect();
     for (index, raw) in (0..).zip(&samples) {
         assert_eq!(raw.telemetry_ns, (index / 10 * 10 + 1) * 100_000_000);
@@ -96,13 +96,13 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
         }
     }
     assert_ne!(samples[0].head_temperature, samples[10].head_temperature);
-    let every: Vec<_> = run(&truth(), &Run::default(), 3).take(10).collect();
+    let every: Vec<_> = run(&truth(), &RunSchedule::default(), 3).take(10).collect();
     assert!(every.iter().all(|raw| raw.telemetry_ns == raw.timestamp_ns));
 }
 
 #[test]
 fn telemetry_says_where_head_and_board_are() {
-    let raw = Imu::new(&truth(), &still(), &Noise::NONE, -25.0, 1).step(&[0.0; AXES], 1_000_000);
+    let raw = SimulatedImu::new(&truth(), &still(), &Noise::NONE, -25.0, 1).step(&[0.0; AXES], 1_000_000);
     for (telemetry, right) in raw.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
         assert!((telemetry - right).abs() < 1e-12);
     }
@@ -114,7 +114,7 @@ fn telemetry_says_where_head_and_board_are() {
 
 #[test]
 fn the_campaign_keeps_to_its_schedule() {
-    let plan = Plan::default();
+    let plan = CampaignSchedule::default();
     let rows: Vec<_> = campaign(&truth(), &plan, 5).collect();
     assert_eq!((rows.len(), plan.rows()), (15 * 12 * 30, 5400));
     for (index, row) in (0..).zip(&rows) {
@@ -128,17 +128,27 @@ fn the_campaign_keeps_to_its_schedule() {
         assert!((head_c - row.set_point_c).abs() < 0.05 + 0.02, "{head_c} at {}", row.set_point_c);
     }
     // A dwell that is no multiple of the period waits for its end.
-    let odd = Plan { dwell_s: 29.0, soak_s: 100.0, set_points_c: vec![10.0], ..Plan::default() };
+    let odd =
+        CampaignSchedule { dwell_s: 29.0, soak_s: 100.0, set_points_c: vec![10.0], ..CampaignSchedule::default() };
     let ends: Vec<_> = campaign(&truth(), &odd, 5).take(4).map(|row| row.raw.timestamp_ns / 1_000_000_000).collect();
     assert_eq!(ends, [170, 180, 259, 269]);
-    assert_eq!(campaign(&truth(), &Plan { dwell_s: 9.0, ..Plan::default() }, 5).count(), 0);
-    assert_eq!(campaign(&truth(), &Plan { positions: Vec::new(), ..Plan::default() }, 5).count(), 0);
+    assert_eq!(campaign(&truth(), &CampaignSchedule { dwell_s: 9.0, ..CampaignSchedule::default() }, 5).count(), 0);
+    assert_eq!(
+        campaign(&truth(), &CampaignSchedule { positions: Vec::new(), ..CampaignSchedule::default() }, 5).count(),
+        0
+    );
 }
 
 #[test]
 fn the_positions_are_those_of_the_tilted_turntable() {
     let truth = truth();
-    let plan = Plan { chain: still(), noise: Noise::NONE, set_points_c: vec![20.0], dwell_s: 10.0, ..Plan::default() };
+    let plan = CampaignSchedule {
+        chain: still(),
+        noise: Noise::NONE,
+        set_points_c: vec![20.0],
+        dwell_s: 10.0,
+        ..CampaignSchedule::default()
+    };
     let gravity = 9.81 / 9.8015;
     for (row, position) in campaign(&truth, &plan, 1).zip(&plan.positions) {
         let by_tilt = position.by_tilt().unwrap();
@@ -156,7 +166,8 @@ fn the_positions_are_those_of_the_tilted_turntable() {
 
 #[test]
 fn the_run_ramps_between_its_holds() {
-    let schedule = Run { chain: still(), noise: Noise::NONE, interval_ns: 10_000_000_000, ..Run::default() };
+    let schedule =
+        RunSchedule { chain: still(), noise: Noise::NONE, interval_ns: 10_000_000_000, ..RunSchedule::default() };
     let truth = truth();
     let samples: Vec<_> = run(&truth, &schedule, 1).collect();
     assert_eq!((samples.len(), schedule.samples()), (1620, 1620));
@@ -180,7 +191,7 @@ fn the_run_ramps_between_its_holds() {
 fn noise_has_the_stated_size() {
     let truth = truth();
     let noise = Noise { sensor_g0: 50e-6, ..Noise::NONE };
-    let mut imu = Imu::new(&truth, &still(), &noise, 20.0, 9);
+    let mut imu = SimulatedImu::new(&truth, &still(), &noise, 20.0, 9);
     let force = [0.5, 0.5, -0.5];
     for (interval_s, right) in [(1.0, 50e-6), (0.25, 100e-6)] {
         let values: Vec<_> = (0..4000)
@@ -192,7 +203,7 @@ fn noise_has_the_stated_size() {
     }
     // One offset a visit, the same for all of it.
     let noise = Noise { bias_g0: 100e-6, ..Noise::NONE };
-    let mut imu = Imu::new(&truth, &still(), &noise, 20.0, 9);
+    let mut imu = SimulatedImu::new(&truth, &still(), &noise, 20.0, 9);
     let mut offsets = Vec::new();
     for _ in 0..200 {
         imu.visit();
@@ -206,7 +217,7 @@ fn noise_has_the_stated_size() {
 
 #[test]
 fn the_same_seed_gives_the_same_data() {
-    let plan = Plan { set_points_c: vec![0.0, 5.0], ..Plan::default() };
+    let plan = CampaignSchedule { set_points_c: vec![0.0, 5.0], ..CampaignSchedule::default() };
     let rows = |seed| campaign(&Truth::varied(&content(), seed).unwrap(), &plan, seed).collect::<Vec<_>>();
     assert_eq!(rows(1), rows(1));
     assert_ne!(rows(1)[0].raw.head_temperature, rows(2)[0].raw.head_temperature);
@@ -235,7 +246,7 @@ fn a_varied_truth_stays_within_what_it_states() {
 
 #[test]
 fn the_truth_reads_back_as_a_table_with_its_provenance() {
-    let (truth, plan) = (truth(), Plan::default());
+    let (truth, plan) = (truth(), CampaignSchedule::default());
     let text = truth.to_toml("isotherm simulate", 5, &plan).unwrap();
     assert_eq!(CoefficientTable::from_toml(&text, None).unwrap(), truth.table);
     let parsed: toml::Table = text.parse().unwrap();

@@ -34,7 +34,7 @@ pub fn specific_force(truth: &Truth, outer_deg: f64, inner_deg: f64) -> [f64; AX
 
 /// One axis of a turntable.
 #[derive(Clone, Debug, Default)]
-struct Motion {
+struct AxisMotion {
     angle_deg: f64,
     rate_deg_s: f64,
     /// Left of the way: time \[s\] and acceleration \[deg/s2\].
@@ -43,7 +43,7 @@ struct Motion {
     target_deg: f64,
 }
 
-impl Motion {
+impl AxisMotion {
     fn stop(&mut self, acceleration: f64) {
         self.stretches.clear();
         let time_s = self.rate_deg_s.abs() / acceleration;
@@ -84,13 +84,13 @@ impl Motion {
 
 /// A two-axis turntable; axis 0 is the outer one. It begins at rest at 0, 0.
 #[derive(Clone, Debug, Default)]
-pub struct Turntable {
-    axes: [Motion; 2],
+pub struct SimulatedTurntable {
+    axes: [AxisMotion; 2],
     swing_deg: f64,
     time_s: f64,
 }
 
-impl Turntable {
+impl SimulatedTurntable {
     /// Sends an axis to `target_deg` at up to `rate` \[deg/s\] with `acceleration` \[deg/s2\], both over 0.
     pub fn go_to(&mut self, axis: usize, target_deg: f64, rate: f64, acceleration: f64) {
         self.axes[axis].go_to(target_deg, rate, acceleration);
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn an_axis_takes_the_time_that_rate_and_acceleration_ask_for() {
-        let mut table = Turntable::default();
+        let mut table = SimulatedTurntable::default();
         table.go_to(0, 90.0, 10.0, 5.0);
         table.go_to(1, -1.0, 10.0, 4.0);
         // 2 s up, 20 deg of ramps, 70 deg at 10 deg/s, 2 s down; and 0.5 s up to 2 deg/s, 0.5 s down.
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn the_step_length_does_not_matter_and_another_target_is_reached_from_a_moving_axis() {
-        let (mut one, mut many) = (Turntable::default(), Turntable::default());
+        let (mut one, mut many) = (SimulatedTurntable::default(), SimulatedTurntable::default());
         for table in [&mut one, &mut many] {
             table.go_to(0, 90.0, 10.0, 5.0);
         }

@@ -1,7 +1,7 @@
 //! Stability of simulated runs whose truth is known.
 
 use super::*;
-use crate::simulate::{Chain, MISALIGNMENT, Noise, Run, Truth, run};
+use crate::simulate::{Chain, MISALIGNMENT, Noise, RunSchedule, Truth, run};
 
 fn truth() -> Truth {
     let table = CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None);
@@ -9,14 +9,14 @@ fn truth() -> Truth {
 }
 
 fn stability(truth: &Truth, attitude: Option<[f64; AXES]>, change: impl Fn(usize, &mut RawSample)) -> Stability {
-    let schedule = Run {
+    let schedule = RunSchedule {
         direction: [0.6, -0.48, 0.64],
         ramp_c_per_s: 70.0 / 3600.0,
         hold_s: 60.0,
         interval_ns: 1_000_000_000,
         chain: Chain::default(),
         noise: Noise::NONE,
-        ..Run::default()
+        ..RunSchedule::default()
     };
     let mut collector = Collector::new(&truth.table, 10.0);
     for (index, mut raw) in run(truth, &schedule, 1).enumerate() {
@@ -52,7 +52,9 @@ fn a_constant_error_shows_only_at_a_stated_attitude() {
     let off = Truth { table: wrong, ..right.clone() };
     let run_with = |attitude| {
         let mut collector = Collector::new(&off.table, 10.0);
-        for raw in run(&right, &Run { interval_ns: 10_000_000_000, noise: Noise::NONE, ..Run::default() }, 1) {
+        for raw in
+            run(&right, &RunSchedule { interval_ns: 10_000_000_000, noise: Noise::NONE, ..RunSchedule::default() }, 1)
+        {
             collector.add(&raw);
         }
         collector.finish(&Setup { attitude, gravity_local: 9.79 }).unwrap()
@@ -82,6 +84,7 @@ fn too_little_is_refused() {
     let short = Collector::new(&truth.table, 10.0).finish(&setup).unwrap_err();
     assert_eq!(short, StabilityError::TooShort { windows: 0, window_s: 10.0 });
     let mut collector = Collector::new(&truth.table, 10.0);
-    run(&truth, &Run { interval_ns: 10_000_000_000, ..Run::default() }, 1).for_each(|raw| collector.add(&raw));
+    run(&truth, &RunSchedule { interval_ns: 10_000_000_000, ..RunSchedule::default() }, 1)
+        .for_each(|raw| collector.add(&raw));
     assert!(matches!(collector.finish(&setup), Err(StabilityError::NotThere { counted: 0, .. })));
 }

@@ -1,11 +1,11 @@
 //! From rows to a table: how close to the truth, on which positions, by which method, and what the fit itself is told about.
 
 use crate::common::{calibrated, csv, dwells, noiseless, paper, paper_truth as truth, quiet, stated, worst};
-use isotherm_calibration::calibrate::{Calibration, Method, Options, calibrate};
+use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method, calibrate};
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::positions::{Position, Scheme};
 use isotherm_calibration::reduce::reduce;
-use isotherm_calibration::simulate::{MISALIGNMENT, Plan, Row, TILT_RAD, Truth, campaign};
+use isotherm_calibration::simulate::{CampaignSchedule, MISALIGNMENT, SimulatedRow, TILT_RAD, Truth, campaign};
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
@@ -16,7 +16,7 @@ use std::fs;
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
-fn shipped(options: Options) -> Calibration {
+fn shipped(options: CalibrationOptions) -> Calibration {
     let stated =
         Campaign::from_toml(&fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap()).unwrap();
     let dwells = dwells(&stated, &fs::read(format!("{EXAMPLES}/campaign/samples.csv")).unwrap()).unwrap();
@@ -30,7 +30,7 @@ fn the_campaign_with_a_known_truth() {
     // The truth is the paper's tables; its ranges are wider than the campaign's.
     assert_eq!(json["truth"]["A3"]["kn"][3], paper().content().axes[2].negative_scale_factor.coefficients()[3]);
     for (method, limits) in [(Method::OneStage, [0.1, 0.38]), (Method::TwoStage, [0.11, 0.44])] {
-        let calibration = shipped(Options { method, ..Options::default() });
+        let calibration = shipped(CalibrationOptions { method, ..CalibrationOptions::default() });
         let found = worst(&calibration.table, &paper());
         println!("{}: bias {:.4}e-6 g0, scale factors {:.4} ppm", method.name(), found[0], found[1]);
         assert!(found[0] < limits[0] && found[1] < limits[1], "{found:?}");
@@ -44,13 +44,13 @@ fn the_campaign_with_a_known_truth() {
             }
         }
     }
-    let tilt = shipped(Options::default()).solution.tilt.unwrap();
+    let tilt = shipped(CalibrationOptions::default()).solution.tilt.unwrap();
     assert!((tilt[0] - 4e-5).abs() < 0.1e-6 && (tilt[1] + 6e-5).abs() < 0.1e-6, "{tilt:?}");
 }
 
 #[test]
 fn other_campaigns_with_other_coefficients_gravity_and_tilt() {
-    let plan = Plan { noise: quiet(), ..Plan::default() };
+    let plan = CampaignSchedule { noise: quiet(), ..CampaignSchedule::default() };
     for seed in 1..=12 {
         let mut truth = Truth::varied(paper().content(), seed).unwrap();
         if seed % 3 == 0 {
@@ -58,7 +58,7 @@ fn other_campaigns_with_other_coefficients_gravity_and_tilt() {
             truth.tilt_rad = [4e-4, -3e-4];
         }
         for alignment in [false, true] {
-            let options = Options { alignment, ..Options::default() };
+            let options = CalibrationOptions { alignment, ..CalibrationOptions::default() };
             let (_, calibration) = calibrated(&truth, &plan, seed, options).unwrap();
             let found = worst(&calibration.table, &truth.table);
             println!("{seed}: bias {:.3}e-6 g0, scale factors {:.3} ppm", found[0], found[1]);
@@ -79,7 +79,7 @@ fn other_lists_of_positions() {
     for positions in lists {
         let plan = noiseless(positions);
         let truth = truth(TILT_RAD, 9.7936);
-        let (_, calibration) = calibrated(&truth, &plan, 1, Options::default()).unwrap();
+        let (_, calibration) = calibrated(&truth, &plan, 1, CalibrationOptions::default()).unwrap();
         let found = worst(&calibration.table, &truth.table);
         // What is left is the drift within a dwell and whole pulses.
         assert!(found[0] < 0.05 && found[1] < 0.1, "{} positions: {found:?}", plan.positions.len());
@@ -108,7 +108,7 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
         }
         let file = Campaign::from_toml(&campaign_toml(&file)).unwrap();
         for method in [Method::OneStage, Method::TwoStage] {
-            let options = Options { method, order: Some(3), ..Options::default() };
+            let options = CalibrationOptions { method, order: Some(3), ..CalibrationOptions::default() };
             let calibration = calibrate(&file, dwells(&file, &text).unwrap(), options).unwrap();
             let found = worst(&calibration.table, &truth.table);
             let tilt = calibration.solution.tilt.unwrap();
@@ -122,10 +122,10 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
 
 /// The rows of a campaign with the IMU turned on the table by `mount`: the list of positions is turned instead, by simulating
 /// positions whose directions and level errors are those that the turned IMU meets.
-fn mounted(truth: &Truth, plan: &Plan, mount: &Matrix3<f64>) -> Vec<Row> {
+fn mounted(truth: &Truth, plan: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<SimulatedRow> {
     let gravity = truth.gravity_local / truth.table.content().gravity;
     let chain = &plan.chain;
-    let mut imu = isotherm_calibration::simulate::Imu::new(truth, chain, &plan.noise, plan.set_points_c[0], 1);
+    let mut imu = isotherm_calibration::simulate::SimulatedImu::new(truth, chain, &plan.noise, plan.set_points_c[0], 1);
     let mut rows = Vec::new();
     for &set_point_c in &plan.set_points_c {
         imu.go_to(set_point_c, plan.ramp_c_per_s);
@@ -140,7 +140,11 @@ fn mounted(truth: &Truth, plan: &Plan, mount: &Matrix3<f64>) -> Vec<Row> {
             let force: [f64; 3] = (mount * ((level + change).normalize() * gravity)).into();
             imu.wait(60_000_000_000);
             for _ in 0..30 {
-                rows.push(Row { set_point_c, position: position.number, raw: imu.step(&force, 10_000_000_000) });
+                rows.push(SimulatedRow {
+                    set_point_c,
+                    position: position.number,
+                    raw: imu.step(&force, 10_000_000_000),
+                });
             }
         }
     }
@@ -168,7 +172,7 @@ fn a_level_error_that_is_not_estimated_is_told() {
         let mut file = stated(&truth, &plan);
         change(&mut file);
         let dwells = dwells(&file, &csv(campaign(&truth, &plan, 1))).unwrap();
-        let options = Options { order: Some(3), exclude: exclude.to_vec(), ..Options::default() };
+        let options = CalibrationOptions { order: Some(3), exclude: exclude.to_vec(), ..CalibrationOptions::default() };
         let calibration = calibrate(&file, dwells, options).unwrap();
         calibration.findings.iter().map(|finding| format!("{finding}\n")).collect()
     };
@@ -198,11 +202,12 @@ fn a_level_error_that_is_not_estimated_is_told() {
 fn a_curve_that_does_not_fit_is_told_and_not_blamed_on_dwells() {
     let truth = truth(TILT_RAD, 9.8015);
     let told = |set_points_c: Vec<f64>, order: Option<usize>| -> String {
-        let plan = Plan { set_points_c, noise: quiet(), ..Plan::default() };
-        let (_, calibration) = calibrated(&truth, &plan, 1, Options { order, ..Options::default() }).unwrap();
+        let plan = CampaignSchedule { set_points_c, noise: quiet(), ..CampaignSchedule::default() };
+        let (_, calibration) =
+            calibrated(&truth, &plan, 1, CalibrationOptions { order, ..CalibrationOptions::default() }).unwrap();
         calibration.findings.iter().map(|finding| format!("{finding}\n")).collect()
     };
-    let all = || Plan::default().set_points_c;
+    let all = || CampaignSchedule::default().set_points_c;
     assert_eq!(told(all(), None), "");
     let text = told(all(), Some(1));
     assert!(text.contains("A1 bias: the set points scatter by") && text.contains("the order is too low"), "{text}");
@@ -229,7 +234,7 @@ fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
     stated.mount = None;
     let dwells = dwells(&stated, &csv(campaign(&truth, &plan, 1))).unwrap();
     for method in [Method::OneStage, Method::TwoStage] {
-        let options = Options { method, order: Some(3), ..Options::default() };
+        let options = CalibrationOptions { method, order: Some(3), ..CalibrationOptions::default() };
         let calibration = calibrate(&stated, dwells.clone(), options).unwrap();
         assert_eq!(calibration.solution.tilt, None);
         let found = worst(&calibration.table, &truth.table);
@@ -244,7 +249,8 @@ fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
 fn gravity_of_the_station_is_not_1_g0() {
     let truth = truth([0.0; 2], 9.78);
     let (_, calibration) =
-        calibrated(&truth, &noiseless(Scheme::SixFacesTwoHeadings.positions()), 1, Options::default()).unwrap();
+        calibrated(&truth, &noiseless(Scheme::SixFacesTwoHeadings.positions()), 1, CalibrationOptions::default())
+            .unwrap();
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
     assert_eq!(calibration.table.content().gravity, 9.8015);
@@ -254,11 +260,11 @@ fn gravity_of_the_station_is_not_1_g0() {
 fn the_alignment_undoes_the_misalignment() {
     let truth = truth(TILT_RAD, 9.8015);
     let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
-    let options = Options { alignment: true, ..Options::default() };
+    let options = CalibrationOptions { alignment: true, ..CalibrationOptions::default() };
     let (_, calibration) = calibrated(&truth, &plan, 1, options).unwrap();
     // A whole dwell compensated: the specific force of the position, with the tilt, is what comes out.
     let mut sums = [0.0; 3];
-    let rows: Vec<Row> =
+    let rows: Vec<SimulatedRow> =
         campaign(&truth, &plan, 1).filter(|row| row.set_point_c == 10.0 && row.position == 1).collect();
     for row in &rows {
         let out = compensate(&calibration.table, &row.raw).velocity_increment;
@@ -298,7 +304,7 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
                     let channel = if counts > 0.0 { &mut raw.positive_pulses } else { &mut raw.negative_pulses };
                     channel[axis] = counts.abs().round() as u32;
                 }
-                Row { set_point_c: 20.0, position: index as u32 + 1, raw }
+                SimulatedRow { set_point_c: 20.0, position: index as u32 + 1, raw }
             });
             let dwells = dwells(&stated, &csv(rows)).unwrap();
             for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
@@ -330,12 +336,12 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
 #[test]
 fn raw_samples_and_sums_over_seconds_give_the_same_table() {
     let truth = truth(TILT_RAD, 9.8015);
-    let plan = |interval_ns| Plan {
+    let plan = |interval_ns| CampaignSchedule {
         interval_ns,
         set_points_c: vec![-20.0, 0.0, 20.0, 40.0],
         ..noiseless(Scheme::SixFacesTwoHeadings.positions())
     };
-    let options = || Options { order: Some(2), ..Options::default() };
+    let options = || CalibrationOptions { order: Some(2), ..CalibrationOptions::default() };
     let (_, raw) = calibrated(&truth, &plan(250_000_000), 1, options()).unwrap();
     let (_, sums) = calibrated(&truth, &plan(10_000_000_000), 1, options()).unwrap();
     let apart = worst(&raw.table, &sums.table);
@@ -360,7 +366,8 @@ fn rows_while_the_table_moves_are_left_out() {
     };
     let text: String = text.lines().enumerate().map(moving).collect();
     let stated = stated(&truth, &plan);
-    let calibration = calibrate(&stated, dwells(&stated, text.as_bytes()).unwrap(), Options::default()).unwrap();
+    let calibration =
+        calibrate(&stated, dwells(&stated, text.as_bytes()).unwrap(), CalibrationOptions::default()).unwrap();
     assert_eq!((calibration.dwells.len(), calibration.dwells[5].rows), (180, 27));
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
@@ -370,13 +377,13 @@ fn rows_while_the_table_moves_are_left_out() {
 fn positions_outside_set_points_are_put_together_by_set_point() {
     let truth = truth(TILT_RAD, 9.8015);
     let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
-    let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
+    let mut rows: Vec<SimulatedRow> = campaign(&truth, &plan, 1).collect();
     rows.sort_by_key(|row| row.position);
     for (index, row) in (0..).zip(&mut rows) {
         (row.raw.sequence, row.raw.timestamp_ns) = (index, (index + 1) * 10_000_000_000);
     }
     let stated = stated(&truth, &plan);
-    let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), Options::default()).unwrap();
+    let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), CalibrationOptions::default()).unwrap();
     assert_eq!(calibration.set_points.len(), 15);
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
@@ -387,8 +394,9 @@ fn heating_and_cooling_are_told_apart() {
     let truth = truth(TILT_RAD, 9.8015);
     let up: Vec<f64> = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
     let down: Vec<f64> = up.iter().rev().copied().collect();
-    let plan = Plan { set_points_c: [up, down].concat(), ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
-    let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
+    let plan =
+        CampaignSchedule { set_points_c: [up, down].concat(), ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
+    let mut rows: Vec<SimulatedRow> = campaign(&truth, &plan, 1).collect();
     // The last set point of the way up is the first of the way down: one stay. Cooling reads 20e-6 g0 more on A1.
     let half = rows.len() / 2;
     for row in &mut rows[half..] {
@@ -397,7 +405,7 @@ fn heating_and_cooling_are_told_apart() {
         }
     }
     let stated = stated(&truth, &plan);
-    let options = Options { order: Some(3), ..Options::default() };
+    let options = CalibrationOptions { order: Some(3), ..CalibrationOptions::default() };
     let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), options).unwrap();
     assert_eq!(calibration.set_points.len(), 13);
     let warned =
@@ -407,7 +415,7 @@ fn heating_and_cooling_are_told_apart() {
 
 #[test]
 fn tables_of_a_calibration_read_back() {
-    let calibration = shipped(Options::default());
+    let calibration = shipped(CalibrationOptions::default());
     let text = calibration.table.to_toml();
     assert_eq!(CoefficientTable::from_toml(&text, None).unwrap(), calibration.table);
 }

@@ -1,39 +1,43 @@
 //! What a campaign is told before it becomes a table: faults and warnings with line, set point and position.
 
 use crate::common::{calibrated, csv, dwells, noiseless, paper_truth as truth, quiet, stated};
-use isotherm_calibration::calibrate::{CalibrationError, Options, calibrate};
+use isotherm_calibration::calibrate::{CalibrationError, CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::checks::Severity;
 use isotherm_calibration::positions::Scheme;
-use isotherm_calibration::simulate::{Plan, Row, TILT_RAD, campaign};
+use isotherm_calibration::simulate::{CampaignSchedule, SimulatedRow, TILT_RAD, campaign};
 use std::fs;
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 /// As [`told`], with what concerns the whole campaign.
-fn told_all(change: impl Fn(&mut Vec<Row>)) -> (bool, String) {
+fn told_all(change: impl Fn(&mut Vec<SimulatedRow>)) -> (bool, String) {
     findings(change, |_| {}, &[], true)
 }
 
 /// What a changed campaign is told: its faults, or the warnings about its dwells and set points.
-fn told(change: impl Fn(&mut Vec<Row>), file: impl Fn(&mut Campaign), exclude: &[(f64, u32)]) -> (bool, String) {
+fn told(
+    change: impl Fn(&mut Vec<SimulatedRow>),
+    file: impl Fn(&mut Campaign),
+    exclude: &[(f64, u32)],
+) -> (bool, String) {
     findings(change, file, exclude, false)
 }
 
 fn findings(
-    change: impl Fn(&mut Vec<Row>),
+    change: impl Fn(&mut Vec<SimulatedRow>),
     file: impl Fn(&mut Campaign),
     exclude: &[(f64, u32)],
     all: bool,
 ) -> (bool, String) {
     let truth = truth(TILT_RAD, 9.8015);
     let set_points_c = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
-    let plan = Plan { set_points_c, noise: quiet(), ..Plan::default() };
-    let mut rows: Vec<Row> = campaign(&truth, &plan, 1).collect();
+    let plan = CampaignSchedule { set_points_c, noise: quiet(), ..CampaignSchedule::default() };
+    let mut rows: Vec<SimulatedRow> = campaign(&truth, &plan, 1).collect();
     change(&mut rows);
     let mut stated = stated(&truth, &plan);
     file(&mut stated);
-    let options = Options { order: Some(3), exclude: exclude.to_vec(), ..Options::default() };
+    let options = CalibrationOptions { order: Some(3), exclude: exclude.to_vec(), ..CalibrationOptions::default() };
     let dwells = match dwells(&stated, &csv(rows)) {
         Ok(dwells) => dwells,
         Err(error) => return (false, error),
@@ -51,7 +55,7 @@ fn findings(
     }
 }
 
-fn at(row: &Row, set_point: f64, position: u32) -> bool {
+fn at(row: &SimulatedRow, set_point: f64, position: u32) -> bool {
     (row.set_point_c, row.position) == (set_point, position)
 }
 
@@ -62,7 +66,7 @@ fn a_good_campaign_is_told_nothing() {
 
 #[test]
 fn a_missing_position_is_named_and_can_be_left_out() {
-    let without = |rows: &mut Vec<Row>| rows.retain(|row| !at(row, 20.0, 5));
+    let without = |rows: &mut Vec<SimulatedRow>| rows.retain(|row| !at(row, 20.0, 5));
     let (made, text) = told(without, |_| {}, &[]);
     assert!(!made && text.contains("set point 20 degC: position 5 of the campaign file is missing"), "{text}");
     assert!(told(without, |_| {}, &[(20.0, 5)]).0);
@@ -92,7 +96,7 @@ fn positions_that_observe_too_little_are_refused() {
 
 #[test]
 fn an_outlying_dwell_is_named_and_kept() {
-    let bump = |rows: &mut Vec<Row>| {
+    let bump = |rows: &mut Vec<SimulatedRow>| {
         rows.iter_mut().filter(|row| at(row, 0.0, 9)).for_each(|row| row.raw.positive_pulses[1] += 40);
     };
     let (made, text) = told(bump, |_| {}, &[]);
@@ -103,7 +107,7 @@ fn an_outlying_dwell_is_named_and_kept() {
 
 #[test]
 fn motion_wrong_positions_and_saturation_are_faults() {
-    let first_row = |rows: &mut Vec<Row>| rows.iter_mut().position(|row| at(row, 40.0, 7)).unwrap();
+    let first_row = |rows: &mut Vec<SimulatedRow>| rows.iter_mut().position(|row| at(row, 40.0, 7)).unwrap();
     let (made, text) = told(
         |rows| {
             let index = first_row(rows);
@@ -125,14 +129,14 @@ fn motion_wrong_positions_and_saturation_are_faults() {
         &[],
     );
     assert!(made && text.contains("set point 40 degC, position 7: A3 was not still"), "{text}");
-    let swap = |rows: &mut Vec<Row>| {
+    let swap = |rows: &mut Vec<SimulatedRow>| {
         for row in rows.iter_mut().filter(|row| row.set_point_c == -20.0) {
             row.position = [0, 1, 2, 3, 4, 7, 8, 5, 6, 9, 10, 11, 12][row.position as usize];
         }
     };
     let (made, text) = told(swap, |_| {}, &[]);
     assert!(!made && text.contains("set point -20 degC, position 7: A1 indicates 1.0"), "{text}");
-    let clip = |rows: &mut Vec<Row>| {
+    let clip = |rows: &mut Vec<SimulatedRow>| {
         rows.iter_mut().for_each(|row| row.raw.positive_pulses[2] = row.raw.positive_pulses[2].min(920_000));
     };
     let (made, text) = told(clip, |_| {}, &[]);
@@ -163,7 +167,7 @@ fn time_soak_and_telemetry_are_checked() {
     );
     let (made, text) = told_all(|rows| rows.iter_mut().for_each(|row| row.raw.interval_ns = 11_000_000_000));
     assert!(!made && text.contains("pulses are counted twice"), "{text}");
-    let dead = |rows: &mut Vec<Row>| {
+    let dead = |rows: &mut Vec<SimulatedRow>| {
         rows.iter_mut().filter(|row| row.set_point_c >= 20.0).for_each(|row| row.raw.head_temperature[0] = 2.9);
     };
     let (made, text) = told(dead, |_| {}, &[]);
@@ -173,7 +177,7 @@ fn time_soak_and_telemetry_are_checked() {
     );
     let (made, text) = told(|rows| rows.truncate(rows.len() - 20), |_| {}, &[]);
     assert!(made && text.contains("set point 40 degC, position 12: 100.0 s only"), "{text}");
-    let sooner = |rows: &mut Vec<Row>| {
+    let sooner = |rows: &mut Vec<SimulatedRow>| {
         rows.iter_mut().filter(|row| row.set_point_c > -20.0).for_each(|row| row.raw.timestamp_ns -= 2_000_000_000_000);
     };
     let (made, text) = told(sooner, |_| {}, &[]);
@@ -183,10 +187,12 @@ fn time_soak_and_telemetry_are_checked() {
 #[test]
 fn too_few_set_points_for_an_order_are_refused() {
     let truth = truth(TILT_RAD, 9.8015);
-    let plan = Plan { set_points_c: vec![0.0, 20.0], ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
-    let refused = calibrated(&truth, &plan, 1, Options { order: Some(3), ..Options::default() }).unwrap_err();
+    let plan = CampaignSchedule { set_points_c: vec![0.0, 20.0], ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
+    let refused = calibrated(&truth, &plan, 1, CalibrationOptions { order: Some(3), ..CalibrationOptions::default() })
+        .unwrap_err();
     assert!(refused.to_string().contains("order 3 needs 4 different values of x, there are 2"), "{refused}");
-    let (_, line) = calibrated(&truth, &plan, 1, Options { order: Some(1), ..Options::default() }).unwrap();
+    let (_, line) =
+        calibrated(&truth, &plan, 1, CalibrationOptions { order: Some(1), ..CalibrationOptions::default() }).unwrap();
     // Two set points make a line, but tell nothing of its error.
     assert_eq!(line.solution.axes[0].curves[0].standard_error(2.0), None);
 }

@@ -1,11 +1,13 @@
 //! What the tests share: a campaign on paper, from the rows as a laboratory would deliver them.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, Options, calibrate};
+use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::positions::Position;
 pub use isotherm_calibration::simulate::worst_errors as worst;
-use isotherm_calibration::simulate::{MISALIGNMENT, Noise, Plan, Row, Truth, campaign, campaign_toml};
-use isotherm_shared::recording::{CampaignReader, RawWriter};
+use isotherm_calibration::simulate::{
+    CampaignSchedule, MISALIGNMENT, Noise, SimulatedRow, Truth, campaign, campaign_toml,
+};
+use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 
 /// The published tables of the source paper.
@@ -19,7 +21,7 @@ pub fn quiet() -> Noise {
 }
 
 /// The campaign file that belongs to a simulated campaign.
-pub fn stated(truth: &Truth, plan: &Plan) -> Campaign {
+pub fn stated(truth: &Truth, plan: &CampaignSchedule) -> Campaign {
     let content = truth.table.content();
     let (imu, unit) = (&content.imu, &content.temperature_unit);
     let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &plan.positions);
@@ -27,8 +29,8 @@ pub fn stated(truth: &Truth, plan: &Plan) -> Campaign {
 }
 
 /// The rows as a file's text.
-pub fn csv(rows: impl IntoIterator<Item = Row>) -> Vec<u8> {
-    let mut writer = RawWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
+pub fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
+    let mut writer = RawCsvWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
     for row in rows {
         writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw).unwrap();
     }
@@ -37,16 +39,16 @@ pub fn csv(rows: impl IntoIterator<Item = Row>) -> Vec<u8> {
 
 /// The dwells of a file's text.
 pub fn dwells(campaign: &Campaign, text: &[u8]) -> Result<Vec<Dwell>, String> {
-    let reader = CampaignReader::new(text).map_err(|error| error.to_string())?;
+    let reader = CampaignCsvReader::new(text).map_err(|error| error.to_string())?;
     read(campaign, reader).map_err(|error| error.to_string())
 }
 
 /// A whole simulated campaign.
 pub fn calibrated(
     truth: &Truth,
-    plan: &Plan,
+    plan: &CampaignSchedule,
     seed: u64,
-    options: Options,
+    options: CalibrationOptions,
 ) -> Result<(Campaign, Calibration), CalibrationError> {
     let stated = stated(truth, plan);
     let dwells = dwells(&stated, &csv(campaign(truth, plan, seed))).unwrap();
@@ -60,6 +62,6 @@ pub fn paper_truth(tilt: [f64; 2], gravity: f64) -> Truth {
 }
 
 /// Exact but for telemetry and pulses, which are whole.
-pub fn noiseless(positions: Vec<Position>) -> Plan {
-    Plan { positions, noise: Noise::NONE, ..Plan::default() }
+pub fn noiseless(positions: Vec<Position>) -> CampaignSchedule {
+    CampaignSchedule { positions, noise: Noise::NONE, ..CampaignSchedule::default() }
 }

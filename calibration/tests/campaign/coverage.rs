@@ -1,8 +1,8 @@
 //! Are the intervals what they say? Over 200 simulated campaigns, 95 % intervals must contain the truth in 184 to 196.
 
 use crate::common::{calibrated, paper};
-use isotherm_calibration::calibrate::Options;
-use isotherm_calibration::simulate::{Plan, Truth};
+use isotherm_calibration::calibrate::CalibrationOptions;
+use isotherm_calibration::simulate::{CampaignSchedule, Truth};
 use isotherm_shared::table::AXIS_NAMES;
 
 const CAMPAIGNS: u64 = 200;
@@ -10,7 +10,7 @@ const LEVEL: f64 = 0.95;
 
 #[test]
 fn intervals_contain_the_truth_as_often_as_they_say() {
-    let plan = Plan { interval_ns: 60_000_000_000, ..Plan::default() };
+    let plan = CampaignSchedule { interval_ns: 60_000_000_000, ..CampaignSchedule::default() };
     let paper = paper();
     // Hits by name.
     let mut hits: Vec<(String, u32)> = Vec::new();
@@ -23,7 +23,8 @@ fn intervals_contain_the_truth_as_often_as_they_say() {
     for seed in 0..CAMPAIGNS {
         let truth = Truth::varied(paper.content(), seed).unwrap();
         let (_, calibration) =
-            calibrated(&truth, &plan, seed, Options { order: Some(3), ..Options::default() }).unwrap();
+            calibrated(&truth, &plan, seed, CalibrationOptions { order: Some(3), ..CalibrationOptions::default() })
+                .unwrap();
         let axes = calibration.solution.axes.iter().zip(&truth.table.content().axes);
         for (axis, ((part, right), axis_name)) in axes.zip(AXIS_NAMES).enumerate() {
             let unit = right.bias_unit.in_g0();

@@ -1,12 +1,13 @@
 //! `Acquisition` and `Loan`.
 
+use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connecting, transport};
 use crate::owned::Owned;
 use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view};
 use crate::run::{End, Run};
 use crate::wait::{SLICE, seconds, until};
 use isotherm_client::{
-    Acquisition as Client, CompensateError, ImuId, Loan as ClientLoan, Options, RawSample, SendError, domain,
+    Acquisition as Client, CompensateError, Loan as ClientLoan, RawSample, SendError,
 };
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
@@ -66,15 +67,6 @@ enum Sample {
     Record(RawSample),
 }
 
-pub fn imu_id(imu: &str) -> PyResult<ImuId> {
-    imu.parse().map_err(|error: isotherm_shared::stream::InvalidName| PyValueError::new_err(error.to_string()))
-}
-
-pub fn options(name: Option<&str>, timeout: Duration) -> PyResult<Options> {
-    let domain = domain(name).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    Ok(Options { domain, timeout })
-}
-
 #[pymethods]
 impl Acquisition {
     #[new]
@@ -86,7 +78,7 @@ impl Acquisition {
             let options = options(domain, left)?;
             match py.detach(|| Client::connect(&id, &options).map(send_wrapper::SendWrapper::new)) {
                 Ok(client) => Ok(Some(client.take())),
-                Err(error) if crate::reader::passing(&error) => {
+                Err(error) if is_temporary(&error) => {
                     last = Some(error);
                     Ok(None)
                 }

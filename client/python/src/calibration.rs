@@ -1,16 +1,16 @@
 //! `calibrate`.
 
 use crate::errors::{CalibrationError, faults, recording};
-use crate::offline::{order_table, tool};
+use crate::offline::tool;
 use crate::records::{Fields, RAW, python};
 use crate::table::Table;
-use isotherm_calibration::calibrate::{Calibration as Figures, Method, Options, calibrate as fit, observable};
+use isotherm_calibration::calibrate::{Calibration as Figures, CalibrationOptions, Method, calibrate as fit, observable};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::checks::{Finding, Severity};
-use isotherm_calibration::provenance::{Hashed, Source, provenance, sha256};
+use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_table, sha256};
+use isotherm_calibration::order::OrderTable;
 use isotherm_calibration::report::calibration::html;
-use isotherm_shared::recording::{CampaignReader, CampaignRow, RecordingError};
-use isotherm_shared::table::CoefficientTable;
+use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -27,13 +27,13 @@ const ROW: usize = RAW + 16;
 pub struct Calibration {
     campaign: Campaign,
     figures: Figures,
-    source: Source,
+    source: CampaignSource,
     text: String,
 }
 
 /// The campaign's text says where its samples are.
 #[pyfunction]
-pub fn samples_of(text: &str, name: &str) -> PyResult<String> {
+pub fn samples_of(text: &str, name: &str) -> PyResult<Vec<String>> {
     Campaign::from_toml(text).map(|campaign| campaign.samples).map_err(|all| faults(name, &all))
 }
 
@@ -67,7 +67,7 @@ pub fn calibrate(
     if let Some(order) = order.filter(|order| *order > 7) {
         return Err(PyValueError::new_err(format!("order is {order}, give None or 0 to 7")));
     }
-    let options = Options { method: *method, order, alignment, exclude };
+    let options = CalibrationOptions { method: *method, order, alignment, exclude };
     observable(&campaign).map_err(|error| failed("", &error))?;
     let (place, (dwells, samples_sha256)) = match samples.extract::<PathBuf>() {
         Ok(path) => {
@@ -80,30 +80,27 @@ pub fn calibrate(
             ("samples".to_owned(), read.map_err(|error| recording(Path::new("samples"), &error))?)
         }
     };
-    if dwells.is_empty() {
-        return Err(CalibrationError::new_err(format!("{place}: no rows; a campaign needs dwells")));
-    }
     let figures = py.detach(|| fit(&campaign, dwells, options)).map_err(|error| failed(&place, &error))?;
-    let source = Source {
+    let source = CampaignSource {
         tool: tool(),
         time: python(py, "_files", "now")?.call0()?.extract()?,
         campaign: name,
         campaign_sha256: sha256(text.as_bytes()),
         samples_sha256,
     };
-    let text = sealed(&campaign, &figures, &source).map_err(CalibrationError::new_err)?;
+    let text = sealed_table(&campaign, &figures, &source).map_err(CalibrationError::new_err)?;
     Ok(Calibration { campaign, figures, source, text })
 }
 
 fn of_file(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), RecordingError> {
     let mut hashed = Hashed::new(File::open(path)?);
-    let dwells = read(campaign, CampaignReader::new(&mut hashed)?)?;
+    let dwells = read(campaign, CampaignCsvReader::new(&mut hashed)?)?;
     Ok((dwells, hashed.finish().1))
 }
 
 /// Rows are counted from 0, as in the array.
 fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), RecordingError> {
-    let mut previous: Option<(u64, u64)> = None;
+    let mut rule = SequenceRule::default();
     let row = |(line, bytes): (usize, &[u8])| {
         let mut fields = Fields(bytes);
         let (sample, set_point_c, position) = (fields.raw(), fields.float(), fields.signed());
@@ -123,10 +120,9 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), Rec
                 }
             },
         };
-        if previous.is_some_and(|(session, sequence)| session == sample.session && sequence >= sample.sequence) {
-            return fault(format!("sequence {} does not rise from row to row", sample.sequence));
+        if let Err(message) = rule.check(&sample) {
+            return fault(message);
         }
-        previous = Some((sample.session, sample.sequence));
         Ok(CampaignRow { line, set_point_c, position, sample })
     };
     let dwells = read(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
@@ -143,7 +139,7 @@ fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String
 }
 
 fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError) -> PyErr {
-    use isotherm_calibration::calibrate::CalibrationError::Faults;
+    use isotherm_calibration::calibrate::CalibrationError::{Empty, Faults};
     match error {
         Faults(findings) => {
             let findings: Vec<_> = findings.iter().map(|each| finding(place, each)).collect();
@@ -151,18 +147,8 @@ fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError
                 findings.iter().map(|(severity, _, message)| format!("{severity}: {message}")).collect();
             CalibrationError::new_err((lines.join("\n"), findings))
         }
+        Empty => CalibrationError::new_err(format!("{place}: {error}")),
         _ => CalibrationError::new_err(error.to_string()),
-    }
-}
-
-/// The table's text with its provenance, read back before it is believed.
-fn sealed(campaign: &Campaign, figures: &Figures, source: &Source) -> Result<String, String> {
-    let section = provenance(campaign, figures, source).map_err(|error| format!("writing the table: {error}"))?;
-    let text = format!("{}\n{section}", figures.table.to_toml());
-    match CoefficientTable::from_toml(&text, Some(&campaign.imu)) {
-        Ok(table) if table == figures.table => Ok(text),
-        Ok(_) => Err("writing the table: it does not read back the same".to_owned()),
-        Err(faults) => Err(format!("writing the table: {faults}")),
     }
 }
 
@@ -185,9 +171,7 @@ impl Calibration {
 
     /// By axis and quantity, JSON.
     fn orders(&self) -> String {
-        let tables = self.figures.orders.iter().map(|axis| {
-            axis.iter().map(|table| order_table(&table.regression, &table.choice, &table.diagnostics)).collect()
-        });
+        let tables = self.figures.orders.iter().map(|axis| axis.iter().map(OrderTable::json).collect());
         Value::Array(tables.collect()).to_string()
     }
 

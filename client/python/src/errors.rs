@@ -2,7 +2,7 @@
 
 use isotherm_client::ConnectError;
 use isotherm_shared::document::Faults;
-use isotherm_shared::recording::RecordingError;
+use isotherm_recording::RecordingError;
 use pyo3::exceptions::PyOSError;
 use pyo3::import_exception;
 use pyo3::prelude::*;

@@ -3,6 +3,7 @@
 
 mod acquisition;
 mod calibration;
+mod connection;
 mod errors;
 mod offline;
 mod owned;

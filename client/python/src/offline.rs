@@ -3,28 +3,24 @@
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, increment_bytes, increments, python, view};
 use crate::table::Table;
-use isotherm_calibration::diagnostics::Diagnostics;
 use isotherm_calibration::double_double::DoubleDouble;
-use isotherm_calibration::order::{Rule, choose};
-use isotherm_calibration::regression::{Fit, MAX_ORDER, Point, Regression, f_limit};
-use isotherm_calibration::report::verification::{Source, html};
+use isotherm_calibration::order::{OrderTable, Rule, default_order};
+use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
+use isotherm_calibration::report::verification::{VerificationSource, html};
 use isotherm_calibration::stability::{Collector, Setup, Stability as Figures};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::csv::Rows;
-use isotherm_shared::recording::{IncrementWriter, RawReader, RawWriter, RecordingError};
+use isotherm_recording::csv::Rows;
+use isotherm_recording::{IncrementCsvWriter, RawCsvReader, RawCsvWriter, RecordingError};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags};
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Highest order of the order table, where the data allow it and none is asked for; as the command has it.
-const DEFAULT_ORDER: usize = 6;
 
 /// The increments of raw samples, both as bytes.
 #[pyfunction]
@@ -51,7 +47,7 @@ pub fn replay<'py>(
 pub fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
     let read = || -> Result<Vec<u8>, RecordingError> {
         let mut bytes = Vec::new();
-        for sample in RawReader::new(File::open(&path)?)? {
+        for sample in RawCsvReader::new(File::open(&path)?)? {
             bytes.extend_from_slice(&crate::records::raw_bytes(&sample?));
         }
         Ok(bytes)
@@ -106,7 +102,7 @@ pub fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<
     let samples = samples.as_slice()?;
     let write = || -> io::Result<()> {
         let telemetry = samples.chunks_exact(RAW).any(|record| Fields(record).raw().telemetry_ns != 0);
-        let mut writer = RawWriter::new(BufWriter::new(File::create(&path)?), "", telemetry)?;
+        let mut writer = RawCsvWriter::new(BufWriter::new(File::create(&path)?), "", telemetry)?;
         samples.chunks_exact(RAW).try_for_each(|record| writer.write("", &Fields(record).raw()))?;
         writer.finish().map(drop)
     };
@@ -123,7 +119,7 @@ pub fn write_increments(
 ) -> PyResult<()> {
     let increments = increments.as_slice()?;
     let write = || -> io::Result<()> {
-        let mut writer = IncrementWriter::new(BufWriter::new(File::create(&path)?), delivery)?;
+        let mut writer = IncrementCsvWriter::new(BufWriter::new(File::create(&path)?), delivery)?;
         increments.chunks_exact(INCREMENT).try_for_each(|record| writer.write(&Fields(record).increment()))?;
         writer.finish().map(drop)
     };
@@ -154,24 +150,15 @@ pub fn regress(
     let document = py.detach(|| {
         let points =
             (0..x.len()).map(|i| point(i, x[i], y[i], weights.map(|weights| weights[i]))).collect::<Result<_, _>>()?;
-        let regression =
-            Regression::new(points, max_order.unwrap_or_else(|| default_order(x))).map_err(|e| e.to_string())?;
-        let choice = choose(&regression, &Rule { effect: min_effect, ..Rule::default() });
-        let diagnostics = Diagnostics::of(&regression, choice.order);
-        Ok::<_, String>(order_table(&regression, &choice, &diagnostics))
+        let order = max_order.unwrap_or_else(|| default_order(x.iter().copied()));
+        let regression = Regression::new(points, order).map_err(|error| error.to_string())?;
+        Ok::<_, String>(OrderTable::choose(regression, &Rule { effect: min_effect, ..Rule::default() }).json())
     });
     document.map(|document| document.to_string()).map_err(PyValueError::new_err)
 }
 
-fn default_order(x: &[f64]) -> usize {
-    let mut distinct = x.to_vec();
-    distinct.sort_by(f64::total_cmp);
-    distinct.dedup();
-    DEFAULT_ORDER.min(distinct.len().saturating_sub(2)).max(1)
-}
-
 /// Each double stands for the shortest decimal that reads back to it, as a file would have it.
-fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<Point, String> {
+fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<DataPoint, String> {
     let decimal = |name: &str, value: f64| {
         let number = DoubleDouble::parse(&format!("{value:?}"));
         number
@@ -179,41 +166,10 @@ fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<Point, Str
     };
     let weight = weight.map_or(Ok(DoubleDouble::ONE), |weight| decimal("weights", weight))?;
     if weight > DoubleDouble::ZERO {
-        Ok(Point { x: decimal("x", x)?, y: decimal("y", y)?, weight })
+        Ok(DataPoint { x: decimal("x", x)?, y: decimal("y", y)?, weight })
     } else {
         Err(format!("weights[{index}] is not over 0"))
     }
-}
-
-/// As the command prints it, less the names of columns.
-pub fn order_table(
-    regression: &Regression,
-    choice: &isotherm_calibration::order::Choice,
-    diagnostics: &Diagnostics,
-) -> Value {
-    let row = |fit: &Fit| {
-        let mut value = serde_json::to_value(fit).unwrap_or_default();
-        let limit = |d1: usize, p: f64| (fit.df_residual > 0).then(|| f_limit(p, d1 as f64, fit.df_residual as f64));
-        value["f_limit"] = json!({"0.05": limit(fit.order, 0.05), "0.01": limit(fit.order, 0.01)});
-        value["partial_f_limit"] = json!({"0.05": limit(1, 0.05), "0.01": limit(1, 0.01)});
-        value
-    };
-    json!({
-        "n": regression.n(),
-        "center": regression.center(),
-        "scale": regression.scale(),
-        "orders": regression.fits().iter().skip(1).map(row).collect::<Vec<_>>(),
-        "selected": choice.order,
-        "reason": choice.reason,
-        "residuals": regression.residuals(choice.order),
-        "diagnostics": {
-            "lag1": diagnostics.lag1,
-            "runs": diagnostics.runs,
-            "heating_cooling": diagnostics.heating_cooling,
-            "outliers": diagnostics.outliers,
-        },
-        "warnings": diagnostics.warnings,
-    })
 }
 
 /// How stable an output is.
@@ -237,15 +193,10 @@ pub fn verify(
     recording: String,
 ) -> PyResult<Stability> {
     let samples = samples.as_slice()?;
-    let attitude = attitude.map(|direction| {
-        let length = direction.iter().map(|f| f * f).sum::<f64>().sqrt();
-        direction.map(|f| f / length)
-    });
-    let gravity_local = gravity_local.unwrap_or(table.0.content().gravity);
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         samples.chunks_exact(RAW).for_each(|record| collector.add(&Fields(record).raw()));
-        collector.finish(&Setup { attitude, gravity_local })
+        collector.finish(&Setup::new(attitude, gravity_local, &table.0))
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
     Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
@@ -326,7 +277,7 @@ impl Stability {
 
     #[pyo3(signature = (path, *, require = None))]
     fn report(&self, py: Python<'_>, path: PathBuf, require: Option<f64>) -> PyResult<()> {
-        let source = Source {
+        let source = VerificationSource {
             tool: tool(),
             time: python(py, "_files", "now")?.call0()?.extract()?,
             table: self.table.content().imu.to_string(),

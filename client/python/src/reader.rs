@@ -1,18 +1,13 @@
 //! `IncrementReader`.
 
-use crate::acquisition::{imu_id, options};
+use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Timeout, connecting};
 use crate::owned::Owned;
 use crate::records::{Increment, array, increment_bytes, view};
 use crate::wait::{seconds, until};
-use isotherm_client::{ConnectError, IncrementReader as Client};
+use isotherm_client::IncrementReader as Client;
 use pyo3::prelude::*;
 use std::time::Duration;
-
-/// Whether waiting may mend it.
-pub fn passing(error: &ConnectError) -> bool {
-    !matches!(error, ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_))
-}
 
 /// Reads the increments of one IMU.
 #[pyclass(frozen, module = "isotherm")]
@@ -118,7 +113,7 @@ fn connect(py: Python<'_>, id: &isotherm_client::ImuId, domain: Option<&str>, ti
         let options = options(domain, left)?;
         match py.detach(|| Client::connect(id.clone(), &options).map(send_wrapper::SendWrapper::new)) {
             Ok(client) => Ok(Some(client.take())),
-            Err(error) if passing(&error) => {
+            Err(error) if is_temporary(&error) => {
                 last = Some(error);
                 Ok(None)
             }

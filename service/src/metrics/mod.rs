@@ -3,8 +3,8 @@
 mod server;
 mod text;
 
-use crate::failure::{Exit, Failure};
-use crate::status::Status;
+use isotherm_failure::{Exit, Failure};
+use isotherm_shared::status::ServiceStatus;
 use server::Server;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,7 +15,7 @@ use tracing::{info, warn};
 const FRESH: Duration = Duration::from_secs(5);
 
 /// What the control thread told last.
-type Latest = Mutex<Option<(Instant, Arc<Status>)>>;
+type Latest = Mutex<Option<(Instant, Arc<ServiceStatus>)>>;
 
 /// The metrics' end in the control thread. Dropping it ends the server within a second.
 pub struct Metrics {
@@ -62,7 +62,7 @@ impl Metrics {
     }
 
     /// Shows this from now on.
-    pub fn tell(&self, status: &Arc<Status>) {
+    pub fn update(&self, status: &Arc<ServiceStatus>) {
         let latest = Some((Instant::now(), Arc::clone(status)));
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = latest;
     }

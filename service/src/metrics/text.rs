@@ -1,7 +1,6 @@
 //! The metrics in Prometheus's text format, version 0.0.4. Names and units keep its conventions: base units, counters end in `_total`.
 
-use crate::status::{ImuStatus, Status, WorkerStatus};
-use crate::worker::counters::BOUNDS_NS;
+use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, WorkerStatus};
 use isotherm_shared::wire::AXES;
 use rustix::process::{Resource, getrlimit};
 use rustix::time::{ClockId, clock_gettime};
@@ -57,7 +56,7 @@ const fn count(count: u64) -> Option<f64> {
 }
 
 /// All metrics of a status, and of this process.
-pub fn of(status: &Status) -> String {
+pub fn of(status: &ServiceStatus) -> String {
     let mut text = Text(String::with_capacity(16 * 1024));
     text.service(status);
     for (kind, name, help, value) in OF_IMU {
@@ -107,7 +106,7 @@ impl Text {
         self.sample(name, &[], value);
     }
 
-    fn service(&mut self, status: &Status) {
+    fn service(&mut self, status: &ServiceStatus) {
         let name = "isotherm_build_info";
         self.family(Kind::Gauge, name, "Version of the service; always 1.");
         self.sample(name, &[("version", &status.version)], 1);
@@ -120,7 +119,7 @@ impl Text {
         self.single(Kind::Gauge, "isotherm_memory_locked_bytes", "Memory that is kept resident.", locked);
     }
 
-    fn flags(&mut self, status: &Status) {
+    fn flags(&mut self, status: &ServiceStatus) {
         let name = "isotherm_flagged_total";
         self.family(Kind::Counter, name, "Increments that carried a flag.");
         for imu in &status.imus {
@@ -130,14 +129,14 @@ impl Text {
         }
     }
 
-    fn latency(&mut self, status: &Status) {
+    fn latency(&mut self, status: &ServiceStatus) {
         let name = "isotherm_latency_seconds";
         self.family(Kind::Histogram, name, "From sending a raw sample to just before publishing its increment.");
         for imu in &status.imus {
             let mut total = 0;
             for (index, count) in imu.latency_distribution.counts.iter().enumerate() {
                 total += count;
-                let bound = BOUNDS_NS
+                let bound = LATENCY_BOUNDS_NS
                     .get(index)
                     .map_or_else(|| "+Inf".to_owned(), |bound| format!("{:e}", *bound as f64 / 1e9));
                 self.sample(&format!("{name}_bucket"), &[("imu", &imu.id), ("le", &bound)], total);
@@ -147,7 +146,7 @@ impl Text {
         }
     }
 
-    fn tables(&mut self, status: &Status) {
+    fn tables(&mut self, status: &ServiceStatus) {
         let name = "isotherm_table_info";
         self.family(Kind::Gauge, name, "Digest and file of the table in force; always 1.");
         for imu in &status.imus {
@@ -158,7 +157,7 @@ impl Text {
     }
 
     /// Telemetry has the unit that the table says, so it can have none in its name.
-    fn telemetry(&mut self, status: &Status) {
+    fn telemetry(&mut self, status: &ServiceStatus) {
         let families: [(&str, &str, Chosen); 3] = [
             ("isotherm_telemetry", "Temperature telemetry of the last sample, in the table's unit.", |value, _| value),
             ("isotherm_telemetry_range_low", "Where the table's calibrated range begins.", |_, range| Some(range?[0])),
@@ -184,7 +183,7 @@ impl Text {
         }
     }
 
-    fn workers(&mut self, status: &Status) {
+    fn workers(&mut self, status: &ServiceStatus) {
         let families: [OfWorker; 3] = [
             (Kind::Counter, "isotherm_worker_cpu_seconds_total", "Processor time of a worker.", |worker| worker.cpu_s),
             (

@@ -1,51 +1,50 @@
 //! One IMU within the worker: its ports, its table, its gap detection.
 
 use crate::config::Imu;
-use crate::create::{Trouble, create};
-use crate::failure::{Exit, Failure};
+use crate::create::{CreateError, Creator};
 use crate::leftovers::{ports_of, ports_of_event};
-use crate::worker::counters::{Counters, add, bump};
-use crate::worker::order::Order;
+use crate::worker::counters::CounterWriter;
+use crate::worker::sequence::SequenceTracker;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::sample_mut::SampleMut;
 use isotherm_client::{Clock, subscribers_of};
+use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use rtrb::Consumer;
 use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
 
-/// Looks in vain for a raw sample, after an answer, at which readers' returns are collected.
+/// After an answer, so many looks that find no raw sample collect what readers have returned.
 const COLLECT: u32 = 16;
 
-type Answer = SampleMut<Ipc, CompensatedIncrement, ()>;
+type LoanedIncrement = SampleMut<Ipc, CompensatedIncrement, ()>;
 
-/// What the control thread shares with one channel.
-pub struct Wiring {
+/// What connects a channel with the control thread.
+pub struct ChannelLink {
     /// The IMU.
     pub imu: Imu,
     /// New tables come in here; the newest counts.
     pub tables: Consumer<Arc<CoefficientTable>>,
-    /// What happens is counted here.
-    pub counters: Arc<Counters>,
+    /// The channel's counts, which the control thread reads.
+    pub counters: CounterWriter,
 }
 
 /// One IMU's streams.
 pub struct Channel {
     tables: Consumer<Arc<CoefficientTable>>,
     table: Option<Arc<CoefficientTable>>,
-    counters: Arc<Counters>,
+    counters: CounterWriter,
     budget_ns: u64,
-    /// Looks at which readers' returns are still to be collected.
+    /// Such looks that are left.
     uncollected: u32,
-    order: Order,
+    sequence: SequenceTracker,
     /// Loaned ahead, so that loaning costs the answer no time.
-    spare: Option<Answer>,
+    spare: Option<LoanedIncrement>,
     publisher: Publisher<Ipc, CompensatedIncrement, ()>,
     raw: Subscriber<Ipc, RawSample, ()>,
 }
@@ -59,61 +58,51 @@ impl Channel {
     pub fn open(
         node: &IpcNode,
         domain: &Domain,
-        wiring: Wiring,
+        link: ChannelLink,
         budget_ns: u64,
     ) -> Result<(Self, Listener<Ipc>), Failure> {
-        let (id, depth) = (wiring.imu.id, wiring.imu.depth);
-        let taken = || {
-            Failure::new(
-                Exit::Failed,
-                format!(
-                    "IMU {id} is already served in domain {:?}; stop the other service or use another --domain",
-                    domain.name()
-                ),
-            )
-        };
+        let (id, depth) = (link.imu.id, link.imu.depth);
+        let creator = Creator::new(node, domain);
         let name = |stream: &str| format!("the {stream} of IMU {id}");
-        let raw = create(node, domain, &name("raw stream"), Some(&id.raw()), taken, || {
-            Ok(stream::raw(node, &id).open_or_create()?)
-        })?;
-        let increments = create(node, domain, &name("increment stream"), Some(&id.increment()), taken, || {
+        let raw = creator.stream(&name("raw stream"), &id.raw(), || Ok(stream::raw(node, &id).open_or_create()?))?;
+        let increments = creator.stream(&name("increment stream"), &id.increment(), || {
             Ok(stream::increment(node, &id).open_or_create()?)
         })?;
-        let wake = create(node, domain, &name("wake-up event"), Some(&id.wake()), taken, || {
-            Ok(stream::wake(node, &id).open_or_create()?)
-        })?;
-        let listener = create(node, domain, &name("listener"), None, taken, || {
+        let wake =
+            creator.stream(&name("wake-up event"), &id.wake(), || Ok(stream::wake(node, &id).open_or_create()?))?;
+        let served = || {
+            let domain = domain.name();
+            format!("IMU {id} is already served in domain {domain:?}; stop the other service or use another --domain")
+        };
+        let listener = creator.port(&name("listener"), served, || {
             wake.listener_builder().create().map_err(|error| match error {
-                ListenerCreateError::ExceedsMaxSupportedListeners => Trouble::Taken(ports_of_event(&wake)),
-                other => Trouble::Other(other.to_string()),
+                ListenerCreateError::ExceedsMaxSupportedListeners => CreateError::Taken(ports_of_event(&wake)),
+                other => CreateError::Other(other.to_string()),
             })
         })?;
         let crowded = || {
-            Failure::new(
-                Exit::Failed,
-                format!(
-                    "reading the raw stream of IMU {id}: all {RAW_SUBSCRIBERS} places are taken, by processes {:?}; stop one of them",
-                    subscribers_of(&raw)
-                ),
+            let pids = subscribers_of(&raw);
+            format!(
+                "reading the raw stream of IMU {id}: all {RAW_SUBSCRIBERS} places are taken, by processes {pids:?}; stop one of them"
             )
         };
-        let subscriber = create(node, domain, &name("raw subscriber"), None, crowded, || {
+        let subscriber = creator.port(&name("raw subscriber"), crowded, || {
             raw.subscriber_builder().buffer_size(depth).create().map_err(|error| match error {
-                SubscriberCreateError::ExceedsMaxSupportedSubscribers => Trouble::Taken(ports_of(&raw)),
-                other => Trouble::Other(other.to_string()),
+                SubscriberCreateError::ExceedsMaxSupportedSubscribers => CreateError::Taken(ports_of(&raw)),
+                other => CreateError::Other(other.to_string()),
             })
         })?;
-        let publisher = create(node, domain, &name("increment publisher"), None, taken, || {
+        let publisher = creator.port(&name("increment publisher"), served, || {
             let publisher = increments.publisher_builder().max_loaned_samples(1).create();
-            publisher.map_err(|error| Trouble::of_publisher(error, &increments))
+            publisher.map_err(|error| CreateError::of_publisher(error, &increments))
         })?;
         let channel = Self {
-            tables: wiring.tables,
+            tables: link.tables,
             table: None,
-            counters: wiring.counters,
+            counters: link.counters,
             budget_ns,
             uncollected: 0,
-            order: Order::default(),
+            sequence: SequenceTracker::default(),
             spare: publisher.loan().ok(),
             publisher,
             raw: subscriber,
@@ -126,7 +115,7 @@ impl Channel {
     #[inline]
     pub fn take_table(&mut self) {
         while let Ok(table) = self.tables.pop() {
-            self.counters.table.store(table.id(), Relaxed);
+            self.counters.table_taken(table.id());
             self.table = Some(table);
         }
     }
@@ -142,63 +131,49 @@ impl Channel {
                 return None;
             }
             Err(_) => {
-                bump(&self.counters.transport_errors);
+                self.counters.transport_failed();
                 return None;
             }
         };
         // Loaned ahead, so that loaning costs the answer no time; one is missing only after the transport has failed.
         let loan = self.spare.take().or_else(|| self.publisher.loan().ok());
         let Some(mut loan) = loan else {
-            bump(&self.counters.transport_errors);
+            self.counters.transport_failed();
             return None;
         };
-        // The one copy out of shared memory. The optimizer cannot see through `black_box`, so nothing below reads the
-        // sender's memory again, whatever the sender does to it.
+        // The one copy out of shared memory. The optimizer cannot see through `black_box`, so nothing below reads shared memory again:
+        // what the sender changes there later has no effect.
         let raw = core::hint::black_box(*sample);
         let since = if raw.sent_ns == 0 { clock.now() } else { raw.sent_ns };
-        let arrival = self.order.note(raw.session, raw.sequence);
-        let missing = arrival.missing;
+        let arrival = self.sequence.note(raw.session, raw.sequence);
 
         let increment = loan.payload_mut();
         *increment = answer(self.table.as_deref(), &raw);
         let now = clock.now_in_order();
         let latency = now.saturating_sub(since);
         let latency_ns = u32::try_from(latency).unwrap_or(u32::MAX);
-        let delivery = (u32::from(missing > 0) * Flags::GAP.0) | (u32::from(latency > self.budget_ns) * Flags::LATE.0);
+        let delivery =
+            (u32::from(arrival.missing > 0) * Flags::GAP.0) | (u32::from(latency > self.budget_ns) * Flags::LATE.0);
         let flags = Flags(increment.flags | delivery);
         increment.latency_ns = latency_ns;
         increment.flags = flags.0;
         let published = loan.send().is_ok();
 
-        // Published; the rest is off the answer's path. Handing the sample back writes to memory that the sender reads, which costs
-        // a trip between the cores.
+        // Published: the rest is off the answer's path. Returning the sample writes to memory that the sender reads, which costs a
+        // round trip between the cores.
         drop(sample);
         self.spare = self.publisher.loan().ok();
         self.uncollected = COLLECT;
         self.take_table();
-        let counters = &*self.counters;
-        bump(&counters.received);
-        bump(if published { &counters.compensated } else { &counters.transport_errors });
-        if missing > 0 {
-            bump(&counters.gaps);
-            add(&counters.missing, missing);
-        }
-        if arrival.repeated {
-            bump(&counters.repeats);
-        }
-        if arrival.begins {
-            bump(&counters.sessions);
-        }
-        counters.count_flags(flags);
-        counters.keep_telemetry(&raw);
-        counters.latency.record(latency_ns);
+        self.counters.answered(&raw, arrival, flags, latency_ns, published);
         Some(now)
     }
 
-    /// Takes back what readers have returned, while there is nothing else to do.
+    /// Reclaims what readers have returned, while there is nothing else to do.
     ///
     /// The transport does so before it sends, and there the answer would wait for two cache lines that the reader has
-    /// just written: a sixth of a round trip. Asking for a loan more than there may be does nothing else.
+    /// just written: a sixth of a round trip. A loan over the limit is requested on purpose: it fails, but the transport first reclaims
+    /// returned samples.
     #[inline]
     fn collect(&mut self) {
         if self.uncollected > 0 && self.spare.is_some() {

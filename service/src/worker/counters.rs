@@ -1,218 +1,213 @@
-//! What the worker counts and the control thread tells. One writer each, so plain relaxed loads and stores will do.
+//! What a worker counts and the control thread reads: a writer and readers as types, so that a second writer does not compile.
+//!
+//! There is one writer, and every store is its own: it needs no atomic addition, a relaxed load and store will do.
+//!
+//! ```compile_fail
+//! let (writer, reader) = isotherm_service::worker::counters::counters();
+//! let second = writer.clone();
+//! ```
+//! The same with a reader compiles:
+//! ```
+//! let (writer, reader) = isotherm_service::worker::counters::counters();
+//! let second = reader.clone();
+//! ```
+//! And so does one thread that writes while another reads, but not two that write:
+//! ```compile_fail
+//! let (writer, _reader) = isotherm_service::worker::counters::counters();
+//! std::thread::scope(|scope| {
+//!     scope.spawn(|| writer.transport_failed());
+//!     scope.spawn(|| writer.transport_failed());
+//! });
+//! ```
+//! ```
+//! let (mut writer, reader) = isotherm_service::worker::counters::counters();
+//! std::thread::scope(|scope| {
+//!     scope.spawn(|| writer.transport_failed());
+//!     scope.spawn(|| reader.transport_errors());
+//! });
+//! ```
 
+use super::histogram::{BucketCounts, Histogram};
+use super::sequence::Arrival;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Adds one to a counter that only the calling thread writes.
-#[inline]
-pub fn bump(counter: &AtomicU64) {
-    add(counter, 1);
-}
-
-/// Adds to a counter that only the calling thread writes.
-#[inline]
-pub fn add(counter: &AtomicU64, by: u64) {
-    counter.store(counter.load(Relaxed).saturating_add(by), Relaxed);
-}
+/// Flags that are counted, by bit.
+const FLAGS: usize = 26;
 
 /// The counters of one IMU since the start of the service.
 #[derive(Debug, Default)]
-pub struct Counters {
-    /// Raw samples received.
-    pub received: AtomicU64,
-    /// Increments published.
-    pub compensated: AtomicU64,
-    /// Samples before which others of their session were missing.
-    pub gaps: AtomicU64,
-    /// How many were missing in all.
-    pub missing: AtomicU64,
-    /// Samples whose sequence did not rise: resends.
-    pub repeats: AtomicU64,
-    /// Sessions begun.
-    pub sessions: AtomicU64,
-    /// Receiving or publishing failed in the transport.
-    pub transport_errors: AtomicU64,
-    /// Increments that carried each flag, by bit.
-    pub flagged: [AtomicU64; 26],
-    /// The table in force: [`CoefficientTable::id`](isotherm_shared::table::CoefficientTable::id), 0 for none.
-    pub table: AtomicU64,
+struct Counters {
+    received: AtomicU64,
+    compensated: AtomicU64,
+    gaps: AtomicU64,
+    missing: AtomicU64,
+    repeats: AtomicU64,
+    sessions: AtomicU64,
+    transport_errors: AtomicU64,
+    flagged: [AtomicU64; FLAGS],
+    table: AtomicU64,
     /// Telemetry of the last sample, as bits: heads, then boards.
-    pub telemetry: [AtomicU64; 2 * AXES],
-    /// Latency of every increment.
-    pub latency: Histogram,
+    telemetry: [AtomicU64; 2 * AXES],
+    latency: Histogram,
 }
 
-impl Counters {
-    /// Counts an increment's flags.
+/// The counters of one IMU: the half that writes, and the half that reads.
+#[must_use]
+pub fn counters() -> (CounterWriter, CounterReader) {
+    let counters = Arc::<Counters>::default();
+    (CounterWriter(Arc::clone(&counters)), CounterReader(counters))
+}
+
+/// The half that writes: the worker's, and the only one.
+#[derive(Debug)]
+pub struct CounterWriter(Arc<Counters>);
+
+/// The half that reads.
+#[derive(Clone, Debug)]
+pub struct CounterReader(Arc<Counters>);
+
+/// Adds to a counter of the calling half's own.
+#[inline]
+fn add(counter: &AtomicU64, by: u64) {
+    counter.store(counter.load(Relaxed).saturating_add(by), Relaxed);
+}
+
+impl CounterWriter {
+    /// The table with this id ([`CoefficientTable::id`](isotherm_shared::table::CoefficientTable::id)) is in force.
     #[inline]
-    pub fn count_flags(&self, flags: Flags) {
+    pub fn table_taken(&mut self, id: u64) {
+        self.0.table.store(id, Relaxed);
+    }
+
+    /// Receiving or publishing failed in the transport.
+    #[inline]
+    pub fn transport_failed(&mut self) {
+        add(&self.0.transport_errors, 1);
+    }
+
+    /// A sample was received, and its increment published unless the transport failed.
+    #[inline]
+    pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u32, published: bool) {
+        let counters = &*self.0;
+        add(&counters.received, 1);
+        add(if published { &counters.compensated } else { &counters.transport_errors }, 1);
+        if arrival.missing > 0 {
+            add(&counters.gaps, 1);
+            add(&counters.missing, arrival.missing);
+        }
+        if arrival.repeated {
+            add(&counters.repeats, 1);
+        }
+        if arrival.begins {
+            add(&counters.sessions, 1);
+        }
         let mut rest = flags.0;
         while rest != 0 {
-            let bit = rest.trailing_zeros();
-            if let Some(counter) = self.flagged.get(bit as usize) {
-                bump(counter);
+            if let Some(counter) = counters.flagged.get(rest.trailing_zeros() as usize) {
+                add(counter, 1);
             }
             rest &= rest - 1;
         }
-    }
-
-    /// Keeps a sample's telemetry.
-    #[inline]
-    pub fn keep_telemetry(&self, raw: &RawSample) {
         let telemetry = raw.head_temperature.iter().chain(&raw.board_temperature);
-        for (kept, value) in self.telemetry.iter().zip(telemetry) {
+        for (kept, value) in counters.telemetry.iter().zip(telemetry) {
             kept.store(value.to_bits(), Relaxed);
         }
+        counters.latency.record(latency_ns);
+    }
+}
+
+impl CounterReader {
+    /// Raw samples received.
+    pub fn received(&self) -> u64 {
+        self.0.received.load(Relaxed)
+    }
+
+    /// Increments published.
+    pub fn compensated(&self) -> u64 {
+        self.0.compensated.load(Relaxed)
+    }
+
+    /// Samples before which others of their session were missing.
+    pub fn gaps(&self) -> u64 {
+        self.0.gaps.load(Relaxed)
+    }
+
+    /// How many were missing in all.
+    pub fn missing(&self) -> u64 {
+        self.0.missing.load(Relaxed)
+    }
+
+    /// Samples whose sequence did not rise: resends.
+    pub fn repeats(&self) -> u64 {
+        self.0.repeats.load(Relaxed)
+    }
+
+    /// Sessions begun.
+    pub fn sessions(&self) -> u64 {
+        self.0.sessions.load(Relaxed)
+    }
+
+    /// Failures of the transport.
+    pub fn transport_errors(&self) -> u64 {
+        self.0.transport_errors.load(Relaxed)
+    }
+
+    /// Increments that carried the flag of this bit.
+    pub fn flagged(&self, bit: u32) -> u64 {
+        self.0.flagged.get(bit as usize).map_or(0, |count| count.load(Relaxed))
+    }
+
+    /// Id of the table in force, 0 for none.
+    pub fn table(&self) -> u64 {
+        self.0.table.load(Relaxed)
     }
 
     /// The last sample's telemetry, heads and boards; `None` where it is not finite, or there was no sample yet.
     pub fn telemetry(&self) -> [[Option<f64>; AXES]; 2] {
-        let seen = self.received.load(Relaxed) > 0;
+        let seen = self.received() > 0;
         let value = |place: usize| {
-            let value = f64::from_bits(self.telemetry[place].load(Relaxed));
+            let value = f64::from_bits(self.0.telemetry[place].load(Relaxed));
             (seen && value.is_finite()).then_some(value)
         };
         [0, AXES].map(|first| core::array::from_fn(|axis| value(first + axis)))
     }
+
+    /// Latencies of all increments.
+    pub fn latency(&self) -> BucketCounts {
+        self.0.latency.counts()
+    }
 }
 
-/// Buckets an octave: values are kept to within 1/32 of themselves.
-const SUB: u32 = 32;
-const SUB_BITS: u32 = SUB.trailing_zeros();
-const BUCKETS: usize = ((32 - SUB_BITS + 1) * SUB) as usize;
+/// A sign of life of a thread: the half that gives it, and the half that looks for it.
+#[must_use]
+pub fn heartbeat() -> (HeartbeatWriter, HeartbeatReader) {
+    let beats = Arc::<AtomicU64>::default();
+    (HeartbeatWriter(Arc::clone(&beats)), HeartbeatReader(beats))
+}
 
-/// A log-linear histogram of 32-bit nanoseconds that one thread fills and another reads, without locks.
+/// The half that gives signs of life.
 #[derive(Debug)]
-pub struct Histogram {
-    buckets: Box<[AtomicU64; BUCKETS]>,
-    max: AtomicU64,
-    /// Since it was last taken.
-    recent_max: AtomicU64,
-}
+pub struct HeartbeatWriter(Arc<AtomicU64>);
 
-impl Default for Histogram {
-    fn default() -> Self {
-        let buckets = Box::new([const { AtomicU64::new(0) }; BUCKETS]);
-        Self { buckets, max: AtomicU64::new(0), recent_max: AtomicU64::new(0) }
-    }
-}
+/// The half that looks for them.
+#[derive(Clone, Debug)]
+pub struct HeartbeatReader(Arc<AtomicU64>);
 
-impl Histogram {
-    /// Adds one value.
+impl HeartbeatWriter {
+    /// Gives one.
     #[inline]
-    pub fn record(&self, value: u32) {
-        bump(&self.buckets[Self::bucket(value)]);
-        for max in [&self.max, &self.recent_max] {
-            if u64::from(value) > max.load(Relaxed) {
-                max.store(value.into(), Relaxed);
-            }
-        }
-    }
-
-    /// The largest value since this was asked last. One that comes just now may count for the next time.
-    pub fn take_recent_max(&self) -> u64 {
-        self.recent_max.swap(0, Relaxed)
-    }
-
-    /// The count of each bucket.
-    pub fn counts(&self) -> Vec<u64> {
-        self.buckets.iter().map(|count| count.load(Relaxed)).collect()
-    }
-
-    /// Below 32 a value is its own bucket; above, each octave has 32.
-    const fn bucket(value: u32) -> usize {
-        let shift = (u32::BITS - value.leading_zeros()).saturating_sub(SUB_BITS + 1);
-        (shift * SUB + (value >> shift)) as usize
-    }
-
-    /// The largest value of a bucket.
-    const fn upper(bucket: usize) -> u64 {
-        let bucket = bucket as u64;
-        let shift = (bucket / SUB as u64).saturating_sub(1);
-        let first = (bucket - shift * SUB as u64) << shift;
-        first + (1 << shift) - 1
-    }
-
-    /// The percentiles of all values so far; `None` before the first.
-    pub fn summary(&self) -> Option<Summary> {
-        self.summary_of(&self.counts())
-    }
-
-    /// As [`summary`](Self::summary), of counts that have just been taken.
-    pub fn summary_of(&self, counts: &[u64]) -> Option<Summary> {
-        Self::summarize(counts, self.max.load(Relaxed))
-    }
-
-    /// The percentiles of `counts`, given by bucket; `None` if there are none.
-    pub fn summarize(counts: &[u64], max: u64) -> Option<Summary> {
-        let total: u64 = counts.iter().sum();
-        let percentile = |part: f64| {
-            let rank = ((total as f64 * part).ceil() as u64).max(1);
-            let mut below = 0;
-            let bucket = counts.iter().position(|count| {
-                below += count;
-                below >= rank
-            });
-            bucket.map_or(max, |bucket| Self::upper(bucket).min(max))
-        };
-        (total > 0).then(|| Summary {
-            count: total,
-            p50: percentile(0.5),
-            p99: percentile(0.99),
-            p999: percentile(0.999),
-            max,
-        })
+    pub fn beat(&mut self) {
+        add(&self.0, 1);
     }
 }
 
-/// Upper ends of the coarse buckets that others are told \[ns\]; one more holds what is above.
-pub const BOUNDS_NS: [u64; 21] = {
-    let mut bounds = [0; 21];
-    let mut index = 0;
-    while index < bounds.len() {
-        bounds[index] = [2, 5, 10][index % 3] * 100 * 10u64.pow((index / 3) as u32);
-        index += 1;
+impl HeartbeatReader {
+    /// How many there were.
+    pub fn count(&self) -> u64 {
+        self.0.load(Relaxed)
     }
-    bounds
-};
-
-/// A histogram in few buckets.
-#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
-pub struct Distribution {
-    /// Values up to each of [`BOUNDS_NS`] and over the one before, then those over the last.
-    pub counts: Vec<u64>,
-    /// Sum of the values \[s\], to within 1.6 %.
-    pub sum_s: f64,
-}
-
-impl Distribution {
-    /// Of `counts`, given by fine bucket. One that reaches over a bound counts above it: no value is told smaller than it was.
-    pub fn of(counts: &[u64]) -> Self {
-        let mut coarse = vec![0; BOUNDS_NS.len() + 1];
-        let mut sum_ns = 0.0;
-        for (bucket, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-            let upper = Histogram::upper(bucket);
-            coarse[BOUNDS_NS.partition_point(|bound| *bound < upper)] += count;
-            let lower = bucket.checked_sub(1).map_or(0, |below| Histogram::upper(below) + 1);
-            sum_ns += (lower + upper) as f64 / 2.0 * *count as f64;
-        }
-        Self { counts: coarse, sum_s: sum_ns * 1e-9 }
-    }
-}
-
-/// Percentiles in nanoseconds.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, serde::Deserialize, serde::Serialize)]
-pub struct Summary {
-    /// Number of values.
-    pub count: u64,
-    /// Median.
-    pub p50: u64,
-    /// 99th percentile.
-    pub p99: u64,
-    /// 99.9th percentile.
-    pub p999: u64,
-    /// Largest value.
-    pub max: u64,
 }
 
 #[cfg(test)]
@@ -220,65 +215,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_value_falls_into_a_bucket_that_holds_it() {
-        let powers = (12..32).flat_map(|bit| [(1u32 << bit) - 1, 1 << bit, (1 << bit) + 1]);
-        for value in (0..=4096).chain(powers).chain([u32::MAX]) {
-            let bucket = Histogram::bucket(value);
-            let upper = Histogram::upper(bucket);
-            assert!(upper >= value.into() && upper - u64::from(value) <= u64::from(value) / 32, "{value}: {upper}");
-            // No bucket is left out: the next value is in the same one or the next one.
-            let next = Histogram::bucket(value.saturating_add(1));
-            assert!(next == bucket || next == bucket + 1, "{value}: {bucket}, {next}");
-        }
-        assert_eq!(Histogram::bucket(u32::MAX), BUCKETS - 1);
-    }
-
-    #[test]
-    fn percentiles_of_known_values() {
-        let histogram = Histogram::default();
-        assert_eq!(histogram.summary(), None);
-        for value in 1..=1000 {
-            histogram.record(value * 100);
-        }
-        let summary = histogram.summary().unwrap();
-        assert_eq!((summary.count, summary.max), (1000, 100_000));
-        for (found, exact) in [(summary.p50, 50_000), (summary.p99, 99_000), (summary.p999, 99_900)] {
-            assert!(found >= exact && found <= exact + exact / 32, "{found} for {exact}");
-        }
-    }
-
-    #[test]
-    fn the_coarse_buckets_hold_every_value_and_none_that_is_over_their_end() {
-        assert_eq!((BOUNDS_NS[0], BOUNDS_NS[7], BOUNDS_NS[20]), (200, 50_000, 1_000_000_000));
-        assert!(BOUNDS_NS.is_sorted());
-        let histogram = Histogram::default();
-        let values = [0, 190, 200, 201, 400, 49_000, 50_000, 1_000_000_000, u32::MAX];
-        values.iter().for_each(|value| histogram.record(*value));
-        let distribution = Distribution::of(&histogram.counts());
-        let told: Vec<_> = distribution.counts.iter().enumerate().filter(|(_, count)| **count > 0).collect();
-        // 200 and 50000 are within 3 % of a bound and share a fine bucket with what is over it.
-        assert_eq!(told, [(0, &2), (1, &3), (7, &1), (8, &1), (21, &2)]);
-        let exact: f64 = values.iter().map(|value| f64::from(*value) * 1e-9).sum();
-        assert!((distribution.sum_s / exact - 1.0).abs() < 1.0 / 63.0);
-    }
-
-    #[test]
     fn telemetry_is_told_when_it_has_come_and_is_finite() {
-        let counters = Counters::default();
-        assert_eq!(counters.telemetry(), [[None; 3]; 2]);
+        let (mut writer, reader) = counters();
+        assert_eq!(reader.telemetry(), [[None; 3]; 2]);
         let (head_temperature, board_temperature) = ([1.0, f64::NAN, -3.0], [4.0, 5.0, f64::INFINITY]);
-        counters.keep_telemetry(&RawSample { head_temperature, board_temperature, ..RawSample::default() });
-        bump(&counters.received);
-        assert_eq!(counters.telemetry(), [[Some(1.0), None, Some(-3.0)], [Some(4.0), Some(5.0), None]]);
+        let raw = RawSample { head_temperature, board_temperature, ..RawSample::default() };
+        writer.answered(&raw, Arrival::default(), Flags(0), 100, true);
+        assert_eq!(reader.telemetry(), [[Some(1.0), None, Some(-3.0)], [Some(4.0), Some(5.0), None]]);
     }
 
     #[test]
     fn flags_are_counted_by_bit() {
-        let counters = Counters::default();
-        counters.count_flags(Flags::GAP | Flags::head_below(0));
-        counters.count_flags(Flags::GAP);
-        counters.count_flags(Flags(1 << 31));
-        let counts: Vec<_> = counters.flagged.iter().map(|count| count.load(Relaxed)).collect();
+        let (mut writer, reader) = counters();
+        for flags in [Flags::GAP | Flags::head_below(0), Flags::GAP, Flags(1 << 31)] {
+            writer.answered(&RawSample::default(), Arrival::default(), flags, 0, true);
+        }
+        let counts: Vec<_> = (0..32).map(|bit| reader.flagged(bit)).collect();
         assert_eq!((counts[24], counts[0], counts.iter().sum::<u64>()), (2, 1, 3));
     }
 }

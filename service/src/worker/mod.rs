@@ -9,23 +9,24 @@
 //!
 //! Waiting is bounded by [`wait::BOUND_NS`], under every strategy and even if every notification is lost.
 
-pub mod bells;
 pub mod channel;
 pub mod counters;
-pub mod order;
+pub mod histogram;
+mod listeners;
+pub mod sequence;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
-use crate::failure::{Exit, Failure};
-use bells::Bells;
-use channel::{Channel, Wiring};
-use counters::bump;
+use channel::{Channel, ChannelLink};
+use counters::{HeartbeatReader, HeartbeatWriter, heartbeat};
 use iceoryx2::port::listener::Listener;
 use isotherm_client::{Clock, Realtime, join};
+use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{Domain, Ipc, RAW_DEPTH};
+use listeners::WakeListeners;
 use std::iter;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -38,8 +39,8 @@ const STOPPING: Duration = Duration::from_secs(2);
 pub struct Worker {
     /// Its thread's id in the operating system.
     pub thread_id: i32,
-    /// Rises with every turn of its loop, that is at least every [`wait::BOUND_NS`].
-    pub pulse: Arc<AtomicU64>,
+    /// Beats with every turn of its loop, that is at least every [`wait::BOUND_NS`].
+    pub heartbeat: HeartbeatReader,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
@@ -53,21 +54,22 @@ impl Worker {
         domain: &Domain,
         config: &Config,
         index: usize,
-        wirings: Vec<Wiring>,
+        links: Vec<ChannelLink>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let (stop, pulse) = <(Arc<AtomicBool>, Arc<AtomicU64>)>::default();
+        let stop = Arc::<AtomicBool>::default();
+        let (beat, heartbeat) = heartbeat();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
-            let (stop, pulse, domain, config) = (Arc::clone(&stop), Arc::clone(&pulse), domain.clone(), config.clone());
-            move || run(&domain, &config, index, wirings, (&stop, &pulse), &ready)
+            let (stop, domain, config) = (Arc::clone(&stop), domain.clone(), config.clone());
+            move || run(&domain, &config, index, links, (&stop, beat), &ready)
         };
         let thread = thread::Builder::new().name(format!("worker-{index}")).spawn(body);
         let thread =
             thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
         loop {
             match started.recv_timeout(Duration::from_millis(20)) {
-                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, pulse, stop, thread })),
+                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, heartbeat, stop, thread })),
                 Ok(Err(failure)) => return Err(failure),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
@@ -118,11 +120,11 @@ fn run(
     domain: &Domain,
     config: &Config,
     index: usize,
-    wirings: Vec<Wiring>,
-    (stop, pulse): (&AtomicBool, &AtomicU64),
+    links: Vec<ChannelLink>,
+    (stop, beat): (&AtomicBool, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
-    let (mut channels, listeners) = match open(domain, config, index, wirings) {
+    let (mut channels, listeners) = match open(domain, config, index, links) {
         Ok(opened) => opened,
         Err(failure) => {
             let _ = ready.send(Err(failure));
@@ -130,14 +132,14 @@ fn run(
         }
     };
     let _ = ready.send(Ok(rustix::thread::gettid().as_raw_nonzero().get()));
-    serve(&mut channels, &listeners, config, stop, pulse);
+    serve(&mut channels, &listeners, config, stop, beat);
 }
 
 fn open(
     domain: &Domain,
     config: &Config,
     index: usize,
-    wirings: Vec<Wiring>,
+    links: Vec<ChannelLink>,
 ) -> Result<(Vec<Channel>, Vec<Listener<Ipc>>), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -148,9 +150,9 @@ fn open(
     settings.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
-    let (mut channels, mut listeners) = (Vec::with_capacity(wirings.len()), Vec::with_capacity(wirings.len()));
-    for wiring in wirings {
-        let (mut channel, listener) = Channel::open(&node, domain, wiring, budget_ns)?;
+    let (mut channels, mut listeners) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
+    for link in links {
+        let (mut channel, listener) = Channel::open(&node, domain, link, budget_ns)?;
         channel.take_table();
         channels.push(channel);
         listeners.push(listener);
@@ -159,13 +161,19 @@ fn open(
 }
 
 /// The hot loop.
-fn serve(channels: &mut [Channel], listeners: &[Listener<Ipc>], config: &Config, stop: &AtomicBool, pulse: &AtomicU64) {
+fn serve(
+    channels: &mut [Channel],
+    listeners: &[Listener<Ipc>],
+    config: &Config,
+    stop: &AtomicBool,
+    mut beat: HeartbeatWriter,
+) {
     let mut clock = Clock::new();
     let mut waiter = Waiter::new(config.strategy, channels.len());
-    let mut bells = Bells::new(listeners);
+    let mut wake = WakeListeners::new(listeners);
     let mut latest = 0;
     loop {
-        bump(pulse);
+        beat.beat();
         let mut served = false;
         for turn in 0..channels.len() {
             // Between any two others the one that was served last is looked at again: beside idle IMUs its next sample waits for
@@ -195,7 +203,7 @@ fn serve(channels: &mut [Channel], listeners: &[Listener<Ipc>], config: &Config,
         };
         match waiter.next(now) {
             Wait::Spin => core::hint::spin_loop(),
-            Wait::Sleep(time) => bells.sleep(now, time),
+            Wait::Sleep(time) => wake.sleep(now, time),
         }
     }
 }
@@ -210,7 +218,7 @@ mod tests {
             let stop = Arc::clone(&stop);
             thread::spawn(move || body(&stop))
         };
-        Worker { thread_id: 0, pulse: Arc::default(), stop, thread }
+        Worker { thread_id: 0, heartbeat: heartbeat().1, stop, thread }
     }
 
     #[test]

@@ -37,7 +37,7 @@ impl CoefficientTable {
     /// # Errors
     /// All faults of the text with line and key.
     pub fn from_toml_with(text: &str, expected: Option<&ImuId>, seal: Seal) -> Result<Self, Faults> {
-        let document = Document::parse(text)?;
+        let document = Document::parse_as(text, "give the coefficient table")?;
         let root = document.root();
         let table = read(&root, expected, seal);
         root.finish();
@@ -128,13 +128,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
 }
 
 fn imu(section: Section<'_, '_>, expected: Option<&ImuId>) -> Option<(ImuId, Option<String>, f64)> {
-    let id = section.string("id", "the IMU's name, 1 to 32 of a-z 0-9 - _").and_then(|name| {
-        let id = ImuId::new(name);
-        if id.is_none() {
-            section.fault("id", format!("is {name:?}, give 1 to 32 of a-z 0-9 - _"));
-        }
-        id
-    });
+    let id = section.imu_id("id");
     if let (Some(id), Some(expected)) = (&id, expected)
         && id != expected
     {

@@ -75,7 +75,7 @@ fn main() -> ExitCode {
     match words.as_slice() {
         ["serve", ..] => {
             std::thread::spawn(|| stdin().lines().for_each(|_| println!("{}", WORKERS.load(Relaxed))));
-            isotherm_service::main()
+            isotherm_service::main(env!("CARGO_PKG_VERSION"))
         }
         ["send", imu, samples] => {
             send(imu, samples.parse().unwrap());

@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     let result = match words.first().map(String::as_str) {
         // This program is every process of the laboratory too.
         Some("--domain" | "serve" | "simulate" | "campaign" | "status" | "calibrate") => {
-            return isotherm_service::main();
+            return isotherm_cli::main();
         }
         Some("full") => full::bench(),
         Some("faults") => faults::bench(smoke),

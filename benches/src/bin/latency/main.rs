@@ -81,7 +81,7 @@ fn main() -> ExitCode {
     let result = match words.as_slice() {
         ["serve" | "record", "-o" | "--config", ..] => {
             become_child();
-            return isotherm_service::main();
+            return isotherm_service::main(env!("CARGO_PKG_VERSION"));
         }
         ["child", core, role @ ..] => {
             become_child();

@@ -40,7 +40,7 @@ fn main() -> ExitCode {
         // What the service's own program does.
         ["serve" | "status", ..] => {
             become_child();
-            return isotherm_service::main();
+            return isotherm_service::main(env!("CARGO_PKG_VERSION"));
         }
         ["send", imu] => child(|options| feeder::send_for_ever(imu, options)),
         ["read", imu] => child(|options| feeder::read_for_ever(imu, options)),

@@ -3,7 +3,7 @@
 use super::{NAMES, Report, factor};
 use crate::diagnostics::Test;
 use crate::regression::Partial;
-use crate::report::page::{Cell, Kind, Page};
+use crate::report::page::{Cell, NoteKind, Page};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 
@@ -35,7 +35,7 @@ impl Report<'_> {
                 let last = fit.partial.last();
                 vec![
                     if chosen {
-                        Cell::Verdict(Kind::Good, format!("{} chosen", fit.order))
+                        Cell::Verdict(NoteKind::Good, format!("{} chosen", fit.order))
                     } else {
                         Cell::text(fit.order.to_string())
                     },

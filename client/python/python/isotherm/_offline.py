@@ -188,7 +188,10 @@ def calibrate(
         text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
     given: Any
     if samples is None:
-        given = folder / _isotherm.samples_of(text, name)
+        files = _isotherm.samples_of(text, name)
+        if len(files) != 1:
+            raise ValueError(f"{name} names {len(files)} files of samples; read them and give them as samples")
+        given = folder / files[0]
     elif isinstance(samples, (str, os.PathLike)):
         given = samples
     else:

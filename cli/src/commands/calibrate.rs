@@ -1,0 +1,143 @@
+//! `calibrate`: from a campaign to a coefficient table.
+
+use super::inputs;
+use crate::progress::{bytes_bar, spinner};
+use clap::Args;
+use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
+use isotherm_calibration::campaign::{Campaign, Dwell, read};
+use isotherm_calibration::provenance::{CampaignSource, now, sealed_table, sha256, tool};
+use isotherm_calibration::report;
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{Guard, LoadError, StagedText, read_text, refuse_overlap};
+use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Make a coefficient table from a campaign in the temperature chamber
+///
+/// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
+/// the positions cannot observe is refused, never guessed.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3"
+)]
+pub struct Calibrate {
+    /// Campaign file; it names the samples
+    #[arg(value_name = "CAMPAIGN.toml")]
+    campaign: PathBuf,
+    /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file names]
+    #[arg(value_name = "SAMPLES")]
+    samples: Vec<PathBuf>,
+    /// Where the table goes; - is stdout
+    #[arg(short, long, value_name = "TABLE.toml")]
+    output: PathBuf,
+    /// Where the report goes (HTML)
+    #[arg(long, value_name = "R.html")]
+    report: Option<PathBuf>,
+    /// Order of every polynomial, 0 to 7; auto chooses each from the data
+    #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
+    order: PolynomialOrder,
+    /// All dwells at once, each with its own telemetry; or each set point first, then polynomials
+    #[arg(long, value_name = "one-stage|two-stage", default_value = "one-stage", value_parser = method)]
+    method: Method,
+    /// Give the table an alignment matrix, from the misalignments
+    #[arg(long)]
+    alignment: bool,
+    /// Leave a dwell out: set point in degC and number of the position; may be repeated
+    #[arg(long, value_name = "SET_POINT/POSITION", allow_hyphen_values = true, value_parser = place)]
+    exclude: Vec<(f64, u32)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum PolynomialOrder {
+    Auto,
+    Fixed(usize),
+}
+
+fn order(text: &str) -> Result<PolynomialOrder, String> {
+    match text.parse() {
+        _ if text == "auto" => Ok(PolynomialOrder::Auto),
+        Ok(order @ 0..=7) => Ok(PolynomialOrder::Fixed(order)),
+        _ => Err("give auto or an order from 0 to 7".to_owned()),
+    }
+}
+
+fn method(text: &str) -> Result<Method, String> {
+    let found = Method::NAMES.iter().find(|(_, name)| *name == text);
+    found.map(|(method, _)| *method).ok_or_else(|| "give one-stage or two-stage".to_owned())
+}
+
+fn place(text: &str) -> Result<(f64, u32), String> {
+    let place = text.split_once('/').and_then(|(set_point, position)| {
+        let set_point: f64 = set_point.trim().parse().ok()?;
+        Some((set_point, position.trim().parse().ok()?)).filter(|_| set_point.is_finite())
+    });
+    place.ok_or_else(|| "give SET_POINT/POSITION, for example -25/3".to_owned())
+}
+
+impl Calibrate {
+    pub fn run(self) -> Result<(), Failure> {
+        let (text, _) = read_text(&self.campaign, Guard::Lax)?;
+        let campaign = Campaign::from_toml(&text);
+        let campaign = campaign.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
+        let folder = self.campaign.parent().unwrap_or(Path::new(""));
+        let samples = match self.samples.is_empty() {
+            true => campaign.samples.iter().map(|name| folder.join(name)).collect(),
+            false => self.samples.clone(),
+        };
+        let mut files = inputs(&samples);
+        files.push((&self.campaign, "the campaign file"));
+        refuse_overlap(&files, &[Some(&self.output), self.report.as_deref()])?;
+        let first = samples.first().unwrap_or(&self.campaign);
+        // Before minutes are spent on reading.
+        observable(&campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
+        // Both files, or none.
+        let table = StagedText::create(Some(&self.output))?;
+        let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let (dwells, places, samples_sha256) = read_samples(&campaign, &samples)?;
+        let locate = |line| places.locate(line);
+        let options = CalibrationOptions {
+            method: self.method,
+            order: match self.order {
+                PolynomialOrder::Auto => None,
+                PolynomialOrder::Fixed(order) => Some(order),
+            },
+            alignment: self.alignment,
+            exclude: self.exclude,
+        };
+        let spinner = spinner("fitting");
+        let calibration = calibrate(&campaign, dwells, options);
+        spinner.finish_and_clear();
+        let calibration = calibration.map_err(|error| error.failure(&self.campaign, first, locate))?;
+        let source = CampaignSource {
+            tool: tool(),
+            time: now(),
+            campaign: self.campaign.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            campaign_sha256: sha256(text.as_bytes()),
+            samples_sha256,
+        };
+        let sealed = sealed_table(&campaign, &calibration, &source);
+        let sealed = sealed.map_err(|message| Failure::new(Exit::Failed, message))?;
+        for finding in &calibration.findings {
+            let _ = writeln!(io::stderr(), "isotherm: warning: {}", finding.located(locate));
+        }
+        let _ = io::stderr().write_all(report::text::calibration(&calibration).as_bytes());
+        let html = || report::calibration::html(&campaign, &calibration, &source);
+        let page = page.map(|page| page.write(&html())).transpose()?;
+        let table = table.write(&sealed)?;
+        page.map_or(Ok(()), StagedText::finish)?;
+        table.finish()
+    }
+}
+
+/// The dwells of the samples, where their rows are, and the SHA-256 of the files.
+fn read_samples(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Vec<Dwell>, Places, String), Failure> {
+    let bar = bytes_bar(paths, "reading");
+    let choice = ImuChoice::Prefer(campaign.imu.clone());
+    let mut rows = Recording::open_hashed(paths, RowKind::Campaign, choice, &bar)?;
+    let dwells = read(campaign, &mut rows);
+    bar.finish_and_clear();
+    let dwells = dwells.map_err(|error| rows.failure(&error))?;
+    let places = rows.places().clone();
+    Ok((dwells, places, rows.sha256()?))
+}

@@ -1,0 +1,262 @@
+//! `campaign`: the automatic campaign.
+
+use super::options;
+use crate::parse::{over_0, seconds};
+use clap::{Args, Subcommand};
+use isotherm_campaign::control::{self, Lock, runner, snapshot};
+use isotherm_campaign::finish::Finish;
+use isotherm_campaign::journal::{self, Entry, Journal};
+use isotherm_campaign::plan::Plan;
+use isotherm_campaign::progress::{self, STATUS, Snapshot};
+use isotherm_campaign::runner::Runner;
+use isotherm_campaign::samples::describe;
+use isotherm_campaign::station::Station;
+use isotherm_campaign::timeline::{duration, left_s, moments, units};
+use isotherm_client::Domain;
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::print;
+use isotherm_service::logging::{self, LogFormat};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::time::Duration;
+
+/// Drive chamber and two-axis table through a campaign, and take its samples
+///
+/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the folder
+/// that comes of it is what `isotherm calibrate` reads.
+#[derive(Debug, Args)]
+#[command(
+    arg_required_else_help = true,
+    after_help = "Examples:\n  isotherm campaign check plan.toml\n  isotherm campaign run plan.toml --calibrate --require 10\n  isotherm campaign status plan.toml"
+)]
+pub struct CampaignCommand {
+    #[command(subcommand)]
+    what: CampaignAction,
+}
+
+#[derive(Debug, Subcommand)]
+enum CampaignAction {
+    Run(RunCampaign),
+    Check(CheckCampaign),
+    Status(StatusCampaign),
+    Stop(StopCampaign),
+}
+
+/// Run the campaign, or go on with the first dwell that is missing
+///
+/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: table stopped, chamber in standby. Run it again to go on.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --alignment --require 10"
+)]
+struct RunCampaign {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// Go on to fit the table, with a report, and look at the verification runs
+    #[arg(long)]
+    calibrate: bool,
+    /// With --calibrate: install the table if every axis is FACTOR times more stable in every verification run
+    #[arg(long, value_name = "FACTOR", requires = "calibrate", value_parser = over_0)]
+    require: Option<f64>,
+    /// Give the table an alignment matrix, from the misalignments
+    #[arg(long, requires = "calibrate")]
+    alignment: bool,
+    /// The laboratory is simulated and runs N times faster: all waits of the plan are divided by it, time-outs of the lines are not
+    #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
+    speed: f64,
+    /// Log lines for people or for machines; on a terminal there are bars instead
+    #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
+    log_format: LogFormat,
+}
+
+/// Validate a plan, estimate how long it takes and print its time line
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm campaign check plan.toml")]
+struct CheckCampaign {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+}
+
+/// Show a running campaign, or how far one has got
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm campaign status plan.toml --json")]
+struct StatusCampaign {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// Print one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// End a running campaign in the safe state, and wait for that
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm campaign stop plan.toml --timeout 300")]
+struct StopCampaign {
+    /// The plan
+    #[arg(value_name = "PLAN.toml")]
+    plan: PathBuf,
+    /// How long to wait [s]
+    #[arg(long, value_name = "S", default_value = "120", value_parser = seconds)]
+    timeout: Duration,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed: &f64| (1.0..=1e5).contains(speed));
+    speed.ok_or_else(|| "give a number from 1 to 100000".to_owned())
+}
+
+impl CampaignCommand {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        match self.what {
+            CampaignAction::Run(run) => run.run(domain),
+            CampaignAction::Check(check) => check.run(),
+            CampaignAction::Status(status) => status.run(),
+            CampaignAction::Stop(stop) => stop.run(),
+        }
+    }
+}
+
+/// Whether this process was started with `signal` ignored.
+fn is_ignored(signal: i32) -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+impl RunCampaign {
+    fn run(self, domain: Domain) -> Result<(), Failure> {
+        logging::start(self.log_format);
+        let plan = Plan::load(&self.plan)?;
+        if self.require.is_some() && plan.verify.is_none() {
+            let message = format!("--require needs verification runs; give {} a [verify]", self.plan.display());
+            return Err(Failure::new(Exit::Usage, message));
+        }
+        // Not after two days.
+        let folder = plan.install.as_ref().and_then(|install| install.parent());
+        if let Some(folder) = folder.filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+            let message = format!("{}: install: there is no such folder; make it", folder.display());
+            return Err(Failure::new(Exit::Io, message));
+        }
+        fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
+        let _lock = Lock::take(&plan.output)?;
+        let ended = Arc::<AtomicUsize>::default();
+        // nohup stays what it is.
+        for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
+            let registered = signal_hook::flag::register_usize(signal, Arc::clone(&ended), signal as usize);
+            registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
+        }
+        let options = options(domain, Duration::ZERO);
+        let left = journal::needs_safe_state(&plan.output);
+        let runner = (|| {
+            let (journal, history) = Journal::open(&plan)?;
+            describe(&plan)?;
+            let done = history.kept.len() == units(&plan) && history.safe;
+            let runner = || Runner::new(&plan, (journal, &history), options.clone(), self.speed, Arc::clone(&ended));
+            if done { Ok(None) } else { runner().map(Some) }
+        })();
+        let runner = runner.map_err(|failure| {
+            let hint = "\nan earlier runner has left chamber and table as they are; `isotherm campaign stop` brings them into the safe state";
+            let message = format!("{failure}{}", if left { hint } else { "" });
+            Failure::new(failure.exit, message)
+        })?;
+        match runner {
+            Some(runner) => runner.run()?,
+            None => tracing::info!("all {} units are complete", units(&plan)),
+        }
+        if !self.calibrate {
+            return Ok(());
+        }
+        let (mut journal, _) = Journal::open(&plan)?;
+        Finish { require: self.require, alignment: self.alignment }.run(&plan, &mut journal, &options, &ended)
+    }
+}
+
+impl CheckCampaign {
+    fn run(self) -> Result<(), Failure> {
+        let plan = Plan::load(&self.plan)?;
+        let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
+        let takes_s = left_s(&plan, 0);
+        let mut text = format!(
+            "{}: campaign of {}, {set_points} set points x {positions} positions",
+            self.plan.display(),
+            plan.imu
+        );
+        // Writing to a String cannot fail.
+        let _ = plan.verify.map(|verify| write!(text, ", {} verification runs", verify.runs));
+        let _ = writeln!(text, "; about {}\n", duration(takes_s));
+        for moment in moments(&plan) {
+            let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.what);
+        }
+        print(&text)
+    }
+}
+
+impl StatusCampaign {
+    fn run(self) -> Result<(), Failure> {
+        let plan = Plan::load(&self.plan)?;
+        let (pid, snapshot) = (runner(&plan.output)?, snapshot(&plan.output)?);
+        let Some(snapshot) = snapshot else {
+            let message = format!("{}: no campaign has been run there", plan.output.display());
+            return Err(Failure::new(Exit::Unavailable, message));
+        };
+        let died = pid.is_none() && snapshot.ended.is_none();
+        let text = if self.json {
+            let document = serde_json::json!({ "pid": pid, "campaign": snapshot });
+            format!("{document:#}\n")
+        } else {
+            let state = match (pid, &snapshot.ended) {
+                (Some(pid), _) => format!("running, pid {pid}"),
+                (None, Some(ended)) => format!("ended: {ended}"),
+                (None, None) => "NOT RUNNING".to_owned(),
+            };
+            format!("{state}\n{}\n", snapshot.line())
+        };
+        print(&text)?;
+        if died {
+            let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` goes on, \
+                           `isotherm campaign stop` brings them into the safe state";
+            return Err(Failure::new(Exit::Failed, message));
+        }
+        Ok(())
+    }
+}
+
+impl StopCampaign {
+    fn run(self) -> Result<(), Failure> {
+        let plan = Plan::load(&self.plan)?;
+        let stopped = control::stop(&plan.output, self.timeout)?;
+        if journal::needs_safe_state(&plan.output) {
+            return safe(&plan);
+        }
+        if !stopped {
+            let message = format!("{}: nobody runs this campaign", plan.output.display());
+            return Err(Failure::new(Exit::Unavailable, message));
+        }
+        let ended = snapshot(&plan.output)?.and_then(|snapshot| snapshot.ended);
+        print(&(ended.unwrap_or_default() + "\n"))
+    }
+}
+
+/// The safe state, which the runner has ended without.
+fn safe(plan: &Plan) -> Result<(), Failure> {
+    let _lock = Lock::take(&plan.output)?;
+    let (table, chamber) = Station::new(plan, true).safe();
+    let certain = table.is_reached() && chamber.is_reached();
+    let reason = "asked for after its runner had ended without".to_owned();
+    let text = format!("{reason}\nsafe state: {table}; {chamber}");
+    let told = snapshot(&plan.output)?.unwrap_or_default();
+    let told = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..told };
+    progress::write(&plan.output.join(STATUS), &told);
+    let (table, chamber) = (table.to_string(), chamber.to_string());
+    let noted = journal::append(&plan.output, Entry::Safe { reason, table, chamber, certain });
+    noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
+    if certain { print(&format!("{text}\n")) } else { Err(Failure::new(Exit::Unavailable, text)) }
+}

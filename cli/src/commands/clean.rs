@@ -1,0 +1,19 @@
+//! `clean`: what a domain has left behind.
+
+use clap::Args;
+use isotherm_client::Domain;
+use isotherm_failure::Failure;
+use isotherm_files::print;
+use isotherm_service::clean::clean;
+
+/// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm clean\n  isotherm clean --domain bench")]
+pub struct Clean {}
+
+impl Clean {
+    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+        let removed = clean(domain)?;
+        print(&format!("domain {}: {removed} files removed\n", domain.name()))
+    }
+}

@@ -1,0 +1,208 @@
+//! `feed`: an acquisition process that sends a recording.
+
+use super::{inputs, options};
+use crate::parse::seconds;
+use crate::progress::playing_bar;
+use clap::Args;
+use indicatif::ProgressBar;
+use isotherm_client::{Acquisition, Domain, ImuId, Loan, RawSample};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{Output, check_written, refuse_overlap};
+use isotherm_recording::IncrementCsvWriter;
+use isotherm_recording_formats::read::{ImuChoice, Samples};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long to wait at a time.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// Send a recording through the running service, as an acquisition process does
+///
+/// Survives a service that dies and returns: what was unanswered is sent again, and each increment is written once, in
+/// order.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv"
+)]
+pub struct Feed {
+    /// The IMU whose acquisition this is
+    #[arg(long, value_name = "ID")]
+    imu: ImuId,
+    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    ///
+    /// Of one with several IMUs, the samples of this one
+    #[arg(value_name = "RAW", required = true)]
+    recording: Vec<PathBuf>,
+    /// Where the increments go (CSV); - is stdout
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: Option<PathBuf>,
+    /// Samples per second; as fast as the service answers unless given
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
+    /// Most samples in flight; the depth of the service's queue unless given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    window: Option<u64>,
+    /// How long to wait for a service that is not there, or does not answer [s]
+    #[arg(long, value_name = "S", default_value = "15", value_parser = seconds)]
+    timeout: Duration,
+    /// Add a column with the delivery flags
+    #[arg(long)]
+    delivery: bool,
+}
+
+impl Feed {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        let path = self.output.as_deref();
+        refuse_overlap(&inputs(&self.recording), &[path])?;
+        // On a terminal that the increments do not go to.
+        let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
+        let samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
+        // Before anything is sent it must be sure that the answers can be written.
+        let sink = Output::create(path)
+            .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
+        let acquisition = Acquisition::connect(&self.imu, &options(domain, self.timeout))?;
+        let writer = match IncrementCsvWriter::new(sink, self.delivery) {
+            Ok(writer) => writer,
+            Err(error) => return check_written(path, Err(error)),
+        };
+        let window = self.window.map_or(acquisition.depth(), |window| acquisition.depth().min(window as usize));
+        let (heard, interrupted) = (Instant::now(), interrupted());
+        let mut feeder =
+            Feeder { acquisition, writer, window, timeout: self.timeout, heard, flushed: heard, interrupted };
+        let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
+        let (mut due, mut session) = (heard, None);
+        let result = (|| {
+            for sample in samples {
+                let sample = match sample {
+                    Ok(sample) => sample,
+                    Err(error) => {
+                        // What has been sent is written, as `replay` would have.
+                        feeder.drain()?;
+                        feeder.writer.flush().map_err(FeedError::Write)?;
+                        return Err(error.into());
+                    }
+                };
+                if session.is_some_and(|session| session != sample.session) {
+                    feeder.drain()?;
+                    feeder
+                        .acquisition
+                        .begin_session()
+                        .map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
+                }
+                session = Some(sample.session);
+                if let Some(period) = period {
+                    feeder.receive_until(due)?;
+                    due += period;
+                }
+                feeder.send(&sample)?;
+            }
+            feeder.drain()
+        })();
+        progress.finish_and_clear();
+        match result {
+            Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),
+            Err(FeedError::Failed(failure)) => Err(failure),
+            Err(FeedError::Write(error)) => check_written(path, Err(error)),
+        }
+    }
+}
+
+/// Why feeding ends early.
+enum FeedError {
+    Failed(Failure),
+    Write(std::io::Error),
+}
+
+impl<T: Into<Failure>> From<T> for FeedError {
+    fn from(error: T) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+/// The acquisition with what comes out of it.
+struct Feeder {
+    acquisition: Acquisition,
+    writer: IncrementCsvWriter<Output>,
+    window: usize,
+    timeout: Duration,
+    /// When the last increment came, or the first unanswered sample was sent.
+    heard: Instant,
+    flushed: Instant,
+    interrupted: Arc<AtomicBool>,
+}
+
+impl Feeder {
+    fn send(&mut self, sample: &RawSample) -> Result<(), FeedError> {
+        while self.acquisition.in_flight() >= self.window {
+            self.receive(PAUSE)?;
+        }
+        let mut loan: Loan = self.acquisition.loan()?;
+        let session = loan.session;
+        *loan = RawSample { session, sent_ns: 0, ..*sample };
+        if self.acquisition.in_flight() == 0 {
+            self.heard = Instant::now();
+        }
+        let sent = self.acquisition.send(loan);
+        sent.map_err(|error| Failure::new(Exit::Failed, format!("sending sample {}: {error}", sample.sequence)).into())
+    }
+
+    fn drain(&mut self) -> Result<(), FeedError> {
+        while self.acquisition.in_flight() > 0 {
+            self.receive(PAUSE)?;
+        }
+        Ok(())
+    }
+
+    fn receive_until(&mut self, due: Instant) -> Result<(), FeedError> {
+        loop {
+            let left = due.saturating_duration_since(Instant::now());
+            if !self.receive(left.min(PAUSE))? && left.is_zero() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Writes the next increment, waiting up to `timeout` for it. Whether one came.
+    fn receive(&mut self, timeout: Duration) -> Result<bool, FeedError> {
+        if let Some(increment) = self.acquisition.receive_timeout(timeout)? {
+            self.heard = Instant::now();
+            self.writer.write(&increment).map_err(FeedError::Write)?;
+        } else if self.acquisition.in_flight() > 0 && self.heard.elapsed() > self.timeout {
+            let message = format!(
+                "no answer from the service for {} s, {} samples unanswered; start it again, or give it longer with --timeout",
+                self.timeout.as_secs_f64(),
+                self.acquisition.in_flight()
+            );
+            return Err(Failure::new(Exit::Unavailable, message).into());
+        } else {
+            // Whoever reads along gets what there is.
+            if self.flushed.elapsed() > PAUSE {
+                self.writer.flush().map_err(FeedError::Write)?;
+                self.flushed = Instant::now();
+            }
+            if self.interrupted.load(Ordering::Relaxed) {
+                return Err(Failure::new(Exit::Failed, "interrupted").into());
+            }
+            return Ok(false);
+        }
+        Ok(true)
+    }
+}
+
+/// Set by SIGINT and SIGTERM, so that no half of a file is left behind.
+fn interrupted() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // Without a handler the signal ends the process as usual.
+        let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
+    }
+    flag
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text.parse().map_err(|_| "give a number of samples per second".to_owned())?;
+    if (1e-3..=1e6).contains(&rate) { Ok(rate) } else { Err("give a rate from 0.001 to 1000000 Hz".to_owned()) }
+}

@@ -1,0 +1,108 @@
+//! The commands, one file each: arguments in, a library's function, words and exit code out.
+
+mod calibrate;
+mod campaign;
+mod check;
+mod clean;
+mod feed;
+mod generate;
+mod record;
+mod regress;
+mod relay;
+mod replay;
+mod simulate;
+mod top;
+mod verify;
+
+use clap::Subcommand;
+use isotherm_client::{Domain, ImuId, Options};
+use isotherm_demo::Demo;
+use isotherm_failure::Failure;
+use isotherm_files::remove_unfinished_on_signals;
+use isotherm_recording_formats::read::ImuChoice;
+use isotherm_service::commands::check::Check;
+use isotherm_service::commands::serve::Serve;
+use isotherm_service::commands::status::Status;
+use isotherm_shared::table::CoefficientTable;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Commands that join no domain.
+pub const WITHOUT_DOMAIN: [&str; 8] =
+    ["calibrate", "check", "completions", "demo", "man", "regress", "replay", "verify"];
+
+/// What the program can be asked for.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    Serve(Serve),
+    Check(Check),
+    Status(Status),
+    Top(top::Top),
+    Demo(Demo),
+    Feed(feed::Feed),
+    Replay(replay::Replay),
+    Record(record::Record),
+    Calibrate(calibrate::Calibrate),
+    Regress(regress::Regress),
+    Verify(verify::Verify),
+    Simulate(Box<simulate::Simulate>),
+    Campaign(campaign::CampaignCommand),
+    Relay(relay::Relay),
+    Clean(clean::Clean),
+    Completions(generate::Completions),
+    Man(generate::Man),
+}
+
+impl Command {
+    /// Does it.
+    ///
+    /// # Errors
+    /// Phase, cause and remedy, with the exit code.
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        if self.writes_and_ends() {
+            remove_unfinished_on_signals()?;
+        }
+        match self {
+            Self::Serve(serve) => serve.run(&domain),
+            Self::Check(check) => check.run(&check::KINDS),
+            Self::Status(status) => status.run(domain),
+            Self::Top(top) => top.run(domain),
+            Self::Demo(demo) => demo.run(domain),
+            Self::Feed(feed) => feed.run(domain),
+            Self::Replay(replay) => replay.run(),
+            Self::Record(record) => record.run(domain),
+            Self::Calibrate(calibrate) => calibrate.run(),
+            Self::Regress(regress) => regress.run(),
+            Self::Verify(verify) => verify.run(),
+            Self::Simulate(simulate) => simulate.run(&domain),
+            Self::Campaign(campaign) => campaign.run(domain),
+            Self::Relay(relay) => relay.run(&domain),
+            Self::Clean(clean) => clean.run(&domain),
+            Self::Completions(completions) => completions.run(),
+            Self::Man(man) => man.run(),
+        }
+    }
+
+    /// Whether it writes files and ends, and leaves signals to others.
+    fn writes_and_ends(&self) -> bool {
+        match self {
+            Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Man(_) => true,
+            Self::Simulate(simulate) => simulate.writes_and_ends(),
+            _ => false,
+        }
+    }
+}
+
+fn options(domain: Domain, timeout: Duration) -> Options {
+    Options { domain, timeout }
+}
+
+/// The files of a recording, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes them.
+fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
+    recording.iter().map(|path| (path.as_path(), "the recording")).collect()
+}
+
+/// Whose samples are read for a table: those of the IMU that is named, or of the table's.
+fn choice(imu: Option<ImuId>, table: &CoefficientTable) -> ImuChoice {
+    imu.map_or_else(|| ImuChoice::Prefer(table.content().imu.clone()), ImuChoice::Only)
+}

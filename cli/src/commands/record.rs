@@ -1,0 +1,148 @@
+//! `record`: the streams of running IMUs into files.
+
+use super::options;
+use crate::parse::seconds;
+use crate::recorder::{Recorder, Streams, file_failure, remove};
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use isotherm_client::{Domain, ImuId, Realtime};
+use isotherm_failure::{Exit, Failure};
+use isotherm_recording_formats::write::{Files, Format, IMU, Rotation};
+use isotherm_service::config::MAX_IMUS;
+use isotherm_shared::stream::StreamKind;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Record raw samples and increments of running IMUs, without disturbing them
+///
+/// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every moment the files
+/// hold everything up to the last flush, even if the recorder is killed.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head"
+)]
+pub struct Record {
+    /// An IMU to record; may be given several times
+    #[arg(long = "imu", value_name = "ID", required = true)]
+    imus: Vec<ImuId>,
+    /// Where the rows go: .csv, .parquet or .mcap; {imu} in the name stands for the IMU; - is stdout (CSV)
+    ///
+    /// CSV and Parquet have one file a stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is never replaced.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// What the files are, whatever their name
+    #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(Format::NAMES.map(|(_, name)| name)).map(format))]
+    format: Option<Format>,
+    /// Only this stream; both unless given, and raw if they go to stdout
+    #[arg(long, value_name = "STREAM", value_parser = PossibleValuesParser::new(StreamKind::BOTH.map(StreamKind::name)).map(stream))]
+    stream: Option<StreamKind>,
+    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    rotate_size: Option<u64>,
+    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    rotate_time: Option<Duration>,
+    /// How often rows are made visible and lasting [s]
+    #[arg(long, value_name = "S", default_value = "1", value_parser = seconds)]
+    flush: Duration,
+    /// End this long after the first row [s]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    duration: Option<Duration>,
+    /// Real-time priority (SCHED_FIFO, 1 to 99) of the thread that takes the samples, which sleeps most of the time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=99))]
+    priority: Option<i32>,
+}
+
+impl Record {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        let (files, streams) = self.files()?;
+        let end = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            let registered = signal_hook::flag::register(signal, Arc::clone(&end));
+            registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
+        }
+        let realtime = Realtime { priority: self.priority, ..Realtime::default() };
+        let recorder = Recorder::start(self.imus, streams, files, options(domain, Duration::ZERO), realtime)?;
+        recorder.run(&end, self.flush, self.duration)
+    }
+
+    /// Checks the command line, and creates the files with their streams.
+    fn files(&self) -> Result<(Vec<Files>, Streams), Failure> {
+        let usage = |message: String| Err(Failure::new(Exit::Usage, message));
+        let (output, name) = (&self.output, self.output.to_string_lossy());
+        if let Some(twice) = self.imus.iter().enumerate().find(|(place, imu)| self.imus[..*place].contains(imu)) {
+            return usage(format!("--imu {} is given twice", twice.1));
+        }
+        if self.imus.len() > MAX_IMUS {
+            return usage(format!("{} IMUs; a service has up to {MAX_IMUS}", self.imus.len()));
+        }
+        let stdout = output == Path::new("-");
+        let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        let format = match (self.format, extension.as_deref()) {
+            (Some(format), _) => format,
+            (None, Some("csv")) => Format::Csv,
+            (None, Some("parquet")) => Format::Parquet,
+            (None, Some("mcap")) => Format::Mcap,
+            (None, _) if stdout => Format::Csv,
+            (None, _) => return usage(format!("{name}: name it .csv, .parquet or .mcap, or give --format")),
+        };
+        let rotation = Rotation { size: self.rotate_size, time: self.rotate_time };
+        if stdout
+            && (format != Format::Csv || self.imus.len() > 1 || rotation.size.is_some() || rotation.time.is_some())
+        {
+            return usage("stdout takes one stream of one IMU as CSV, without rotation; name a file".to_owned());
+        }
+        let apart = name.contains(IMU);
+        if self.imus.len() > 1 && format != Format::Mcap && !apart {
+            return usage(format!("several IMUs need a file each: put {IMU} into the name {name}, or record MCAP"));
+        }
+        let kinds = match self.stream {
+            Some(stream) => vec![stream],
+            None if stdout => vec![StreamKind::Raw],
+            None => StreamKind::BOTH.to_vec(),
+        };
+        let all = |imu: usize| kinds.iter().map(move |stream| (imu, *stream));
+        let streams: Vec<_> = (0..self.imus.len()).flat_map(all).collect();
+        let groups: Vec<Vec<_>> = match apart {
+            true => (0..self.imus.len()).map(|imu| all(imu).collect()).collect(),
+            false => vec![streams.clone()],
+        };
+        let mut files: Vec<Files> = Vec::new();
+        for group in groups {
+            match Files::create(output, format, rotation, &self.imus, &group) {
+                Ok(made) => files.push(made),
+                Err(error) => {
+                    // All or none.
+                    remove(&files);
+                    return Err(file_failure(&error));
+                }
+            }
+        }
+        Ok((files, streams))
+    }
+}
+
+/// A format, from its name.
+fn format(name: String) -> Format {
+    Format::NAMES.into_iter().find(|(_, known)| *known == name).map_or(Format::Csv, |(format, _)| format)
+}
+
+/// A stream, from its name.
+fn stream(name: String) -> StreamKind {
+    StreamKind::BOTH.into_iter().find(|kind| kind.name() == name).unwrap_or(StreamKind::Raw)
+}
+
+/// A size in bytes, with k, M or G for powers of 1000.
+fn size(text: &str) -> Result<u64, String> {
+    let (number, factor) = match text.as_bytes().last() {
+        Some(b'k') => (&text[..text.len() - 1], 1_000),
+        Some(b'M') => (&text[..text.len() - 1], 1_000_000),
+        Some(b'G') => (&text[..text.len() - 1], 1_000_000_000),
+        _ => (text, 1),
+    };
+    let size = number.parse::<u64>().ok().and_then(|number| number.checked_mul(factor)).filter(|size| *size > 0);
+    size.ok_or_else(|| "give a number of bytes over 0, as 500M or 2G".to_owned())
+}

@@ -1,0 +1,116 @@
+//! `regress`: one polynomial regression with its order table.
+
+use crate::parse::size;
+use crate::progress::{bytes_bar, spinner};
+use clap::Args;
+use isotherm_calibration::double_double::DoubleDouble;
+use isotherm_calibration::order::{OrderTable, Rule, default_order};
+use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
+use isotherm_client::ImuId;
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::print;
+use isotherm_recording_formats::read::{ImuChoice, NumberRow, read_numbers};
+use serde_json::json;
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+
+/// What is read as a number, and as a weight.
+const NUMBER: &str = "a finite number, 0 or of size 1e-140 to 1e140";
+const WEIGHT: &str = "a weight over 0, and from 1e-140 to 1e140";
+/// Outliers whose lines are named.
+const NAMED: usize = 20;
+
+/// Fit polynomials of one column on another: order table, chosen order, and what speaks against it
+///
+/// Every order from 1 to the highest is fitted, in double-double arithmetic on the decimals as they are written. The chosen
+/// order is the highest whose last term is both significant and moves the curve by more than a threshold.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json"
+)]
+pub struct Regress {
+    /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; - is stdin
+    #[arg(value_name = "DATA", required = true)]
+    data: Vec<PathBuf>,
+    /// Whose columns, in a recording of several IMUs
+    #[arg(long, value_name = "ID")]
+    imu: Option<ImuId>,
+    /// Column of the variable, for example the telemetry
+    #[arg(long, value_name = "COLUMN")]
+    x: String,
+    /// Column of the quantity
+    #[arg(long, value_name = "COLUMN")]
+    y: String,
+    /// Highest order, up to 15 [default: 6, or what the number of different x allows]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(1..=MAX_ORDER as i64))]
+    max_order: Option<u8>,
+    /// Column of the weights, inverse variances up to a factor, over 0
+    #[arg(long, value_name = "COLUMN")]
+    weights: Option<String>,
+    /// Smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard deviation]
+    #[arg(long, value_name = "Y", allow_negative_numbers = true, value_parser = size)]
+    min_effect: Option<f64>,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+impl Regress {
+    pub fn run(self) -> Result<(), Failure> {
+        let mut names = vec![self.x.as_str(), self.y.as_str()];
+        names.extend(self.weights.as_deref());
+        let choice = self.imu.clone().map_or(ImuChoice::Any, ImuChoice::Only);
+        let bar = bytes_bar(&self.data, "reading");
+        let read = read_numbers(&self.data, &names, &choice, &bar, |column, text| {
+            let number = DoubleDouble::parse(text);
+            match column {
+                2 => number.filter(|weight| *weight > DoubleDouble::ZERO).ok_or(WEIGHT),
+                _ => number.ok_or(NUMBER),
+            }
+        });
+        bar.finish_and_clear();
+        let (rows, places) = read?;
+        let point = |row: &NumberRow<DoubleDouble>| {
+            let weight = row.values.get(2).copied().unwrap_or(DoubleDouble::ONE);
+            DataPoint { x: row.values[0], y: row.values[1], weight }
+        };
+        let points: Vec<_> = rows.iter().map(point).collect();
+        let highest = self.max_order.map(usize::from);
+        let highest = highest.unwrap_or_else(|| default_order(points.iter().map(|point| point.x.value())));
+        let spinner = spinner("fitting");
+        let regression = Regression::new(points, highest);
+        let table = regression
+            .map(|regression| OrderTable::choose(regression, &Rule { effect: self.min_effect, ..Rule::default() }));
+        spinner.finish_and_clear();
+        let path = self.data.first().map(|path| path.display().to_string()).unwrap_or_default();
+        let table = table.map_err(|error| Failure::new(Exit::Data, format!("{path}: {error}")))?;
+        let outliers = table.diagnostics.outliers.iter().filter_map(|&index| rows.get(index));
+        let outliers: Vec<_> = outliers.map(|row| row.line).collect();
+        let mut warnings = table.diagnostics.warnings.clone();
+        if !outliers.is_empty() {
+            let named = outliers.iter().take(NAMED);
+            let named: Vec<_> = match self.data.len() {
+                1 => named.map(ToString::to_string).collect(),
+                _ => named.map(|line| places.locate(*line)).collect(),
+            };
+            let more = outliers.len() - named.len();
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            warnings.push(format!(
+                "out of all proportion to the other residuals, but kept: line {}{more}; look at them",
+                named.join(", ")
+            ));
+        }
+        for warning in &warnings {
+            let _ = writeln!(io::stderr(), "isotherm: warning: {warning}");
+        }
+        if !self.json {
+            return print(&table.text(&self.x, &self.y));
+        }
+        let mut document = table.json();
+        document["x"] = json!(self.x);
+        document["y"] = json!(self.y);
+        document["diagnostics"]["outlier_lines"] = json!(outliers);
+        document["warnings"] = json!(warnings);
+        print(&format!("{document:#}\n"))
+    }
+}

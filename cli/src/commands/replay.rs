@@ -1,0 +1,57 @@
+//! `replay`: the kernel over a recording.
+
+use clap::Args;
+use indicatif::ProgressBar;
+use isotherm_client::ImuId;
+use isotherm_failure::Failure;
+use isotherm_files::{Guard, Output, check_written, load_table, refuse_overlap};
+use isotherm_recording::IncrementCsvWriter;
+use isotherm_recording_formats::read::Samples;
+use isotherm_shared::compensate::answer;
+use std::path::PathBuf;
+
+/// Compensate a recording offline, with the very arithmetic of the service
+///
+/// The output equals that of `feed`, byte for byte.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-*.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head"
+)]
+pub struct Replay {
+    /// Coefficient table
+    #[arg(long, value_name = "TABLE")]
+    table: PathBuf,
+    /// Whose samples, in a recording of several IMUs [default: the table's IMU's]
+    #[arg(long, value_name = "ID")]
+    imu: Option<ImuId>,
+    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    #[arg(value_name = "RAW", required = true)]
+    recording: Vec<PathBuf>,
+    /// Where the increments go (CSV); - is stdout
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: Option<PathBuf>,
+}
+
+impl Replay {
+    pub fn run(self) -> Result<(), Failure> {
+        let mut inputs = super::inputs(&self.recording);
+        inputs.push((&self.table, "the table"));
+        refuse_overlap(&inputs, &[self.output.as_deref()])?;
+        let (table, _) = load_table(&self.table, None, Guard::Lax)?;
+        let choice = super::choice(self.imu, &table);
+        let samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
+        let path = self.output.as_deref();
+        let sink = Output::create(path);
+        let mut writer = match sink.and_then(|sink| IncrementCsvWriter::new(sink, false)) {
+            Ok(writer) => writer,
+            Err(error) => return check_written(path, Err(error)),
+        };
+        for sample in samples {
+            let sample = sample?;
+            if let Err(error) = writer.write(&answer(Some(&table), &sample)) {
+                return check_written(path, Err(error));
+            }
+        }
+        check_written(path, writer.finish().and_then(Output::finish))
+    }
+}

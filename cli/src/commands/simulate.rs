@@ -1,0 +1,234 @@
+//! `simulate`: data from a known truth, and a whole simulated station.
+
+mod options;
+mod station;
+
+use crate::parse::{SetPoints, direction, interval, numbers, ramp, scheme, seconds, set_points, size};
+use crate::progress::rows_bar;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use clap::{Args, Subcommand};
+use isotherm_calibration::positions::Scheme;
+use isotherm_calibration::simulate::{self as simulation, CampaignSchedule, Chain, RunSchedule, Truth, campaign_toml};
+use isotherm_client::Domain;
+use isotherm_failure::Failure;
+use isotherm_recording::RawCsvWriter;
+use isotherm_shared::wire::{AXES, RawSample};
+use options::{SimulatedImuOptions, arcsec, usage, write_file, write_text, write_truth};
+use serde::Serialize;
+use std::fmt::Display;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+/// Most rows of a file: a hundred hours at 1 kHz, some 50 GB.
+const MAX_ROWS: u64 = 360_000_000;
+/// Rows between two looks of the progress bar.
+const BAR_ROWS: u64 = 4096;
+
+/// Make a campaign or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
+///
+/// The coefficients that the data come from are written beside them as truth.toml.
+#[derive(Debug, Args)]
+#[command(
+    arg_required_else_help = true,
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate run -o run"
+)]
+pub struct Simulate {
+    #[command(subcommand)]
+    what: Simulation,
+}
+
+#[derive(Debug, Subcommand)]
+enum Simulation {
+    Campaign(SimulateCampaign),
+    Run(SimulateRun),
+    Station(station::SimulateStation),
+    #[command(hide = true)]
+    StationPart(station::StationPart),
+}
+
+/// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35"
+)]
+struct SimulateCampaign {
+    #[command(flatten)]
+    imu: SimulatedImuOptions,
+    /// Positions of the turntable at each set point
+    #[arg(long, value_name = "NAME", default_value = Scheme::NAMES[0].1, value_parser = PossibleValuesParser::new(Scheme::NAMES.map(|(_, name)| name)).map(scheme))]
+    positions: Scheme,
+    /// Set points of the chamber [degC], both ends included
+    #[arg(long, value_name = "FROM:TO:STEP", default_value = "-25:45:5", allow_hyphen_values = true, value_parser = set_points)]
+    set_points: SetPoints,
+    /// From leaving a set point to the first move at the next, the ramp of 1 degC/min included [s]
+    #[arg(long, value_name = "S", default_value = "4200", value_parser = seconds)]
+    soak: Duration,
+    /// Rest in each position [s]
+    #[arg(long, value_name = "S", default_value = "300", value_parser = seconds)]
+    dwell: Duration,
+    /// Period of a row [s]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = interval)]
+    interval: Duration,
+    /// Tilt of the turntable's base about the laboratory's X and Y [arcsec]; 8.3,-12.4 unless given or drawn
+    #[arg(long, value_name = "TX,TY", allow_hyphen_values = true, value_parser = numbers::<2>)]
+    tilt: Option<[f64; 2]>,
+    /// Error of the turntable's angles in each dwell, one sigma [arcsec]
+    #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
+    positioning: f64,
+    /// The telemetry is read so often [s]; 0 for every row
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
+    telemetry_every: f64,
+}
+
+/// A temperature run at rest, ramped from cold to hot: run.csv, truth.toml
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60"
+)]
+struct SimulateRun {
+    #[command(flatten)]
+    imu: SimulatedImuOptions,
+    /// Control period [s]
+    #[arg(long, value_name = "S", default_value = "0.1", value_parser = interval)]
+    interval: Duration,
+    /// Direction of the specific force along A1, A2, A3; any length
+    #[arg(long, value_name = "A1,A2,A3", default_value = "0.60,-0.48,0.64", allow_hyphen_values = true, value_parser = direction)]
+    attitude: [f64; AXES],
+    /// First and last temperature of the chamber [degC]
+    #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
+    temperatures: [f64; 2],
+    /// Ramp of the chamber [degC/h]
+    #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = ramp)]
+    ramp: f64,
+    /// Hold before the ramp, and again after it [s]
+    #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
+    hold: Duration,
+    /// The telemetry is read so often [s]; 0 for every row
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
+    telemetry_every: f64,
+}
+
+impl Simulate {
+    /// Whether it writes its files and ends, and leaves signals to others.
+    pub fn writes_and_ends(&self) -> bool {
+        matches!(self.what, Simulation::Campaign(_) | Simulation::Run(_))
+    }
+
+    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+        match self.what {
+            Simulation::Campaign(campaign) => campaign.run(),
+            Simulation::Run(run) => run.run(),
+            Simulation::Station(station) => station.run(domain),
+            Simulation::StationPart(part) => part.run(domain.clone()),
+        }
+    }
+}
+
+impl SimulateCampaign {
+    fn run(self) -> Result<(), Failure> {
+        let mut truth = self.imu.truth()?;
+        if let Some(tilt) = self.tilt {
+            truth.tilt_rad = tilt.map(arcsec);
+        }
+        let (chain, mut noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        noise.positioning_rad = arcsec(self.positioning);
+        let schedule = CampaignSchedule {
+            set_points_c: self.set_points.0,
+            soak_s: self.soak.as_secs_f64(),
+            dwell_s: self.dwell.as_secs_f64(),
+            interval_ns: self.interval.as_nanos() as u64,
+            positions: self.positions.positions(),
+            chain,
+            noise,
+            ..CampaignSchedule::default()
+        };
+        reachable(&truth, &chain, &schedule.set_points_c)?;
+        if self.interval > self.dwell {
+            return Err(usage("the interval is longer than the dwell; no row would fit"));
+        }
+        let step_c = schedule.set_points_c.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+        if step_c / schedule.ramp_c_per_s >= schedule.soak_s {
+            return Err(usage("the chamber would still be ramping when the soak ends; give a longer --soak"));
+        }
+        let SimulatedImuOptions { output, seed, .. } = &self.imu;
+        let rows = simulation::campaign(&truth, &schedule, *seed)
+            .map(|row| (format!("{},{}", row.set_point_c, row.position), row.raw));
+        let telemetry_ns = chain.telemetry_s > 0.0;
+        write_rows(output, "samples.csv", "set_point_c,position", telemetry_ns, schedule.rows(), rows)?;
+        write_truth(output, &truth, "isotherm simulate campaign", *seed, &schedule)?;
+        let content = truth.table.content();
+        let unit = &content.temperature_unit;
+        let text =
+            campaign_toml(&content.imu, "samples.csv", content.gravity, truth.gravity_local, unit, &schedule.positions);
+        write_text(output, "campaign.toml", &text)
+    }
+}
+
+impl SimulateRun {
+    fn run(self) -> Result<(), Failure> {
+        let truth = self.imu.truth()?;
+        let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        let [from_c, to_c] = self.temperatures;
+        let run = RunSchedule {
+            direction: self.attitude,
+            from_c,
+            to_c,
+            ramp_c_per_s: self.ramp / 3600.0,
+            hold_s: self.hold.as_secs_f64(),
+            interval_ns: self.interval.as_nanos() as u64,
+            chain,
+            noise,
+        };
+        reachable(&truth, &chain, &self.temperatures)?;
+        #[derive(Serialize)]
+        struct Schedule<'a> {
+            /// \[g0\]
+            specific_force: [f64; AXES],
+            #[serde(flatten)]
+            run: &'a RunSchedule,
+        }
+        let schedule = Schedule { specific_force: run.specific_force(&truth), run: &run };
+        let SimulatedImuOptions { output, seed, .. } = &self.imu;
+        let rows = simulation::run(&truth, &run, *seed).map(|raw| ("", raw));
+        write_rows(output, "run.csv", "", chain.telemetry_s > 0.0, run.samples(), rows)?;
+        write_truth(output, &truth, "isotherm simulate run", *seed, &schedule)
+    }
+}
+
+/// Refuses chamber temperatures at which the truth says nothing.
+fn reachable(truth: &Truth, chain: &Chain, temperatures_c: &[f64]) -> Result<(), Failure> {
+    let low = temperatures_c.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = temperatures_c.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    match truth.outside(chain, low, high) {
+        None => Ok(()),
+        Some(place) => Err(usage(format!("the chamber would leave the truth: {place}"))),
+    }
+}
+
+/// Writes `rows` into `name`, with a bar on a terminal.
+fn write_rows(
+    folder: &Path,
+    name: &str,
+    leading: &str,
+    telemetry_ns: bool,
+    count: u64,
+    rows: impl Iterator<Item = (impl Display, RawSample)>,
+) -> Result<(), Failure> {
+    if count > MAX_ROWS {
+        return Err(usage(format!("{count} rows; up to {MAX_ROWS} can be simulated, give a longer interval")));
+    }
+    fs::create_dir_all(folder).map_err(|error| Failure::io("making", folder, &error))?;
+    let bar = rows_bar(count);
+    write_file(folder, name, |sink| {
+        let mut writer = RawCsvWriter::new(sink, leading, telemetry_ns)?;
+        for (index, (leading, raw)) in (0u64..).zip(rows) {
+            if index.is_multiple_of(BAR_ROWS) {
+                bar.set_position(index);
+            }
+            writer.write(leading, &raw)?;
+        }
+        bar.finish_and_clear();
+        Ok(())
+    })
+}

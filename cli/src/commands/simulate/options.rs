@@ -1,0 +1,146 @@
+//! The simulated IMU's options, which every simulation has, and the files that it writes.
+
+use crate::parse::{gravity, size, sizes, vibration};
+use clap::Args;
+use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{Guard, Output, load_table, print};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::{CoefficientTable, Refusal};
+use serde::Serialize;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Options of the simulated IMU.
+#[derive(Debug, Args)]
+pub struct SimulatedImuOptions {
+    /// Folder for the files; made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// The same seed gives the same files
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    pub seed: u64,
+    /// Coefficients of the IMU, with its alignment; those of the source paper unless given
+    #[arg(long, value_name = "TABLE")]
+    truth: Option<PathBuf>,
+    /// Draw another IMU of this kind, and another laboratory, from the seed
+    #[arg(long)]
+    vary: bool,
+    /// Name of the IMU; as in the table unless given
+    #[arg(long, value_name = "ID")]
+    imu: Option<ImuId>,
+    /// Local gravity [m/s2]; as the table's 1 g0 unless given or drawn
+    #[arg(long, value_name = "G", value_parser = gravity)]
+    gravity_local: Option<f64>,
+    /// White noise of a sensor in a mean over 1 s, one sigma [1e-6 g0]
+    #[arg(long, value_name = "UG0", default_value_t = 5.0, value_parser = size)]
+    sensor_noise: f64,
+    /// What bias and scale factors do not repeat between visits of a set point, one sigma [1e-6 g0, 1e-6]
+    #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
+    repeatability: [f64; 2],
+    /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given
+    #[arg(long, value_name = "U", value_parser = size)]
+    telemetry_noise: Option<f64>,
+    /// Resolution of the telemetry [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none
+    #[arg(long, value_name = "U")]
+    telemetry_lsb: Option<u32>,
+    /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
+    #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = vibration)]
+    vibration: [f64; 2],
+}
+
+impl SimulatedImuOptions {
+    pub fn truth(&self) -> Result<Truth, Failure> {
+        let refused = |refusals: Vec<Refusal>| {
+            let refusals: Vec<_> = refusals.iter().map(Refusal::to_string).collect();
+            Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
+        };
+        let given = match &self.truth {
+            Some(path) => load_table(path, None, Guard::Lax)?.0,
+            None => {
+                let paper = CoefficientTable::from_toml(isotherm_demo::TABLE, None);
+                paper.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?
+            }
+        };
+        let mut content = given.content().clone();
+        if let Some(imu) = &self.imu {
+            content.imu = imu.clone();
+        }
+        let truth = if self.vary {
+            Truth::varied(&content, self.seed)
+        } else if self.truth.is_none() {
+            let gravity = content.gravity;
+            Truth::new(content, MISALIGNMENT, TILT_RAD, gravity)
+        } else {
+            CoefficientTable::new(content).map(|table| Truth { tilt_rad: TILT_RAD, ..Truth::of(table) })
+        };
+        let truth = truth.map_err(refused)?;
+        Ok(Truth { gravity_local: self.gravity_local.unwrap_or(truth.gravity_local), ..truth })
+    }
+
+    /// The telemetry is in the truth's unit; the positioning error, which a run does not have, is 0.
+    pub fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
+        let volts = Chain::default();
+        let (mut chain, telemetry_noise) = match truth.table.content().temperature_unit.as_str() {
+            "V" => (volts, Noise::default().telemetry),
+            "degC" => {
+                let lsb = (f64::from(volts.telemetry_lsb_micro) / volts.telemetry_slope) as u32;
+                let degrees = Chain { telemetry_zero: 0.0, telemetry_slope: 1.0, telemetry_lsb_micro: lsb, ..volts };
+                (degrees, Noise::default().telemetry / volts.telemetry_slope)
+            }
+            unit => return Err(usage(format!("the truth's telemetry is in {unit}; V and degC can be simulated"))),
+        };
+        chain.telemetry_lsb_micro = self.telemetry_lsb.unwrap_or(chain.telemetry_lsb_micro);
+        chain.telemetry_s = telemetry_every;
+        [chain.vibration_g0, chain.vibration_hz] = self.vibration;
+        let [bias_ug0, scale_factor_ppm] = self.repeatability;
+        let noise = Noise {
+            sensor_g0: self.sensor_noise / 1e6,
+            telemetry: self.telemetry_noise.unwrap_or(telemetry_noise),
+            bias_g0: bias_ug0 / 1e6,
+            scale_factor: scale_factor_ppm / 1e6,
+            ..Noise::NONE
+        };
+        Ok((chain, noise))
+    }
+}
+
+/// A command line that is wrong.
+pub fn usage(message: impl Into<String>) -> Failure {
+    Failure::new(Exit::Usage, message)
+}
+
+/// Writes the truth behind simulated data beside them.
+pub fn write_truth(
+    folder: &Path,
+    truth: &Truth,
+    command: &str,
+    seed: u64,
+    schedule: &impl Serialize,
+) -> Result<(), Failure> {
+    let tool = format!("{command} {}", env!("CARGO_PKG_VERSION"));
+    let text = truth.to_toml(&tool, seed, schedule);
+    let text = text.map_err(|error| Failure::new(Exit::Failed, format!("writing the truth: {error}")))?;
+    write_text(folder, "truth.toml", &text)
+}
+
+/// Writes `folder/name`, and says so.
+pub fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    write_file(folder, name, |sink| sink.write_all(text.as_bytes()))
+}
+
+/// Writes `folder/name`, and says so when it is complete.
+pub fn write_file(folder: &Path, name: &str, write: impl FnOnce(&mut Output) -> io::Result<()>) -> Result<(), Failure> {
+    let path = folder.join(name);
+    let result = Output::create(Some(&path)).and_then(|mut sink| {
+        write(&mut sink)?;
+        sink.finish()
+    });
+    result.map_err(|error| Failure::io("writing", &path, &error))?;
+    print(&format!("{}\n", path.display()))
+}
+
+/// An angle in radians.
+pub fn arcsec(angle: f64) -> f64 {
+    (angle / 3600.0).to_radians()
+}

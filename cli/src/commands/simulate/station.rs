@@ -1,0 +1,180 @@
+//! `simulate station`: a laboratory in processes of its own.
+
+use super::options::{SimulatedImuOptions, write_text, write_truth};
+use crate::parse::{interval, size};
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use isotherm_calibration::simulate::{Chain, Noise};
+use isotherm_client::{Domain, monotonic_ns};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::print;
+use isotherm_simulator::{ChamberProtocol, Injection, Part, SimulatedStation, TurntableProtocol, follow, free_port};
+use serde::Serialize;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// A laboratory: chamber, table and IMU as processes of their own, until SIGTERM or SIGINT
+///
+/// Chamber and table speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU publishes to the running
+/// service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients. Write faults into DIR/faults to have them.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm simulate station -o station --imu imu-a --speed 100\n  isotherm simulate station -o station --imu imu-a --chamber watlow-f4t --table aerosmith --tcp\n  isotherm simulate station -o station --imu imu-a --fault late:table@3-5 --fault never-there@7200s-9000s\n  echo port-loss:chamber > station/faults"
+)]
+pub struct SimulateStation {
+    #[command(flatten)]
+    imu: SimulatedImuOptions,
+    /// What the chamber speaks
+    #[arg(long, value_name = "DRIVER", default_value = ChamberProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(ChamberProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&ChamberProtocol::NAMES, &name)))]
+    chamber: ChamberProtocol,
+    /// What the table speaks
+    #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(TurntableProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&TurntableProtocol::NAMES, &name)))]
+    table: TurntableProtocol,
+    /// Ports on 127.0.0.1 instead of pseudo-terminals
+    #[arg(long)]
+    tcp: bool,
+    /// Simulated seconds in a second
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = speed)]
+    speed: f64,
+    /// Control period of the IMU, simulated [s]
+    #[arg(long, value_name = "S", default_value = "1", value_parser = interval)]
+    interval: Duration,
+    /// The telemetry is read so often, simulated [s]; 0 for every sample
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = size)]
+    telemetry_every: f64,
+    /// Error of the table's angles after each move, one sigma [arcsec]
+    #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
+    positioning: f64,
+    /// Temperature of the laboratory, and of everything at the beginning [degC]
+    #[arg(long, value_name = "DEGC", default_value_t = 20.0, allow_hyphen_values = true)]
+    ambient: f64,
+    /// The chamber's fastest ramp [degC/min]
+    #[arg(long, value_name = "DEGC/MIN", default_value_t = 3.0, value_parser = ramp)]
+    chamber_ramp: f64,
+    /// A fault, WHAT[:chamber|:table][@WHEN]
+    ///
+    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot or never-there; WHEN is 3 for the third
+    /// request, 3-5 for the third to the fifth, 100s-200s for simulated seconds, always unless given
+    #[arg(long, value_name = "WHAT@WHEN", value_parser = fault)]
+    fault: Vec<String>,
+}
+
+/// One process of a station
+#[derive(Debug, Args)]
+pub struct StationPart {
+    /// Which
+    #[arg(value_parser = PossibleValuesParser::new(Part::NAMES.map(|(_, name)| name)).map(|name| named(&Part::NAMES, &name)))]
+    part: Part,
+    /// The station's folder
+    folder: PathBuf,
+    /// The station's process
+    #[arg(long)]
+    parent: u32,
+}
+
+fn named<T: Copy>(names: &[(T, &str)], name: &str) -> T {
+    names.iter().find(|(_, n)| *n == name).map_or(names[0].0, |(value, _)| *value)
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed: f64 = text.parse().map_err(|_| "give a number".to_owned())?;
+    if (0.1..=20_000.0).contains(&speed) { Ok(speed) } else { Err("give a speed from 0.1 to 20000".to_owned()) }
+}
+
+fn ramp(text: &str) -> Result<f64, String> {
+    let ramp: f64 = text.parse().map_err(|_| "give a number of degC/min".to_owned())?;
+    if (0.01..=60.0).contains(&ramp) { Ok(ramp) } else { Err("give a ramp from 0.01 to 60 degC/min".to_owned()) }
+}
+
+fn fault(text: &str) -> Result<String, String> {
+    text.parse::<Injection>().map(|_| text.to_owned())
+}
+
+impl StationPart {
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        if follow(self.parent)? { SimulatedStation::run_part(self.part, &self.folder, domain) } else { Ok(()) }
+    }
+}
+
+impl SimulateStation {
+    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+        let ended = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            let handled = signal_hook::flag::register(signal, Arc::clone(&ended));
+            handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
+        }
+        let folder = self.folder()?;
+        let truth = self.imu.truth()?;
+        let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        let noise = Noise { positioning_rad: (self.positioning / 3600.0).to_radians(), ..noise };
+        let [chamber_port, table_port] = if self.tcp {
+            [free_port()?, free_port()?]
+        } else {
+            ["chamber", "table"].map(|name| folder.join(name).display().to_string())
+        };
+        let station = SimulatedStation {
+            imu: truth.table.content().imu.to_string(),
+            chamber: self.chamber,
+            chamber_port,
+            table: self.table,
+            table_port,
+            speed: self.speed,
+            origin_ns: monotonic_ns(),
+            interval_ns: self.interval.as_nanos() as u64,
+            seed: self.imu.seed,
+            ambient_c: self.ambient,
+            ramp_c_per_s: self.chamber_ramp / 60.0,
+            tilt_rad: truth.tilt_rad,
+            gravity_local: truth.gravity_local,
+            chain,
+            noise,
+        };
+        #[derive(Serialize)]
+        struct StationSchedule {
+            interval_ns: u64,
+            ambient_c: f64,
+            ramp_c_per_s: f64,
+            chain: Chain,
+            noise: Noise,
+        }
+        let SimulatedStation { interval_ns, ambient_c, ramp_c_per_s, .. } = station;
+        let schedule = StationSchedule { interval_ns, ambient_c, ramp_c_per_s, chain, noise };
+        write_truth(&folder, &truth, "isotherm simulate station", self.imu.seed, &schedule)?;
+        write_text(&folder, "plan.toml", &station.plan_toml(&truth))?;
+        let program = std::env::current_exe();
+        let program = program
+            .map_err(|error| Failure::new(Exit::Failed, format!("starting the station's processes: {error}")))?;
+        let part = |part: Part| {
+            let mut command = Command::new(&program);
+            command.args(["--domain", domain.name(), "simulate", "station-part", part.name()]);
+            command.arg(&folder).args(["--parent", &std::process::id().to_string()]);
+            command
+        };
+        station.run(&folder, &self.fault, &ended, part, || announce(&station, &folder))
+    }
+
+    /// Made if it is not there; as an absolute path, for links and plans.
+    fn folder(&self) -> Result<PathBuf, Failure> {
+        let folder = &self.imu.output;
+        let failed = |error: io::Error| Failure::io("making", folder, &error);
+        fs::create_dir_all(folder).and_then(|()| fs::canonicalize(folder)).map_err(failed)
+    }
+}
+
+/// Says what to do next.
+fn announce(station: &SimulatedStation, folder: &Path) -> Result<(), Failure> {
+    let (imu, folder) = (&station.imu, folder.display());
+    print(&format!(
+        "chamber {}\ntable {}\n\
+         next: isotherm serve --allow-uncalibrated --imu {imu}={folder}/{imu}.toml\n\
+         and:  isotherm campaign run --speed {} {folder}/plan.toml\n\
+         ready\n",
+        station.chamber_port, station.table_port, station.speed
+    ))
+}

@@ -1,0 +1,65 @@
+//! The program `isotherm`: one file a command ([`commands`]), the recorder, and the live screen.
+//!
+//! A library so that a bench can be the program in one of its processes.
+
+mod commands;
+mod parse;
+mod progress;
+mod recorder;
+mod top;
+
+use clap::{Arg, CommandFactory as _, FromArgMatches as _, Parser};
+use isotherm_failure::Failure;
+use isotherm_service::commands as common;
+use std::process::ExitCode;
+
+/// Compensates accelerometer pulses for temperature, live over shared memory and offline.
+#[derive(Debug, Parser)]
+#[command(
+    name = "isotherm",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true,
+    after_help = "Examples:
+  isotherm demo                                           the whole chain, on embedded data
+  isotherm serve --imu imu-a=imu-a.toml                   serve an IMU until SIGTERM
+  isotherm feed --imu imu-a run.csv -o increments.csv     send it a recording, from another terminal
+  isotherm status
+  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html"
+)]
+struct Cli {
+    /// The domain: service and clients of different domains never meet
+    ///
+    /// The one that ISOTHERM_DOMAIN names, or "default", unless given
+    #[arg(long, global = true, value_name = "NAME")]
+    domain: Option<String>,
+    #[command(subcommand)]
+    command: commands::Command,
+}
+
+impl Cli {
+    /// The whole command line, as parsed, documented and completed.
+    fn full_command() -> clap::Command {
+        let command = Self::command().long_version(isotherm_version::LONG_VERSION);
+        // Accepted everywhere, shown where it means something: these commands join no domain.
+        let hidden = || Arg::new("domain").long("domain").value_name("NAME").global(true).hide(true);
+        let command = commands::WITHOUT_DOMAIN
+            .iter()
+            .fold(command, |command, name| command.mut_subcommand(name, |command| command.arg(hidden())));
+        common::finish(command, "isotherm")
+    }
+
+    fn run(self) -> Result<(), Failure> {
+        let domain = common::domain(self.domain.as_deref())?;
+        self.command.run(domain)
+    }
+}
+
+/// The program: does what the process's command line asks for.
+#[must_use]
+pub fn main() -> ExitCode {
+    common::exit_code("isotherm", || {
+        let matches = Cli::full_command().try_get_matches()?;
+        Ok(Cli::from_arg_matches(&matches)?.run())
+    })
+}

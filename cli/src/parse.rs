@@ -1,0 +1,133 @@
+//! Values of the options, from text; what is wrong becomes clap's usage error.
+
+use isotherm_calibration::positions::Scheme;
+use isotherm_shared::table::GRAVITY_RANGE;
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
+use std::str::FromStr;
+use std::time::Duration;
+
+/// A number of seconds over 0.
+pub fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
+    if !(seconds > 0.0 && seconds <= 1e6) {
+        return Err("give a number of seconds over 0 and up to 1000000".to_owned());
+    }
+    Ok(Duration::from_secs_f64(seconds))
+}
+
+/// A number over 0.
+pub fn over_0(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "give a number over 0".to_owned())
+}
+
+/// Set points \[degC\]; a type of its own, as clap takes a bare list for many values.
+#[derive(Clone, Debug)]
+pub struct SetPoints(pub Vec<f64>);
+
+/// `FROM:TO:STEP`, both ends included.
+pub fn set_points(text: &str) -> Result<SetPoints, String> {
+    let [from, to, step] = list(text, ':').ok_or("give FROM:TO:STEP in degC, for example -25:45:5")?;
+    let steps = (to - from) / step;
+    if !(0.0..1000.0).contains(&steps) {
+        return Err("the step must lead from FROM to TO in less than 1000 steps".to_owned());
+    }
+    // A last step that ends at TO but for the rounding counts.
+    Ok(SetPoints((0..=(steps + 1e-9) as u32).map(|index| round(from + step * f64::from(index))).collect()))
+}
+
+/// To 1e-9 degC, so that 0.1 three times is 0.3.
+fn round(set_point: f64) -> f64 {
+    (set_point * 1e9).round() / 1e9
+}
+
+pub fn scheme(name: String) -> Scheme {
+    Scheme::NAMES.iter().find(|(_, known)| *known == name).map_or(Scheme::NAMES[0].0, |(scheme, _)| *scheme)
+}
+
+/// Exactly N finite numbers.
+fn list<const N: usize>(text: &str, separator: char) -> Option<[f64; N]> {
+    let numbers: Result<Vec<f64>, _> = text.split(separator).map(|part| f64::from_str(part.trim())).collect();
+    numbers.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()))?.try_into().ok()
+}
+
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    list(text, ',').ok_or_else(|| format!("give {N} numbers with a comma between them"))
+}
+
+/// Two numbers from 0 up.
+pub fn sizes(text: &str) -> Result<[f64; 2], String> {
+    let sizes = numbers::<2>(text)?;
+    if sizes.iter().all(|size| *size >= 0.0) { Ok(sizes) } else { Err("neither may be negative".to_owned()) }
+}
+
+/// Amplitude in g0 and frequency in Hz; each cycle takes 20 steps, so that the frequency decides how long it takes.
+pub fn vibration(text: &str) -> Result<[f64; 2], String> {
+    let [amplitude, frequency] = sizes(text)?;
+    if amplitude <= 100.0 && frequency <= 2000.0 {
+        Ok([amplitude, frequency])
+    } else {
+        Err("give an amplitude up to 100 g0 and a frequency up to 2000 Hz".to_owned())
+    }
+}
+
+pub fn size(text: &str) -> Result<f64, String> {
+    list::<1>(text, ',')
+        .map(|[size]| size)
+        .filter(|size| *size >= 0.0)
+        .ok_or_else(|| "give a number from 0 up".to_owned())
+}
+
+pub fn direction(text: &str) -> Result<[f64; AXES], String> {
+    let direction = numbers::<AXES>(text)?;
+    let right = direction.iter().any(|part| part.abs() > 1e-6) && direction.iter().all(|part| part.abs() < 1e6);
+    if right { Ok(direction) } else { Err("give a direction, for example 0,0,1".to_owned()) }
+}
+
+pub fn ramp(text: &str) -> Result<f64, String> {
+    let [ramp] = list(text, ',').ok_or("give a number of degC/h")?;
+    if (0.1..=3600.0).contains(&ramp) { Ok(ramp) } else { Err("give a ramp from 0.1 to 3600 degC/h".to_owned()) }
+}
+
+pub fn gravity(text: &str) -> Result<f64, String> {
+    let [gravity] = list(text, ',').ok_or("give a number of m/s2")?;
+    let [low, high] = GRAVITY_RANGE;
+    if (low..=high).contains(&gravity) { Ok(gravity) } else { Err(format!("give a gravity from {low} to {high} m/s2")) }
+}
+
+pub fn interval(text: &str) -> Result<Duration, String> {
+    let interval = seconds(text)?;
+    if (1_000..=u128::from(MAX_INTERVAL_NS)).contains(&interval.as_nanos()) {
+        Ok(interval)
+    } else {
+        Err("give a number of seconds from 0.000001 to 3600".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn set_points_include_both_ends() {
+        let points = |text| set_points(text).map(|points| points.0);
+        assert_eq!(points("-25:-10:5").unwrap(), [-25.0, -20.0, -15.0, -10.0]);
+        assert_eq!(points("0:0.3:0.1").unwrap(), [0.0, 0.1, 0.2, 0.3]);
+        assert_eq!(points("20:0:-10").unwrap(), [20.0, 10.0, 0.0]);
+        assert_eq!(points("0:12:5").unwrap(), [0.0, 5.0, 10.0]);
+        assert_eq!(points("7:7:1").unwrap(), [7.0]);
+        for wrong in ["", "1:2", "1:2:0", "1:1:0", "1:2:-1", "0:1000:1", "0:nan:1", "0:1:1:1", "a:1:1"] {
+            assert!(points(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        assert_eq!(numbers::<2>("8.3, -12.4"), Ok([8.3, -12.4]));
+        assert!(numbers::<2>("1").is_err() && numbers::<2>("1,inf").is_err() && numbers::<2>("1,2,3").is_err());
+        assert!(sizes("0,-1").is_err() && size("-1").is_err() && size("0").is_ok());
+        assert!(direction("0,0,0").is_err() && direction("0,0,-1").is_ok());
+        assert!(gravity("9.6").is_err() && gravity("9.81").is_ok());
+        assert!(interval("0").is_err() && interval("3601").is_err() && interval("0.01").is_ok());
+        assert!(ramp("0").is_err() && ramp("20").is_ok());
+    }
+}

@@ -1,0 +1,292 @@
+//! The recorder: takes samples off the streams, writes them, and counts what is missing.
+
+mod tally;
+
+use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
+use isotherm_failure::{Exit, Failure};
+use isotherm_recording::rows::RecordedRow;
+use isotherm_recording_formats::write::{FileError, Files};
+use isotherm_shared::stream::StreamKind;
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+use tally::{Ledger, Tally};
+
+/// Samples that may wait for the disk, for each IMU: over three seconds at 10 kHz.
+const QUEUE: usize = 1 << 16;
+/// Pause of the tap when no stream has anything.
+const TAP_PAUSE: Duration = Duration::from_micros(500);
+/// Pause when no row has come.
+const PAUSE: Duration = Duration::from_millis(5);
+/// Rows between two looks at the clock.
+const BATCH: usize = 1024;
+/// How often it is looked whether there is something to report.
+const LOOK: Duration = Duration::from_millis(500);
+/// Losses that go on are reported this often.
+const REPORT: Duration = Duration::from_secs(10);
+
+/// Indices into the list of IMUs, and which of their streams.
+pub type Streams = Vec<(usize, StreamKind)>;
+
+/// Removes files in which nothing is.
+pub fn remove(files: &[Files]) {
+    files.iter().flat_map(Files::paths_now).for_each(|path| drop(std::fs::remove_file(path)));
+}
+
+/// The failure of writing a recording.
+pub fn file_failure(FileError(path, error): &FileError) -> Failure {
+    if error.kind() == io::ErrorKind::AlreadyExists {
+        let path = path.display();
+        let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
+        return Failure::new(Exit::Io, format!("{path} exists; {remedy}"));
+    }
+    Failure::io("writing", path, error)
+}
+
+/// A recorder of streams into files.
+pub struct Recorder {
+    imus: Vec<ImuId>,
+    streams: Streams,
+    domain: String,
+    tap: Tap,
+    files: Vec<Files>,
+    /// The files of each IMU.
+    route: Vec<usize>,
+    ledgers: Vec<Ledger>,
+    names: Vec<PathBuf>,
+    rotations: u64,
+    started: Instant,
+    first_row: Option<Instant>,
+    flushed: Instant,
+    /// There is no room; nothing is taken out of the queue until there is.
+    stalled: bool,
+    reported: Reported,
+}
+
+/// What the operator knows already.
+struct Reported {
+    connected: u64,
+    /// Whether it has been said which streams are waited for.
+    waiting: bool,
+    lost: u64,
+    lost_at: Option<Instant>,
+    looked: Instant,
+}
+
+impl Recorder {
+    /// Begins to take the samples of `streams`, which are of these IMUs and go into these files: one for each IMU, or one for all.
+    ///
+    /// # Errors
+    /// If there can be no thread, or none with these settings; the files are then removed.
+    pub fn start(
+        imus: Vec<ImuId>,
+        streams: Streams,
+        files: Vec<Files>,
+        options: Options,
+        realtime: Realtime,
+    ) -> Result<Self, Failure> {
+        let sources: Vec<_> = streams.iter().map(|&(imu, kind)| (imus[imu].clone(), kind)).collect();
+        let settings = TapSettings { depth: QUEUE * imus.len(), pause: TAP_PAUSE, realtime };
+        let tap = Tap::start(&sources, &options, settings).map_err(|error| {
+            remove(&files);
+            Failure::new(Exit::Failed, format!("starting the thread that takes the samples: {error}"))
+        })?;
+        let now = Instant::now();
+        Ok(Self {
+            ledgers: vec![Ledger::default(); imus.len()],
+            route: (0..imus.len()).map(|imu| if files.len() == 1 { 0 } else { imu }).collect(),
+            names: files.iter().flat_map(Files::paths_now).collect(),
+            started: now,
+            first_row: None,
+            flushed: now,
+            stalled: false,
+            reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, looked: now },
+            rotations: 0,
+            domain: options.domain.name().to_owned(),
+            imus,
+            streams,
+            files,
+            tap,
+        })
+    }
+
+    /// Records until `end` is set or `duration` has passed since the first row; `flush` is how often rows are made visible and lasting.
+    ///
+    /// # Errors
+    /// Why it could not go on. What was written stays.
+    pub fn run(mut self, end: &AtomicBool, flush: Duration, duration: Option<Duration>) -> Result<(), Failure> {
+        let result = self.record(end, flush, duration);
+        self.end(result)
+    }
+
+    fn record(&mut self, end: &AtomicBool, flush: Duration, duration: Option<Duration>) -> Result<(), FileError> {
+        loop {
+            let ended = self.tap.has_ended();
+            let came = !self.stalled && self.take()?;
+            let due = !self.stalled && self.files.iter().any(Files::is_flush_due);
+            if due || self.flushed.elapsed() >= flush {
+                self.flush()?;
+                self.flushed = Instant::now();
+            }
+            if self.reported.looked.elapsed() >= flush.min(LOOK) {
+                self.report();
+                self.reported.looked = Instant::now();
+            }
+            if ended && !came {
+                if self.stalled {
+                    self.flush()?;
+                }
+                if !self.stalled {
+                    // What waited for room, if there was some, has been taken.
+                    while self.take()? {}
+                }
+                return Ok(());
+            }
+            let over = duration.zip(self.first_row).is_some_and(|(duration, first)| first.elapsed() >= duration);
+            if over || end.load(Ordering::Relaxed) {
+                self.tap.end();
+            }
+            if !came {
+                thread::sleep(PAUSE);
+            }
+        }
+    }
+
+    /// Writes what has come, up to [`BATCH`] rows. Whether there was something.
+    fn take(&mut self) -> Result<bool, FileError> {
+        for count in 0..BATCH {
+            let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
+            self.first_row.get_or_insert_with(Instant::now);
+            self.write(&RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample })?;
+        }
+        Ok(true)
+    }
+
+    fn write(&mut self, row: &RecordedRow) -> Result<(), FileError> {
+        if !self.ledgers[row.imu].take(row.stream(), row.key()) {
+            return Ok(());
+        }
+        self.files[self.route[row.imu]].write(row)
+    }
+
+    /// A disk that is full is waited for; anything else is an error.
+    fn flush(&mut self) -> Result<(), FileError> {
+        for files in &mut self.files {
+            match files.flush() {
+                Ok(None) => {}
+                Ok(Some(next)) => {
+                    self.rotations += 1;
+                    self.names.extend(next);
+                }
+                Err(FileError(path, error)) if is_full(&error) => {
+                    if !self.stalled {
+                        let path = path.display();
+                        print_message(&format!(
+                            "writing {path}: {error}; what is written stays, the rest waits for room"
+                        ));
+                    }
+                    self.stalled = true;
+                    return Ok(());
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        if self.stalled {
+            print_message("there is room again, recording goes on");
+        }
+        self.stalled = false;
+        Ok(())
+    }
+
+    /// Tells what the operator should know, as it happens.
+    fn report(&mut self) {
+        let connected = self.tap.connected();
+        for (imu, id) in self.imus.iter().enumerate() {
+            let bits = self.streams.iter().enumerate().filter(|(_, (of, _))| *of == imu);
+            let mask: u64 = bits.map(|(place, _)| 1 << place).sum();
+            if connected & mask == mask && self.reported.connected & mask != mask {
+                print_message(&format!("recording {id}"));
+            } else if !self.reported.waiting && connected & mask != mask {
+                print_message(&format!("waiting for a service that serves {id} in domain {:?}", self.domain));
+            }
+        }
+        self.reported.connected |= connected;
+        self.reported.waiting = true;
+        if let Some(warning) = self.tap.take_warning() {
+            print_message(&format!("warning: {warning}; trying again"));
+        }
+        let tallies = self.streams.iter().map(|&(imu, stream)| self.ledgers[imu].tally(stream));
+        let lost = tallies.map(|tally| tally.missing).fold(0, u64::saturating_add);
+        if lost > self.reported.lost && self.reported.lost_at.is_none_or(|at| at.elapsed() >= REPORT) {
+            self.reported.lost_at = Some(Instant::now());
+            self.reported.lost = lost;
+            print_message(&format!("warning: {lost} rows are missing so far, by their sequences"));
+        }
+    }
+
+    /// Ends the files and sums up.
+    fn end(mut self, result: Result<(), FileError>) -> Result<(), Failure> {
+        let result = result.and_then(|()| self.files.iter_mut().try_for_each(Files::finish));
+        // Only behind an error is something left over.
+        self.tap.end();
+        let mut lost = self.files.iter().map(Files::unflushed).sum::<u64>();
+        while !self.tap.has_ended() {
+            thread::sleep(PAUSE);
+        }
+        while self.tap.pop().is_some() {
+            lost += 1;
+        }
+        let overflow = self.tap.overflow();
+        let repeats = self.tap.finish();
+        if self.streams.len() > self.imus.len() {
+            self.ledgers.iter_mut().for_each(Ledger::settle);
+        }
+        for (place, &(imu, stream)) in self.streams.iter().enumerate() {
+            let Tally { rows, sessions, missing, late, .. } = *self.ledgers[imu].tally(stream);
+            let repeats = repeats.as_ref().map_or(0, |repeats| repeats[place]);
+            let sessions = format!("{sessions} session{}", if sessions == 1 { "" } else { "s" });
+            let late = match (late, stream) {
+                (0, _) => String::new(),
+                (_, StreamKind::Raw) => format!(", {late} too late and left out"),
+                (_, StreamKind::Increment) => format!(", {late} behind a later one"),
+            };
+            let name = stream.name();
+            print_message(&format!(
+                "{} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}",
+                self.imus[imu]
+            ));
+        }
+        if overflow > 0 {
+            print_message(&format!(
+                "{overflow} rows had no place in memory while the disk was slow or full; they are missing"
+            ));
+        }
+        if lost > 0 {
+            print_message(&format!("{lost} rows at the end could not be written"));
+        }
+        let (count, rotations) = (self.names.len(), self.rotations);
+        let seconds = self.started.elapsed().as_secs_f64();
+        if let Some(last) = self.names.last() {
+            let files = if count == 1 { "file" } else { "files" };
+            print_message(&format!(
+                "{seconds:.1} s, {count} {files}, the last {}, {rotations} rotations",
+                last.display()
+            ));
+        }
+        match result {
+            Err(FileError(_, error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+            Err(error) => Err(file_failure(&error)),
+            Ok(()) => repeats.map(|_| ()).map_err(Failure::from),
+        }
+    }
+}
+
+fn is_full(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
+}
+
+fn print_message(message: &str) {
+    let _ = writeln!(io::stderr(), "isotherm: {message}");
+}

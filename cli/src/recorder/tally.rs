@@ -1,0 +1,182 @@
+//! What of an IMU's streams has been recorded, and what is missing.
+
+use isotherm_shared::stream::{RAW_DEPTH, StreamKind};
+use std::collections::VecDeque;
+
+/// Sessions whose ends are compared when both streams have surely been seen to their end.
+const SESSIONS: usize = 64;
+
+/// Counts of one stream, by sequence, session by session.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tally {
+    /// Rows written.
+    pub rows: u64,
+    /// Sessions of the acquisition.
+    pub sessions: u64,
+    /// Sequences within a session that never came.
+    pub missing: u64,
+    /// Rows that came after a later one of their session.
+    pub late: u64,
+    last: Option<(u64, u64)>,
+}
+
+/// Counts of an IMU.
+#[derive(Clone, Debug, Default)]
+pub struct Ledger {
+    tallies: [Tally; 2],
+    ends: VecDeque<(u64, Ends)>,
+}
+
+/// The first and last sequence of a session in each stream.
+type Ends = [Option<(u64, u64)>; 2];
+
+impl Ledger {
+    /// Counts a row, which comes for the first time. Whether it is to be written: a raw sample behind a later one is not, or the recording
+    /// could not be fed; an answer that was overtaken is an answer still.
+    pub fn take(&mut self, stream: StreamKind, (session, sequence): (u64, u64)) -> bool {
+        self.extend(stream, session, sequence);
+        let tally = &mut self.tallies[stream as usize];
+        match tally.last {
+            Some((known, last)) if known == session => {
+                if sequence <= last {
+                    tally.late += 1;
+                    if stream == StreamKind::Raw {
+                        return false;
+                    }
+                    tally.rows += 1;
+                    tally.missing = tally.missing.saturating_sub(1);
+                    return true;
+                }
+                tally.missing = tally.missing.saturating_add(sequence - last - 1);
+            }
+            _ => tally.sessions += 1,
+        }
+        tally.last = Some((session, sequence));
+        tally.rows += 1;
+        true
+    }
+
+    /// The counts of a stream so far.
+    pub const fn tally(&self, stream: StreamKind) -> &Tally {
+        &self.tallies[stream as usize]
+    }
+
+    /// Counts what is missing at the beginnings and ends of sessions too, which the other stream gives away. To be called at the end, if
+    /// both were recorded.
+    pub fn settle(&mut self) {
+        // What was on its way when the recording began or ended is not missing.
+        let mut before = RAW_DEPTH as u64;
+        while let Some((_, ends)) = self.ends.pop_front() {
+            self.compare(ends, before, if self.ends.is_empty() { RAW_DEPTH as u64 } else { 0 });
+            before = 0;
+        }
+    }
+
+    fn compare(&mut self, ends: Ends, before: u64, behind: u64) {
+        let over = |missing: u64, in_flight| if missing > in_flight { missing } else { 0 };
+        for (stream, other) in [(0, 1), (1, 0)] {
+            let Some((first, last)) = ends[other] else { continue };
+            let missing = match ends[stream] {
+                Some((own_first, own_last)) => {
+                    over(own_first.saturating_sub(first), before) + over(last.saturating_sub(own_last), behind)
+                }
+                None => over((last - first).saturating_add(1), before.max(behind)),
+            };
+            self.tallies[stream].missing = self.tallies[stream].missing.saturating_add(missing);
+        }
+    }
+
+    fn extend(&mut self, stream: StreamKind, session: u64, sequence: u64) {
+        let place = match self.ends.iter().rposition(|(known, _)| *known == session) {
+            Some(place) => place,
+            None => {
+                // Only one who makes sessions up has so many.
+                if self.ends.len() == SESSIONS {
+                    self.ends.pop_front();
+                }
+                self.ends.push_back((session, [None; 2]));
+                self.ends.len() - 1
+            }
+        };
+        let end = &mut self.ends[place].1[stream as usize];
+        let (first, last) = end.unwrap_or((sequence, sequence));
+        *end = Some((first.min(sequence), last.max(sequence)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::StreamKind::{Increment, Raw};
+    use super::*;
+
+    fn counts(ledger: &Ledger, stream: StreamKind) -> (u64, u64, u64, u64) {
+        let Tally { rows, sessions, missing, late, .. } = *ledger.tally(stream);
+        (rows, sessions, missing, late)
+    }
+
+    fn take_all(ledger: &mut Ledger, stream: StreamKind, session: u64, sequences: impl Iterator<Item = u64>) {
+        for sequence in sequences {
+            ledger.take(stream, (session, sequence));
+        }
+    }
+
+    #[test]
+    fn gaps_are_counted_within_a_session() {
+        let mut ledger = Ledger::default();
+        for stream in StreamKind::BOTH {
+            for sequence in [5, 6, 9] {
+                assert!(ledger.take(stream, (1, sequence)));
+            }
+            assert_eq!(ledger.take(stream, (1, 7)), stream == Increment);
+            assert!(ledger.take(stream, (2, u64::MAX)) && ledger.take(stream, (3, 0)) && ledger.take(stream, (3, 1)));
+        }
+        assert_eq!(counts(&ledger, Raw), (6, 3, 2, 1));
+        assert_eq!(counts(&ledger, Increment), (7, 3, 1, 1));
+        ledger.settle();
+        assert_eq!(ledger.tally(Raw).missing, 2, "both ended alike");
+    }
+
+    #[test]
+    fn what_one_stream_lost_at_an_end_the_other_tells() {
+        let mut ledger = Ledger::default();
+        take_all(&mut ledger, Raw, 1, 0..10);
+        take_all(&mut ledger, Increment, 1, 5..30);
+        take_all(&mut ledger, Raw, 2, 8..12);
+        ledger.take(Raw, (3, 0));
+        assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (0, 0));
+        ledger.settle();
+        assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (20, 4));
+        // On the way at the end; or lost after all.
+        for (answered, missing) in [(36, 0), (35, 65)] {
+            let mut ledger = Ledger::default();
+            take_all(&mut ledger, Raw, 1, 0..=100);
+            take_all(&mut ledger, Increment, 1, 0..=answered);
+            ledger.settle();
+            assert_eq!(ledger.tally(Increment).missing, missing);
+        }
+        // On the way at the beginning, or found too late; a later session has no such excuse.
+        for (found, missing) in [(64, 0), (65, 65)] {
+            let mut ledger = Ledger::default();
+            take_all(&mut ledger, Raw, 1, 0..=100);
+            take_all(&mut ledger, Increment, 1, found..=100);
+            take_all(&mut ledger, Raw, 2, 0..=100);
+            take_all(&mut ledger, Increment, 2, 3..=100);
+            ledger.settle();
+            assert_eq!(ledger.tally(Increment).missing, missing + 3);
+        }
+    }
+
+    #[test]
+    fn whatever_a_sender_makes_up() {
+        let mut ledger = Ledger::default();
+        for session in 0..1000 {
+            for sequence in [0, u64::MAX] {
+                assert!(ledger.take(Raw, (session, sequence)));
+                ledger.take(Increment, (session ^ 1, sequence));
+            }
+        }
+        ledger.settle();
+        assert_eq!(ledger.tally(Raw).missing, u64::MAX);
+        assert_eq!(ledger.tally(Raw).sessions, 1000);
+    }
+}

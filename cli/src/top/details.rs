@@ -1,0 +1,300 @@
+//! The selected IMU: its table, samples, temperatures, increments, latency and flags.
+
+use super::increments::CurvePoint;
+use super::model::{Model, Thermometer};
+use super::numbers::{age, microseconds, whole};
+use super::style::{Theme, Weight};
+use isotherm_client::unix_s;
+use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS};
+use isotherm_shared::wire::AXES;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Paragraph, RenderDirection, Sparkline, SparklineBar, Wrap};
+
+/// Lines that [`draw`] needs.
+pub const FULL_LINES: u16 = 18;
+/// Lines that [`draw_few`] likes to have.
+pub const FEW_LINES: u16 = 6;
+/// Columns of the latency's figures.
+const FIGURES: u16 = 42;
+/// Columns before a curve.
+const MEANS: u16 = 39;
+
+/// Draws all there is. What is left of the height makes curves and histogram higher.
+pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
+    let Some(imu) = model.imu() else { return };
+    let look = model.look;
+    let spare = area.height.saturating_sub(FULL_LINES + 2);
+    let curve = 1 + (spare / 5).min(3);
+    let histogram = 3 + (spare - 3 * (curve - 1)).min(8);
+    let refused = u16::from(imu.last_reload_error.is_some());
+    let parts = [3 + refused, 1 + AXES as u16, 1 + AXES as u16 * curve, 2 + histogram].map(Constraint::Length);
+    let parts = parts.into_iter().chain([Constraint::Min(0)]);
+    let [about, temperatures, increments, latency, flags] = Layout::vertical(parts).areas(area);
+    frame.render_widget(Paragraph::new(about_lines(model, imu, about.width)), about);
+    frame.render_widget(Paragraph::new(temperature_lines(look, imu, temperatures.width)), temperatures);
+    draw_increments(frame, increments, model);
+    draw_latency(frame, latency, model, imu);
+    frame.render_widget(Paragraph::new(flag_line(model, imu)).wrap(Wrap { trim: true }), flags);
+}
+
+/// Draws what matters most, for small screens.
+pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
+    let Some(imu) = model.imu() else { return };
+    let look = model.look;
+    let label = |text: &str| Span::styled(format!("{text} "), look.label());
+    let state = model.state(model.selected(), imu);
+    let table = imu.table.as_deref().map_or("no table", |table| short(table));
+    let mut lines = vec![Line::from(vec![
+        Span::styled(imu.id.clone(), look.heading()),
+        Span::raw(format!(" {table} ")),
+        Span::styled(state.text, look.weight(state.weight)),
+    ])];
+    lines.extend(refused_line(look, imu));
+    let mut spans = vec![label("T")];
+    for (axis, places) in (0..AXES).map(|axis| (axis, Thermometer::of(imu, axis))) {
+        spans.push(Span::raw(format!("A{} ", axis + 1)));
+        for place in places {
+            let text =
+                place.part().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
+            spans.push(Span::styled(text, look.weight(place.weight())));
+        }
+    }
+    spans.push(Span::raw("% of range"));
+    lines.push(Line::from(spans));
+    let point = model.points.back().copied().flatten();
+    let means = point.map_or("-".to_owned(), |point| point.increment.map(|value| format!("{value:+.6}")).join(" "));
+    lines.push(Line::from(vec![label("m/s"), Span::raw(means)]));
+    let latency = imu.latency_minute_ns.map_or("-".to_owned(), |latency| {
+        let [p50, p999, max] = [latency.p50, latency.p999, latency.max].map(|ns| microseconds(Some(ns)));
+        format!("p50 {p50} 99.9 {p999} max {max}")
+    });
+    lines.push(Line::from(vec![label("min us"), Span::raw(latency)]));
+    lines.push(Line::from(vec![
+        label("missing"),
+        Span::raw(imu.missing.to_string()),
+        Span::raw(format!(" in {} gaps", imu.gaps)),
+    ]));
+    lines.push(flag_line(model, imu));
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
+    let look = model.look;
+    let rule = look.rule().repeat(2);
+    let digest = imu.table.as_deref().map_or("no table", short);
+    let title = format!("{rule} {} {rule} {digest} {rule} ", imu.id);
+    let room = usize::from(width).saturating_sub(title.chars().count());
+    let file = end_of(&imu.table_file, room);
+    let title = format!("{title}{file} {}", look.rule().repeat(room.saturating_sub(file.chars().count() + 1)));
+    let now = unix_s();
+    let since = |unix_s: Option<f64>| unix_s.map_or("-".to_owned(), |then| age(now - then));
+    let table = match &imu.table {
+        Some(_) => format!(
+            "taken {} ago, file of {} ago; {} reloads, {} refused",
+            since(imu.table_taken_unix_s),
+            since(imu.table_modified_unix_s),
+            imu.reloads,
+            imu.refusals
+        ),
+        None => "none: increments are NaN until the file is there".to_owned(),
+    };
+    let acquisition = if imu.acquisition_connected { "acquisition" } else { "NO acquisition" };
+    let samples = format!(
+        "{}, {} missing in {} gaps, {} repeated; {acquisition}, {} readers",
+        imu.received, imu.missing, imu.gaps, imu.repeats, imu.readers
+    );
+    let mut lines = vec![Line::styled(title, look.heading()), labelled(look, "table", table)];
+    lines.extend(refused_line(look, imu));
+    lines.push(labelled(look, "samples", samples));
+    lines
+}
+
+/// Why the file as it is now is not in force, in a line.
+fn refused_line(look: Theme, imu: &ImuStatus) -> Option<Line<'static>> {
+    let error = imu.last_reload_error.as_ref()?.replace('\n', "; ");
+    let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));
+    Some(Line::styled(format!("REFUSED{since}: {error}"), look.weight(Weight::Bad)))
+}
+
+fn labelled(look: Theme, label: &str, text: String) -> Line<'static> {
+    Line::from(vec![Span::styled(format!("{label:<10}"), look.label()), Span::raw(text)])
+}
+
+fn temperature_lines(look: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
+    let unit = imu.ranges.as_ref().map_or(String::new(), |ranges| format!(" [{}]", ranges.unit));
+    let half = usize::from(width.saturating_sub(4)) / 2;
+    let head = format!("{:<4}{:<half$}{}", "", format!("head{unit}"), format_args!("board{unit}"));
+    let mut lines = vec![Line::styled(head, look.label())];
+    for axis in 0..AXES {
+        let mut spans = vec![Span::styled(format!("A{:<3}", axis + 1), look.label())];
+        for place in Thermometer::of(imu, axis) {
+            spans.extend(gauge(look, place, half.saturating_sub(2)));
+            spans.push(Span::raw("  "));
+        }
+        lines.push(Line::from(spans));
+    }
+    lines
+}
+
+/// A value, and where it lies between the ends of its range: beyond one the marker is an arrow.
+fn gauge(look: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
+    let style = look.weight(place.weight());
+    let value = place.value.map_or("none".to_owned(), significant);
+    let value = Span::styled(format!("{value:>8}"), style);
+    let Some(range) = place.range else {
+        return vec![value, Span::raw(format!("{:<1$}", "  no table", width.saturating_sub(8)))];
+    };
+    let [low, high] = range.map(significant);
+    let bar = width.saturating_sub(8 + 1 + low.len() + 1 + 1 + high.len()).max(3);
+    let (line, marker) = look.gauge();
+    let mut cells = vec![line; bar];
+    let (marker, at) = match place.part() {
+        Some(part) if part < 0.0 => ('<', Some(0)),
+        Some(part) if part > 1.0 => ('>', Some(bar - 1)),
+        part => (marker, part.map(|part| (part * (bar - 1) as f64).round() as usize)),
+    };
+    let at = at.unwrap_or(bar);
+    cells.insert(at, marker);
+    let [before, after] =
+        [&cells[..at], cells.get(at + 2..).unwrap_or_default()].map(|cells| cells.iter().collect::<String>());
+    let marker = if at == bar { String::new() } else { marker.to_string() };
+    vec![
+        value,
+        Span::raw(format!(" {low}|{before}")),
+        Span::styled(marker, style),
+        Span::raw(format!("{after}|{high}")),
+    ]
+}
+
+fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
+    let look = model.look;
+    let [head, below] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
+    let width = area.width.saturating_sub(MEANS);
+    let seconds = f64::from(width) * super::TICK.as_secs_f64();
+    let title = match &model.unread {
+        Some(error) => Line::styled(format!("increments cannot be read: {error}"), look.weight(Weight::Warning)),
+        None => Line::styled(
+            format!("{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s", "", "mean m/s", "m/s2", "span"),
+            look.label(),
+        ),
+    };
+    frame.render_widget(title, head);
+    let rows: [Rect; AXES] = Layout::vertical([Constraint::Fill(1); AXES]).areas(below);
+    let last = model.points.back().copied().flatten();
+    for (axis, row) in rows.into_iter().enumerate() {
+        let [means, curve] = Layout::horizontal([Constraint::Length(MEANS), Constraint::Min(0)]).areas(row);
+        let points: Vec<_> = model.points.iter().rev().take(width.into()).copied().collect();
+        let values: Vec<_> = points.iter().map(|point| value_of(*point, axis)).collect();
+        let finite = || values.iter().copied().flatten();
+        let (low, high) = (finite().reduce(f64::min).unwrap_or(0.0), finite().reduce(f64::max).unwrap_or(0.0));
+        let text = match last {
+            Some(point) => {
+                let (increment, force) = (point.increment[axis], point.specific_force[axis]);
+                format!("{increment:>+12.7}{force:>+12.5}{:>9}", significant(high - low))
+            }
+            None => format!("{:>12}{:>12}{:>9}", "-", "-", "-"),
+        };
+        let weight = if last.is_some_and(|point| point.increment[axis].is_nan()) { Weight::Bad } else { Weight::Good };
+        let style = if weight == Weight::Bad { look.weight(weight) } else { look.heading() };
+        let line = Line::from(vec![Span::styled(format!("A{:<3}", axis + 1), look.label()), Span::styled(text, style)]);
+        frame.render_widget(line, means);
+        // From an eighth to the full height, so that the lowest point can be seen too.
+        let levels = 8 * u64::from(curve.height.max(1));
+        let part = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
+        let scale = |value: f64| 1 + ((levels - 1) as f64 * part(value)).round() as u64;
+        let bars = values.iter().map(|value| SparklineBar::from(value.map(scale)));
+        let curve_widget = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
+        frame.render_widget(curve_widget.bar_set(look.bars()).absent_value_symbol(" ").style(look.curve()), curve);
+    }
+}
+
+fn value_of(point: Option<CurvePoint>, axis: usize) -> Option<f64> {
+    point.map(|point| point.specific_force[axis]).filter(|value| value.is_finite())
+}
+
+fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatus) {
+    let look = model.look;
+    let [figures, picture] = Layout::horizontal([Constraint::Length(FIGURES), Constraint::Min(0)]).areas(area);
+    let budget = model.status().map_or(0.0, |status| status.budget_us);
+    let head = format!("{:<10}{:>7}{:>8}{:>8}{:>8}", "latency us", "p50", "p99", "p99.9", "max");
+    let mut lines = vec![Line::styled(head, look.label())];
+    for (name, latency) in
+        [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]
+    {
+        let text = match latency {
+            Some(latency) => {
+                let [p50, p99, p999, max] =
+                    [latency.p50, latency.p99, latency.p999, latency.max].map(|ns| microseconds(Some(ns)));
+                format!("  {name:<8}{p50:>7}{p99:>8}{p999:>8}{max:>8}")
+            }
+            None => format!("  {name:<8}no samples"),
+        };
+        lines.push(Line::raw(text));
+    }
+    let late = imu.flagged.get("late").copied().unwrap_or(0);
+    lines.push(Line::raw(format!("  budget {budget} us, {late} were late")));
+    frame.render_widget(Paragraph::new(lines), figures);
+
+    let [head, bars, axis] =
+        Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(picture);
+    let (counts, seconds) = model.distribution();
+    let columns = (picture.width / (LATENCY_BOUNDS_NS.len() as u16 + 1)).clamp(1, 3);
+    let budget_ns = budget * 1e3;
+    let bar = |(index, count): (usize, &u64)| {
+        let over = LATENCY_BOUNDS_NS.get(index).is_none_or(|bound| *bound as f64 > budget_ns);
+        let height = if *count > 0 { (100.0 * (1.0 + (*count as f64).log10())) as u64 } else { 0 };
+        let style = if over { look.weight(Weight::Warning) } else { look.curve() };
+        vec![SparklineBar::from(height).style(Some(style)); columns.into()]
+    };
+    let data: Vec<_> = counts.iter().enumerate().flat_map(bar).collect();
+    frame.render_widget(Line::styled(format!("the last {seconds:.0} s, logarithmic"), look.label()), head);
+    frame.render_widget(Sparkline::default().data(data).bar_set(look.bars()), bars);
+    let step = usize::from(columns) * 6;
+    let label = format!("{:<4$}{:<step$}{:<step$}{:<step$}1s", "", "1us", "100us", "10ms", usize::from(columns) * 2);
+    frame.render_widget(Line::styled(label, look.label()), axis);
+}
+
+/// The flags that there have been, with their rates; those that come now first.
+fn flag_line(model: &Model, imu: &ImuStatus) -> Line<'static> {
+    let look = model.look;
+    let rate = |name: &str| model.rate(model.selected(), |imu| imu.flagged.get(name).copied().unwrap_or(0));
+    let mut seen: Vec<_> = imu.flagged.iter().filter(|(_, count)| **count > 0).collect();
+    seen.sort_by_key(|(name, _)| rate(name).is_none_or(|rate| rate == 0.0));
+    let mut spans = vec![Span::styled("flags     ", look.label())];
+    if seen.is_empty() {
+        spans.push("none".into());
+    }
+    for (index, (name, count)) in seen.into_iter().enumerate() {
+        let now = rate(name);
+        let comes = now.is_some_and(|rate| rate > 0.0);
+        let text = if comes { format!("{name} {count} ({}/s)", whole(now)) } else { format!("{name} {count}") };
+        spans.push(if index == 0 { "".into() } else { ", ".into() });
+        spans.push(if comes { Span::styled(text, look.weight(Weight::Warning)) } else { text.into() });
+    }
+    Line::from(spans)
+}
+
+/// What increments carry of a digest: its first 16 hexadecimal digits.
+fn short(digest: &str) -> &str {
+    let digits = digest.strip_prefix("sha256:").unwrap_or(digest);
+    digits.get(..16).unwrap_or(digits)
+}
+
+/// The end of a path that is too long: its beginning tells less.
+fn end_of(path: &str, room: usize) -> String {
+    let over = path.chars().count().saturating_sub(room);
+    if over == 0 { path.to_owned() } else { format!("..{}", path.chars().skip(over + 2).collect::<String>()) }
+}
+
+/// Five digits or so.
+fn significant(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if !(1e-3..1e5).contains(&size) => format!("{value:.1e}"),
+        size if size < 10.0 => format!("{value:.4}"),
+        size if size < 100.0 => format!("{value:.3}"),
+        _ => format!("{value:.1}"),
+    }
+}

@@ -1,0 +1,79 @@
+//! Increments of the IMU that is selected, as means over a tick.
+
+use isotherm_client::{CompensatedIncrement, ConnectError, ImuId, IncrementReader, Options};
+use isotherm_shared::wire::AXES;
+use std::time::{Duration, Instant};
+
+/// Most increments that are read at a tick; a queue holds fewer.
+const MOST: usize = 4096;
+/// Pause after a reader could not be had.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// Means over the increments of one tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Velocity increment of one sample \[m/s\], A1 to A3; NaN if one of them is.
+    pub increment: [f64; AXES],
+    /// Velocity increment by time \[m/s2\].
+    pub specific_force: [f64; AXES],
+}
+
+impl CurvePoint {
+    /// Of increments; `None` if there are none.
+    pub fn of(increments: &[CompensatedIncrement]) -> Option<Self> {
+        let time = increments.iter().map(|increment| increment.interval_ns as f64 * 1e-9).sum::<f64>();
+        let sum = |axis: usize| increments.iter().map(|increment| increment.velocity_increment[axis]).sum::<f64>();
+        let sums = core::array::from_fn(sum);
+        let count = increments.len() as f64;
+        (count > 0.0)
+            .then(|| Self { increment: sums.map(|sum| sum / count), specific_force: sums.map(|sum| sum / time) })
+    }
+}
+
+/// The reader of one IMU's increments.
+pub struct Increments {
+    options: Options,
+    reader: Option<(String, IncrementReader)>,
+    not_before: Option<Instant>,
+    read: Vec<CompensatedIncrement>,
+}
+
+impl Increments {
+    /// Reads none yet.
+    pub const fn new(options: Options) -> Self {
+        Self { options, reader: None, not_before: None, read: Vec::new() }
+    }
+
+    /// Connects anew when there is something to read again.
+    pub fn forget(&mut self) {
+        self.reader = None;
+    }
+
+    /// The mean of what has come since the last call; or why nothing can.
+    pub fn read(&mut self, id: Option<&str>, now: Instant) -> Result<Option<CurvePoint>, ConnectError> {
+        if self.not_before.is_some_and(|time| now < time) {
+            return Ok(None);
+        }
+        let Some(imu) = id.and_then(ImuId::new) else {
+            self.reader = None;
+            return Ok(None);
+        };
+        let reader = match &mut self.reader {
+            Some((known, reader)) if known == imu.as_str() => reader,
+            _ => &mut self.reader.insert((imu.to_string(), IncrementReader::new(imu, &self.options))).1,
+        };
+        self.read.clear();
+        let result = loop {
+            match reader.receive() {
+                Ok(Some(increment)) if self.read.len() < MOST => self.read.push(increment),
+                Ok(_) => break Ok(CurvePoint::of(&self.read)),
+                Err(error) => break Err(error),
+            }
+        };
+        self.not_before = result.is_err().then(|| now + RETRY);
+        if result.is_err() {
+            self.reader = None;
+        }
+        result
+    }
+}

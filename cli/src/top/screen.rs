@@ -1,0 +1,135 @@
+//! The screen as a whole: what goes where, by its size.
+
+use super::model::Model;
+use super::numbers::age;
+use super::source::Waiting;
+use super::style::Weight;
+use super::{details, overview};
+use jiff::Timestamp;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
+
+/// From this size on everything has its place; below only what matters most.
+const FULL: (u16, u16) = (78, 23);
+
+const HELP: &str = "\
+q Esc Ctrl-C   quit
+up down j k    select an IMU; Tab, PgUp, PgDn, Home, End
+p space        pause: the picture stands
+? h            this help
+
+T [%]     telemetry within the calibrated range, coldest to warmest sensor; 0 and 100 are its ends
+miss      raw samples that never came
+flag/s    flags on the increments per second
+latency   from sending a sample to just before publishing its increment
+histogram of the last minute at most, logarithmic; what is over the budget stands out
+
+isotherm status prints the same once, --json for scripts";
+
+/// Draws everything.
+pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
+    let area = frame.area();
+    let [top, middle, bottom] =
+        Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(area);
+    frame.render_widget(header(model, top.width), top);
+    frame.render_widget(keys(model), bottom);
+    let middle = match &model.waiting {
+        Some(waiting) => {
+            let text = banner(model, waiting);
+            let lines = text.len().div_ceil(usize::from(area.width.max(1))) as u16;
+            let [above, below] = Layout::vertical([Constraint::Length(lines), Constraint::Min(0)]).areas(middle);
+            let style = model.look.weight(Weight::Bad);
+            frame.render_widget(Paragraph::new(text).style(style).wrap(Wrap { trim: true }), above);
+            below
+        }
+        None => middle,
+    };
+    let full = area.width >= FULL.0 && area.height >= FULL.1;
+    let needed = if full { details::FULL_LINES } else { details::FEW_LINES };
+    let imus = model.status().map_or(0, |status| status.imus.len()) as u16;
+    // The selected IMU's details have what they need, the table of all what is left, and at least a line and its head.
+    let rows = imus.min(middle.height.saturating_sub(needed + 1)).max(1);
+    let [table, rest] = Layout::vertical([Constraint::Length(rows + 1), Constraint::Min(0)]).areas(middle);
+    if imus > 0 {
+        overview::draw(frame, table, model);
+        if full {
+            details::draw(frame, rest, model);
+        } else {
+            details::draw_few(frame, rest, model);
+        }
+    }
+    if model.help {
+        help(frame, area);
+    }
+}
+
+fn header(model: &Model, width: u16) -> Line<'static> {
+    let style = model.look.inverse();
+    let Some(status) = model.status() else {
+        return Line::styled(
+            format!("{:width$}", format!(" Isotherm, domain {}", model.domain), width = width.into()),
+            style,
+        );
+    };
+    let workers: Vec<_> = status
+        .workers
+        .iter()
+        .map(|worker| {
+            let held = if worker.held_back_ms >= 1.0 {
+                format!(", held {:.0} ms", worker.held_back_ms)
+            } else {
+                String::new()
+            };
+            format!("{:.0} %{held}", worker.cpu_percent)
+        })
+        .collect();
+    let text = format!(
+        " Isotherm {}  {}  pid {}  up {}  {}  cpu {}",
+        status.version,
+        status.domain.name,
+        status.pid,
+        age(status.uptime_s),
+        status.wait,
+        workers.join(" | ")
+    );
+    Line::styled(format!("{text:width$}", width = width.into()), style)
+}
+
+fn banner(model: &Model, waiting: &Waiting) -> String {
+    let since = Timestamp::now() - waiting.time;
+    let what = if model.status().is_some() { "; below is what it told last" } else { "" };
+    let clock = since.strftime("%H:%M:%S");
+    format!("waiting for the service since {clock} UTC, {}{what}: {}", age(waiting.time.as_secs_f64()), waiting.cause)
+}
+
+fn keys(model: &Model) -> Line<'static> {
+    let key = |key: &'static str| Span::styled(key, model.look.inverse());
+    let mut spans = vec![key("q"), " quit  ".into(), key("up down"), " IMU  ".into()];
+    spans.extend([
+        key("p"),
+        if model.paused { " go on  ".into() } else { " pause  ".into() },
+        key("?"),
+        " help".into(),
+    ]);
+    if model.paused {
+        spans.push("  ".into());
+        spans.push(Span::styled("PAUSED", model.look.weight(Weight::Warning)));
+    }
+    Line::from(spans)
+}
+
+fn help(frame: &mut Frame<'_>, area: Rect) {
+    let wanted = Rect::new(0, 0, 78, HELP.lines().count() as u16 + 4);
+    let inside = Rect::new(
+        area.width.saturating_sub(wanted.width) / 2,
+        area.height.saturating_sub(wanted.height) / 2,
+        wanted.width.min(area.width),
+        wanted.height.min(area.height),
+    );
+    frame.render_widget(Clear, inside);
+    // Without a frame where every line counts.
+    let block = if inside.height < wanted.height { Block::new() } else { Block::bordered().title(" Keys ") };
+    frame.render_widget(Paragraph::new(HELP).wrap(Wrap { trim: false }).block(block), inside);
+}

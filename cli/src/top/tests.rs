@@ -1,0 +1,332 @@
+//! What is drawn, without a terminal: at all sizes, in all states.
+
+use super::increments::CurvePoint;
+use super::model::Model;
+use super::source::Waiting;
+use super::style::Theme;
+use super::{obey, screen};
+use isotherm_client::{CompensatedIncrement, Flags};
+use isotherm_shared::status::{
+    DomainStatus, ImuStatus, LatencyDistribution, LatencySummary, Ranges, ServiceStatus, WorkerStatus,
+};
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use ratatui::style::{Color, Modifier};
+use std::time::Duration;
+
+const PLAIN: Theme = Theme { colour: false, unicode: false };
+const SECOND: u64 = 1_000_000_000;
+
+fn imu(id: &str, seconds: u64) -> ImuStatus {
+    let latency = Some(LatencySummary { count: 400 * seconds, p50: 410, p99: 750, p999: 118_780, max: 308_320 });
+    let mut counts = vec![0; 22];
+    (counts[1], counts[9]) = (399 * seconds, seconds);
+    ImuStatus {
+        id: id.to_owned(),
+        table: Some("sha256:962fc5bc1b0ce82a0123456789abcdef".to_owned()),
+        table_file: format!("/etc/isotherm/tables/{id}.toml"),
+        table_taken_unix_s: Some(0.0),
+        table_modified_unix_s: Some(0.0),
+        ranges: Some(Ranges { unit: "V".to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] }),
+        head_temperature: [Some(1.25), Some(1.5), Some(1.75)],
+        board_temperature: [Some(1.5), Some(2.0), Some(2.5)],
+        received: 400 * seconds,
+        compensated: 400 * seconds,
+        gaps: 0,
+        missing: 0,
+        repeats: 0,
+        sessions: 1,
+        transport_errors: 0,
+        flagged: Flags::NAMES.into_iter().map(|(_, name)| (name.to_owned(), 0)).collect(),
+        reloads: 3,
+        refusals: 0,
+        last_reload_error: None,
+        refused_unix_s: None,
+        latency_ns: latency,
+        latency_second_ns: latency,
+        latency_minute_ns: latency,
+        latency_distribution: LatencyDistribution { counts, sum_s: 0.0 },
+        acquisition_connected: true,
+        readers: 2,
+    }
+}
+
+/// After so many seconds of 400 Hz.
+fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
+    ServiceStatus {
+        domain: DomainStatus { name: "lab".to_owned(), prefix: String::new(), root_path: String::new() },
+        pid: 4711,
+        version: "0.1.0".to_owned(),
+        uptime_s: seconds as f64,
+        started_unix_s: 0.0,
+        taken_ns: seconds * SECOND,
+        wait: "anticipate".to_owned(),
+        budget_us: 50.0,
+        workers: vec![WorkerStatus {
+            thread: 1,
+            imus: ids.iter().map(|id| (*id).to_owned()).collect(),
+            cores: "0-1".to_owned(),
+            priority: None,
+            timer_slack_ns: None,
+            cpu_percent: 6.0,
+            cpu_s: 0.0,
+            held_back_s: 0.0,
+            held_back_ms: 0.0,
+            stands_still: false,
+        }],
+        memory_locked_kb: 0,
+        imus: ids.iter().map(|id| imu(id, seconds)).collect(),
+    }
+}
+
+fn point(value: f64) -> Option<CurvePoint> {
+    let velocity_increment = [value, -value, 2.0 * value];
+    CurvePoint::of(&[CompensatedIncrement {
+        interval_ns: 2_500_000,
+        velocity_increment,
+        ..CompensatedIncrement::default()
+    }])
+}
+
+/// A model that has been told of ten seconds, the last of them changed.
+fn model(ids: &[&str], look: Theme, change: impl FnOnce(&mut ServiceStatus)) -> Model {
+    let mut model = Model::new("lab", look);
+    for second in 1..10 {
+        model.take(Some(status(ids, second)), None, Ok(point(0.01 * second as f64)));
+    }
+    let mut last = status(ids, 10);
+    change(&mut last);
+    model.take(Some(last), None, Ok(point(0.1)));
+    model
+}
+
+fn drawn(model: &mut Model, width: u16, height: u16) -> Terminal<TestBackend> {
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal.draw(|frame| screen::draw(frame, model)).unwrap();
+    terminal
+}
+
+fn text(model: &mut Model, width: u16, height: u16) -> String {
+    drawn(model, width, height).backend().to_string()
+}
+
+#[track_caller]
+fn has(screen: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(screen.contains(part), "{part:?} is not in\n{screen}");
+    }
+}
+
+#[test]
+fn everything_is_on_a_screen_of_80_by_24() {
+    let screen = text(&mut model(&["imu-a"], PLAIN, |_| {}), 80, 24);
+    has(
+        &screen,
+        &["Isotherm 0.1.0  lab  pid 4711  up 10 s  anticipate  cpu 6 %", "imu-a", "400    0.41    118.8   25..75"],
+    );
+    has(
+        &screen,
+        &["962fc5bc1b0ce82a", "tables/imu-a.toml", "3 reloads", "4000, 0 missing in 0 gaps", "acquisition, 2 readers"],
+    );
+    has(&screen, &["head [V]", "1.2500 1.0000|---o---------|2.0000", "board [V]", "2.5000 1.0000|", "|3.0000"]);
+    has(&screen, &["+0.1000000   +40.00000", "-0.1000000   -40.00000", "A3    +0.2000000   +80.00000", "__--+++##"]);
+    has(
+        &screen,
+        &[
+            "second     0.41    0.75   118.8   308.3",
+            "minute",
+            "all",
+            "budget 50 us, 0 were late",
+            "1us   100us 10ms  1s",
+        ],
+    );
+    has(&screen, &["flags     none", "q quit  up down IMU  p pause  ? help", " ok "]);
+    assert!(screen.is_ascii(), "not ASCII where the terminal knows nothing else:\n{screen}");
+}
+
+#[test]
+fn a_small_screen_has_what_matters_most_and_any_size_can_be_drawn() {
+    let mut one = model(&["imu-a"], PLAIN, |status| {
+        status.imus[0].missing = 7;
+        status.imus[0].flagged.insert("gap".to_owned(), 3);
+    });
+    let screen = text(&mut one, 40, 10);
+    has(
+        &screen,
+        &[
+            "Isotherm 0.1.0",
+            "400",
+            "118.8",
+            "losing samples",
+            "962fc5bc1b0ce82a",
+            "T A1 25 25 A2 50 50 A3 75 75 % of range",
+        ],
+    );
+    has(&screen, &["+0.100000 -0.100000 +0.200000", "p50 0.41", "missing 7", "gap 3 (3.0/s)", "q quit"]);
+    let names: Vec<_> = (0..32).map(|number| format!("imu-{number}")).collect();
+    let names: Vec<_> = names.iter().map(String::as_str).collect();
+    let mut many = model(&names, Theme { colour: true, unicode: true }, |_| {});
+    let mut none = Model::new("lab", PLAIN);
+    for (width, height) in
+        [(0, 0), (1, 1), (2, 30), (300, 1), (10, 3), (20, 5), (40, 10), (78, 23), (79, 22), (300, 100)]
+    {
+        for model in [&mut one, &mut many, &mut none] {
+            for help in [false, true] {
+                model.help = help;
+                drawn(model, width, height);
+            }
+            model.help = false;
+        }
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let state = |change: fn(&mut ServiceStatus)| text(&mut model(&["imu-a"], PLAIN, change), 80, 24);
+    has(&state(|status| status.workers[0].stands_still = true), &["stands still"]);
+    has(&state(|status| status.imus[0].acquisition_connected = false), &["no acquisition", "NO acquisition"]);
+    has(&state(|status| status.imus[0].received = 9 * 400), &["no samples"]);
+    has(&state(|status| status.imus[0].head_temperature[1] = Some(1.03)), &["near range end"]);
+    has(
+        &state(|status| status.imus[0].board_temperature[2] = Some(3.5)),
+        &["out of range", "3.5000 1.0000|------------>|3.0000"],
+    );
+    has(
+        &state(|status| status.imus[0].board_temperature[2] = Some(-3.5)),
+        &["out of range", "1.0000|<------------|3.0000"],
+    );
+    has(
+        &state(|status| status.imus[0].head_temperature[0] = None),
+        &["out of range", "none 1.0000|-------------|2.0000"],
+    );
+    has(
+        &state(|status| _ = status.imus[0].flagged.insert("late".to_owned(), 5)),
+        &["late", "flags     late 5 (5.0/s)"],
+    );
+    has(&state(|status| _ = status.imus[0].flagged.insert("a1-rate".to_owned(), 5)), &["flagged", "a1-rate 5"]);
+    let without = state(|status| {
+        status.imus[0].table = None;
+        status.imus[0].ranges = None;
+    });
+    has(&without, &["no table", "none: increments are NaN"]);
+    let refused = state(|status| {
+        status.imus[0].last_reload_error = Some("imu-a.toml:3: gravity: is 8\nand more".to_owned());
+        status.imus[0].refused_unix_s = Some(0.0);
+    });
+    has(&refused, &["file REFUSED", "d ago: imu-a.toml:3: gravity: is 8; and more"]);
+    let mut held = model(&["imu-a"], PLAIN, |status| status.workers[0].held_back_ms = 48.7);
+    has(&text(&mut held, 80, 24), &["cpu 6 %, held 49 ms"]);
+    let mut nan = model(&["imu-a"], PLAIN, |_| {});
+    nan.take(None, None, Ok(point(f64::NAN)));
+    has(&text(&mut nan, 80, 24), &["A1           NaN         NaN"]);
+}
+
+#[test]
+fn a_service_that_is_gone_is_waited_for_and_one_that_returns_counts_anew() {
+    let mut model = model(&["imu-a"], PLAIN, |_| {});
+    let waiting = || Some(Waiting { time: Duration::from_secs(12), cause: "no service".to_owned() });
+    model.take(None, waiting(), Ok(None));
+    has(
+        &text(&mut model, 80, 24),
+        &["waiting for the service since ", "UTC, 12 s; below is what it told last: no", "not served", "4000"],
+    );
+    let mut returned = status(&["imu-a"], 1);
+    (returned.pid, returned.taken_ns) = (4712, 30 * SECOND);
+    model.take(Some(returned.clone()), None, Ok(None));
+    let screen = text(&mut model, 80, 24);
+    has(&screen, &["pid 4712", "no samples", "samples   400,"]);
+    (returned.imus[0].received, returned.taken_ns) = (1200, 32 * SECOND);
+    model.take(Some(returned), None, Ok(None));
+    has(&text(&mut model, 80, 24), &["imu-a               400"]);
+
+    let mut never = Model::new("lab", PLAIN);
+    never.take(None, waiting(), Ok(None));
+    let screen = text(&mut never, 80, 24);
+    has(&screen, &["Isotherm, domain lab", "waiting for the service", "q quit"]);
+    assert!(!screen.contains("told last"), "{screen}");
+}
+
+#[test]
+fn rates_are_taken_over_a_second_and_the_histogram_over_a_minute() {
+    let mut model = Model::new("lab", PLAIN);
+    // Five times a second, for two minutes; the second of them is twice as fast.
+    for tick in 0..600 {
+        let mut status = status(&["imu-a"], 0);
+        status.taken_ns = tick * SECOND / 5;
+        let samples = 80 * tick + 80 * tick.saturating_sub(300);
+        status.imus[0].received = samples;
+        status.imus[0].latency_distribution.counts[3] = samples;
+        model.take(Some(status), None, Ok(None));
+        if tick == 250 {
+            assert_eq!(model.rate(0, |imu| imu.received), Some(400.0));
+            let (counts, seconds) = model.distribution();
+            assert_eq!((counts[3], seconds), (80 * 250, 50.0), "all that is known");
+        }
+    }
+    assert_eq!(model.rate(0, |imu| imu.received), Some(800.0));
+    let (counts, seconds) = model.distribution();
+    assert!((48_000..=49_000).contains(&counts[3]) && (60.0..61.1).contains(&seconds), "{counts:?} in {seconds} s");
+}
+
+#[test]
+fn thirty_two_imus_scroll() {
+    let names: Vec<_> = (0..32).map(|number| format!("imu-{number:02}")).collect();
+    let names: Vec<_> = names.iter().map(String::as_str).collect();
+    let mut model = model(&names, PLAIN, |_| {});
+    let press = |model: &mut Model, code| assert!(obey(model, KeyEvent::new(code, KeyModifiers::NONE)));
+    let shows = |model: &mut Model, id: &str| {
+        let screen = text(model, 80, 24);
+        assert_eq!(model.selected_id(), Some(id));
+        // In the table of all, and as the one whose details are shown.
+        assert_eq!(screen.matches(&format!("{id} ")).count(), 2, "{screen}");
+    };
+    shows(&mut model, "imu-00");
+    for (code, id) in [
+        (KeyCode::Up, "imu-00"),
+        (KeyCode::Down, "imu-01"),
+        (KeyCode::Char('j'), "imu-02"),
+        (KeyCode::Char('k'), "imu-01"),
+        (KeyCode::PageDown, "imu-11"),
+        (KeyCode::End, "imu-31"),
+        (KeyCode::Down, "imu-31"),
+        (KeyCode::Tab, "imu-00"),
+        (KeyCode::BackTab, "imu-31"),
+        (KeyCode::PageUp, "imu-21"),
+        (KeyCode::Home, "imu-00"),
+    ] {
+        press(&mut model, code);
+        shows(&mut model, id);
+    }
+    press(&mut model, KeyCode::End);
+    model.take(Some(status(&["only"], 11)), None, Ok(None));
+    assert_eq!(model.selected_id(), Some("only"), "fewer IMUs than before");
+}
+
+#[test]
+fn keys_quit_pause_and_help() {
+    let mut model = model(&["imu-a"], PLAIN, |_| {});
+    let press = |model: &mut Model, code, modifiers| obey(model, KeyEvent::new(code, modifiers));
+    let none = KeyModifiers::NONE;
+    assert!(!press(&mut model, KeyCode::Char('q'), none));
+    assert!(!press(&mut model, KeyCode::Esc, none));
+    assert!(!press(&mut model, KeyCode::Char('c'), KeyModifiers::CONTROL));
+    assert!(press(&mut model, KeyCode::Char('p'), none) && model.paused);
+    has(&text(&mut model, 80, 24), &["p go on", "PAUSED"]);
+    assert!(press(&mut model, KeyCode::Char('?'), none) && model.help);
+    has(&text(&mut model, 80, 24), &["Ctrl-C", "within the calibrated range"]);
+    has(&text(&mut model, 40, 10), &["Ctrl-C", "select an IMU"]);
+    assert!(press(&mut model, KeyCode::Esc, none) && !model.help, "the help first");
+    assert!(press(&mut model, KeyCode::F(1), none) && press(&mut model, KeyCode::Char('p'), none) && !model.paused);
+}
+
+#[test]
+fn without_colours_weight_and_inversion_stand_for_them() {
+    let bad = |status: &mut ServiceStatus| status.imus[0].missing = 7;
+    let cells = |look| drawn(&mut model(&["imu-a"], look, bad), 80, 24).backend().buffer().content().to_vec();
+    let plain = cells(PLAIN);
+    assert!(plain.iter().all(|cell| cell.fg == Color::Reset && cell.bg == Color::Reset));
+    assert!(plain.iter().any(|cell| cell.modifier.contains(Modifier::BOLD)));
+    let coloured = cells(Theme { colour: true, unicode: true });
+    assert!(coloured.iter().any(|cell| cell.fg == Color::Red));
+}

@@ -1,0 +1,115 @@
+//! Reading what the running service tells about itself.
+
+use crate::clock::monotonic_ns;
+use crate::connect::{Options, join_existing};
+use crate::error::ConnectError;
+use crate::peers::publisher_of;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_failure::{Exit, Failure};
+use isotherm_shared::status::ServiceStatus;
+use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long a status may take to come: a running service publishes ten times a second.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Pause between two looks for one.
+const PAUSE: Duration = Duration::from_millis(2);
+
+/// Why there is no status.
+#[derive(Debug, thiserror::Error)]
+pub enum StatusError {
+    /// The domain cannot be joined, or has no service.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The transport failed.
+    #[error("{phase} the status: {cause}")]
+    Transport {
+        /// What was being done, as in "receiving".
+        phase: &'static str,
+        /// What iceoryx2 says.
+        cause: String,
+    },
+    /// A service of another version tells something else.
+    #[error("reading the status: {0}; use the `isotherm` of the service's version")]
+    Version(#[from] serde_json::Error),
+    /// A service is there, and silent.
+    #[error("the service{} does not tell its status; it is stopped, or hangs: continue or restart it", .0.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
+    Silent(Option<i32>),
+}
+
+impl From<StatusError> for Failure {
+    fn from(error: StatusError) -> Self {
+        match error {
+            StatusError::Connect(error) => error.into(),
+            StatusError::Silent(_) => Self::new(Exit::Unavailable, error.to_string()),
+            StatusError::Transport { .. } | StatusError::Version(_) => Self::new(Exit::Failed, error.to_string()),
+        }
+    }
+}
+
+/// Reads the status of a domain's service.
+pub struct StatusReader {
+    // The subscriber before its node: fields are dropped in this order.
+    subscriber: Subscriber<Ipc, [u8], ()>,
+    stream: PortFactory<Ipc, [u8], ()>,
+    _node: IpcNode,
+}
+
+impl StatusReader {
+    /// Connects; does not wait.
+    ///
+    /// # Errors
+    /// If no service has been there, or it cannot be joined.
+    pub fn connect(domain: &Domain) -> Result<Self, StatusError> {
+        let node = join_existing(domain)?;
+        let stream = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
+        let stream = stream.map_err(|error| match error {
+            PublishSubscribeOpenError::DoesNotExist => absent(domain),
+            other => StatusError::Transport { phase: "opening", cause: other.to_string() },
+        })?;
+        let subscriber = stream.subscriber_builder().history_request(1).create();
+        let subscriber =
+            subscriber.map_err(|error| StatusError::Transport { phase: "subscribing to", cause: error.to_string() })?;
+        Ok(Self { subscriber, stream, _node: node })
+    }
+
+    /// The newest status that has come since the last call.
+    ///
+    /// # Errors
+    /// If the transport fails, or a service of another version tells something else.
+    pub fn latest(&self) -> Result<Option<ServiceStatus>, StatusError> {
+        let mut latest = None;
+        let failed = |cause: String| StatusError::Transport { phase: "receiving", cause };
+        while let Some(sample) = self.subscriber.receive().map_err(|error| failed(error.to_string()))? {
+            latest = Some(sample);
+        }
+        Ok(latest.map(|sample| serde_json::from_slice(&sample)).transpose()?)
+    }
+}
+
+/// Asks the running service of a domain for a status that is newer than this call.
+///
+/// # Errors
+/// If no service answers within two seconds. The time-out of `options` is not used.
+pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
+    let asked_ns = monotonic_ns();
+    let reader = StatusReader::connect(&options.domain)?;
+    let deadline = Instant::now() + PATIENCE;
+    while Instant::now() < deadline {
+        match reader.latest()? {
+            Some(status) if status.taken_ns >= asked_ns => return Ok(status),
+            _ => thread::sleep(PAUSE),
+        }
+    }
+    match publisher_of(&reader.stream) {
+        Some((_, pid)) => Err(StatusError::Silent(pid)),
+        None => Err(absent(&options.domain)),
+    }
+}
+
+fn absent(domain: &Domain) -> StatusError {
+    ConnectError::NoService(domain.name().to_owned()).into()
+}

@@ -1,0 +1,227 @@
+//! Taking samples off streams in a thread that does nothing else, for recorders and campaigns.
+
+use crate::clock::monotonic_ns;
+use crate::connect::Options;
+use crate::error::ConnectError;
+use crate::reader::{IncrementReader, RawReader};
+use crate::realtime::Realtime;
+use isotherm_shared::stream::{INCREMENT_DEPTH, ImuId, StreamKind};
+use isotherm_shared::wire::StreamSample;
+use std::io;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Samples of a stream that are taken at a time.
+const BATCH: usize = 64;
+/// How often it is noted which streams have been found.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How a tap works.
+#[derive(Clone, Debug)]
+pub struct TapSettings {
+    /// Samples that may wait to be popped; what finds no room is lost, counted, and shows as a gap in its sequence.
+    pub depth: usize,
+    /// Pause when no stream has anything.
+    pub pause: Duration,
+    /// Real-time settings of the thread.
+    pub realtime: Realtime,
+}
+
+/// A sample that was taken off a stream.
+#[derive(Clone, Copy, Debug)]
+pub struct TappedSample {
+    /// Index of the stream in the list that the tap was started with.
+    pub stream: usize,
+    /// `CLOCK_MONOTONIC` when it was received \[ns\].
+    pub received_ns: u64,
+    /// Unix time when it was received \[ns\].
+    pub unix_ns: u64,
+    /// The sample.
+    pub sample: StreamSample,
+}
+
+/// Up to 64 streams that are read by a thread of their own. Dropping it ends the thread.
+pub struct Tap {
+    samples: Receiver<TappedSample>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<Result<Vec<u64>, ConnectError>>>,
+}
+
+/// What both threads look at.
+#[derive(Debug, Default)]
+struct Shared {
+    end: AtomicBool,
+    overflow: AtomicU64,
+    /// One bit for each stream, in the order of the list.
+    connected: AtomicU64,
+    warning: Mutex<Option<String>>,
+}
+
+enum StreamReader {
+    Raw(RawReader),
+    Increment(IncrementReader),
+}
+
+impl Tap {
+    /// Begins to read `streams`.
+    ///
+    /// # Errors
+    /// If the operating system gives no thread, or no such one.
+    pub fn start(streams: &[(ImuId, StreamKind)], options: &Options, settings: TapSettings) -> io::Result<Self> {
+        let (sender, samples) = sync_channel(settings.depth);
+        let shared = Arc::<Shared>::default();
+        let (streams, options, both) = (streams.to_vec(), options.clone(), Arc::clone(&shared));
+        let (applied, result) = mpsc::channel();
+        let TapSettings { pause, realtime, .. } = settings;
+        // Readers stay in the thread that made them.
+        let thread = thread::Builder::new().name("tap".to_owned()).spawn(move || {
+            // Fails only if nobody waits for it any more.
+            let _ = applied.send(realtime.apply());
+            let readers = streams.into_iter().map(|(imu, kind)| match kind {
+                StreamKind::Raw => StreamReader::Raw(RawReader::new(imu, &options)),
+                StreamKind::Increment => StreamReader::Increment(IncrementReader::new(imu, &options)),
+            });
+            drain(readers.collect(), &sender, pause, &both)
+        })?;
+        if let Ok(Err(error)) = result.recv() {
+            return Err(io::Error::other(error));
+        }
+        Ok(Self { samples, shared, thread: Some(thread) })
+    }
+
+    /// The next sample, if there is one.
+    #[must_use]
+    pub fn pop(&self) -> Option<TappedSample> {
+        self.samples.try_recv().ok()
+    }
+
+    /// Asks the thread to end. What is in the streams' queues is taken first.
+    pub fn end(&self) {
+        self.shared.end.store(true, Relaxed);
+    }
+
+    /// Whether the thread has ended: nothing comes any more but what waits to be popped.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Samples that found no room.
+    #[must_use]
+    pub fn overflow(&self) -> u64 {
+        self.shared.overflow.load(Relaxed)
+    }
+
+    /// One bit for each stream that has been found, in the order of the list.
+    #[must_use]
+    pub fn connected(&self) -> u64 {
+        self.shared.connected.load(Relaxed)
+    }
+
+    /// What the transport has complained about since this was asked last. The thread goes on.
+    #[must_use]
+    pub fn take_warning(&self) -> Option<String> {
+        self.shared.warning.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Waits for the end of the thread; the repeats of each stream ([`Reader::repeats`](crate::Reader::repeats)).
+    ///
+    /// # Errors
+    /// Why the streams could not be read any longer.
+    ///
+    /// # Panics
+    /// If the thread has panicked.
+    pub fn finish(mut self) -> Result<Vec<u64>, ConnectError> {
+        self.end();
+        let ended = self.thread.take().map_or(Ok(Ok(Vec::new())), JoinHandle::join);
+        ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+impl Drop for Tap {
+    fn drop(&mut self) {
+        self.end();
+        // A thread that has panicked has said so.
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+fn drain(
+    mut readers: Vec<StreamReader>,
+    samples: &SyncSender<TappedSample>,
+    pause: Duration,
+    shared: &Shared,
+) -> Result<Vec<u64>, ConnectError> {
+    let mut looked = Instant::now();
+    // When the end is asked for, what is in the queues is taken, but no more of a stream that never pauses.
+    let mut last_rounds = INCREMENT_DEPTH.div_ceil(BATCH);
+    loop {
+        let mut came = false;
+        for (stream, reader) in readers.iter_mut().enumerate() {
+            match take(stream, reader, samples, shared) {
+                Ok(some) => came |= some,
+                // A peer that dies at the wrong moment; the next attempt meets its successor.
+                Err(ConnectError::Transport { phase, cause }) => {
+                    let warning = Some(format!("{phase}: {cause}"));
+                    *shared.warning.lock().unwrap_or_else(PoisonError::into_inner) = warning;
+                }
+                Err(hopeless) => return Err(hopeless),
+            }
+        }
+        if shared.end.load(Relaxed) {
+            last_rounds = last_rounds.saturating_sub(1);
+            if last_rounds == 0 || !came {
+                break;
+            }
+        }
+        if !came {
+            thread::sleep(pause);
+        }
+        if looked.elapsed() > LOOK {
+            looked = Instant::now();
+            let bit = |(stream, reader): (usize, &StreamReader)| u64::from(reader.is_connected()) << stream;
+            shared.connected.store(readers.iter().enumerate().map(bit).sum(), Relaxed);
+        }
+    }
+    Ok(readers.iter().map(StreamReader::repeats).collect())
+}
+
+/// Takes what a stream has, up to [`BATCH`] samples. Whether there was something.
+fn take(
+    stream: usize,
+    reader: &mut StreamReader,
+    samples: &SyncSender<TappedSample>,
+    shared: &Shared,
+) -> Result<bool, ConnectError> {
+    for count in 0..BATCH {
+        let sample = match reader {
+            StreamReader::Raw(reader) => reader.receive()?.map(StreamSample::Raw),
+            StreamReader::Increment(reader) => reader.receive()?.map(StreamSample::Increment),
+        };
+        let Some(sample) = sample else { return Ok(count > 0) };
+        let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+        if samples.try_send(TappedSample { stream, received_ns: monotonic_ns(), unix_ns, sample }).is_err() {
+            shared.overflow.fetch_add(1, Relaxed);
+        }
+    }
+    Ok(true)
+}
+
+impl StreamReader {
+    const fn is_connected(&self) -> bool {
+        match self {
+            Self::Raw(reader) => reader.is_connected(),
+            Self::Increment(reader) => reader.is_connected(),
+        }
+    }
+
+    const fn repeats(&self) -> u64 {
+        match self {
+            Self::Raw(reader) => reader.repeats(),
+            Self::Increment(reader) => reader.repeats(),
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! The whole chain on embedded data: a service and an acquisition as processes of their own, real shared memory, a
+//! temperature run, and a table exchanged in flight.
+
+mod acquisition;
+mod imu;
+
+use acquisition::{MeanStability, Message, Outcome};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use isotherm_client::{Domain, ImuId, Options, fetch_status};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{StagedText, print};
+use isotherm_service::clean::clean;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::status::ServiceStatus;
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use rustix::process::{Pid, Signal, kill_process};
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{self, BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// The published tables of the source paper: the truth that the demonstration simulates.
+pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
+const IMU: &str = "imu-paper";
+/// How long the service may take to end.
+const STOP: Duration = Duration::from_secs(5);
+
+/// Show the whole chain on embedded data: service, acquisition, a temperature run, a hot reload in flight
+///
+/// Starts real processes in a domain of their own, prints what they did, leaves a report and nothing else.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo --report -")]
+pub struct Demo {
+    /// Where the report goes; - for none
+    #[arg(long, value_name = "FILE", default_value = "isotherm-demo-report.txt")]
+    report: PathBuf,
+    /// Be the demonstration's acquisition process
+    #[arg(long, hide = true)]
+    acquisition: bool,
+}
+
+impl Demo {
+    /// Runs the demonstration.
+    ///
+    /// # Errors
+    /// What went wrong, with the service's log.
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        let truth = CoefficientTable::from_toml(TABLE, None);
+        let truth = truth.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?;
+        let imu: ImuId = IMU.parse().map_err(|error| Failure::new(Exit::Failed, format!("{error}")))?;
+        if self.acquisition {
+            return acquisition::run(&imu, &truth, &Options { domain, timeout: STOP });
+        }
+        let asked = self.report != Path::new("-");
+        let report = asked.then(|| StagedText::create(Some(&self.report))).transpose()?;
+        let interrupted = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            // Without a handler the signal ends us as usual, only without cleaning up.
+            let _ = signal_hook::flag::register(signal, Arc::clone(&interrupted));
+        }
+        let domain = isotherm_client::domain(Some(&format!("demo-{}", std::process::id())));
+        let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
+        let result = play(&domain, &imu, &truth);
+        let cleaned = clean(&domain);
+        if interrupted.load(Ordering::Relaxed) {
+            return Err(Failure::new(Exit::Failed, "interrupted"));
+        }
+        let text = result?;
+        cleaned?;
+        print(&text)?;
+        if let Some(report) = report {
+            report.write(&text)?.finish()?;
+            print(&format!("\nThe same in {}.\n", self.report.display()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Runs the processes and tells the story.
+fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String, Failure> {
+    let started = Instant::now();
+    let io = |phase: &'static str| move |error: io::Error| Failure::new(Exit::Io, format!("{phase}: {error}"));
+    let folder =
+        tempfile::Builder::new().prefix("isotherm-demo-").tempdir().map_err(io("creating a temporary folder"))?;
+    let (table, next, log) =
+        (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
+    let frozen = frozen(truth)?;
+    fs::write(&table, frozen.to_toml()).and_then(|()| fs::write(&next, TABLE)).map_err(io("writing the tables"))?;
+
+    let isotherm = |arguments: &[&str]| -> Result<Command, Failure> {
+        let mut command = Command::new(std::env::current_exe().map_err(io("finding this program"))?);
+        command.args(["--domain", domain.name()]).args(arguments).stdin(Stdio::null());
+        Ok(command)
+    };
+    let log_file = File::create(&log).map_err(io("creating the service's log"))?;
+    let serve = isotherm(&["serve", "--imu", &format!("{imu}={}", table.display())])?.stderr(log_file).spawn();
+    let mut service = ChildProcess(serve.map_err(io("starting the service"))?);
+    let feed = isotherm(&["demo", "--acquisition"])?.stdout(Stdio::piped()).spawn();
+    let mut acquisition = ChildProcess(feed.map_err(io("starting the acquisition"))?);
+
+    let outcome = follow(&mut acquisition, || fs::rename(&next, &table).map_err(io("renaming the new table")));
+    let outcome = outcome.map_err(|failure| with_log(failure, &log))?;
+    let status = fetch_status(&Options { domain: domain.clone(), timeout: STOP })
+        .map_err(|error| with_log(error.into(), &log))?;
+    service.terminate().map_err(|failure| with_log(failure, &log))?;
+
+    let wrong = lost(&outcome, &status) + outcome.out_of_order + outcome.flagged;
+    if outcome.tables != [frozen.id(), truth.id()] || wrong > 0 {
+        return Err(Failure::new(
+            Exit::Failed,
+            format!(
+                "the increments are not what they should be: {} lost, {} out of order, {} flagged, tables {:016x?}",
+                lost(&outcome, &status),
+                outcome.out_of_order,
+                outcome.flagged,
+                outcome.tables
+            ),
+        ));
+    }
+    Ok(tell(&outcome, &status, &frozen, truth, started.elapsed()))
+}
+
+/// Samples without an answer, as the acquisition counts, and samples that the service missed, as it counts.
+fn lost(outcome: &Outcome, status: &ServiceStatus) -> u64 {
+    outcome.sent - outcome.answered + status.imus.iter().map(|imu| imu.missing).sum::<u64>()
+}
+
+/// The table that knows no temperature: every polynomial frozen at its value in the middle of the run.
+fn frozen(truth: &CoefficientTable) -> Result<CoefficientTable, Failure> {
+    let freeze = |polynomial: &mut Polynomial| {
+        let constant = Polynomial::new(&[polynomial.at(imu::middle())], 0.0, 1.0, polynomial.range());
+        constant.map(|constant| *polynomial = constant)
+    };
+    let mut content = truth.content().clone();
+    let frozen = content.axes.iter_mut().try_for_each(|axis| {
+        freeze(&mut axis.bias)?;
+        freeze(&mut axis.positive_scale_factor)?;
+        freeze(&mut axis.negative_scale_factor)
+    });
+    let table = frozen.and_then(|()| CoefficientTable::new(content).ok());
+    table.ok_or_else(|| Failure::new(Exit::Failed, "freezing the embedded table"))
+}
+
+/// Follows the acquisition process to its end.
+fn follow(acquisition: &mut ChildProcess, reload: impl Fn() -> Result<(), Failure>) -> Result<Outcome, Failure> {
+    let failed = |cause: &str| Failure::new(Exit::Failed, format!("the demonstration's acquisition process {cause}"));
+    // Draws on stderr, and only if that is a terminal.
+    let style =
+        ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}").unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = ProgressBar::new(1000).with_style(style).with_message("heating, frozen table");
+    let stdout = acquisition.0.stdout.take().ok_or_else(|| failed("has no output"))?;
+    let mut outcome = None;
+    for line in BufReader::new(stdout).lines() {
+        let line = line.map_err(|error| failed(&format!("cannot be heard: {error}")))?;
+        match serde_json::from_str(&line).map_err(|error| failed(&format!("is not understood: {error}")))? {
+            Message::Progress(share) => bar.set_position((share * 1000.0) as u64),
+            Message::Turning => {
+                reload()?;
+                bar.set_message("cooling, full model");
+            }
+            Message::Outcome(result) => outcome = Some(*result),
+        }
+    }
+    bar.finish_and_clear();
+    let status = acquisition.0.wait().map_err(|error| failed(&format!("cannot be waited for: {error}")))?;
+    outcome.filter(|_| status.success()).ok_or_else(|| failed(&format!("ended with {status}")))
+}
+
+fn with_log(failure: Failure, log: &Path) -> Failure {
+    let log = fs::read_to_string(log).unwrap_or_default();
+    Failure::new(failure.exit, format!("{failure}\nthe service's log:\n{log}"))
+}
+
+/// A child process that does not outlive its guard.
+struct ChildProcess(Child);
+
+impl ChildProcess {
+    /// SIGTERM, and the exit code must be 0.
+    fn terminate(&mut self) -> Result<(), Failure> {
+        let failed = |cause: String| Failure::new(Exit::Failed, format!("stopping the service: {cause}"));
+        let pid = Pid::from_child(&self.0);
+        kill_process(pid, Signal::TERM).map_err(|error| failed(error.to_string()))?;
+        let deadline = Instant::now() + STOP;
+        while Instant::now() < deadline {
+            match self.0.try_wait().map_err(|error| failed(error.to_string()))? {
+                Some(status) if status.success() => return Ok(()),
+                Some(status) => return Err(failed(status.to_string())),
+                None => std::thread::sleep(Duration::from_millis(5)),
+            }
+        }
+        Err(failed("it does not end".to_owned()))
+    }
+}
+
+impl Drop for ChildProcess {
+    fn drop(&mut self) {
+        // Both fail if it has ended already, as it should have.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn tell(
+    outcome: &Outcome,
+    status: &ServiceStatus,
+    frozen: &CoefficientTable,
+    truth: &CoefficientTable,
+    elapsed: Duration,
+) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = write_story(&mut text, outcome, status, frozen, truth, elapsed);
+    text
+}
+
+fn write_story(
+    text: &mut String,
+    outcome: &Outcome,
+    status: &ServiceStatus,
+    frozen: &CoefficientTable,
+    truth: &CoefficientTable,
+    elapsed: Duration,
+) -> std::fmt::Result {
+    writeln!(text, "Isotherm {}: {}.", status.version, imu::DESCRIPTION)?;
+    writeln!(text, "\nOutput stability: 10 s means of output minus specific force [1e-6 g0]")?;
+    writeln!(text, "        table frozen at mid temperature      full model")?;
+    writeln!(
+        text,
+        "        std. deviation   rms about zero      std. deviation   rms about zero      factor (std. dev.)"
+    )?;
+    for (name, (before, after)) in AXIS_NAMES.iter().zip(outcome.before.iter().zip(&outcome.after)) {
+        let MeanStability { deviation, rms, .. } = before;
+        writeln!(
+            text,
+            "  {name}    {:>14.2}   {:>14.2}      {:>14.2}   {:>14.2}      {:>6.1}",
+            deviation * 1e6,
+            rms * 1e6,
+            after.deviation * 1e6,
+            after.rms * 1e6,
+            deviation / after.deviation
+        )?;
+    }
+    writeln!(
+        text,
+        "  ({} and {} means. This IMU obeys its table but for the noise; a real one keeps what no",
+        outcome.before[0].means, outcome.after[0].means
+    )?;
+    writeln!(text, "  polynomial knows: the source paper reports factors of 10 to 16.)")?;
+    let reloads = status.imus.first().map_or(0, |imu| imu.reloads);
+    writeln!(text, "\nHot reload in flight: {} reload, table {:016x} -> {:016x}", reloads, frozen.id(), truth.id())?;
+    writeln!(
+        text,
+        "  {:.2} ms from asking to the first increment under the new table, {} increments meanwhile,",
+        outcome.reload_ns as f64 / 1e6,
+        outcome.during_reload
+    )?;
+    writeln!(
+        text,
+        "  {} samples in all, {} lost, {} out of order",
+        outcome.sent,
+        lost(outcome, status),
+        outcome.out_of_order
+    )?;
+    let percentile = |part: f64| {
+        let rank = ((outcome.round_trips_ns.len() as f64 * part).ceil() as usize)
+            .clamp(1, outcome.round_trips_ns.len().max(1));
+        f64::from(outcome.round_trips_ns.get(rank - 1).copied().unwrap_or_default()) / 1e3
+    };
+    writeln!(
+        text,
+        "\nLatency, one sample in flight, as fast as answered [us]        p50       p99     p99.9       max"
+    )?;
+    writeln!(
+        text,
+        "  round trip, seen by the acquisition                     {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
+        percentile(0.5),
+        percentile(0.99),
+        percentile(0.999),
+        percentile(1.0)
+    )?;
+    if let Some(latency) = status.imus.first().and_then(|imu| imu.latency_ns) {
+        let us = |ns: u64| ns as f64 / 1e3;
+        writeln!(
+            text,
+            "  from sending to just before publishing                  {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
+            us(latency.p50),
+            us(latency.p99),
+            us(latency.p999),
+            us(latency.max)
+        )?;
+    }
+    writeln!(text, "  (this machine, as it is; `cargo run --release -p isotherm-benches --bin latency` compares)")?;
+    writeln!(text, "\nDone in {:.1} s.", elapsed.as_secs_f64())
+}

@@ -1,0 +1,41 @@
+//! The demonstration as a program of its own: it builds in a fraction of the time that `isotherm` takes.
+
+use clap::{Parser, Subcommand};
+use isotherm_demo::Demo;
+use isotherm_service::commands::serve::Serve;
+use isotherm_service::commands::{domain, exit_code};
+use std::process::ExitCode;
+
+/// Isotherm's demonstration: `isotherm demo` without the other commands
+#[derive(Debug, Parser)]
+#[command(
+    name = "isotherm-demo",
+    version,
+    arg_required_else_help = true,
+    after_help = "The other commands are in the program `isotherm`: cargo build --release, then target/release/isotherm --help"
+)]
+struct DemoProgram {
+    /// The domain of the processes that the demonstration starts
+    #[arg(long, global = true, value_name = "NAME", hide = true)]
+    domain: Option<String>,
+    #[command(subcommand)]
+    command: DemoCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum DemoCommand {
+    Demo(Demo),
+    /// The demonstration's service
+    #[command(hide = true)]
+    Serve(Serve),
+}
+
+fn main() -> ExitCode {
+    exit_code("isotherm-demo", || {
+        let DemoProgram { domain: name, command } = DemoProgram::try_parse()?;
+        Ok(domain(name.as_deref()).and_then(|domain| match command {
+            DemoCommand::Demo(demo) => demo.run(domain),
+            DemoCommand::Serve(serve) => serve.run(&domain),
+        }))
+    })
+}

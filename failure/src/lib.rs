@@ -1,0 +1,54 @@
+//! How a program of Isotherm fails: its exit code, and a message with phase, cause and remedy.
+//!
+//! Every crate turns its own errors into a [`Failure`] where it declares them, so that one error has one exit code in every program.
+
+use std::io;
+use std::path::Path;
+
+/// Exit codes, as in sysexits.h.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Exit {
+    /// The work could not be done.
+    Failed = 1,
+    /// The command line is wrong.
+    Usage = 64,
+    /// A recording is wrong.
+    Data = 65,
+    /// No service runs, or a stream is not there.
+    Unavailable = 69,
+    /// A file could not be read or written.
+    Io = 74,
+    /// A configuration, table, campaign file or plan is wrong.
+    Config = 78,
+}
+
+/// Why a command failed: the message for the operator and the exit code.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct Failure {
+    /// Exit code of the process.
+    pub exit: Exit,
+    /// Phase, cause and remedy; may have several lines.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with this exit code and message.
+    pub fn new(exit: Exit, message: impl Into<String>) -> Self {
+        Self { exit, message: message.into() }
+    }
+
+    /// A file that could not be read or written; `phase` says what was being done, as in "writing".
+    #[must_use]
+    pub fn io(phase: &str, path: &Path, error: &io::Error) -> Self {
+        Self::new(Exit::Io, format!("{phase} {}: {error}", path.display()))
+    }
+
+    /// Several failures as one: all messages, and the highest exit code. `None` if there are none.
+    #[must_use]
+    pub fn all(failures: Vec<Self>) -> Option<Self> {
+        let exit = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8)?;
+        let messages: Vec<_> = failures.into_iter().map(|failure| failure.message).collect();
+        Some(Self::new(exit, messages.join("\n")))
+    }
+}

@@ -1,0 +1,167 @@
+//! Reading a table or configuration with care: what it may be, who may write it, and which state of the file was read.
+
+use isotherm_failure::{Exit, Failure};
+use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::CoefficientTable;
+use std::fmt;
+use std::fs::{self, Metadata, OpenOptions};
+use std::io::{self, Read as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+
+/// One state of a file: differs as soon as the file is replaced or written to.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct Identity {
+    device: u64,
+    inode: u64,
+    size: u64,
+    modified: (i64, i64),
+    changed: (i64, i64),
+}
+
+impl Identity {
+    /// Of the file that `path` leads to, symbolic links followed; `None` if there is none.
+    #[must_use]
+    pub fn of(path: &Path) -> Option<Self> {
+        fs::metadata(path).ok().map(|metadata| Self::from(&metadata))
+    }
+
+    /// When its content was changed, in seconds of Unix time.
+    #[must_use]
+    pub fn modified_unix_s(&self) -> f64 {
+        self.modified.0 as f64 + self.modified.1 as f64 * 1e-9
+    }
+}
+
+impl From<&Metadata> for Identity {
+    fn from(metadata: &Metadata) -> Self {
+        Self {
+            device: metadata.dev(),
+            inode: metadata.ino(),
+            size: metadata.size(),
+            modified: (metadata.mtime(), metadata.mtime_nsec()),
+            changed: (metadata.ctime(), metadata.ctime_nsec()),
+        }
+    }
+}
+
+/// Why a table or configuration could not be loaded.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub enum LoadError {
+    /// It could not be read.
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        cause: String,
+    },
+    /// It is not a valid file of its kind.
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// All that is wrong with it.
+        faults: Faults,
+    },
+}
+
+/// One line a fault: `file:line: key: message`.
+impl fmt::Display for LoadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io { path, cause } => write!(f, "reading {}: {cause}", path.display()),
+            Self::Refused { path, faults } => {
+                for (index, Fault { line, key, message }) in faults.0.iter().enumerate() {
+                    let (newline, colon) = (if index > 0 { "\n" } else { "" }, if key.is_empty() { "" } else { ": " });
+                    write!(f, "{newline}{}:{line}: {key}{colon}{message}", path.display())?;
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Whether a file that everybody may write to is refused.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Guard {
+    /// Refused. For the service: it follows the file, and every user of the machine could change it.
+    Strict,
+    /// Taken. For a command that reads the file once: its user names it.
+    Lax,
+}
+
+impl Guard {
+    /// [`Lax`](Self::Lax) with the option `--allow-world-writable`.
+    #[must_use]
+    pub const fn allowing(world_writable: bool) -> Self {
+        if world_writable { Self::Lax } else { Self::Strict }
+    }
+}
+
+/// The text of a table or configuration, and the state of the file that it was read from.
+///
+/// # Errors
+/// If the file cannot be read, may be written by everybody ([`Guard::Strict`]), is no regular file, is over 1 MiB, is not UTF-8, or
+/// changes while it is read.
+pub fn read_text(path: &Path, guard: Guard) -> Result<(String, Identity), LoadError> {
+    let io = |error: io::Error| LoadError::Io { path: path.to_owned(), cause: error.to_string() };
+    let refused = |line, message: String| LoadError::Refused {
+        path: path.to_owned(),
+        faults: Faults(vec![Fault { line, key: String::new(), message }]),
+    };
+    // Without blocking: opening a pipe in the place of a table would wait for a writer.
+    let mut file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path).map_err(io)?;
+    let before = file.metadata().map_err(io)?;
+    if !before.is_file() {
+        return Err(refused(1, "not a regular file".to_owned()));
+    }
+    if guard == Guard::Strict && before.mode() & 0o002 != 0 {
+        let path = path.display();
+        return Err(refused(1, format!("everybody may write it; chmod o-w {path}, or give --allow-world-writable")));
+    }
+    let mut bytes = Vec::new();
+    (&mut file).take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(refused(1, format!("over {MAX_BYTES} bytes; no table or configuration is that large")));
+    }
+    let identity = Identity::from(&before);
+    if identity != Identity::from(&file.metadata().map_err(io)?) {
+        return Err(refused(1, "changed while it was read; write it aside and rename it".to_owned()));
+    }
+    match String::from_utf8(bytes) {
+        Ok(text) => Ok((text, identity)),
+        Err(error) => {
+            let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+            let line = 1 + valid.iter().filter(|&&byte| byte == b'\n').count();
+            Err(refused(
+                line,
+                "not UTF-8; save it as UTF-8 text, or give the TOML file if this is a recording".to_owned(),
+            ))
+        }
+    }
+}
+
+/// Loads a coefficient table; with `expected`, one for another IMU is refused.
+///
+/// # Errors
+/// Everything that is wrong with the file.
+pub fn load_table(
+    path: &Path,
+    expected: Option<&ImuId>,
+    guard: Guard,
+) -> Result<(CoefficientTable, Identity), LoadError> {
+    let (text, identity) = read_text(path, guard)?;
+    let table = CoefficientTable::from_toml(&text, expected);
+    let table = table.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    Ok((table, identity))
+}
+
+impl From<LoadError> for Failure {
+    fn from(error: LoadError) -> Self {
+        let exit = match error {
+            LoadError::Io { .. } => Exit::Io,
+            LoadError::Refused { .. } => Exit::Config,
+        };
+        Self::new(exit, error.to_string())
+    }
+}

@@ -1,0 +1,119 @@
+//! One runner in a folder, and what others may ask of it.
+
+use super::progress::{STATUS, Snapshot};
+use isotherm_failure::{Exit, Failure};
+use rustix::process::{Pid, Signal, kill_process};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read as _, Seek as _, Write as _};
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Its file in the campaign's folder: locked while a runner lives, with its process id in it.
+const LOCK: &str = "runner.lock";
+/// One who only looks holds the lock this short.
+const LOOK: Duration = Duration::from_millis(500);
+/// Pause between two looks.
+const RETRY: Duration = Duration::from_millis(20);
+
+/// The folder is this process's until it is dropped, or the process ends in whatever way.
+pub struct Lock {
+    _file: File,
+}
+
+impl Lock {
+    /// Takes the folder.
+    ///
+    /// # Errors
+    /// If another runner has it, or the file cannot be written.
+    pub fn take(folder: &Path) -> Result<Self, Failure> {
+        let path = folder.join(LOCK);
+        let failed = |error: io::Error| Failure::io("locking", &path, &error);
+        let mut file =
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(failed)?;
+        let begun = Instant::now();
+        loop {
+            match file.try_lock() {
+                Ok(()) => break,
+                Err(TryLockError::Error(error)) => return Err(failed(error)),
+                Err(TryLockError::WouldBlock) if begun.elapsed() < LOOK => thread::sleep(RETRY),
+                Err(TryLockError::WouldBlock) => {
+                    let message = format!(
+                        "{}: pid {} runs this campaign; see `isotherm campaign status`",
+                        folder.display(),
+                        pid_in(&mut file).map_or_else(|| "?".to_owned(), |pid| pid.to_string())
+                    );
+                    return Err(Failure::new(Exit::Failed, message));
+                }
+            }
+        }
+        let write = |mut file: &File| {
+            file.rewind()?;
+            file.set_len(0)?;
+            writeln!(file, "{}", std::process::id())
+        };
+        write(&file).map_err(failed)?;
+        Ok(Self { _file: file })
+    }
+}
+
+fn pid_in(file: &mut File) -> Option<i32> {
+    let mut text = String::new();
+    file.rewind().ok()?;
+    file.read_to_string(&mut text).ok()?;
+    text.trim().parse().ok()
+}
+
+/// The process that runs the campaign in `folder`; `None` if nobody does.
+///
+/// # Errors
+/// If the lock cannot be looked at.
+pub fn runner(folder: &Path) -> Result<Option<i32>, Failure> {
+    let path = folder.join(LOCK);
+    let mut file = match File::open(&path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(Failure::io("opening", &path, &error)),
+    };
+    match file.try_lock_shared() {
+        Ok(()) => Ok(None),
+        Err(TryLockError::WouldBlock) => Ok(pid_in(&mut file)),
+        Err(TryLockError::Error(error)) => Err(Failure::io("looking at", &path, &error)),
+    }
+}
+
+/// What the runner last said of itself; `None` if none has yet.
+///
+/// # Errors
+/// If its file cannot be read.
+pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
+    let path = folder.join(STATUS);
+    match fs::read_to_string(&path) {
+        // Of another version: as if there were none.
+        Ok(text) => Ok(serde_json::from_str(&text).ok()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(Failure::io("reading", &path, &error)),
+    }
+}
+
+/// Asks the runner to go into the safe state and waits until it has ended; whether there was one.
+///
+/// # Errors
+/// If it does not end within `timeout`.
+pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
+    let Some(pid) = runner(folder)? else { return Ok(false) };
+    // One that ends at this moment has ended, which is what is asked for.
+    let _ = Pid::from_raw(pid).map(|pid| kill_process(pid, Signal::TERM));
+    let begun = Instant::now();
+    while runner(folder)?.is_some() {
+        if begun.elapsed() > timeout {
+            let message = format!(
+                "pid {pid} has not ended within {} s; look at the instruments, then kill -9 {pid}",
+                timeout.as_secs()
+            );
+            return Err(Failure::new(Exit::Failed, message));
+        }
+        thread::sleep(RETRY);
+    }
+    Ok(true)
+}

@@ -1,0 +1,179 @@
+//! Ideal Aerosmith: the Aerosmith Table Language.
+//!
+//! A request is a command of three letters with its argument, `MOV90.000`, ended by CR LF; with two axes the axis stands in it too, where
+//! `form` says. A reply is a line, which may be empty, and a line with the prompt.
+
+use super::line::{Framing, Line, Wrong, number, text};
+use super::line_config::{LineConfig, axes};
+use super::{Fault, FaultKind, Turntable, TurntableReading};
+use isotherm_shared::document::Section;
+
+/// Keys of this driver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Numbers of the outer and the inner axis.
+    pub axes: [u8; 2],
+    /// What a request looks like: `{axis}`, `{command}`, `{value}`.
+    pub form: String,
+    /// The command that moves to an angle.
+    pub move_command: String,
+    /// A command that powers an axis; empty for none.
+    pub engage: String,
+    /// Lines of a reply, the prompt's included.
+    pub reply_lines: usize,
+    /// Decimals of angles, rates and accelerations.
+    pub decimals: usize,
+    /// Bits of `STA` that mean a fault; 0 for none.
+    pub fault_mask: u32,
+}
+
+impl Settings {
+    pub(super) fn read(section: &Section<'_, '_>) -> Self {
+        let string = |key, default: &str| section.optional_string(key).unwrap_or(default).to_owned();
+        let form = string("form", "{axis}{command}{value}");
+        let right = ["{axis}", "{command}", "{value}"].iter().all(|part| form.matches(part).count() == 1);
+        section.refuse(
+            "form",
+            (!right).then(|| format!("is {form:?}, give {{axis}}, {{command}} and {{value}} once each")),
+        );
+        Self {
+            axes: axes(section),
+            form,
+            move_command: string("move", "MOV"),
+            engage: string("engage", ""),
+            reply_lines: section.optional_integer("reply_lines", 1..=4).unwrap_or(2) as usize,
+            decimals: section.optional_integer("decimals", 0..=6).unwrap_or(3) as usize,
+            fault_mask: section.optional_integer("fault_mask", 0..=i64::from(u32::MAX)).unwrap_or(0) as u32,
+        }
+    }
+
+    fn request(&self, axis: u8, command: &str, value: &str) -> String {
+        self.form.replace("{axis}", &axis.to_string()).replace("{command}", command).replace("{value}", value) + "\r\n"
+    }
+}
+
+/// The end of the `lines`th line of a reply.
+fn end_of(lines: usize, bytes: &[u8]) -> Option<usize> {
+    bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\r').nth(lines - 1).map(|(end, _)| end + 1)
+}
+
+/// The driver.
+pub struct Aerosmith {
+    line: Line,
+    settings: Settings,
+}
+
+impl Aerosmith {
+    pub(super) fn open(config: &LineConfig, settings: &Settings) -> Result<Self, Fault> {
+        Ok(Self { line: Line::open("table", config)?, settings: settings.clone() })
+    }
+
+    fn ask<T>(&mut self, axis: u8, command: &str, value: &str, read: impl Fn(&str) -> Option<T>) -> Result<T, Fault> {
+        let lines = self.settings.reply_lines;
+        let whole = |bytes: &[u8]| end_of(lines, bytes);
+        let framing = Framing { whole: &whole, gap: None };
+        self.line.ask(self.settings.request(axis, command, value).as_bytes(), framing, |reply| {
+            let first = &reply[..reply.iter().position(|&byte| byte == b'\r').unwrap_or(reply.len())];
+            text(reply)?;
+            read(text(first)?).ok_or_else(|| Wrong::garbled(reply))
+        })
+    }
+
+    fn number(&mut self, axis: u8, command: &str) -> Result<f64, Fault> {
+        self.ask(axis, command, "", number)
+    }
+
+    /// A command's reply says nothing that public drivers read; a number would be an earlier request's.
+    fn command(&mut self, axis: u8, command: &str, value: &str) -> Result<(), Fault> {
+        self.ask(axis, command, value, |reply| number(reply).is_none().then_some(()))
+    }
+
+    fn faults(&mut self) -> Result<Vec<String>, Fault> {
+        let mut faults = Vec::new();
+        for axis in self.settings.axes {
+            let status = self.ask(axis, "STA", "", |reply| reply.parse::<u32>().ok())?;
+            if status & self.settings.fault_mask != 0 {
+                faults.push(format!("axis {axis}: status {status}"));
+            }
+        }
+        Ok(faults)
+    }
+}
+
+impl Turntable for Aerosmith {
+    /// The protocol has no command for that; the status of both axes shows that it is spoken.
+    fn identify(&mut self) -> Result<String, Fault> {
+        let [outer, inner] = self.settings.axes;
+        self.faults()?;
+        Ok(format!("Aerosmith Table Language, axes {outer} and {inner}"))
+    }
+
+    fn engage(&mut self) -> Result<(), Fault> {
+        let command = self.settings.engage.clone();
+        for axis in self.settings.axes.into_iter().filter(|_| !command.is_empty()) {
+            self.command(axis, &command, "")?;
+        }
+        let faults = self.faults()?;
+        if faults.is_empty() {
+            return Ok(());
+        }
+        Err(self.line.fault(Wrong(FaultKind::Alarm, faults.join(", "))))
+    }
+
+    fn read(&mut self) -> Result<TurntableReading, Fault> {
+        let mut reading = TurntableReading::default();
+        for (index, axis) in self.settings.axes.into_iter().enumerate() {
+            reading.angles_deg[index] = self.number(axis, "PPO")?;
+            reading.rates_deg_s[index] = self.number(axis, "PVE")?;
+        }
+        reading.faults = self.faults()?;
+        Ok(reading)
+    }
+
+    fn move_to(&mut self, angles_deg: [f64; 2], rate_deg_s: f64, acceleration_deg_s2: f64) -> Result<(), Fault> {
+        let Settings { axes, decimals, .. } = self.settings;
+        let value = |number: f64| format!("{number:.decimals$}");
+        for axis in axes {
+            self.command(axis, "VEL", &value(rate_deg_s))?;
+            self.command(axis, "ACL", &value(acceleration_deg_s2))?;
+        }
+        let command = self.settings.move_command.clone();
+        for (axis, angle) in axes.into_iter().zip(angles_deg) {
+            self.command(axis, &command, &value(angle))?;
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<(), Fault> {
+        let [outer, inner] = self.settings.axes.map(|axis| self.command(axis, "STO", ""));
+        outer.and(inner)
+    }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line_config::settings_of;
+
+    fn settings(toml: &str) -> Settings {
+        settings_of(toml, Settings::read)
+    }
+
+    #[test]
+    fn the_axis_stands_where_the_form_says() {
+        assert_eq!(settings("").request(2, "MOV", "90.000"), "2MOV90.000\r\n");
+        assert_eq!(settings("form = \"{command}{axis},{value}\"").request(1, "VEL", "5"), "VEL1,5\r\n");
+    }
+
+    // The two lines that actigraph/RateTableSweepGUI, RateSweepGUI.py reads after each request.
+    #[test]
+    fn a_reply_is_a_line_and_the_prompt() {
+        assert_eq!(end_of(2, b"12.5\r\n>\r\n"), Some(8));
+        assert_eq!(end_of(2, b"12.5\r\n>"), None);
+        assert_eq!(end_of(2, b"\r\n>\r"), Some(4));
+    }
+}

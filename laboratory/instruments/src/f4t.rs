@@ -1,0 +1,313 @@
+//! Watlow F4T: Modbus RTU, holding registers.
+//!
+//! Temperatures are floats of 32 bits in two registers, the low word first unless `word_order` says otherwise, in the unit that the
+//! controller's Modbus map has; that unit is read, not assumed. What starts and stops a chamber is its maker's choice: by default the
+//! loop's control mode, automatic or off.
+
+use super::line::{Framing, Line, Wrong};
+use super::line_config::LineConfig;
+use super::{Chamber, ChamberReading, Fault, FaultKind};
+use isotherm_shared::document::Section;
+use rmodbus::client::ModbusRequest;
+use rmodbus::{ErrorKind, ModbusProto};
+
+/// Silence before a request that this controller needs.
+pub const PAUSE_S: f64 = 0.03;
+
+/// Registers of loop 1, and how far apart the loops are.
+const CONTROL_MODE: u16 = 2730;
+const SET_POINT: u16 = 2782;
+const ACTUAL_MODE: u16 = 2814;
+const PROCESS_VALUE: u16 = 2820;
+const LOOP: u16 = 160;
+/// State of alarm 1, and how far apart the alarms are.
+const ALARM: u16 = 1356;
+const ALARM_STEP: u16 = 100;
+/// Alarm states that are none: startup, none, and the one that public drivers take for that too.
+const NO_ALARM: [u16; 3] = [88, 61, 12];
+/// Unit of the Modbus map, and its two values.
+const UNIT: u16 = 14080;
+const UNIT_C: u16 = 15;
+const UNIT_F: u16 = 30;
+/// Values of a control mode.
+const AUTO: u16 = 10;
+const OFF: u16 = 62;
+
+/// Keys of this driver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Modbus address.
+    pub address: u8,
+    /// Added to the registers of loop 1.
+    pub offset: u16,
+    /// Whether the low word of a float comes first.
+    pub low_word_first: bool,
+    /// Register and values that start and stop.
+    pub start: [u16; 3],
+    /// Register that says whether it runs, and the value when it does not.
+    pub stopped: [u16; 2],
+    /// Alarms that are read.
+    pub alarms: u16,
+}
+
+impl Settings {
+    pub(super) fn read(section: &Section<'_, '_>) -> Self {
+        let register =
+            |key, default: u16| section.optional_integer(key, 0..=65535).map_or(default, |value| value as u16);
+        let offset = LOOP * (section.optional_integer("loop", 1..=4).unwrap_or(1) as u16 - 1);
+        Self {
+            address: section.optional_integer("address", 1..=247).unwrap_or(1) as u8,
+            offset,
+            low_word_first: section
+                .optional_choice("word_order", &[(true, "low-first"), (false, "high-first")])
+                .unwrap_or(true),
+            start: [
+                register("start_register", CONTROL_MODE + offset),
+                register("start_value", AUTO),
+                register("stop_value", OFF),
+            ],
+            stopped: [register("state_register", ACTUAL_MODE + offset), register("state_stopped", OFF)],
+            alarms: section.optional_integer("alarms", 0..=14).unwrap_or(4) as u16,
+        }
+    }
+
+    fn float(&self, [first, second]: [u16; 2]) -> f32 {
+        let (low, high) = if self.low_word_first { (first, second) } else { (second, first) };
+        f32::from_bits(u32::from(high) << 16 | u32::from(low))
+    }
+
+    fn words(&self, number: f32) -> [u16; 2] {
+        let (high, low) = ((number.to_bits() >> 16) as u16, number.to_bits() as u16);
+        if self.low_word_first { [low, high] } else { [high, low] }
+    }
+}
+
+/// The driver.
+pub struct F4t {
+    line: Line,
+    settings: Settings,
+    /// Unit of the Modbus map, once it is known.
+    fahrenheit: Option<bool>,
+}
+
+/// How long the reply to `request` is: five bytes if it is an exception, else what the function says.
+fn whole(request: &[u8], reply: &[u8]) -> Option<usize> {
+    let function = *reply.get(1)?;
+    let length = match function {
+        _ if function & 0x80 != 0 => 5,
+        3 => 5 + usize::from(*reply.get(2)?),
+        _ => 8,
+    };
+    // A reply of another function, or from another address, ends with the time-out, and is garbled then.
+    let ours = request.first() == reply.first() && request.get(1) == Some(&(function & 0x7f));
+    (ours && reply.len() >= length).then_some(length)
+}
+
+impl F4t {
+    pub(super) fn open(config: &LineConfig, settings: &Settings) -> Result<Self, Fault> {
+        Ok(Self { line: Line::open("chamber", config)?, settings: settings.clone(), fahrenheit: None })
+    }
+
+    fn ask<T>(
+        &mut self,
+        generate: impl Fn(&mut ModbusRequest, &mut Vec<u8>) -> Result<(), ErrorKind>,
+        read: impl Fn(&ModbusRequest, &[u8]) -> Result<T, ErrorKind>,
+    ) -> Result<T, Fault> {
+        let (mut modbus, mut request) = (ModbusRequest::new(self.settings.address, ModbusProto::Rtu), Vec::new());
+        let made = generate(&mut modbus, &mut request);
+        made.map_err(|error| self.line.fault(Wrong(FaultKind::Refused, format!("making the request: {error}"))))?;
+        let framing = Framing { whole: &|reply| whole(&request, reply), gap: None };
+        self.line.ask(&request, framing, |reply| {
+            read(&modbus, reply).map_err(|error| match error {
+                ErrorKind::FrameBroken | ErrorKind::FrameCRCError | ErrorKind::OOB => Wrong::garbled(reply),
+                exception => Wrong(FaultKind::Refused, format!("Modbus exception, {exception}")),
+            })
+        })
+    }
+
+    fn registers<const N: usize>(&mut self, register: u16) -> Result<[u16; N], Fault> {
+        let count = N as u16;
+        self.ask(
+            |modbus, request| modbus.generate_get_holdings(register, count, request),
+            |modbus, reply| {
+                let mut values = Vec::new();
+                modbus.parse_u16(reply, &mut values)?;
+                values.try_into().map_err(|_| ErrorKind::FrameBroken)
+            },
+        )
+    }
+
+    /// The reply repeats register and value, or count, of the request.
+    fn write(&mut self, register: u16, values: &[u16]) -> Result<(), Fault> {
+        let echo = match *values {
+            [value] => [register, value],
+            _ => [register, values.len() as u16],
+        };
+        let echo = echo.map(u16::to_be_bytes).concat();
+        self.ask(
+            |modbus, request| match *values {
+                [value] => modbus.generate_set_holding(register, value, request),
+                _ => modbus.generate_set_holdings_bulk(register, values, request),
+            },
+            |modbus, reply| {
+                modbus.parse_ok(reply)?;
+                (reply.get(2..6) == Some(&echo[..])).then_some(()).ok_or(ErrorKind::FrameBroken)
+            },
+        )
+    }
+
+    fn fahrenheit(&mut self) -> Result<bool, Fault> {
+        if let Some(known) = self.fahrenheit {
+            return Ok(known);
+        }
+        let [unit] = self.registers(UNIT)?;
+        let fahrenheit = match unit {
+            UNIT_C => false,
+            UNIT_F => true,
+            other => {
+                let message = format!("register {UNIT}, the unit, is {other}, not {UNIT_C} (C) or {UNIT_F} (F)");
+                return Err(self.line.fault(Wrong(FaultKind::Mismatch, message)));
+            }
+        };
+        self.fahrenheit = Some(fahrenheit);
+        Ok(fahrenheit)
+    }
+
+    fn temperature(&mut self, register: u16) -> Result<f64, Fault> {
+        let fahrenheit = self.fahrenheit()?;
+        let words = self.registers(register + self.settings.offset)?;
+        let number = f64::from(self.settings.float(words));
+        if number.is_nan() || number.abs() >= 1000.0 {
+            let message = format!("register {register} is {number:e}; try the other word_order");
+            return Err(self.line.fault(Wrong(FaultKind::Mismatch, message)));
+        }
+        Ok(if fahrenheit { (number - 32.0) / 1.8 } else { number })
+    }
+
+    fn alarms(&mut self) -> Result<Vec<String>, Fault> {
+        let mut alarms = Vec::new();
+        for index in 0..self.settings.alarms {
+            let [state] = self.registers(ALARM + ALARM_STEP * index)?;
+            if !NO_ALARM.contains(&state) {
+                alarms.push(format!("alarm {}, state {state}", index + 1));
+            }
+        }
+        Ok(alarms)
+    }
+
+    fn is_running(&mut self) -> Result<bool, Fault> {
+        let [register, stopped] = self.settings.stopped;
+        Ok(self.registers(register)? != [stopped])
+    }
+
+    fn switch(&mut self, value: u16, running: bool) -> Result<(), Fault> {
+        let [register, ..] = self.settings.start;
+        self.write(register, &[value])?;
+        if self.is_running()? == running {
+            return Ok(());
+        }
+        let state = if running { "does not run" } else { "still runs" };
+        let message = format!("it {state} after {value} was written to register {register}");
+        let alarms = self.alarms()?;
+        Err(self.line.fault(match alarms.is_empty() {
+            true => Wrong(FaultKind::Mismatch, message),
+            false => Wrong(FaultKind::Alarm, format!("{}; {message}", alarms.join(", "))),
+        }))
+    }
+}
+
+impl Chamber for F4t {
+    /// The controller's part number is not in the registers that public drivers know.
+    fn identify(&mut self) -> Result<String, Fault> {
+        let unit = if self.fahrenheit()? { "F" } else { "C" };
+        let number = self.settings.offset / LOOP + 1;
+        Ok(format!("Watlow F4T, address {}, loop {number}, unit {unit}", self.settings.address))
+    }
+
+    fn read(&mut self) -> Result<ChamberReading, Fault> {
+        Ok(ChamberReading {
+            air_c: self.temperature(PROCESS_VALUE)?,
+            set_point_c: self.temperature(SET_POINT)?,
+            running: self.is_running()?,
+            alarms: self.alarms()?,
+        })
+    }
+
+    fn set_point(&mut self, celsius: f64) -> Result<(), Fault> {
+        let sent = if self.fahrenheit()? { celsius * 1.8 + 32.0 } else { celsius };
+        let words = self.settings.words(sent as f32);
+        self.write(SET_POINT + self.settings.offset, &words)?;
+        let now = self.temperature(SET_POINT)?;
+        if (now - celsius).abs() < 0.01 {
+            return Ok(());
+        }
+        Err(self.line.fault(Wrong(
+            FaultKind::Mismatch,
+            format!("its set point is {now:.2} degC after {celsius:.2} was written"),
+        )))
+    }
+
+    fn run(&mut self) -> Result<(), Fault> {
+        self.switch(self.settings.start[1], true)
+    }
+
+    fn standby(&mut self) -> Result<(), Fault> {
+        self.switch(self.settings.start[2], false)
+    }
+
+    fn repeated(&self) -> u64 {
+        self.line.repeated()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line_config::settings_of;
+
+    fn settings(toml: &str) -> Settings {
+        settings_of(toml, Settings::read)
+    }
+
+    // Word order as StaflSystems/ChamberConnectLibrary, chamberconnectlibrary/modbus.py packs floats, low_word_first True and False.
+    #[test]
+    fn floats_have_the_word_order_of_the_settings() {
+        assert_eq!(settings("").words(25.5), [0x0000, 0x41cc]);
+        assert_eq!(settings("word_order = \"high-first\"").words(-40.0), [0xc220, 0x0000]);
+        for order in ["low-first", "high-first"] {
+            let settings = settings(&format!("word_order = \"{order}\""));
+            assert_eq!(settings.float(settings.words(-25.3)), -25.3);
+        }
+    }
+
+    // The first two are the examples that the Modbus literature gives for functions 3 and 16, the CRC of 02 07 is the specification's.
+    #[test]
+    fn frames_are_those_of_modbus_rtu() {
+        let (mut modbus, mut request) = (ModbusRequest::new(0x11, ModbusProto::Rtu), Vec::new());
+        modbus.generate_get_holdings(0x6b, 3, &mut request).unwrap();
+        assert_eq!(request, [0x11, 3, 0, 0x6b, 0, 3, 0x76, 0x87]);
+        modbus.generate_set_holdings_bulk(1, &[10, 258], &mut request).unwrap();
+        assert_eq!(request, [0x11, 16, 0, 1, 0, 2, 4, 0, 10, 1, 2, 0xc6, 0xf0]);
+        let mut modbus = ModbusRequest::new(1, ModbusProto::Rtu);
+        modbus.generate_set_holdings_bulk(SET_POINT, &settings("").words(25.5), &mut request).unwrap();
+        assert_eq!(request[..11], [1, 16, 0x0a, 0xde, 0, 2, 4, 0, 0, 0x41, 0xcc]);
+        assert_eq!((crc(&request), crc(&[0x02, 0x07])), (0, 0x1241));
+    }
+
+    /// CRC-16 of Modbus, bit by bit; 0 over a frame with its CRC.
+    fn crc(bytes: &[u8]) -> u16 {
+        bytes.iter().fold(0xffff, |crc, byte| {
+            (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xa001 } else { crc >> 1 })
+        })
+    }
+
+    #[test]
+    fn a_reply_ends_where_its_function_says() {
+        let read = [1, 3, 0, 0, 0, 2];
+        assert_eq!(whole(&read, &[1, 3, 4, 0, 0, 0, 0, 9]), None);
+        assert_eq!(whole(&read, &[1, 3, 4, 0, 0, 0, 0, 9, 9, 7]), Some(9));
+        assert_eq!(whole(&read, &[1, 0x83, 2, 9, 9]), Some(5));
+        assert_eq!(whole(&read, &[1, 6, 0, 0, 0, 0, 9, 9]), None);
+        assert_eq!(whole(&read, &[2, 3, 4, 0, 0, 0, 0, 9, 9]), None);
+    }
+}

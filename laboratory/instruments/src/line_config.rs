@@ -1,0 +1,89 @@
+//! The keys that every instrument's section has: its line, and what drivers share.
+
+use isotherm_shared::document::Section;
+use serialport::{DataBits, Parity, StopBits};
+use std::time::Duration;
+
+/// A checked line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LineConfig {
+    /// `/dev/ttyUSB0` or `tcp://host:port`.
+    pub port: String,
+    /// \[Bd\]
+    pub baud: u32,
+    /// In a character.
+    pub data_bits: DataBits,
+    /// In a character.
+    pub parity: Parity,
+    /// After a character.
+    pub stop_bits: StopBits,
+    /// Longest wait for a reply, and for a TCP connection.
+    pub timeout: Duration,
+    /// After a reply that did not come or made no sense, how long the line must be quiet before the next request.
+    pub quiet: Duration,
+    /// Least silence before a request.
+    pub pause: Duration,
+    /// A request without a proper reply is repeated so often.
+    pub retries: u32,
+}
+
+impl LineConfig {
+    /// Defaults: `baud`, 8N1, 1 s, quiet for as long as the time-out, `pause_s`, 2 retries.
+    pub(super) fn read(section: &Section<'_, '_>, baud: i64, pause_s: f64) -> Option<Self> {
+        let port = section.string("port", "a device as \"/dev/ttyUSB0\", or \"tcp://host:port\"").and_then(|port| {
+            let address = port.strip_prefix("tcp://");
+            let number = |address: &str| address.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
+            let right = !port.is_empty() && address.is_none_or(|address| number(address).is_some());
+            let wrong =
+                (!right).then(|| format!("is {port:?}, give a device as \"/dev/ttyUSB0\", or \"tcp://host:port\""));
+            section.refuse("port", wrong);
+            right.then(|| port.to_owned())
+        });
+        let baud = section.optional_integer("baud", 50..=4_000_000).unwrap_or(baud) as u32;
+        let data_bits = match section.optional_integer("data_bits", 7..=8) {
+            Some(7) => DataBits::Seven,
+            _ => DataBits::Eight,
+        };
+        let parities = [(Parity::None, "none"), (Parity::Even, "even"), (Parity::Odd, "odd")];
+        let parity = section.optional_choice("parity", &parities).unwrap_or(Parity::None);
+        let stop_bits = match section.optional_integer("stop_bits", 1..=2) {
+            Some(2) => StopBits::Two,
+            _ => StopBits::One,
+        };
+        let timeout = seconds(section, "timeout_s", 1.0, 60.0);
+        let quiet = seconds(section, "quiet_s", timeout.as_secs_f64(), 60.0);
+        let pause = seconds(section, "pause_s", pause_s, 10.0);
+        let retries = section.optional_integer("retries", 0..=10).unwrap_or(2) as u32;
+        section.refuse("timeout_s", timeout.is_zero().then(|| "is 0, give how long a reply may take".to_owned()));
+        Some(Self { port: port?, baud, data_bits, parity, stop_bits, timeout, quiet, pause, retries })
+    }
+}
+
+/// A number of seconds from 0 to `most`.
+pub(super) fn seconds(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> Duration {
+    let given = section.optional_number(key);
+    let right = given.filter(|seconds| (0.0..=most).contains(seconds));
+    let wrong = given.filter(|_| right.is_none());
+    section.refuse(key, wrong.map(|seconds| format!("is {seconds:?}, give seconds from 0 to {most:?}")));
+    Duration::from_secs_f64(right.unwrap_or(default))
+}
+
+/// The numbers of the outer and the inner axis.
+pub(super) fn axes(section: &Section<'_, '_>) -> [u8; 2] {
+    let Some(axes) = section.optional_integers("axes", 0..=99) else { return [1, 2] };
+    match axes[..] {
+        [outer, inner] if outer != inner => [outer as u8, inner as u8],
+        _ => {
+            section.fault("axes", "give the numbers of the outer and the inner axis, as [1, 2]");
+            [1, 2]
+        }
+    }
+}
+
+/// A driver's settings from text.
+#[cfg(test)]
+pub(super) fn settings_of<S>(toml: &str, read: impl Fn(&Section<'_, '_>) -> S) -> S {
+    let document = isotherm_shared::document::Document::parse(toml).unwrap();
+    let settings = read(&document.root());
+    document.finish(Some(settings)).unwrap()
+}

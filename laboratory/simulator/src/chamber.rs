@@ -1,0 +1,133 @@
+//! The simulated chamber: what its controller makes of the air.
+
+use super::SimulatedStation;
+use super::faults::What;
+use super::link::Event;
+use super::server;
+use isotherm_calibration::simulate::{Chain, SimulatedChamber};
+
+/// Time constant of the controller's own sensor \[s\].
+const SENSOR_LAG_S: f64 = 20.0;
+/// How fast a chamber that is off goes to the laboratory's temperature \[degC/s\].
+const DRIFT_C_PER_S: f64 = 0.2 / 60.0;
+/// How far a chamber that overshoots goes beyond its set point, and how far one that never gets there stays away \[degC\].
+const OVERSHOOT_C: f64 = 3.0;
+const SHORT_C: f64 = 3.0;
+/// What it can be set to \[degC\].
+pub const RANGE_C: [f64; 2] = [-70.0, 150.0];
+
+/// What a controller does.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Mode {
+    /// Nothing.
+    Off,
+    /// Nothing, but ready.
+    Standby,
+    /// Holds the set point.
+    Constant,
+}
+
+/// SimulatedChamber and controller.
+pub struct ChamberMachine {
+    chamber: SimulatedChamber,
+    ambient_c: f64,
+    ramp_c_per_s: f64,
+    now_s: f64,
+    target_c: f64,
+    /// Where the air was when the set point was set.
+    from_c: f64,
+    /// Where it goes before it goes to the set point.
+    beyond_c: Option<f64>,
+    overshoots: bool,
+    never_there: bool,
+    events: Vec<(f64, Event)>,
+    /// \[degC\]
+    pub set_point_c: f64,
+    /// What it does.
+    pub mode: Mode,
+    /// Whether it has an alarm.
+    pub alarm: bool,
+}
+
+impl ChamberMachine {
+    /// In equilibrium with the laboratory, off.
+    pub fn new(station: &SimulatedStation) -> Self {
+        let chain = Chain { head_lag_s: SENSOR_LAG_S, ..station.chain };
+        let ambient_c = station.ambient_c;
+        Self {
+            chamber: SimulatedChamber::new(&chain, ambient_c, station.seed),
+            ambient_c,
+            ramp_c_per_s: station.ramp_c_per_s,
+            now_s: 0.0,
+            target_c: ambient_c,
+            from_c: ambient_c,
+            beyond_c: None,
+            overshoots: false,
+            never_there: false,
+            events: Vec::new(),
+            set_point_c: ambient_c,
+            mode: Mode::Off,
+            alarm: false,
+        }
+    }
+
+    /// What the controller measures \[degC\].
+    pub fn air_c(&self) -> f64 {
+        self.chamber.head_and_board_c().0
+    }
+
+    /// Sets the set point \[degC\]; `false` if it is out of range.
+    pub fn set(&mut self, celsius: f64) -> bool {
+        let [low, high] = RANGE_C;
+        if !(low..=high).contains(&celsius) {
+            return false;
+        }
+        (self.set_point_c, self.from_c) = (celsius, self.chamber.air_c());
+        self.beyond_c = self.overshoots.then(|| celsius + OVERSHOOT_C.copysign(celsius - self.from_c));
+        self.steer();
+        true
+    }
+
+    /// Changes the mode.
+    pub fn switch(&mut self, mode: Mode) {
+        self.mode = mode;
+        self.steer();
+    }
+
+    /// Where it makes for now.
+    fn steer(&mut self) {
+        let (target_c, ramp_c_per_s) = if self.mode != Mode::Constant {
+            (self.ambient_c, DRIFT_C_PER_S)
+        } else if self.never_there {
+            (self.set_point_c + SHORT_C.copysign(self.from_c - self.set_point_c), self.ramp_c_per_s)
+        } else {
+            (self.beyond_c.unwrap_or(self.set_point_c), self.ramp_c_per_s)
+        };
+        if target_c != self.target_c {
+            self.target_c = target_c;
+            self.chamber.go_to(target_c, ramp_c_per_s);
+            self.events.push((self.now_s, Event::Chamber { target_c, ramp_c_per_s }));
+        }
+    }
+}
+
+impl server::Machine for ChamberMachine {
+    fn advance(&mut self, now_s: f64, active: &[What]) {
+        if now_s > self.now_s {
+            self.chamber.wait(now_s - self.now_s);
+            self.now_s = now_s;
+        }
+        self.overshoots = active.contains(&What::Overshoot);
+        self.never_there = active.contains(&What::NeverThere);
+        self.alarm = active.contains(&What::Alarm);
+        if self.alarm && self.mode == Mode::Constant {
+            self.mode = Mode::Standby;
+        }
+        self.beyond_c = self.beyond_c.filter(|beyond_c| *beyond_c != self.chamber.air_c());
+        self.steer();
+    }
+
+    fn events(&mut self) -> Vec<(f64, Event)> {
+        std::mem::take(&mut self.events)
+    }
+}

@@ -1,0 +1,53 @@
+//! The plan of a campaign at a simulated self.
+
+use crate::SimulatedStation;
+use crate::protocol::{ChamberProtocol, TurntableProtocol};
+use isotherm_calibration::simulate::Truth;
+
+impl SimulatedStation {
+    /// A campaign plan for this station, whose instruments it names.
+    #[must_use]
+    pub fn plan_toml(&self, truth: &Truth) -> String {
+        let content = truth.table.content();
+        let quoted = |text: &str| toml::Value::from(text).to_string();
+        let chamber = self.chamber.name();
+        let table = self.table.name();
+        let table_keys = match self.table {
+            TurntableProtocol::Acutrol if self.table_port.starts_with("tcp://") => "gap_s = 0.005\n",
+            TurntableProtocol::Acutrol => "",
+            TurntableProtocol::Aerosmith => "fault_mask = 4\n",
+        };
+        let chamber_keys = match self.chamber {
+            ChamberProtocol::Espec => "",
+            // A simulated line needs no pause.
+            ChamberProtocol::WatlowF4t => "pause_s = 0\n",
+            ChamberProtocol::Ascii2 => "alarm_bit = 2\n",
+        };
+        let telemetry = self.chain.telemetry_slope.abs();
+        format!(
+            "# The campaign at this simulated station: isotherm campaign run --speed {} plan.toml\n\
+             format = 1\nimu = \"{}\"\noutput = \"campaign\"\n\
+             gravity_reference = {:?}\ngravity_local = {:?}\ntemperature_unit = {}\n\
+             positions = \"six-faces-two-headings\"\ninstall = \"{}.toml\"\n\n\
+             [set_points]\nstart_c = -25\nstop_c = 45\nstep_c = 5\n\n\
+             [soak]\ntime_s = 3600\nstay_s = 4200\nwindow_s = 900\nchamber_c_per_h = 2\ntelemetry_per_h = {:?}\n\n\
+             [dwell]\ntime_s = 300\nrow_s = 10\n\n\
+             [chamber]\ndriver = \"{chamber}\"\nport = {}\n{chamber_keys}ramp_c_per_min = 1\ntolerance_c = 0.5\n\n\
+             [table]\ndriver = \"{table}\"\nport = {}\n{table_keys}rate_deg_s = 10\nacceleration_deg_s2 = 10\n\
+             tolerance_deg = 0.005\nstill_deg_s = 0.01\nsettle_s = 10\n\n\
+             [limits]\nchamber_c = [-30, 50]\nouter_deg = [-5, 365]\ninner_deg = [-5, 365]\n\n\
+             [safe]\nchamber = \"standby\"\n\n\
+             [verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
+            self.speed,
+            self.imu,
+            content.gravity,
+            self.gravity_local,
+            quoted(&content.temperature_unit),
+            self.imu,
+            // 0.75 degC/h.
+            (telemetry * 750.0).round() / 1000.0,
+            quoted(&self.chamber_port),
+            quoted(&self.table_port),
+        )
+    }
+}

@@ -1,0 +1,38 @@
+//! A Voetsch chamber with one temperature and humidity, ASCII-2, address 1.
+
+use super::take_line;
+use crate::chamber::{ChamberMachine, Mode};
+use crate::server::Speaker;
+
+pub struct Ascii2;
+
+impl Speaker<ChamberMachine> for Ascii2 {
+    fn take(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
+        take_line(input)
+    }
+
+    fn answer(&mut self, request: &[u8], machine: &mut ChamberMachine) -> Vec<u8> {
+        // A chamber of another address, or one that is asked nonsense, is silent.
+        let text = String::from_utf8_lossy(request);
+        let Some(command) = text.strip_prefix("$01") else { return Vec::new() };
+        if command == "I" {
+            let bits = format!("0{}{}0000000000000", u8::from(machine.mode == Mode::Constant), u8::from(machine.alarm));
+            let (nominal, actual) = (machine.set_point_c, machine.air_c());
+            return format!("{nominal:06.1} {actual:06.1} 0050.0 0047.3 {bits}\r").into_bytes();
+        }
+        let Some(fields) = command.strip_prefix("E ") else { return Vec::new() };
+        let fields: Vec<_> = fields.split_ascii_whitespace().collect();
+        let (Some(Ok(celsius)), Some(bits)) = (fields.first().map(|field| field.parse()), fields.last()) else {
+            return Vec::new();
+        };
+        if machine.set(celsius) {
+            let start = bits.len() >= 8 && bits.as_bytes()[1] == b'1' && !machine.alarm;
+            machine.switch(if start { Mode::Constant } else { Mode::Standby });
+        }
+        b"0\r".to_vec()
+    }
+
+    fn refuse(&self, _: &[u8]) -> Vec<u8> {
+        Vec::new()
+    }
+}

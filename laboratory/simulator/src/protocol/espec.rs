@@ -1,0 +1,63 @@
+//! An ESPEC P-300 without humidity.
+
+use super::take_line;
+use crate::chamber::{ChamberMachine, Mode, RANGE_C};
+use crate::server::Speaker;
+
+pub struct Espec;
+
+impl Speaker<ChamberMachine> for Espec {
+    fn take(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
+        take_line(input)
+    }
+
+    fn answer(&mut self, request: &[u8], machine: &mut ChamberMachine) -> Vec<u8> {
+        let text = String::from_utf8_lossy(request);
+        let reply = answer(text.trim(), machine).unwrap_or_else(|reason| format!("NA:{reason}"));
+        (reply + "\r\n").into_bytes()
+    }
+
+    fn refuse(&self, _: &[u8]) -> Vec<u8> {
+        b"NA:CONT NOT READY-1\r\n".to_vec()
+    }
+}
+
+fn answer(request: &str, machine: &mut ChamberMachine) -> Result<String, &'static str> {
+    let mode = match machine.mode {
+        Mode::Off => "OFF",
+        Mode::Standby => "STANDBY",
+        Mode::Constant => "CONSTANT",
+    };
+    let [low, high] = RANGE_C;
+    let compact: String = request.chars().filter(|c| *c != ' ').collect();
+    Ok(match compact.as_str() {
+        "TYPE?" => format!("T,P300,{high:.1}"),
+        "MON?" => format!("{:.1},,{mode},{}", machine.air_c(), u8::from(machine.alarm)),
+        "TEMP?" => format!("{:.1},{:.1},{high:.1},{low:.1}", machine.air_c(), machine.set_point_c),
+        "MODE?" => mode.to_owned(),
+        "ALARM?" => if machine.alarm { "1,7" } else { "0" }.to_owned(),
+        command => {
+            let (name, value) = command.split_once(',').ok_or("CMD ERR")?;
+            let mode = match (name, value) {
+                ("MODE", "CONSTANT") | ("POWER", "ON") => Some(Mode::Constant),
+                ("MODE", "STANDBY") => Some(Mode::Standby),
+                ("MODE", "OFF") | ("POWER", "OFF") => Some(Mode::Off),
+                ("TEMP", _) => None,
+                ("MODE" | "POWER", _) => return Err("PARA ERR"),
+                _ => return Err("CMD ERR"),
+            };
+            match mode {
+                Some(mode) => {
+                    machine.switch(if machine.alarm && mode == Mode::Constant { Mode::Standby } else { mode });
+                }
+                None => {
+                    let value = value.strip_prefix('S').and_then(|value| value.parse().ok()).ok_or("PARA ERR")?;
+                    if !machine.set(value) {
+                        return Err("DATA OUT OF RANGE");
+                    }
+                }
+            }
+            format!("OK:{request}")
+        }
+    })
+}

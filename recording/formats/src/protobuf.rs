@@ -1,0 +1,214 @@
+//! Rows as protobuf messages and the descriptors of these messages: the small part of the encoding that recordings need.
+
+use crate::varint;
+use core::fmt::Display;
+use isotherm_recording::columns::{Column, ColumnKind};
+use isotherm_recording::rows::{RecordedRow, ValueVisitor, columns};
+use isotherm_shared::stream::StreamKind;
+use std::collections::HashMap;
+use std::io::Write as _;
+
+const VARINT: u64 = 0;
+const FIXED_64: u64 = 1;
+const BYTES: u64 = 2;
+const FIXED_32: u64 = 5;
+
+/// The name of a stream's message, with its package.
+pub const fn message(stream: StreamKind) -> &'static str {
+    match stream {
+        StreamKind::Raw => "isotherm.RawSample",
+        StreamKind::Increment => "isotherm.CompensatedIncrement",
+    }
+}
+
+/// Encodes a row as its stream's message: each column is the field whose number is the column's place, from 1.
+pub fn encode(row: &RecordedRow, bytes: &mut Vec<u8>) {
+    row.visit(&mut FieldWriter { bytes, number: 0, text: Vec::new() });
+}
+
+struct FieldWriter<'a> {
+    bytes: &'a mut Vec<u8>,
+    number: u64,
+    text: Vec<u8>,
+}
+
+impl FieldWriter<'_> {
+    fn tag(&mut self, wire: u64) {
+        self.number += 1;
+        varint::write(self.bytes, self.number << 3 | wire);
+    }
+}
+
+impl ValueVisitor for FieldWriter<'_> {
+    fn u64(&mut self, value: u64) {
+        self.tag(VARINT);
+        varint::write(self.bytes, value);
+    }
+    fn u32(&mut self, value: u32) {
+        self.u64(u64::from(value));
+    }
+    fn f64(&mut self, value: f64) {
+        self.tag(FIXED_64);
+        self.bytes.extend_from_slice(&value.to_bits().to_le_bytes());
+    }
+    fn text(&mut self, value: impl Display) {
+        self.tag(BYTES);
+        self.text.clear();
+        // Writing to memory cannot fail.
+        let _ = write!(self.text, "{value}");
+        varint::write(self.bytes, self.text.len() as u64);
+        self.bytes.extend_from_slice(&self.text);
+    }
+}
+
+/// The `google.protobuf.FileDescriptorSet` that describes a stream's message, from which a reader decodes it.
+pub fn descriptor(stream: StreamKind) -> Vec<u8> {
+    let (package, name) = message(stream).split_once('.').unwrap_or_default();
+    let mut fields = Vec::new();
+    for (column, number) in columns(stream).iter().zip(1..) {
+        bytes(&mut fields, 2, &field(column, number));
+    }
+    let mut description = Vec::new();
+    bytes(&mut description, 1, name.as_bytes());
+    description.extend_from_slice(&fields);
+    let mut file = Vec::new();
+    bytes(&mut file, 1, format!("{package}/{name}.proto").as_bytes());
+    bytes(&mut file, 2, package.as_bytes());
+    bytes(&mut file, 4, &description);
+    bytes(&mut file, 12, b"proto3");
+    let mut set = Vec::new();
+    bytes(&mut set, 1, &file);
+    set
+}
+
+/// A `FieldDescriptorProto`.
+fn field(column: &Column, number: u64) -> Vec<u8> {
+    const OPTIONAL: u64 = 1;
+    let kind = match column.kind {
+        ColumnKind::F64 => 1,
+        ColumnKind::U64 => 4,
+        ColumnKind::Text => 9,
+        ColumnKind::U32 => 13,
+    };
+    let mut field = Vec::new();
+    bytes(&mut field, 1, column.name.as_bytes());
+    for (key, value) in [(3, number), (4, OPTIONAL), (5, kind)] {
+        varint::write(&mut field, key << 3 | VARINT);
+        varint::write(&mut field, value);
+    }
+    bytes(&mut field, 10, column.name.as_bytes());
+    field
+}
+
+fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
+    varint::write(out, number << 3 | BYTES);
+    varint::write(out, value.len() as u64);
+    out.extend_from_slice(value);
+}
+
+/// The value of a field, as its wire type has it.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Value<'a> {
+    /// A whole number.
+    Varint(u64),
+    /// The bits of a double.
+    Fixed64(u64),
+    /// The bits of a float.
+    Fixed32(u32),
+    /// Text, or a message.
+    Bytes(&'a [u8]),
+}
+
+/// Calls `take` with number and value of each field of a message. False if the bytes are no message.
+#[must_use]
+pub fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, Value<'a>)) -> bool {
+    while !message.is_empty() {
+        if next_field(&mut message, &mut take).is_none() {
+            return false;
+        }
+    }
+    true
+}
+
+fn next_field<'a>(message: &mut &'a [u8], take: &mut impl FnMut(u64, Value<'a>)) -> Option<()> {
+    let key = varint::read(message)?;
+    let value = match key & 7 {
+        VARINT => Value::Varint(varint::read(message)?),
+        FIXED_64 => {
+            let (bits, rest) = message.split_first_chunk()?;
+            *message = rest;
+            Value::Fixed64(u64::from_le_bytes(*bits))
+        }
+        BYTES => {
+            let length = usize::try_from(varint::read(message)?).ok()?;
+            let (bytes, rest) = message.split_at_checked(length)?;
+            *message = rest;
+            Value::Bytes(bytes)
+        }
+        FIXED_32 => {
+            let (bits, rest) = message.split_first_chunk()?;
+            *message = rest;
+            Value::Fixed32(u32::from_le_bytes(*bits))
+        }
+        _ => return None,
+    };
+    take(key >> 3, value);
+    Some(())
+}
+
+/// A field of a message that is described in a file: its number and its type, as `google.protobuf.FieldDescriptorProto` numbers them.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct FieldNumber {
+    /// Number of the field.
+    pub number: u64,
+    /// Number of its type.
+    pub kind: u64,
+}
+
+/// The fields of the message `name` (with its package) in a `google.protobuf.FileDescriptorSet`; `None` if it is not described there.
+#[must_use]
+pub fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
+    let mut found = None;
+    each(set, 1, &mut |file| {
+        let package = text(file, 2);
+        each(file, 4, &mut |message| {
+            let own = text(message, 1);
+            let full = if package.is_empty() { own } else { format!("{package}.{own}") };
+            if full == name && found.is_none() {
+                let mut fields = HashMap::new();
+                each(message, 2, &mut |field| {
+                    let number = FieldNumber { number: whole(field, 3), kind: whole(field, 5) };
+                    fields.insert(text(field, 1), number);
+                });
+                found = Some(fields);
+            }
+        });
+    });
+    found
+}
+
+/// Calls `take` with each value of a field that holds messages.
+fn each<'a>(message: &'a [u8], number: u64, take: &mut dyn FnMut(&'a [u8])) {
+    // What is no message has no more fields.
+    let _ = decode(message, |own, value| {
+        if let (true, Value::Bytes(bytes)) = (own == number, value) {
+            take(bytes);
+        }
+    });
+}
+
+fn text(message: &[u8], number: u64) -> String {
+    let mut text = String::new();
+    each(message, number, &mut |bytes| text = String::from_utf8_lossy(bytes).into_owned());
+    text
+}
+
+fn whole(message: &[u8], number: u64) -> u64 {
+    let mut found = 0;
+    let _ = decode(message, |own, value| {
+        if let (true, Value::Varint(value)) = (own == number, value) {
+            found = value;
+        }
+    });
+    found
+}

@@ -1,0 +1,346 @@
+//! The fields of messages in an MCAP file, as columns. The file is read from its beginning to its end, so that one which was not finished is
+//! read as far as it goes.
+
+use super::panics::contain;
+use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
+use crate::protobuf::{self, FieldNumber, Value};
+use isotherm_recording::RecordingError;
+use isotherm_recording::csv::list_columns;
+use isotherm_shared::stream::ImuId;
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{McapError, parse_record};
+use std::collections::{BTreeSet, HashMap};
+use std::io::Read;
+use std::rc::Rc;
+
+/// Longest record and chunk that is read \[bytes\]. Writers' chunks have about 1 MB.
+const LONGEST: usize = 64 << 20;
+/// Bytes read at a time, at most.
+const BUFFER: usize = 1 << 20;
+/// Highest number of a field that is read.
+const MAX_FIELD: u64 = 4096;
+
+/// Types of fields that are read, as `google.protobuf.FieldDescriptorProto` numbers them: double, float, int64, uint64, int32, uint32.
+const READ_TYPES: [u64; 6] = [1, 2, 3, 4, 5, 13];
+
+/// Reads the wanted columns from the messages of one channel, or of several that carry the same stream.
+pub struct McapReader {
+    source: Box<dyn Read>,
+    reader: LinearReader,
+    wanted: Vec<WantedColumn>,
+    choice: ImuChoice,
+    /// Whether only raw samples are wanted: channels isotherm/<imu>/raw.
+    raw: bool,
+    /// Described messages that have the wanted columns.
+    schemas: HashMap<u16, Rc<FieldMap>>,
+    channels: HashMap<u16, OpenChannel>,
+    /// Whether a channel has come since the last message.
+    new_channel: bool,
+    /// Why a channel of raw samples cannot be read.
+    unreadable: Option<String>,
+    /// The stream whose messages have been handed out.
+    picked: Option<String>,
+    bytes: u64,
+    messages: u64,
+    finished: bool,
+    cut: bool,
+}
+
+/// A channel with the wanted columns.
+struct OpenChannel {
+    topic: String,
+    imu: Option<ImuId>,
+    fields: Rc<FieldMap>,
+    /// Whether its messages are handed out.
+    taken: bool,
+}
+
+/// By number of a field: the column that it is, and its type in protobuf.
+struct FieldMap(Vec<Option<(usize, u64)>>);
+
+/// What the library has found.
+enum Event {
+    Read(usize),
+    Record(Record<'static>),
+    Footer,
+    Other,
+}
+
+impl McapReader {
+    /// Reads from `source`; with `raw`, the messages of channels `isotherm/<imu>/raw`, else those of any channel.
+    pub fn new(source: Box<dyn Read>, wanted: Vec<WantedColumn>, choice: ImuChoice, raw: bool) -> Self {
+        // A chunk is checked against its checksum before anything of it is used.
+        let options = LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(LONGEST);
+        Self {
+            source,
+            reader: LinearReader::new_with_options(options),
+            wanted,
+            choice,
+            raw,
+            schemas: HashMap::new(),
+            channels: HashMap::new(),
+            new_channel: false,
+            unreadable: None,
+            picked: None,
+            bytes: 0,
+            messages: 0,
+            finished: false,
+            cut: false,
+        }
+    }
+
+    /// The library's next event; `None` at the end.
+    fn event(&mut self) -> Result<Option<Event>, RecordingError> {
+        let event = contain(|| {
+            Some(match self.reader.next_event()? {
+                Ok(LinearReadEvent::ReadRequest(need)) => Ok(Event::Read(need)),
+                Ok(LinearReadEvent::Record { opcode: op::FOOTER, .. }) => Ok(Event::Footer),
+                Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL | op::MESSAGE), data }) => {
+                    parse_record(opcode, data).map(|record| Event::Record(record.into_owned()))
+                }
+                Ok(LinearReadEvent::Record { .. }) => Ok(Event::Other),
+                Err(error) => Err(error),
+            })
+        });
+        match event.ok_or_else(|| self.error("a record that cannot be read".to_owned()))? {
+            None => Ok(None),
+            Some(Ok(event)) => Ok(Some(event)),
+            // The file ends in the middle of something.
+            Some(Err(McapError::UnexpectedEof)) => {
+                self.cut = true;
+                Ok(None)
+            }
+            Some(Err(error)) => Err(self.error(format!("not a valid MCAP file: {error}"))),
+        }
+    }
+
+    /// Takes a record; true if it was a message whose values are now in `values`.
+    fn take(&mut self, record: Record<'static>, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
+        match record {
+            Record::Schema { header, data } if header.encoding == "protobuf" => {
+                match protobuf::fields(&data, &header.name).map(|fields| map_fields(&self.wanted, &fields)) {
+                    Some(Ok(fields)) => drop(self.schemas.insert(header.id, Rc::new(fields))),
+                    Some(Err(lacking)) => self.unreadable = Some(format!("{}: {lacking}", header.name.escape_debug())),
+                    None => {}
+                }
+            }
+            Record::Channel(channel) => {
+                let topic = channel.topic.trim_start_matches('/').to_owned();
+                let stream = topic.strip_prefix("isotherm/").and_then(|rest| rest.rsplit_once('/'));
+                let imu = stream.and_then(|(imu, _)| ImuId::new(imu));
+                let is_raw = imu.is_some() && stream.is_some_and(|(_, stream)| stream == "raw");
+                if let Some(fields) = self.schemas.get(&channel.schema_id)
+                    && channel.message_encoding == "protobuf"
+                    && (is_raw || !self.raw)
+                {
+                    let fields = Rc::clone(fields);
+                    self.channels.insert(channel.id, OpenChannel { topic, imu, fields, taken: false });
+                    self.new_channel = true;
+                }
+            }
+            Record::Message { header, data } => {
+                self.messages += 1;
+                if std::mem::take(&mut self.new_channel) {
+                    self.check_choice()?;
+                    let taken = self.channels.iter().filter(|(_, channel)| self.takes(channel)).map(|(id, _)| *id);
+                    for id in taken.collect::<Vec<_>>() {
+                        self.channels.entry(id).and_modify(|channel| channel.taken = true);
+                    }
+                }
+                if let Some(channel) = self.channels.get(&header.channel_id).filter(|channel| channel.taken) {
+                    if self.picked.is_none() {
+                        self.picked = Some(self.stream_of(channel).to_owned());
+                    }
+                    let fields = Rc::clone(&channel.fields);
+                    decode(&data, &self.wanted, &fields, values).map_err(|message| self.error(message))?;
+                    return Ok(true);
+                }
+            }
+            _ => {}
+        }
+        Ok(false)
+    }
+
+    /// The name by which channels of one stream are told from others: the IMU, or the topic where any stream is wanted.
+    fn stream_of<'a>(&self, channel: &'a OpenChannel) -> &'a str {
+        match (&channel.imu, self.raw) {
+            (Some(imu), true) => imu.as_str(),
+            _ => &channel.topic,
+        }
+    }
+
+    fn streams(&self) -> BTreeSet<&str> {
+        let channels = self.channels.values().filter(|channel| match &self.choice {
+            ImuChoice::Only(wanted) if !self.raw => channel.imu.as_ref() == Some(wanted),
+            _ => true,
+        });
+        channels.map(|channel| self.stream_of(channel)).collect()
+    }
+
+    /// Whether this channel's messages are to be handed out, as far as is known by now.
+    fn takes(&self, channel: &OpenChannel) -> bool {
+        match &self.choice {
+            ImuChoice::Only(wanted) => channel.imu.as_ref() == Some(wanted),
+            ImuChoice::Prefer(wanted) if channel.imu.as_ref() == Some(wanted) => true,
+            ImuChoice::Prefer(_) | ImuChoice::Any => self.streams().len() < 2,
+        }
+    }
+
+    /// Of several streams it must be clear which one is meant.
+    fn check_choice(&self) -> Result<(), RecordingError> {
+        let streams = self.streams();
+        let clear = match &self.choice {
+            ImuChoice::Only(_) => self.raw || streams.len() < 2,
+            ImuChoice::Prefer(wanted) => {
+                let changed = self.picked.as_ref().is_some_and(|picked| picked != wanted.as_str());
+                streams.len() < 2 || (streams.contains(wanted.as_str()) && !changed)
+            }
+            ImuChoice::Any => streams.len() < 2,
+        };
+        if clear {
+            return Ok(());
+        }
+        let names = streams.into_iter().map(|name| name.escape_debug().to_string()).collect::<Vec<_>>().join(", ");
+        let what = if self.raw { "raw samples of several IMUs" } else { "several channels have these columns" };
+        Err(self.error(format!("{what}: {names}; choose one with --imu")))
+    }
+
+    fn nothing_to_read(&self) -> String {
+        let streams = self.streams();
+        let names = || streams.iter().copied().collect::<Vec<_>>().join(", ");
+        match (&self.choice, self.raw) {
+            (ImuChoice::Only(wanted) | ImuChoice::Prefer(wanted), true) if !streams.is_empty() => {
+                format!("no raw samples of {wanted}, but of {}; choose with --imu", names())
+            }
+            (_, true) => {
+                let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
+                format!("no raw samples (a channel isotherm/<imu>/raw with messages isotherm.RawSample){why}")
+            }
+            (_, false) => {
+                let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
+                format!("no channel with protobuf messages that have these columns{why}")
+            }
+        }
+    }
+}
+
+impl TableReader for McapReader {
+    fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
+        loop {
+            match self.event()? {
+                Some(Event::Read(need)) => {
+                    let read = self.source.read(self.reader.insert(need.clamp(1, BUFFER)))?;
+                    self.bytes += read as u64;
+                    self.reader.notify_read(read);
+                }
+                Some(Event::Footer) => self.finished = true,
+                Some(Event::Other) => {}
+                Some(Event::Record(record)) => {
+                    if self.take(record, values)? {
+                        return Ok(true);
+                    }
+                }
+                None if self.picked.is_none() && !self.channels.values().any(|channel| self.takes(channel)) => {
+                    return Err(self.error(self.nothing_to_read()));
+                }
+                None => return Ok(false),
+            }
+        }
+    }
+
+    fn row(&self) -> u64 {
+        self.messages
+    }
+
+    fn unit(&self) -> &'static str {
+        "message"
+    }
+
+    fn error(&self, message: String) -> RecordingError {
+        let place = format!("byte {}, message {}", self.bytes, self.messages);
+        RecordingError::Place { place, message }
+    }
+
+    fn cut(&self) -> Option<String> {
+        let what = match (self.cut, self.finished) {
+            (true, _) => "its last record is cut and left out",
+            (false, false) => "it has no end record",
+            _ => return None,
+        };
+        Some(format!("the recording was not ended properly: {what}; everything before has been read"))
+    }
+}
+
+/// Which field is which wanted column; an error if one is missing or of a type that does not fit.
+fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
+    let (mut map, mut missing) = (Vec::new(), Vec::new());
+    for (place, column) in wanted.iter().enumerate() {
+        match fields.get(&column.name) {
+            Some(FieldNumber { kind, .. }) if !READ_TYPES.contains(kind) => {
+                return Err(format!("field {} is of a type that is not read", column.name));
+            }
+            Some(FieldNumber { number, kind }) if *number <= MAX_FIELD => {
+                let index = *number as usize;
+                if map.len() <= index {
+                    map.resize(index + 1, None);
+                }
+                map[index] = Some((place, *kind));
+            }
+            Some(_) => return Err(format!("the number of field {} is over {MAX_FIELD}", column.name)),
+            None if column.optional => {}
+            None => missing.push(column.name.as_str()),
+        }
+    }
+    if missing.is_empty() {
+        return Ok(FieldMap(map));
+    }
+    let mut found: Vec<_> = fields.keys().cloned().collect();
+    found.sort();
+    Err(format!("missing columns: {}; found: {}", missing.join(", "), list_columns(found)))
+}
+
+/// Reads a message's values. A field that is not written has the value 0, as proto3 has it.
+fn decode(
+    message: &[u8],
+    wanted: &[WantedColumn],
+    fields: &FieldMap,
+    values: &mut Vec<Option<u64>>,
+) -> Result<(), String> {
+    let absent = |column: &WantedColumn| (column.absence == Absence::Refused).then_some(0);
+    values.clear();
+    values.extend(wanted.iter().map(absent));
+    let mut wrong = None;
+    let whole = protobuf::decode(message, |number, value| {
+        let field = usize::try_from(number).ok().and_then(|number| fields.0.get(number).copied().flatten());
+        let Some((place, kind)) = field else { return };
+        match value_of(wanted[place].kind, kind, value) {
+            Some(bits) => values[place] = Some(bits),
+            None => wrong = Some(place),
+        }
+    });
+    match wrong {
+        None if whole => Ok(()),
+        None => Err("a message that is no protobuf".to_owned()),
+        Some(place) => Err(format!("{} is not of its type, or does not fit into 32 bits", wanted[place].name)),
+    }
+}
+
+/// A field's value as the wanted column has it; `kind` is its declared type.
+fn value_of(wanted: ValueKind, kind: u64, value: Value<'_>) -> Option<u64> {
+    const SIGNED: [u64; 2] = [3, 5];
+    match (wanted, value) {
+        (ValueKind::U64, Value::Varint(value)) => Some(value),
+        (ValueKind::U32, Value::Varint(value)) => u32::try_from(value).ok().map(u64::from),
+        (ValueKind::F64 | ValueKind::Number, Value::Fixed64(bits)) => Some(bits),
+        (ValueKind::Number, Value::Fixed32(bits)) => Some(f64::from(f32::from_bits(bits)).to_bits()),
+        (ValueKind::Number, Value::Varint(value)) if SIGNED.contains(&kind) => {
+            Some((value.cast_signed() as f64).to_bits())
+        }
+        (ValueKind::Number, Value::Varint(value)) => Some((value as f64).to_bits()),
+        _ => None,
+    }
+}

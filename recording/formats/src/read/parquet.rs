@@ -1,0 +1,291 @@
+//! The columns of a Parquet file: of ours, or of one that another program has written with the same names.
+
+use super::pages;
+use super::panics::contain;
+use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
+use indicatif::ProgressBar;
+use isotherm_recording::RecordingError;
+use isotherm_recording::columns::PARQUET_MAGIC;
+use isotherm_recording::csv::list_columns;
+use parquet::basic::{ConvertedType, LogicalType, Type as Physical};
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::data_type::DataType;
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use std::fs::File;
+use std::os::unix::fs::FileExt as _;
+
+/// Rows that are decoded at once.
+const BATCH: usize = 4096;
+/// Longest directory that is read \[bytes\]: what it describes takes several times its size in memory.
+const DIRECTORY: u64 = 16 << 20;
+
+/// Reads the wanted columns of a Parquet file.
+pub struct ParquetReader {
+    file: File,
+    reader: SerializedFileReader<File>,
+    wanted: Vec<WantedColumn>,
+    columns: Vec<FoundColumn>,
+    /// Number of the next row group, and the columns of the open one.
+    group: usize,
+    open: Vec<ColumnReader>,
+    /// Decoded values, column by column, and which row of them is the next.
+    batch: Vec<Vec<Option<u64>>>,
+    next: usize,
+    row: u64,
+    /// Bytes of the file for each row, and those that the bar does not show yet.
+    bytes_per_row: f64,
+    unshown: f64,
+    bar: ProgressBar,
+}
+
+/// A wanted column that the file has.
+#[derive(Clone, Copy)]
+struct FoundColumn {
+    /// Index into the list of wanted columns.
+    wanted: usize,
+    /// Index into the file's columns.
+    index: usize,
+    kind: ValueKind,
+    absence: Absence,
+    /// Whether the file says that its whole numbers have no sign.
+    unsigned: bool,
+}
+
+impl FoundColumn {
+    /// The value of a whole number, if it is what is wanted.
+    fn whole(self, value: i64) -> Option<u64> {
+        let negative = value < 0 && !self.unsigned;
+        match self.kind {
+            ValueKind::Number if self.unsigned => Some((value.cast_unsigned() as f64).to_bits()),
+            ValueKind::Number => Some((value as f64).to_bits()),
+            ValueKind::U64 if !negative => Some(value.cast_unsigned()),
+            ValueKind::U32 if !negative => u32::try_from(value.cast_unsigned()).ok().map(u64::from),
+            _ => None,
+        }
+    }
+}
+
+impl ParquetReader {
+    /// Opens a file and finds the wanted columns. `bar` is moved by the bytes that are read.
+    ///
+    /// # Errors
+    /// If it is no Parquet file, is another IMU's than chosen, or lacks a column.
+    pub fn open(
+        file: File,
+        wanted: Vec<WantedColumn>,
+        choice: &ImuChoice,
+        bar: &ProgressBar,
+    ) -> Result<Self, RecordingError> {
+        let wrong = |message: String| RecordingError::Place { place: "directory".to_owned(), message };
+        let size = file.metadata()?.len();
+        let mut tail = [0; 8];
+        file.read_exact_at(&mut tail, size.saturating_sub(8))?;
+        let [length @ .., _, _, _, _] = tail;
+        let length = u64::from(u32::from_le_bytes(length));
+        if !tail.ends_with(PARQUET_MAGIC) || length > size {
+            return Err(wrong("the end of the Parquet file is missing; is it cut?".to_owned()));
+        }
+        if length > DIRECTORY {
+            return Err(wrong(format!("{length} bytes; at most {DIRECTORY} are read: make larger row groups")));
+        }
+        let opened = contain(|| file.try_clone().map(SerializedFileReader::new));
+        let reader = match opened {
+            Some(Ok(Ok(reader))) => reader,
+            Some(Ok(Err(error))) => return Err(wrong(format!("not a valid Parquet file: {error}"))),
+            Some(Err(error)) => return Err(error.into()),
+            None => return Err(wrong("not a valid Parquet file".to_owned())),
+        };
+        let metadata = reader.metadata().file_metadata();
+        let imu = metadata.key_value_metadata().into_iter().flatten().find(|entry| entry.key == "isotherm.imu");
+        if let (ImuChoice::Only(wanted), Some(imu)) = (choice, imu.and_then(|imu| imu.value.as_deref()))
+            && imu != wanted.as_str()
+        {
+            return Err(wrong(format!("samples of {}, not of {wanted}; choose with --imu", imu.escape_debug())));
+        }
+        let rows = u64::try_from(metadata.num_rows()).unwrap_or(0);
+        let columns = find(&reader, &wanted).map_err(wrong)?;
+        Ok(Self {
+            file,
+            reader,
+            group: 0,
+            open: Vec::new(),
+            batch: columns.iter().map(|_| Vec::new()).collect(),
+            next: 0,
+            row: 0,
+            bytes_per_row: size as f64 / rows.max(1) as f64,
+            unshown: 0.0,
+            wanted,
+            columns,
+            bar: bar.clone(),
+        })
+    }
+
+    /// Decodes the next rows; false at the end.
+    fn decode(&mut self) -> Result<bool, RecordingError> {
+        self.next = 0;
+        self.batch.iter_mut().for_each(Vec::clear);
+        if self.open.is_empty() && !self.open_group()? {
+            return Ok(false);
+        }
+        for index in 0..self.columns.len() {
+            let (found, values) = (self.columns[index], &mut self.batch[index]);
+            let column = &mut self.open[index];
+            let decoded = contain(|| match column {
+                ColumnReader::Int32ColumnReader(reader) => batch(reader, found.absence, values, |value| {
+                    found.whole(if found.unsigned { value.cast_unsigned().into() } else { value.into() })
+                }),
+                ColumnReader::Int64ColumnReader(reader) => {
+                    batch(reader, found.absence, values, |value| found.whole(value))
+                }
+                ColumnReader::FloatColumnReader(reader) => {
+                    batch(reader, found.absence, values, |value| Some(f64::from(value).to_bits()))
+                }
+                ColumnReader::DoubleColumnReader(reader) => {
+                    batch(reader, found.absence, values, |value| Some(value.to_bits()))
+                }
+                _ => Err("not of its type".to_owned()),
+            });
+            let decoded = decoded.unwrap_or_else(|| Err("a page that cannot be read".to_owned()));
+            decoded.map_err(|message| self.error(format!("{}: {message}", self.name(index))))?;
+        }
+        let rows = self.batch[0].len();
+        if let Some(other) = self.batch.iter().position(|values| values.len() != rows) {
+            return Err(self.error(format!("{} has not as many values as the other columns", self.name(other))));
+        }
+        if rows == 0 {
+            self.open.clear();
+        }
+        self.unshown += rows as f64 * self.bytes_per_row;
+        self.bar.inc(self.unshown as u64);
+        self.unshown = self.unshown.fract();
+        Ok(true)
+    }
+
+    /// Opens the columns of the next row group; false if there is none.
+    fn open_group(&mut self) -> Result<bool, RecordingError> {
+        if self.group == self.reader.num_row_groups() {
+            return Ok(false);
+        }
+        let (reader, file, group) = (&self.reader, &self.file, self.group);
+        let opened = contain(|| {
+            let group = reader.get_row_group(group).map_err(|error| error.to_string())?;
+            let open = self.columns.iter().enumerate().map(|(place, column)| {
+                let chunk = group.metadata().column(column.index);
+                let (begin, length) = chunk.byte_range();
+                pages::check(file, begin, length).map_err(|error| format!("{}: {error}", self.name(place)))?;
+                group.get_column_reader(column.index).map_err(|error| error.to_string())
+            });
+            open.collect::<Result<Vec<_>, String>>()
+        });
+        let opened = opened.unwrap_or_else(|| Err("a row group that cannot be read".to_owned()));
+        self.open = opened.map_err(|message| self.error(message))?;
+        self.group += 1;
+        Ok(true)
+    }
+
+    fn name(&self, column: usize) -> &str {
+        &self.wanted[self.columns[column].wanted].name
+    }
+}
+
+impl TableReader for ParquetReader {
+    fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
+        while self.next == self.batch[0].len() {
+            if !self.decode()? {
+                return Ok(false);
+            }
+        }
+        values.clear();
+        values.resize(self.wanted.len(), None);
+        for (column, decoded) in self.columns.iter().zip(&self.batch) {
+            values[column.wanted] = decoded[self.next];
+        }
+        self.next += 1;
+        self.row += 1;
+        Ok(true)
+    }
+
+    fn row(&self) -> u64 {
+        self.row
+    }
+
+    fn unit(&self) -> &'static str {
+        "row"
+    }
+
+    fn error(&self, message: String) -> RecordingError {
+        RecordingError::Place { place: format!("row {}", self.row), message }
+    }
+}
+
+/// Finds the wanted columns of a file.
+fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<Vec<FoundColumn>, String> {
+    let schema = reader.metadata().file_metadata().schema_descr();
+    let (mut columns, mut missing) = (Vec::new(), Vec::new());
+    for (place, WantedColumn { name, kind, optional, absence }) in wanted.iter().enumerate() {
+        let mut found = (0..schema.num_columns()).filter(|&index| schema.column(index).path().string() == *name);
+        let Some(index) = found.next() else {
+            if !optional {
+                missing.push(name.as_str());
+            }
+            continue;
+        };
+        if found.next().is_some() {
+            return Err(format!("the column {name} is there twice"));
+        }
+        let column = schema.column(index);
+        let physical = column.physical_type();
+        let (fits, right) = match kind {
+            ValueKind::F64 => (physical == Physical::DOUBLE, "doubles"),
+            ValueKind::U32 | ValueKind::U64 => {
+                (matches!(physical, Physical::INT32 | Physical::INT64), "whole numbers of 32 or 64 bits")
+            }
+            ValueKind::Number => {
+                let numbers = [Physical::INT32, Physical::INT64, Physical::FLOAT, Physical::DOUBLE];
+                (numbers.contains(&physical), "numbers")
+            }
+        };
+        if !fits || column.max_rep_level() > 0 {
+            return Err(format!("{name} is of type {physical}, give {right}"));
+        }
+        let unsigned = match (column.logical_type_ref(), column.converted_type()) {
+            (Some(LogicalType::Integer(integer)), _) => !integer.is_signed,
+            (_, converted) => matches!(converted, ConvertedType::UINT_32 | ConvertedType::UINT_64),
+        };
+        columns.push(FoundColumn { wanted: place, index, kind: *kind, absence: *absence, unsigned });
+    }
+    if missing.is_empty() {
+        return Ok(columns);
+    }
+    let names = (0..schema.num_columns()).map(|index| schema.column(index).path().string());
+    Err(format!("missing columns: {}; found: {}; is this the recording?", missing.join(", "), list_columns(names)))
+}
+
+/// Appends the next values of a column; nothing at its end.
+fn batch<T: DataType>(
+    reader: &mut ColumnReaderImpl<T>,
+    absence: Absence,
+    decoded: &mut Vec<Option<u64>>,
+    value: impl Fn(T::T) -> Option<u64>,
+) -> Result<(), String> {
+    let (mut levels, mut values) = (Vec::new(), Vec::new());
+    let read = reader.read_records(BATCH, Some(&mut levels), None, &mut values);
+    let (rows, ..) = read.map_err(|error| error.to_string())?;
+    let is_float = matches!(T::get_physical_type(), Physical::DOUBLE | Physical::FLOAT);
+    let mut values = values.into_iter();
+    for row in 0..rows {
+        // A column that may lack values has a level for each row, 0 where there is none.
+        let present = levels.get(row).is_none_or(|level| *level > 0);
+        let next = match (present, absence) {
+            (true, _) => Some(values.next().and_then(&value)),
+            (false, Absence::Kept) => None,
+            (false, Absence::Refused) => Some(is_float.then(|| f64::NAN.to_bits())),
+        };
+        decoded.push(match next {
+            None => None,
+            Some(Some(bits)) => Some(bits),
+            Some(None) => return Err(format!("no number, or one that does not fit, {row} rows further")),
+        });
+    }
+    Ok(())
+}

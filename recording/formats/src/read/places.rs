@@ -1,0 +1,40 @@
+//! Places in a recording of several pieces: one count over all of them, and back to file and line.
+
+use std::path::{Path, PathBuf};
+
+/// The pieces of a recording as far as they have been opened, in order.
+#[derive(Clone, Debug, Default)]
+pub struct Places(Vec<PiecePlace>);
+
+#[derive(Clone, Debug)]
+struct PiecePlace {
+    path: PathBuf,
+    /// What its places count, for messages; `None` for lines.
+    unit: Option<&'static str>,
+    /// Place of its first row less 1, counted over all pieces.
+    before: u64,
+}
+
+impl Places {
+    /// Begins a piece behind `before` lines or rows of others.
+    pub fn begin(&mut self, path: &Path, unit: Option<&'static str>, before: u64) {
+        self.0.push(PiecePlace { path: path.to_owned(), unit, before });
+    }
+
+    /// Place of the current piece's first row less 1.
+    pub fn before(&self) -> u64 {
+        self.0.last().map_or(0, |piece| piece.before)
+    }
+
+    /// File and line, or file and row, of a place that counts over all pieces.
+    #[must_use]
+    pub fn locate(&self, place: u64) -> String {
+        let piece = self.0.iter().rfind(|piece| piece.before < place).or(self.0.first());
+        let Some(PiecePlace { path, unit, before }) = piece else { return place.to_string() };
+        let (path, place) = (path.display(), place.saturating_sub(*before));
+        match unit {
+            None => format!("{path}:{place}"),
+            Some(unit) => format!("{path}: {unit} {place}"),
+        }
+    }
+}

@@ -1,0 +1,396 @@
+//! Rows in a Parquet file that is whole at every instant.
+//!
+//! A Parquet file has its directory at the end, so it cannot simply grow. Two files take turns: at a flush the hidden one gets what it
+//! lacks, then what is not a full row group yet, then the directory; then the two exchange their names in one step. Whoever opens
+//! the name, or finds it after a crash, has everything up to the last flush.
+
+use super::growing::{aside, create};
+use core::fmt::Display;
+use isotherm_recording::columns::{Column, ColumnKind};
+use isotherm_recording::rows::{RecordedRow, ValueVisitor, columns};
+use isotherm_shared::stream::{ImuId, StreamKind};
+use parquet::basic::{Compression, ConvertedType, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::{FileMetaData, KeyValue, ParquetMetaData, ParquetMetaDataWriter, RowGroupMetaData};
+use parquet::file::properties::{EnabledStatistics, WriterProperties, WriterPropertiesPtr};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::{ColumnPath, SchemaDescriptor, Type, TypePtr};
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+use rustix::io::Errno;
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::FileExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tempfile::NamedTempFile;
+
+/// Rows of a full row group. Larger ones are read faster, and what is open is written anew at every flush.
+const ROW_GROUP: usize = 1 << 16;
+const MAGIC: &[u8] = b"PAR1";
+
+/// A Parquet file of one stream that is being written.
+pub struct ParquetFile {
+    path: PathBuf,
+    schema: TypePtr,
+    properties: WriterPropertiesPtr,
+    /// Bytes of magic number and full row groups.
+    body: u64,
+    /// Their last bytes, those that not both files have.
+    recent: Vec<u8>,
+    groups: Vec<RowGroupMetaData>,
+    open: Columns,
+    /// The file under the name, and how much of the body it has.
+    visible: (File, u64),
+    /// The other one; none until the second flush.
+    hidden: Option<(NamedTempFile, u64)>,
+    /// Bytes behind the body at the last flush.
+    tail: u64,
+    /// Whether the file system can exchange two names, as far as is known.
+    exchanges: bool,
+}
+
+impl ParquetFile {
+    /// A new file without rows.
+    ///
+    /// # Errors
+    /// If it exists or cannot be written.
+    pub fn create(path: &Path, imu: &ImuId, stream: StreamKind) -> io::Result<Self> {
+        let columns = columns(stream);
+        let schema = Arc::new(schema(columns).map_err(other)?);
+        let properties = Arc::new(properties(columns, imu, stream).map_err(other)?);
+        let mut bytes = MAGIC.to_vec();
+        bytes.append(&mut directory(&schema, &properties, &mut Vec::new(), None).map_err(other)?);
+        let body = MAGIC.len() as u64;
+        Ok(Self {
+            path: path.to_owned(),
+            schema,
+            properties,
+            body,
+            recent: Vec::new(),
+            groups: Vec::new(),
+            open: Columns::new(columns),
+            visible: (create(path, &bytes)?, body),
+            hidden: None,
+            tail: 0,
+            exchanges: true,
+        })
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// If the library refuses it.
+    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+        self.open.push(row);
+        if self.open.rows < ROW_GROUP {
+            return Ok(());
+        }
+        let (mut bytes, group) = self.encode_open()?;
+        self.open.clear();
+        self.groups.push(group);
+        self.body += bytes.len() as u64;
+        self.recent.append(&mut bytes);
+        Ok(())
+    }
+
+    /// Makes everything so far visible and lasting.
+    ///
+    /// # Errors
+    /// If there is no room; what was visible stays, and it can be tried again.
+    pub fn flush(&mut self) -> io::Result<()> {
+        let (mut tail, open) = match self.open.rows {
+            0 => (Vec::new(), None),
+            _ => self.encode_open().map(|(bytes, group)| (bytes, Some(group)))?,
+        };
+        tail.append(&mut directory(&self.schema, &self.properties, &mut self.groups, open).map_err(other)?);
+        let (hidden, has) = match &mut self.hidden {
+            Some(hidden) => hidden,
+            None => self.hidden.insert((aside(&self.path)?, 0)),
+        };
+        let file = hidden.as_file();
+        // What only the visible file has, if this one is new; then what memory has; then the tail.
+        let recent = self.body - self.recent.len() as u64;
+        if *has < recent {
+            copy(&self.visible.0, file, *has, recent)?;
+            *has = recent;
+        }
+        file.write_all_at(&self.recent[(*has - recent) as usize..], *has)?;
+        *has = self.body;
+        file.write_all_at(&tail, self.body)?;
+        file.set_len(self.body + tail.len() as u64)?;
+        file.sync_data()?;
+        self.tail = tail.len() as u64;
+        self.exchange()?;
+        // Both have the body up to there.
+        let both = self.visible.1.min(self.hidden.as_ref().map_or(self.body, |(_, has)| *has));
+        self.recent.drain(..(both.saturating_sub(recent) as usize).min(self.recent.len()));
+        Ok(())
+    }
+
+    /// Bytes, as of the last flush.
+    pub const fn size(&self) -> u64 {
+        self.body + self.tail
+    }
+
+    /// The hidden file takes the visible one's name, and the other way round.
+    fn exchange(&mut self) -> io::Result<()> {
+        let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
+        if self.exchanges {
+            match renameat_with(CWD, hidden.path(), CWD, &self.path, RenameFlags::EXCHANGE) {
+                Ok(()) => {
+                    std::mem::swap(hidden.as_file_mut(), &mut self.visible.0);
+                    std::mem::swap(has, &mut self.visible.1);
+                    return Ok(());
+                }
+                Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => self.exchanges = false,
+                Err(error) => return Err(error.into()),
+            }
+        }
+        // The hidden file replaces the visible one, and the next begins anew. One that the user has taken away stays away.
+        fs::metadata(&self.path)?;
+        if let Some((hidden, has)) = self.hidden.take() {
+            self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);
+        }
+        Ok(())
+    }
+
+    /// The open rows as a row group at the end of the body.
+    fn encode_open(&self) -> io::Result<(Vec<u8>, RowGroupMetaData)> {
+        encode(&self.schema, &self.properties, &self.open, self.body, self.groups.len()).map_err(other)
+    }
+}
+
+fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
+    let mut buffer = vec![0; 1 << 20];
+    let mut at = begin;
+    while at < end {
+        let length = buffer.len().min((end - at) as usize);
+        from.read_exact_at(&mut buffer[..length], at)?;
+        to.write_all_at(&buffer[..length], at)?;
+        at += length as u64;
+    }
+    Ok(())
+}
+
+/// A row group's bytes and its entry in the directory of a file where it begins at `offset`.
+fn encode(
+    schema: &TypePtr,
+    properties: &WriterPropertiesPtr,
+    columns: &Columns,
+    offset: u64,
+    ordinal: usize,
+) -> Result<(Vec<u8>, RowGroupMetaData), ParquetError> {
+    // A file of its own, whose beginning and directory are left away.
+    let mut file = SerializedFileWriter::new(Vec::new(), Arc::clone(schema), Arc::clone(properties))?;
+    let mut group = file.next_row_group()?;
+    for values in &columns.values {
+        let Some(mut column) = group.next_column()? else { break };
+        match values {
+            Buffer::U64(values) => column.typed::<Int64Type>().write_batch(values, None, None)?,
+            Buffer::U32(values) => column.typed::<Int32Type>().write_batch(values, None, None)?,
+            Buffer::F64(values) => column.typed::<DoubleType>().write_batch(values, None, None)?,
+            Buffer::Text(values) => column.typed::<ByteArrayType>().write_batch(values, None, None)?,
+        };
+        column.close()?;
+    }
+    let group = group.close()?;
+    let end = file.bytes_written();
+    let mut bytes = file.into_inner()?;
+    bytes.truncate(end);
+    bytes.drain(..MAGIC.len());
+
+    let shift = offset as i64 - MAGIC.len() as i64;
+    let moved = group.columns().iter().map(|column| {
+        let moved = column.clone().into_builder().set_data_page_offset(column.data_page_offset() + shift);
+        moved.set_dictionary_page_offset(column.dictionary_page_offset().map(|offset| offset + shift)).build()
+    });
+    let moved = moved.collect::<Result<Vec<_>, _>>()?;
+    let builder = (*group).clone().into_builder().set_column_metadata(moved).set_file_offset(offset as i64);
+    Ok((bytes, builder.set_ordinal(ordinal as i32).build()?))
+}
+
+/// The end of a file with these row groups.
+fn directory(
+    schema: &TypePtr,
+    properties: &WriterPropertiesPtr,
+    groups: &mut Vec<RowGroupMetaData>,
+    open: Option<RowGroupMetaData>,
+) -> Result<Vec<u8>, ParquetError> {
+    let full = groups.len();
+    groups.extend(open);
+    let rows = groups.iter().map(RowGroupMetaData::num_rows).sum();
+    let descriptor = Arc::new(SchemaDescriptor::new(Arc::clone(schema)));
+    let created_by = Some(properties.created_by().to_owned());
+    let file = FileMetaData::new(1, rows, created_by, properties.key_value_metadata().cloned(), descriptor, None);
+    let metadata = ParquetMetaData::new(file, std::mem::take(groups));
+    let mut bytes = Vec::new();
+    let written = ParquetMetaDataWriter::new(&mut bytes, &metadata).finish();
+    *groups = metadata.into_builder().take_row_groups();
+    groups.truncate(full);
+    written.map(|()| bytes)
+}
+
+fn schema(columns: &[Column]) -> Result<Type, ParquetError> {
+    let fields = columns.iter().map(|column| {
+        let (physical, logical) = match column.kind {
+            ColumnKind::U64 => (Physical::INT64, Some(LogicalType::integer(64, false))),
+            ColumnKind::U32 => (Physical::INT32, Some(LogicalType::integer(32, false))),
+            ColumnKind::F64 => (Physical::DOUBLE, None),
+            ColumnKind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+        };
+        let field = Type::primitive_type_builder(column.name, physical).with_repetition(Repetition::REQUIRED);
+        field.with_logical_type(logical).with_converted_type(ConvertedType::NONE).build().map(Arc::new)
+    });
+    Type::group_type_builder("isotherm").with_fields(fields.collect::<Result<_, _>>()?).build()
+}
+
+fn properties(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Result<WriterProperties, ParquetError> {
+    let named = |key: &str, value: &str| KeyValue::new(key.to_owned(), value.to_owned());
+    let mut metadata = vec![named("isotherm.imu", imu.as_str()), named("isotherm.stream", stream.name())];
+    metadata.extend(columns.iter().map(|column| named(&format!("isotherm.unit.{}", column.name), column.unit)));
+    let mut properties = WriterProperties::builder()
+        .set_created_by(concat!("isotherm ", env!("CARGO_PKG_VERSION")).to_owned())
+        .set_key_value_metadata(Some(metadata))
+        .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_offset_index_disabled(true);
+    for column in columns {
+        let path = ColumnPath::from(column.name);
+        // What counts up takes next to nothing as differences; doubles are smaller byte by byte.
+        let encoding = match column.kind {
+            ColumnKind::U64 | ColumnKind::U32 => Some(Encoding::DELTA_BINARY_PACKED),
+            ColumnKind::F64 => Some(Encoding::BYTE_STREAM_SPLIT),
+            ColumnKind::Text => None,
+        };
+        if let Some(encoding) = encoding {
+            properties = properties.set_column_dictionary_enabled(path.clone(), false);
+            properties = properties.set_column_encoding(path.clone(), encoding);
+        }
+        if column.name.ends_with("_ns") {
+            properties = properties.set_column_statistics_enabled(path, EnabledStatistics::Chunk);
+        }
+    }
+    Ok(properties.build())
+}
+
+/// Rows, column by column.
+struct Columns {
+    rows: usize,
+    values: Vec<Buffer>,
+    /// Column of the next value.
+    next: usize,
+}
+
+enum Buffer {
+    U64(Vec<i64>),
+    U32(Vec<i32>),
+    F64(Vec<f64>),
+    Text(Vec<ByteArray>),
+}
+
+impl Columns {
+    fn new(columns: &[Column]) -> Self {
+        let values = columns.iter().map(|column| match column.kind {
+            ColumnKind::U64 => Buffer::U64(Vec::new()),
+            ColumnKind::U32 => Buffer::U32(Vec::new()),
+            ColumnKind::F64 => Buffer::F64(Vec::new()),
+            ColumnKind::Text => Buffer::Text(Vec::new()),
+        });
+        Self { rows: 0, values: values.collect(), next: 0 }
+    }
+
+    fn push(&mut self, row: &RecordedRow) {
+        self.next = 0;
+        row.visit(self);
+        self.rows += 1;
+    }
+
+    fn clear(&mut self) {
+        self.rows = 0;
+        for values in &mut self.values {
+            match values {
+                Buffer::U64(values) => values.clear(),
+                Buffer::U32(values) => values.clear(),
+                Buffer::F64(values) => values.clear(),
+                Buffer::Text(values) => values.clear(),
+            }
+        }
+    }
+
+    fn column(&mut self) -> Option<&mut Buffer> {
+        self.next += 1;
+        self.values.get_mut(self.next - 1)
+    }
+}
+
+// A column's kind is that of its values: both stand side by side in columns.rs, and a file is read back in the tests.
+impl ValueVisitor for Columns {
+    fn u64(&mut self, value: u64) {
+        if let Some(Buffer::U64(values)) = self.column() {
+            values.push(value.cast_signed());
+        }
+    }
+    fn u32(&mut self, value: u32) {
+        if let Some(Buffer::U32(values)) = self.column() {
+            values.push(value.cast_signed());
+        }
+    }
+    fn f64(&mut self, value: f64) {
+        if let Some(Buffer::F64(values)) = self.column() {
+            values.push(value);
+        }
+    }
+    fn text(&mut self, value: impl Display) {
+        if let Some(Buffer::Text(values)) = self.column() {
+            values.push(ByteArray::from(value.to_string().into_bytes()));
+        }
+    }
+}
+
+fn other(error: ParquetError) -> io::Error {
+    io::Error::other(error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_shared::wire::{RawSample, StreamSample};
+    use parquet::file::reader::{FileReader as _, SerializedFileReader};
+
+    /// At every flush the file has every row, whether its file system can exchange names or not.
+    #[test]
+    fn every_flush_leaves_a_whole_file() {
+        for exchanges in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("r.parquet");
+            let mut file = ParquetFile::create(&path, &"imu-a".parse().unwrap(), StreamKind::Raw).unwrap();
+            file.exchanges = exchanges;
+            let mut rows = 0;
+            // Within a row group, over one, over two at once, exactly one, and none.
+            for more in [0, 1, 10, ROW_GROUP, 2 * ROW_GROUP, ROW_GROUP - 11, 0, 5] {
+                for _ in 0..more {
+                    let raw = RawSample { sequence: rows, ..RawSample::default() };
+                    file.write(&RecordedRow { imu: 0, recorded_ns: 0, sample: StreamSample::Raw(raw) }).unwrap();
+                    rows += 1;
+                }
+                file.flush().unwrap();
+                let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+                assert_eq!(reader.metadata().file_metadata().num_rows() as u64, rows);
+                let sequences = (0..reader.num_row_groups()).flat_map(|group| {
+                    let mut column = reader.get_row_group(group).unwrap().get_column_reader(2).unwrap();
+                    let parquet::column::reader::ColumnReader::Int64ColumnReader(column) = &mut column else {
+                        return vec![];
+                    };
+                    let mut values = Vec::new();
+                    column.read_records(ROW_GROUP, None, None, &mut values).unwrap();
+                    values
+                });
+                assert!(sequences.eq(0..rows as i64), "{exchanges} {rows}");
+                assert_eq!(fs::metadata(&path).unwrap().len(), file.size());
+            }
+            drop(file);
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+        }
+    }
+}

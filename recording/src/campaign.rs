@@ -1,0 +1,95 @@
+//! The rows of a campaign in CSV: raw samples with their set point and position.
+
+use crate::columns::CAMPAIGN;
+use crate::csv::CsvColumn;
+use crate::error::RecordingError;
+use crate::raw::{RawCsvReader, SequenceRule};
+use isotherm_shared::wire::RawSample;
+use std::io::Read;
+
+/// One row of a campaign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CampaignRow {
+    /// Line in the file, from 1; in a recording of several pieces, or without lines, the row's place as its reader counts.
+    pub line: u64,
+    /// What the chamber was set to \[degC\]: a label that tells set points apart.
+    pub set_point_c: f64,
+    /// Number of the turntable's position; `None` while it moves.
+    pub position: Option<u32>,
+    /// What the acquisition latched.
+    pub sample: RawSample,
+}
+
+/// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`, which is empty in rows that
+/// were taken while the table moved. An [`Iterator`] that ends at the first error.
+pub struct CampaignCsvReader<R> {
+    samples: RawCsvReader<R>,
+    set_point: CsvColumn,
+    position: CsvColumn,
+}
+
+impl<R: Read> CampaignCsvReader<R> {
+    /// Reads the header row.
+    ///
+    /// # Errors
+    /// [`RecordingError::Data`] if a column is missing or there twice.
+    pub fn new(source: R) -> Result<Self, RecordingError> {
+        let samples = RawCsvReader::new(source)?;
+        let hint = "a campaign's rows are raw samples with the set point and the number of the position";
+        let [set_point, position] = samples
+            .rows
+            .columns(&CAMPAIGN.map(|column| column.name), hint)?
+            .try_into()
+            .unwrap_or_else(|_| [CsvColumn::default(), CsvColumn::default()]);
+        Ok(Self { samples, set_point, position })
+    }
+
+    /// Goes on with the rule as it stands after the piece of the recording that came before.
+    pub const fn set_order(&mut self, order: SequenceRule) {
+        self.samples.set_order(order);
+    }
+
+    /// The rule as it stands after the last sample.
+    #[must_use]
+    pub const fn order(&self) -> SequenceRule {
+        self.samples.order()
+    }
+
+    /// Line of the last row, from 1.
+    #[must_use]
+    pub const fn line(&self) -> u64 {
+        self.samples.line()
+    }
+
+    /// As [`RawCsvReader::cut`].
+    #[must_use]
+    pub fn cut(&self) -> Option<String> {
+        self.samples.cut()
+    }
+
+    fn row(&self, sample: RawSample) -> Result<CampaignRow, RecordingError> {
+        let rows = &self.samples.rows;
+        let finite = |text: &str| text.parse().ok().filter(|value: &f64| value.is_finite());
+        let number = |text: &str| if text.is_empty() { Some(None) } else { text.parse().ok().map(Some) };
+        Ok(CampaignRow {
+            line: rows.line(),
+            set_point_c: rows.parse(&self.set_point, "the chamber's set point in degC", finite)?,
+            position: rows.parse(
+                &self.position,
+                "the number of a position, or nothing while the table moves",
+                number,
+            )?,
+            sample,
+        })
+    }
+}
+
+impl<R: Read> Iterator for CampaignCsvReader<R> {
+    type Item = Result<CampaignRow, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let row = self.samples.next()?.and_then(|sample| self.row(sample));
+        self.samples.failed |= row.is_err();
+        Some(row)
+    }
+}

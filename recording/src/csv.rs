@@ -1,0 +1,381 @@
+//! Rows of a comma-separated text, each with its line number for messages.
+
+use crate::columns::BINARY_FORMATS;
+use crate::error::RecordingError;
+use core::str::FromStr;
+use std::io::{BufRead, BufReader, Read};
+
+/// Bytes read at a time.
+const BUFFER: usize = 1 << 16;
+/// Longest line \[bytes\].
+const MAX_LINE: u64 = 1 << 16;
+
+/// A column: its name and its place in a row.
+#[derive(Clone, Debug, Default, Eq, PartialEq)]
+pub struct CsvColumn(String, usize);
+
+/// The rows of a CSV text, one a line, blank lines left out, with the number of their line.
+pub struct Rows<R> {
+    source: BufReader<R>,
+    parser: csv_core::Reader,
+    text: Vec<u8>,
+    line: u64,
+    /// The fields of a row with quotation marks one after the other, as csv-core gives them, and where each ends.
+    unquoted: Vec<u8>,
+    ends: Vec<usize>,
+    /// Whether the current row has quotation marks; the fields of others stay in `text`.
+    quoted: bool,
+    /// Where each field begins and ends.
+    fields: Vec<(usize, usize)>,
+}
+
+impl<R: Read> Rows<R> {
+    /// Reads from `source`.
+    pub fn new(source: R) -> Self {
+        Self {
+            source: BufReader::with_capacity(BUFFER, source),
+            parser: csv_core::Reader::new(),
+            text: Vec::new(),
+            line: 0,
+            unquoted: Vec::new(),
+            ends: Vec::new(),
+            quoted: false,
+            fields: Vec::new(),
+        }
+    }
+
+    /// Parses the next row; false at the end.
+    ///
+    /// # Errors
+    /// If the source cannot be read, a quotation mark is not closed or a lone carriage return is inside a row.
+    pub fn next_row(&mut self) -> Result<bool, RecordingError> {
+        self.fields.clear();
+        loop {
+            self.text.clear();
+            self.line += 1;
+            if (&mut self.source).take(MAX_LINE).read_until(b'\n', &mut self.text)? == 0 {
+                return Ok(false);
+            }
+            if self.line == 1
+                && let Some((_, format)) = BINARY_FORMATS.iter().find(|(magic, _)| self.text.starts_with(magic))
+            {
+                return Err(self.error(format!("a recording in {format}, not comma-separated text")));
+            }
+            if self.text.len() as u64 == MAX_LINE {
+                return Err(
+                    self.error(format!("over {MAX_LINE} bytes without a line end; this is no table of numbers"))
+                );
+            }
+            if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
+                self.text.drain(..3);
+            }
+            if !self.text.trim_ascii().is_empty() {
+                break;
+            }
+        }
+        let content = self.text.strip_suffix(b"\n").unwrap_or(&self.text);
+        let content = content.strip_suffix(b"\r").unwrap_or(content);
+        if memchr::memchr(b'\r', content).is_some() {
+            return Err(
+                self.error("a carriage return inside a row; save the file with LF or CR LF line ends".to_owned())
+            );
+        }
+        self.quoted = memchr::memchr(b'"', content).is_some();
+        if self.quoted {
+            return self.parse_quoted();
+        }
+        let mut begin = 0;
+        for comma in memchr::memchr_iter(b',', content) {
+            self.fields.push((begin, comma));
+            begin = comma + 1;
+        }
+        self.fields.push((begin, content.len()));
+        Ok(true)
+    }
+
+    fn parse_quoted(&mut self) -> Result<bool, RecordingError> {
+        // No line needs more room than this, so that parsing it is one call.
+        self.unquoted.resize(self.text.len() + 1, 0);
+        self.ends.resize(self.text.len() + 1, 0);
+        if !self.text.ends_with(b"\n") {
+            self.text.push(b'\n');
+        }
+        self.parser.reset();
+        let (result, _, _, count) = self.parser.read_record(&self.text, &mut self.unquoted, &mut self.ends);
+        let mut begin = 0;
+        for &end in &self.ends[..count] {
+            self.fields.push((begin, end));
+            begin = end;
+        }
+        match result {
+            csv_core::ReadRecordResult::Record => Ok(true),
+            _ => Err(self.error("a quotation mark is not closed; a field may not span lines".to_owned())),
+        }
+    }
+
+    /// Number of fields of the row.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.fields.len()
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.fields.is_empty()
+    }
+
+    /// Line of the row, from 1.
+    #[must_use]
+    pub const fn line(&self) -> u64 {
+        self.line
+    }
+
+    /// Finds the columns `names` in the header, which must be the current row; `hint` ends the message about missing ones.
+    ///
+    /// # Errors
+    /// Naming every column that is missing and those that were found, or a column that is there twice.
+    pub fn columns(&self, names: &[&str], hint: &str) -> Result<Vec<CsvColumn>, RecordingError> {
+        let found = names.iter().map(|name| self.optional_column(name)).collect::<Result<Vec<_>, _>>()?;
+        let missing: Vec<_> = names.iter().zip(&found).filter(|(_, c)| c.is_none()).map(|(name, _)| *name).collect();
+        if missing.is_empty() {
+            Ok(found.into_iter().flatten().collect())
+        } else {
+            let missing = missing.join(", ");
+            Err(self.error(format!("missing columns: {missing}; found: {}; {hint}", self.names())))
+        }
+    }
+
+    /// The columns of the header, which must be the current row, for a message.
+    fn names(&self) -> String {
+        let names = (0..self.len()).map(|index| String::from_utf8_lossy(self.field(index)).into_owned());
+        list_columns(names)
+    }
+
+    /// Finds a column in the header, which must be the current row.
+    ///
+    /// # Errors
+    /// If it is there twice.
+    pub fn optional_column(&self, name: &str) -> Result<Option<CsvColumn>, RecordingError> {
+        let mut places = (0..self.len()).filter(|&index| self.field(index) == name.as_bytes());
+        match (places.next(), places.next()) {
+            (_, Some(_)) => Err(self.error(format!("the column {name} is there twice"))),
+            (place, None) => Ok(place.map(|place| CsvColumn(name.to_owned(), place))),
+        }
+    }
+
+    /// Refuses a row that has not `count` fields.
+    ///
+    /// # Errors
+    /// Naming both numbers.
+    pub fn expect_len(&self, count: usize) -> Result<(), RecordingError> {
+        if self.len() == count {
+            return Ok(());
+        }
+        Err(self.error(format!("{} fields, but the header has {count}; is the row cut?", self.len())))
+    }
+
+    fn field(&self, index: usize) -> &[u8] {
+        let (begin, end) = self.fields[index];
+        let row = if self.quoted { &self.unquoted } else { &self.text };
+        row[begin..end].trim_ascii()
+    }
+
+    /// Whether the row's line has an end, as the last one of a text may not.
+    #[must_use]
+    pub fn is_terminated(&self) -> bool {
+        self.text.ends_with(b"\n")
+    }
+
+    /// An error about the current row.
+    #[must_use]
+    pub fn error(&self, message: String) -> RecordingError {
+        RecordingError::Data { line: self.line, message }
+    }
+
+    /// The field of `column`, made into a value; `right` says what it should be.
+    ///
+    /// # Errors
+    /// If `parse` returns `None`.
+    pub fn parse<T>(
+        &self,
+        column: &CsvColumn,
+        right: &str,
+        parse: impl Fn(&str) -> Option<T>,
+    ) -> Result<T, RecordingError> {
+        self.parse_or(column, |text| parse(text).ok_or(right))
+    }
+
+    /// The field of `column`, made into a value; an error of `parse` says what it should be.
+    ///
+    /// # Errors
+    /// If `parse` returns one.
+    pub fn parse_or<'r, T>(
+        &self,
+        CsvColumn(name, index): &CsvColumn,
+        parse: impl Fn(&str) -> Result<T, &'r str>,
+    ) -> Result<T, RecordingError> {
+        let field = self.field(*index);
+        core::str::from_utf8(field).map_err(|_| "text in UTF-8").and_then(parse).map_err(|right| {
+            let shown: String = String::from_utf8_lossy(field).chars().take(40).collect();
+            self.error(format!("{name} is {shown:?}, give {right}"))
+        })
+    }
+
+    /// A whole number of 32 or 64 bits without a sign.
+    ///
+    /// # Errors
+    /// If the field is none.
+    pub fn integer<T: FromStr + TryFrom<u64>>(&self, column: &CsvColumn) -> Result<T, RecordingError> {
+        const RIGHT: [&str; 2] =
+            ["a whole number from 0 to 4294967295", "a whole number from 0 to 18446744073709551615"];
+        if let Some((0, mantissa, 0)) = digits(self.field(column.1))
+            && let Ok(value) = T::try_from(mantissa)
+        {
+            return Ok(value);
+        }
+        self.parse(column, RIGHT[size_of::<T>() / 8], |text| text.parse().ok())
+    }
+
+    /// A number. NaN and infinities are telemetry too, if they are written as such; one that overflows is a slip.
+    ///
+    /// # Errors
+    /// If the field is none.
+    pub fn float(&self, column: &CsvColumn) -> Result<f64, RecordingError> {
+        if let Some(value) = decimal(self.field(column.1)) {
+            return Ok(value);
+        }
+        self.parse(column, "a number", |text| {
+            text.parse().ok().filter(|value: &f64| !value.is_infinite() || !text.contains(|c: char| c.is_ascii_digit()))
+        })
+    }
+}
+
+/// Names of columns for a message: some of them, each cut if it is long, none with characters that a terminal obeys.
+pub fn list_columns(names: impl IntoIterator<Item = String>) -> String {
+    const MOST: usize = 40;
+    const LONGEST: usize = 40;
+    let mut names: Vec<_> = names.into_iter().collect();
+    let more = names.len().saturating_sub(MOST);
+    names.truncate(MOST);
+    let shown = names.iter().map(|name| {
+        let cut: String = name.chars().take(LONGEST).collect();
+        let dots = if cut.len() < name.len() { ".." } else { "" };
+        format!("{}{dots}", cut.escape_debug())
+    });
+    let shown: Vec<_> = shown.collect();
+    match (shown.is_empty() || shown == [""], more) {
+        (true, _) => "none".to_owned(),
+        (false, 0) => shown.join(", "),
+        (false, more) => format!("{} and {more} more", shown.join(", ")),
+    }
+}
+
+/// The usual field, digits with at most one sign and one point: whether it is negative (1) or not (0), its digits as one number, and
+/// how many of them come after the point. `None` for anything else, which the standard library then reads; also for over 18 digits.
+#[inline]
+fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
+    let (negative, unsigned) = match field.split_first() {
+        Some((b'-', rest)) => (1, rest),
+        _ => (0, field),
+    };
+    let (mut mantissa, mut count, mut point) = (0_u64, 0, None);
+    for (index, byte) in unsigned.iter().enumerate() {
+        match byte {
+            b'0'..=b'9' => {
+                mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
+                count += 1;
+            }
+            b'.' if point.is_none() => point = Some(index + 1),
+            _ => return None,
+        }
+    }
+    // A point with nothing behind it is left to the standard library too, and 18 digits cannot overflow.
+    let after = point.map_or(0, |point| unsigned.len() - point);
+    ((1..=18).contains(&count) && (point.is_none() || after > 0)).then_some((negative, mantissa, after))
+}
+
+/// Powers of ten that are exact doubles.
+const POWERS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
+    1e21, 1e22,
+];
+
+/// A decimal whose digits and power of ten are exact doubles: then one division rounds once, as it must (Clinger, 1990).
+#[inline]
+fn decimal(field: &[u8]) -> Option<f64> {
+    let (negative, mantissa, after) = digits(field)?;
+    let size = (mantissa <= 1 << 53).then(|| mantissa as f64 / POWERS[after])?;
+    Some(if negative == 1 { -size } else { size })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::io;
+
+    fn row(text: &str) -> Rows<&[u8]> {
+        let mut rows = Rows::new(text.as_bytes());
+        assert!(rows.next_row().unwrap());
+        rows
+    }
+
+    #[test]
+    fn what_is_no_plain_decimal_is_left_to_the_standard_library() {
+        for text in ["", "-", ".", "1.", "1e3", "+1", "--1", "1.2.3", "1,2", "nan", "inf", "0x1", "1234567890123456789"]
+        {
+            assert_eq!(digits(text.as_bytes()), None, "{text}");
+        }
+        assert_eq!(digits(b"-0.50"), Some((1, 50, 2)));
+        assert_eq!(decimal(b"-0").map(f64::to_bits), Some((-0.0_f64).to_bits()));
+        // Too many digits for one division.
+        assert_eq!(decimal(b"9007199254740993"), None);
+    }
+
+    #[test]
+    fn integers_of_each_width_keep_their_limits() {
+        let column = |index| CsvColumn(String::from("n"), index);
+        let rows = row("4294967295,4294967296,18446744073709551615,18446744073709551616,-1,1.0,+7, 8 \n");
+        assert_eq!(rows.integer::<u32>(&column(0)).unwrap(), u32::MAX);
+        assert_eq!(rows.integer::<u64>(&column(2)).unwrap(), u64::MAX);
+        assert_eq!((rows.integer::<u32>(&column(6)).unwrap(), rows.integer::<u64>(&column(7)).unwrap()), (7, 8));
+        for wrong in [1, 4, 5] {
+            assert!(rows.integer::<u32>(&column(wrong)).is_err(), "{wrong}");
+        }
+        assert!(rows.integer::<u64>(&column(3)).is_err());
+    }
+
+    #[test]
+    fn a_line_without_end_is_refused() {
+        let mut rows = Rows::new(io::repeat(b'1'));
+        assert!(rows.next_row().unwrap_err().to_string().starts_with("line 1: over 65536 bytes without a line end"));
+    }
+
+    proptest! {
+        /// Every decimal reads as the standard library reads it, to the last bit.
+        #[test]
+        fn decimals_are_the_nearest_doubles(text in "-?[0-9]{0,12}(\\.[0-9]{0,12})?") {
+            let right = text.parse::<f64>().ok();
+            if let Some(value) = decimal(text.as_bytes()) {
+                prop_assert_eq!(Some(value.to_bits()), right.map(f64::to_bits), "{}", text);
+            }
+            let line = format!("{text},\n");
+            let rows = row(&line);
+            let read = rows.float(&CsvColumn(String::from("x"), 0)).ok();
+            prop_assert_eq!(read.map(f64::to_bits), right.map(f64::to_bits), "{}", text);
+        }
+
+        /// Quotation marks change nothing but the way a row is read.
+        #[test]
+        fn quoted_rows_are_the_same_rows(fields in prop::collection::vec("[a-z0-9 .]{0,8}", 2..6)) {
+            let line = fields.join(",") + "\n";
+            let quoted = fields.iter().map(|f| format!("\"{f}\"")).collect::<Vec<_>>().join(",") + "\n";
+            let (plain, quoted) = (row(&line), row(&quoted));
+            prop_assert_eq!(plain.len(), quoted.len());
+            for index in 0..fields.len() {
+                prop_assert_eq!(plain.field(index), quoted.field(index));
+            }
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Recordings: rows, the one list of columns, and CSV. Other formats are in `isotherm-recording-formats`.
+//!
+//! This crate reads and writes whatever source or sink it is given; its callers open the files. Columns are found by name, in any order;
+//! others are ignored:
+//!
+//! ```text
+//! raw:        sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_..,a3_..   [session, telemetry_ns]
+//! campaign:   set_point_c,position, then the raw columns
+//! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags                         [delivery]
+//! ```
+
+mod campaign;
+pub mod columns;
+pub mod csv;
+mod error;
+mod increments;
+mod raw;
+pub mod rows;
+
+pub use campaign::{CampaignCsvReader, CampaignRow};
+pub use error::RecordingError;
+pub use increments::IncrementCsvWriter;
+pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

@@ -1,0 +1,184 @@
+//! `check`: validating files with the code that loads them.
+
+use crate::config::Config;
+use clap::Args;
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{Guard, LoadError, check_written, load_table, read_text, remove_unfinished_on_signals, replace};
+use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
+use isotherm_shared::table::{CoefficientTable, Seal};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Validate coefficient tables, service configurations, campaign files and plans with the code that loads them
+///
+/// What a file is, its content tells. All faults of all files are reported, each with line and key.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml"
+)]
+pub struct Check {
+    /// Write a table's digest into it, so that a later change or a half-written copy is noticed
+    #[arg(long)]
+    seal: bool,
+    /// Take files that everybody may write; without this they are refused, as by the service
+    #[arg(long)]
+    allow_world_writable: bool,
+    /// Tables, configurations, campaign files and plans; - is stdin
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+}
+
+/// A kind of file that a program knows besides tables and configurations.
+#[derive(Clone, Copy)]
+pub struct FileKind {
+    /// What it is, for messages, as in "a campaign plan".
+    pub name: &'static str,
+    /// By which section a person recognises it, as in `[chamber]`.
+    pub mark: &'static str,
+    /// Whether a document is meant to be one.
+    pub is_meant: fn(&Document<'_>) -> bool,
+    /// Validates a text, which came from this path; a line for the operator if it is right.
+    pub check: fn(&str, &Path) -> Result<String, Failure>,
+}
+
+/// What a document is meant to be.
+enum Meaning<'a> {
+    Table,
+    Config,
+    Other(&'a FileKind),
+}
+
+impl Check {
+    /// Validates the files; `others` are kinds that are looked for before tables and configurations.
+    ///
+    /// # Errors
+    /// All faults of all files.
+    pub fn run(self, others: &[FileKind]) -> Result<(), Failure> {
+        remove_unfinished_on_signals()?;
+        let mut failures = Vec::new();
+        for path in &self.files {
+            match check(path, self.seal, Guard::allowing(self.allow_world_writable), others) {
+                Ok(line) => check_written(None, writeln!(io::stdout(), "{}: {line}", path.display()))?,
+                Err(failure) => failures.push(failure),
+            }
+        }
+        Failure::all(failures).map_or(Ok(()), Err)
+    }
+}
+
+fn check(path: &Path, seal: bool, guard: Guard, others: &[FileKind]) -> Result<String, Failure> {
+    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, guard)?.0 };
+    let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
+    let unsealed =
+        |name: &str| Err(Failure::new(Exit::Config, format!("{}: {name}; only tables are sealed", path.display())));
+    match meaning(&text, others).map_err(refuse)? {
+        Meaning::Table if seal && path == Path::new("-") => {
+            Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
+        }
+        Meaning::Table => {
+            let policy = if seal { Seal::Renewed } else { Seal::Checked };
+            let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
+            let sealed = if seal {
+                write_digest(path, &text, &table)?;
+                "sealed"
+            } else if Document::parse(&text).is_ok_and(|document| document.has("digest")) {
+                "seal intact"
+            } else {
+                "not sealed"
+            };
+            Ok(format!("table of {}, {}, {sealed}", table.content().imu, table.digest()))
+        }
+        Meaning::Config if seal => unsealed("a service configuration"),
+        Meaning::Other(kind) if seal => unsealed(kind.name),
+        Meaning::Other(kind) => (kind.check)(&text, path),
+        Meaning::Config => {
+            let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
+            let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), guard));
+            let failures = loaded.filter_map(Result::err).map(Failure::from).collect();
+            Failure::all(failures).map_or_else(
+                || Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len())),
+                Err,
+            )
+        }
+    }
+}
+
+/// What is wanted where a file is no TOML at all.
+const WANTED: &str = "give a coefficient table, a service configuration, a campaign file or a campaign plan";
+
+fn read_stdin() -> Result<String, Failure> {
+    let mut text = String::new();
+    let read = io::stdin().take(MAX_BYTES + 1).read_to_string(&mut text);
+    read.map_err(|error| Failure::io("reading", Path::new("stdin"), &error))?;
+    if text.len() as u64 > MAX_BYTES {
+        let message = format!("stdin: over {MAX_BYTES} bytes; no table or configuration is that large");
+        return Err(Failure::new(Exit::Config, message));
+    }
+    Ok(text)
+}
+
+/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`.
+fn meaning<'a>(text: &str, others: &'a [FileKind]) -> Result<Meaning<'a>, Faults> {
+    let document = Document::parse_as(text, WANTED)?;
+    let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
+    if let Some(kind) = others.iter().find(|kind| (kind.is_meant)(&document)) {
+        Ok(Meaning::Other(kind))
+    } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
+        Ok(Meaning::Config)
+    } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
+        Ok(Meaning::Table)
+    } else {
+        let others = others.iter().map(|FileKind { name, mark, .. }| format!(", nor {name}, which has {mark}"));
+        let message = format!(
+            "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]]{}",
+            others.collect::<String>()
+        );
+        Err(Faults(vec![Fault { line: 1, key: String::new(), message }]))
+    }
+}
+
+/// Sets `digest` and leaves every other byte as the user wrote it.
+fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(), Failure> {
+    let sealed = with_digest(text, &format!("\"{}\"", table.digest()));
+    // Read back before anything is replaced: the result must be the same table, with a seal that holds.
+    let sealed = sealed.filter(|sealed| CoefficientTable::from_toml(sealed, None).as_ref() == Ok(table));
+    let sealed = sealed.ok_or_else(|| {
+        let (path, digest) = (path.display(), table.digest().to_string());
+        let message =
+            format!("{path}: cannot be sealed as it is laid out; put digest = {digest:?} below format by hand");
+        Failure::new(Exit::Failed, message)
+    })?;
+    replace(path, &sealed).map_err(|error| Failure::io("writing", path, &error))
+}
+
+/// The text with another digest, or with one in a line of its own below `format`.
+fn with_digest(text: &str, digest: &str) -> Option<String> {
+    let document = Document::parse(text).ok()?;
+    if let Some(span) = document.span("digest") {
+        return Some(format!("{}{digest}{}", text.get(..span.start)?, text.get(span.end..)?));
+    }
+    let format = document.span("format")?;
+    let end = format.end + text.get(format.end..)?.find('\n').map_or(text.len() - format.end, |newline| newline + 1);
+    let (above, below) = text.split_at_checked(end)?;
+    let newline = if above.ends_with("\r\n") { "\r\n" } else { "\n" };
+    let gap = if above.ends_with('\n') { "" } else { newline };
+    Some(format!("{above}{gap}digest = {digest}{newline}{below}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_digest;
+
+    #[test]
+    fn the_digest_is_set_and_nothing_else_touched() {
+        for (before, after) in [
+            ("# c\nformat = 1 # f\n\n[imu]\n", "# c\nformat = 1 # f\ndigest = NEW\n\n[imu]\n"),
+            ("format = 1\r\n[imu]\r\n", "format = 1\r\ndigest = NEW\r\n[imu]\r\n"),
+            ("# above\n\n\"digest\" = \"x\"   # why\nformat = 1", "# above\n\n\"digest\" = NEW   # why\nformat = 1"),
+            ("digest = 5\nformat = 1\n", "digest = NEW\nformat = 1\n"),
+            ("format = 1", "format = 1\ndigest = NEW\n"),
+        ] {
+            assert_eq!(with_digest(before, "NEW").as_deref(), Some(after));
+        }
+    }
+}

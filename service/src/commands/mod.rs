@@ -1,0 +1,53 @@
+//! Commands of the daemon, one file each, and what command lines of all programs have in common.
+
+pub mod check;
+pub mod serve;
+pub mod status;
+
+use isotherm_client::Domain;
+use isotherm_failure::{Exit, Failure};
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// What the exit codes mean, below the help of every command.
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 64 usage, 65 bad recording or samples, 69 no service, stream or instrument, \
+                          74 a file cannot be read or written, 78 bad configuration, table, campaign file or plan";
+
+/// The domain that a command line names, or else the environment.
+///
+/// # Errors
+/// If it is none.
+pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
+    isotherm_client::domain(name).map_err(|error| Failure::new(Exit::Usage, error.to_string()))
+}
+
+/// The command line of a program with the exit codes in every help, and with examples that name this `program`.
+#[must_use]
+pub fn finish(command: clap::Command, program: &str) -> clap::Command {
+    let help = command.get_after_help().map(|help| format!("{help}\n")).unwrap_or_default();
+    let own = |line: &str| match line.trim_start().strip_prefix("isotherm ") {
+        Some(rest) if command.get_name() != "isotherm" => format!("  {program} {rest}"),
+        _ => line.to_owned(),
+    };
+    let help: Vec<_> = help.lines().map(own).collect();
+    let help = help.join("\n") + if help.is_empty() { "" } else { "\n" } + EXIT_CODES;
+    let names: Vec<_> = command.get_subcommands().map(|command| command.get_name().to_owned()).collect();
+    let command = command.after_help(help);
+    names.iter().fold(command, |command, name| command.mut_subcommand(name, |command| finish(command, program)))
+}
+
+/// Runs a program: prints help, version and errors where they belong, and makes an exit code of what `run` has come to.
+pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>, clap::Error>) -> ExitCode {
+    match run() {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(failure)) => {
+            let _ = writeln!(std::io::stderr(), "{program}: {failure}");
+            ExitCode::from(failure.exit as u8)
+        }
+        Err(error) => {
+            // Help and version go to stdout and are no failure; a closed pipe is none either.
+            let _ = error.print();
+            ExitCode::from(if error.use_stderr() { Exit::Usage as u8 } else { 0 })
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! `serve`: the service itself.
+
+use crate::config::{Config, Imu, MAX_IMUS};
+use crate::control;
+use crate::logging::{self, LogFormat};
+use clap::Args;
+use isotherm_client::{Domain, ImuId};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::Guard;
+use std::path::PathBuf;
+
+/// Run the compensation service until SIGTERM or SIGINT
+///
+/// SIGHUP loads all tables anew; a table file that changes is loaded by itself.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm serve --imu imu-a=tables/imu-a.toml\n  isotherm serve --config /etc/isotherm/service.toml --log-format json"
+)]
+pub struct Serve {
+    /// Configuration file
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// An IMU and its coefficient table; may be repeated, and adds to the configuration
+    #[arg(long, value_name = "ID=TABLE", value_parser = imu)]
+    imu: Vec<Imu>,
+    /// Serve an IMU whose table file does not exist yet: NaN until it appears
+    #[arg(long)]
+    allow_uncalibrated: bool,
+    /// Take a configuration or tables that everybody may write; without this they are refused
+    #[arg(long)]
+    allow_world_writable: bool,
+    /// Log lines for people or for machines
+    #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
+    log_format: LogFormat,
+}
+
+impl Serve {
+    /// Runs the service until SIGTERM or SIGINT.
+    ///
+    /// # Errors
+    /// Why it could not start or go on.
+    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+        logging::start(self.log_format);
+        let guard = Guard::allowing(self.allow_world_writable);
+        let mut config = match &self.config {
+            Some(path) => Config::load(path, guard)?,
+            None => Config::default(),
+        };
+        for imu in self.imu {
+            if config.imus.iter().any(|known| known.id == imu.id) {
+                return Err(Failure::new(Exit::Usage, format!("IMU {} is given twice; give every IMU once", imu.id)));
+            }
+            config.imus.push(imu);
+        }
+        if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
+            let message = format!(
+                "{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE",
+                config.imus.len()
+            );
+            return Err(Failure::new(Exit::Usage, message));
+        }
+        control::run(domain, &config, self.allow_uncalibrated, guard)
+    }
+}
+
+fn imu(text: &str) -> Result<Imu, String> {
+    let (id, table) = text.split_once('=').ok_or("give ID=TABLE, for example imu-a=tables/imu-a.toml")?;
+    let id: ImuId = id.parse().map_err(|error| format!("{error}"))?;
+    if table.is_empty() {
+        return Err("the path of the table is missing".to_owned());
+    }
+    Ok(Imu::new(id, table.into()))
+}

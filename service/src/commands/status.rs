@@ -1,0 +1,117 @@
+//! `status`: what the running service tells about itself.
+
+use clap::Args;
+use isotherm_client::{Domain, Options, fetch_status};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::print;
+use isotherm_shared::status::{ImuStatus, LatencySummary, ServiceStatus, WorkerStatus};
+use std::fmt::Write as _;
+use std::time::Duration;
+
+/// Show the running service: per IMU counts, flags, latency, table in force
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm status\n  isotherm status --json | jq '.imus[] | {id, received, gaps}'\n  isotherm status --iceoryx2 > iceoryx2.toml"
+)]
+pub struct Status {
+    /// Print one JSON document
+    #[arg(long)]
+    json: bool,
+    /// Print the configuration with which iceoryx2's own tools join the domain, whether a service runs or not
+    #[arg(long, conflicts_with = "json")]
+    iceoryx2: bool,
+}
+
+impl Status {
+    /// Prints the status.
+    ///
+    /// # Errors
+    /// If no service answers.
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        if self.iceoryx2 {
+            return print(&transport_config(&domain)?);
+        }
+        let status = fetch_status(&Options { domain, timeout: Duration::ZERO })?;
+        let text = if self.json {
+            let text = serde_json::to_string_pretty(&status);
+            text.map_err(|error| Failure::new(Exit::Failed, format!("writing JSON: {error}")))? + "\n"
+        } else {
+            describe(&status)
+        };
+        print(&text)
+    }
+}
+
+fn transport_config(domain: &Domain) -> Result<String, Failure> {
+    let failed = |cause: String| Failure::new(Exit::Failed, format!("writing the configuration: {cause}"));
+    let config = domain.config().map_err(|error| failed(error.to_string()))?;
+    toml::to_string(&config).map_err(|error| failed(error.to_string()))
+}
+
+fn describe(status: &ServiceStatus) -> String {
+    let mut text = format!(
+        "isotherm {} in domain {}, pid {}, up {:.0} s, waiting: {}, latency budget {} us\n",
+        status.version, status.domain.name, status.pid, status.uptime_s, status.wait, status.budget_us
+    );
+    if status.memory_locked_kb > 0 {
+        let _ = writeln!(text, "memory locked: {} kB", status.memory_locked_kb);
+    }
+    for (index, worker) in status.workers.iter().enumerate() {
+        let _ = describe_worker(&mut text, index, worker);
+    }
+    for imu in &status.imus {
+        // Writing to a String cannot fail.
+        let _ = describe_imu(&mut text, imu);
+    }
+    text
+}
+
+fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+    let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
+    writeln!(text, "\n{}", imu.id)?;
+    writeln!(
+        text,
+        "  table        {} ({}), {} reloads",
+        imu.table.as_deref().unwrap_or("none"),
+        imu.table_file,
+        imu.reloads
+    )?;
+    if let Some(error) = &imu.last_reload_error {
+        writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
+    }
+    writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
+    writeln!(
+        text,
+        "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",
+        imu.received, imu.compensated, imu.missing, imu.gaps, imu.repeats
+    )?;
+    let flagged: Vec<_> =
+        imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+    writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;
+    writeln!(text, "  latency [us]        p50       p99     p99.9       max     count")?;
+    for (name, summary) in
+        [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]
+    {
+        let Some(LatencySummary { count, p50, p99, p999, max }) = summary else {
+            writeln!(text, "    {name:<8} no samples")?;
+            continue;
+        };
+        let [p50, p99, p999, max] = [p50, p99, p999, max].map(|ns| ns as f64 / 1e3);
+        writeln!(text, "    {name:<8} {p50:>9.2} {p99:>9.2} {p999:>9.2} {max:>9.2} {count:>9}")?;
+    }
+    Ok(())
+}
+
+fn describe_worker(text: &mut String, index: usize, worker: &WorkerStatus) -> std::fmt::Result {
+    let priority =
+        worker.priority.map_or_else(|| "no real-time priority".to_owned(), |priority| format!("FIFO {priority}"));
+    writeln!(
+        text,
+        "worker {index}: {}; cores {}, {priority}; in the last second {:.1} % of a core, held back {:.1} ms",
+        worker.imus.join(", "),
+        worker.cores,
+        worker.cpu_percent,
+        worker.held_back_ms
+    )?;
+    if worker.stands_still { writeln!(text, "  STANDS STILL: its IMUs are not served") } else { Ok(()) }
+}

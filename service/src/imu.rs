@@ -1,0 +1,246 @@
+//! One IMU as the control thread sees it: its table's file, the tables on their way to the worker, what has been logged.
+
+use crate::config::Imu;
+use crate::leftovers::{Port, ports_of, ports_of_event};
+use crate::reload::{FileChange, TableFile};
+use crate::windows::Windows;
+use crate::worker::channel::ChannelLink;
+use crate::worker::counters::{CounterReader, counters};
+use iceoryx2::service::port_factory::event;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_client::unix_s;
+use isotherm_failure::{Exit, Failure};
+use isotherm_shared::stream::{self, Ipc, IpcNode};
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use rtrb::{Producer, RingBuffer};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tracing::{error, info, warn};
+
+/// Tables on their way to the worker. It takes them at least every few milliseconds; one that finds no room waits for
+/// the next tick.
+const TABLES: usize = 16;
+/// How long losses that go on are not logged again.
+const AGAIN: Duration = Duration::from_secs(60);
+
+/// One IMU before its streams exist.
+pub struct PendingImu {
+    imu: Imu,
+    file: TableFile,
+    counters: CounterReader,
+    last_error: Option<Refused>,
+    tables: TableQueue,
+}
+
+impl PendingImu {
+    /// Sends the first table on its way; the worker's end comes along.
+    pub fn new(imu: &Imu, file: TableFile, first: FileChange) -> (Self, ChannelLink) {
+        let (queue, taken) = RingBuffer::new(TABLES);
+        let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
+        let last_error = match first {
+            FileChange::Loaded(table) => {
+                tables.send(Arc::from(table), file.modified_unix_s());
+                None
+            }
+            FileChange::Refused(error) => Some(Refused::now(cut(error.to_string()))),
+            FileChange::Unchanged => None,
+        };
+        let (writer, counters) = counters();
+        let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer };
+        (Self { imu: imu.clone(), file, counters, last_error, tables }, link)
+    }
+
+    /// Once the worker has created the streams.
+    ///
+    /// # Errors
+    /// If they cannot be opened.
+    pub fn open_streams(self, node: &IpcNode) -> Result<ImuState, Failure> {
+        let Self { imu, file, counters, last_error, tables } = self;
+        let failed =
+            |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
+        let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let (reloads, windows, logged) = (0, Windows::default(), LoggedLosses::default());
+        let refusals = u64::from(last_error.is_some());
+        Ok(ImuState {
+            imu,
+            file,
+            counters,
+            reloads,
+            refusals,
+            last_error,
+            raw,
+            increments,
+            wake,
+            windows,
+            tables,
+            logged,
+        })
+    }
+}
+
+/// One IMU as the control thread sees it.
+pub struct ImuState {
+    /// Name and file.
+    pub imu: Imu,
+    /// The watched file.
+    pub file: TableFile,
+    /// Filled by the worker.
+    pub counters: CounterReader,
+    /// Tables taken over after the first.
+    pub reloads: u64,
+    /// Files refused, one that is away included.
+    pub refusals: u64,
+    /// Why the file as it is now is not in force.
+    pub last_error: Option<Refused>,
+    /// For counting who is connected.
+    pub raw: PortFactory<Ipc, RawSample, ()>,
+    /// For counting who is connected.
+    pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
+    /// For finding those that have died.
+    pub wake: event::PortFactory<Ipc>,
+    /// Latency of late.
+    pub windows: Windows,
+    tables: TableQueue,
+    logged: LoggedLosses,
+}
+
+/// Why a file is not in force, and since when.
+#[derive(Clone, Debug)]
+pub struct Refused {
+    /// What is wrong with it.
+    pub error: String,
+    /// Unix time \[s\].
+    pub since_unix_s: f64,
+}
+
+impl Refused {
+    fn now(error: String) -> Self {
+        Self { error, since_unix_s: unix_s() }
+    }
+}
+
+/// A table that the worker may still hold.
+pub struct SentTable {
+    /// The table.
+    pub table: Arc<CoefficientTable>,
+    /// When it was taken over, Unix time \[s\].
+    pub taken_unix_s: f64,
+    /// When its file was changed, Unix time \[s\].
+    pub modified_unix_s: Option<f64>,
+}
+
+/// Every table that the worker may still hold, the newest last. They are freed here, never by the worker.
+struct TableQueue {
+    alive: Vec<SentTable>,
+    unsent: Option<Arc<CoefficientTable>>,
+    queue: Producer<Arc<CoefficientTable>>,
+}
+
+/// Counter values that have been logged, and when.
+#[derive(Default)]
+struct LoggedLosses {
+    missing: u64,
+    transport_errors: u64,
+    at: Option<Instant>,
+}
+
+impl TableQueue {
+    fn send(&mut self, table: Arc<CoefficientTable>, modified_unix_s: Option<f64>) {
+        self.alive.push(SentTable { table: Arc::clone(&table), taken_unix_s: unix_s(), modified_unix_s });
+        self.unsent = Some(table);
+        self.flush();
+    }
+
+    fn flush(&mut self) {
+        if let Some(table) = self.unsent.take()
+            && let Err(rtrb::PushError::Full(table)) = self.queue.push(table)
+        {
+            self.unsent = Some(table);
+        }
+        // The newest is in force, or will be; older ones go when the worker has let go of them.
+        let mut left = self.alive.len();
+        self.alive.retain(|sent| {
+            left -= 1;
+            left == 0 || Arc::strong_count(&sent.table) > 1
+        });
+    }
+}
+
+impl ImuState {
+    /// Hands over what the worker's queue had no room for, and frees what it has let go of.
+    pub fn flush(&mut self) {
+        self.tables.flush();
+    }
+
+    /// All ports of its streams.
+    pub fn ports(&self) -> Vec<Port> {
+        [ports_of(&self.raw), ports_of(&self.increments), ports_of_event(&self.wake)].concat()
+    }
+
+    /// The table that the worker used last or would use now.
+    pub fn in_force(&self) -> Option<&SentTable> {
+        let id = self.counters.table();
+        self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
+    }
+
+    /// Applies what was found at the table's file; with `forced`, even if it is the table in force.
+    pub fn apply(&mut self, change: FileChange, forced: bool) {
+        let id = &self.imu.id;
+        match change {
+            FileChange::Unchanged => {}
+            FileChange::Loaded(table) => {
+                let had_failed = self.last_error.take().is_some();
+                let newest = self.tables.alive.last_mut().filter(|newest| newest.table.digest() == table.digest());
+                if let Some(newest) = newest.filter(|_| !forced) {
+                    newest.modified_unix_s = self.file.modified_unix_s();
+                    if had_failed {
+                        info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
+                    }
+                    return;
+                }
+                info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken");
+                self.reloads += u64::from(!self.tables.alive.is_empty());
+                self.tables.send(Arc::from(table), self.file.modified_unix_s());
+            }
+            FileChange::Refused(error) => {
+                let error = cut(error.to_string());
+                if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
+                    warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
+                    self.refusals += 1;
+                    self.last_error = Some(Refused::now(error));
+                }
+            }
+        }
+    }
+
+    /// Logs what has been lost since the last time; at once, but then for a minute not again, unless this is the `last` time.
+    pub fn log_losses(&mut self, last: bool) {
+        if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < AGAIN) {
+            return;
+        }
+        let missing = self.counters.missing();
+        if missing > self.logged.missing {
+            warn!(imu = %self.imu.id, missing, "{} samples were missing in the raw stream", missing - self.logged.missing);
+            (self.logged.missing, self.logged.at) = (missing, Some(Instant::now()));
+        }
+        let errors = self.counters.transport_errors();
+        if errors > self.logged.transport_errors {
+            error!(imu = %self.imu.id, errors, "the transport failed {} times", errors - self.logged.transport_errors);
+            (self.logged.transport_errors, self.logged.at) = (errors, Some(Instant::now()));
+        }
+    }
+}
+
+/// What the status has room for; a file can be wrong in many places.
+fn cut(mut text: String) -> String {
+    const MAX: usize = 4096;
+    if text.len() > MAX {
+        let end = (0..=MAX).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        text.truncate(end);
+        text.push_str(" ..");
+    }
+    text
+}

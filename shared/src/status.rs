@@ -1,0 +1,193 @@
+//! What the service tells about itself: the document that it publishes as JSON on the stream `isotherm/status`.
+
+use crate::stream::Domain;
+use crate::table::CoefficientTable;
+use crate::wire::AXES;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The running service.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct ServiceStatus {
+    /// What another process needs to join.
+    pub domain: DomainStatus,
+    /// Process of the service.
+    pub pid: u32,
+    /// Version of the service.
+    pub version: String,
+    /// Seconds since it started.
+    pub uptime_s: f64,
+    /// When it started, Unix time \[s\].
+    pub started_unix_s: f64,
+    /// `CLOCK_MONOTONIC` when this was written \[ns\].
+    pub taken_ns: u64,
+    /// How the worker waits.
+    pub wait: String,
+    /// Latency budget \[us\].
+    pub budget_us: f64,
+    /// The worker threads.
+    pub workers: Vec<WorkerStatus>,
+    /// Memory that is kept resident \[kB\].
+    pub memory_locked_kb: u64,
+    /// Every IMU served.
+    pub imus: Vec<ImuStatus>,
+}
+
+/// One worker thread, as the operating system sees it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct WorkerStatus {
+    /// Its thread's id.
+    pub thread: i32,
+    /// The IMUs that it serves.
+    pub imus: Vec<String>,
+    /// The cores that it may use, as in `0-1`.
+    pub cores: String,
+    /// `SCHED_FIFO` priority; null without one.
+    pub priority: Option<u32>,
+    /// How much later than asked a sleep may end \[ns\]; null where the kernel does not tell.
+    pub timer_slack_ns: Option<u64>,
+    /// Processor time in the last second, of one core \[%\].
+    pub cpu_percent: f64,
+    /// Processor time since it began \[s\].
+    pub cpu_s: f64,
+    /// Time since it began in which it could have run and did not \[s\].
+    pub held_back_s: f64,
+    /// Time in the last second in which it could have run and did not, since others did or the kernel held it back \[ms\].
+    pub held_back_ms: f64,
+    /// Whether its loop has not turned for a second: its IMUs are not served.
+    pub stands_still: bool,
+}
+
+/// A domain, as iceoryx2's configuration wants it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct DomainStatus {
+    /// Name, as for `--domain`.
+    pub name: String,
+    /// `global.prefix`.
+    pub prefix: String,
+    /// `global.root-path`.
+    pub root_path: String,
+}
+
+/// One IMU.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct ImuStatus {
+    /// Name.
+    pub id: String,
+    /// Digest of the table in force; null without one.
+    pub table: Option<String>,
+    /// The watched file.
+    pub table_file: String,
+    /// When the table in force was taken over, Unix time \[s\]; null without one.
+    pub table_taken_unix_s: Option<f64>,
+    /// When its file was changed, Unix time \[s\].
+    pub table_modified_unix_s: Option<f64>,
+    /// What its polynomials were calibrated over; null without a table.
+    pub ranges: Option<Ranges>,
+    /// Head telemetry of the last sample, A1 to A3, in the table's unit; null where it is not finite or none has come.
+    pub head_temperature: [Option<f64>; AXES],
+    /// Board telemetry of the last sample, as the heads'.
+    pub board_temperature: [Option<f64>; AXES],
+    /// Raw samples received.
+    pub received: u64,
+    /// Increments published.
+    pub compensated: u64,
+    /// Samples before which others of their session were missing.
+    pub gaps: u64,
+    /// Samples missing in all.
+    pub missing: u64,
+    /// Samples that came again.
+    pub repeats: u64,
+    /// Acquisition sessions seen.
+    pub sessions: u64,
+    /// Failures of the transport.
+    pub transport_errors: u64,
+    /// Increments that carried each flag.
+    pub flagged: BTreeMap<String, u64>,
+    /// Tables taken over after the first.
+    pub reloads: u64,
+    /// Files refused, one that is away included.
+    pub refusals: u64,
+    /// Why the file as it is now is not in force; null if it is.
+    pub last_reload_error: Option<String>,
+    /// Since when it is not, Unix time \[s\].
+    pub refused_unix_s: Option<f64>,
+    /// Latency since the start; null before the first sample.
+    pub latency_ns: Option<LatencySummary>,
+    /// Latency in the last second; null if nothing came in it.
+    pub latency_second_ns: Option<LatencySummary>,
+    /// Latency in the last minute.
+    pub latency_minute_ns: Option<LatencySummary>,
+    /// Latency since the start, by buckets.
+    pub latency_distribution: LatencyDistribution,
+    /// Whether an acquisition process is connected.
+    pub acquisition_connected: bool,
+    /// Processes that read the increments, the acquisition among them.
+    pub readers: usize,
+}
+
+/// The telemetry that a table was calibrated over.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Ranges {
+    /// Unit of the telemetry, a label.
+    pub unit: String,
+    /// Ends of the bias's range of head telemetry, A1 to A3.
+    pub head: [[f64; 2]; AXES],
+    /// Ends of what the ranges of K+ and K- have in common, board telemetry, A1 to A3.
+    pub board: [[f64; 2]; AXES],
+}
+
+impl From<&CoefficientTable> for Ranges {
+    fn from(table: &CoefficientTable) -> Self {
+        let axes = &table.content().axes;
+        let board = |axis: usize| {
+            let [positive, negative] =
+                [axes[axis].positive_scale_factor.range(), axes[axis].negative_scale_factor.range()];
+            [positive[0].max(negative[0]), positive[1].min(negative[1])]
+        };
+        let head = |axis: usize| axes[axis].bias.range();
+        let unit = table.content().temperature_unit.clone();
+        Self { unit, head: core::array::from_fn(head), board: core::array::from_fn(board) }
+    }
+}
+
+impl From<&Domain> for DomainStatus {
+    fn from(domain: &Domain) -> Self {
+        Self { name: domain.name().to_owned(), prefix: domain.prefix(), root_path: domain.root_path().to_owned() }
+    }
+}
+
+/// Percentiles in nanoseconds.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, Deserialize, Serialize)]
+pub struct LatencySummary {
+    /// Number of values.
+    pub count: u64,
+    /// Median.
+    pub p50: u64,
+    /// 99th percentile.
+    pub p99: u64,
+    /// 99.9th percentile.
+    pub p999: u64,
+    /// Largest value.
+    pub max: u64,
+}
+
+/// Upper ends of the buckets of a [`LatencyDistribution`] \[ns\]; one more bucket holds what is above.
+pub const LATENCY_BOUNDS_NS: [u64; 21] = {
+    let mut bounds = [0; 21];
+    let mut index = 0;
+    while index < bounds.len() {
+        bounds[index] = [2, 5, 10][index % 3] * 100 * 10u64.pow((index / 3) as u32);
+        index += 1;
+    }
+    bounds
+};
+
+/// A histogram in few buckets.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+pub struct LatencyDistribution {
+    /// Values up to each of [`LATENCY_BOUNDS_NS`] and over the one before, then those over the last.
+    pub counts: Vec<u64>,
+    /// Sum of the values \[s\], to within 1.6 %.
+    pub sum_s: f64,
+}
