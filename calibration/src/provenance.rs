@@ -9,6 +9,7 @@ use nalgebra::Matrix3;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 use std::io::{self, Read, Write};
+use std::time::SystemTime;
 
 /// What only the caller knows.
 #[derive(Clone, Debug)]
@@ -34,8 +35,7 @@ pub fn tool() -> String {
 /// The time to the second, RFC 3339 in UTC, for [`CampaignSource::time`].
 #[must_use]
 pub fn now() -> String {
-    let now = jiff::Timestamp::now();
-    now.round(jiff::Unit::Second).unwrap_or(now).to_string()
+    humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
 /// The text of a calibration's table file: sealed, with its provenance, and read back before it is believed.

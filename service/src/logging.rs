@@ -2,8 +2,13 @@
 
 use clap::ValueEnum;
 use iceoryx2::prelude::{LogLevel, set_log_level};
+use std::env;
 use std::io::{self, IsTerminal as _};
-use tracing_subscriber::EnvFilter;
+use tracing::Level;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{fmt, registry};
 
 /// How log lines look.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq, ValueEnum)]
@@ -15,17 +20,20 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts logging. `ISOTHERM_LOG` filters it, `info` by default, as in `ISOTHERM_LOG=debug,iceoryx2_bb_loggers=warn`.
+/// Starts logging. `ISOTHERM_LOG` filters it, `info` by default: a level, or levels by target, as in
+/// `ISOTHERM_LOG=debug,iceoryx2_bb_loggers=warn`.
 pub fn start(format: LogFormat) {
-    let asked = EnvFilter::try_from_env("ISOTHERM_LOG");
-    // The transport decides by a level of its own what it hands over at all.
-    set_log_level(if asked.is_ok() { LogLevel::Trace } else { LogLevel::Warn });
-    let filter = asked.unwrap_or_else(|_| EnvFilter::new("info"));
+    let asked = env::var("ISOTHERM_LOG").ok().and_then(|filter| filter.parse::<Targets>().ok());
+    // The transport has a level of its own, below which it hands nothing over.
+    set_log_level(if asked.is_some() { LogLevel::Trace } else { LogLevel::Warn });
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(Level::INFO));
     // A log that cannot be written, on a full disk or into a pipe that nobody reads, is lost; the service goes on.
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).log_internal_errors(false);
+    let lines = fmt::layer().with_writer(io::stderr).log_internal_errors(false);
     // Fails only if logging has been started before, and then it runs.
     let _ = match format {
-        LogFormat::Human => builder.with_ansi(io::stderr().is_terminal()).try_init(),
-        LogFormat::Json => builder.json().try_init(),
+        LogFormat::Human => {
+            registry().with(lines.with_ansi(io::stderr().is_terminal()).with_filter(filter)).try_init()
+        }
+        LogFormat::Json => registry().with(lines.json().with_filter(filter)).try_init(),
     };
 }

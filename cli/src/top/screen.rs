@@ -5,11 +5,12 @@ use super::numbers::age;
 use super::source::Waiting;
 use super::style::Weight;
 use super::{details, overview};
-use jiff::Timestamp;
+use humantime::format_rfc3339_seconds;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
+use std::time::SystemTime;
 
 /// From this size on everything has its place; below only what matters most.
 const FULL: (u16, u16) = (78, 23);
@@ -98,9 +99,10 @@ fn header(model: &Model, width: u16) -> Line<'static> {
 }
 
 fn banner(model: &Model, waiting: &Waiting) -> String {
-    let since = Timestamp::now() - waiting.time;
+    // As in 2026-03-01T12:34:56Z: the clock without the date.
+    let since = format_rfc3339_seconds(SystemTime::now() - waiting.time).to_string();
     let what = if model.status().is_some() { "; below is what it told last" } else { "" };
-    let clock = since.strftime("%H:%M:%S");
+    let clock = since.get(11..19).unwrap_or_default();
     format!("waiting for the service since {clock} UTC, {}{what}: {}", age(waiting.time.as_secs_f64()), waiting.cause)
 }
 
