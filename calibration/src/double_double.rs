@@ -229,8 +229,11 @@ mod tests {
         let third = DoubleDouble::ONE / DoubleDouble::from(3.0);
         assert!(error(DoubleDouble::parse("0.33333333333333333333333333333333333").unwrap(), third) < 1e-31);
         assert!(error(DoubleDouble::parse("-3333333333333333333333333333333333.33E-034").unwrap(), -third) < 1e-31);
+        // A double holds a tenth to 17 digits; what it lacks is in the second part.
         let tenth = DoubleDouble::parse(".1").unwrap();
-        assert_eq!((tenth * DoubleDouble::from(10.0) - DoubleDouble::ONE).value().abs() < 1e-31, tenth.lo != 0.0);
+        assert_eq!(tenth.hi, 0.1);
+        assert!((tenth.lo + 5.551_115_123_125_783e-18).abs() < 1e-33, "{}", tenth.lo);
+        assert!((tenth * DoubleDouble::from(10.0) - DoubleDouble::ONE).value().abs() < 1e-31);
         for (text, value) in [("0", 0.0), ("-0.000", 0.0), ("+7", 7.0), ("1e2", 100.0), ("2.50", 2.5), ("0.1", 0.1)] {
             assert_eq!(DoubleDouble::parse(text).map(DoubleDouble::value), Some(value), "{text}");
         }

@@ -31,9 +31,7 @@ pub fn start(format: LogFormat) {
     let lines = fmt::layer().with_writer(io::stderr).log_internal_errors(false);
     // Fails only if logging has been started before, and then it runs.
     let _ = match format {
-        LogFormat::Human => {
-            registry().with(lines.with_ansi(io::stderr().is_terminal()).with_filter(filter)).try_init()
-        }
+        LogFormat::Human => registry().with(lines.with_ansi(io::stderr().is_terminal()).with_filter(filter)).try_init(),
         LogFormat::Json => registry().with(lines.json().with_filter(filter)).try_init(),
     };
 }

@@ -183,6 +183,15 @@ pub const LATENCY_BOUNDS_NS: [u64; 21] = {
     bounds
 };
 
+const _: () = {
+    assert!(LATENCY_BOUNDS_NS[0] == 200 && LATENCY_BOUNDS_NS[7] == 50_000 && LATENCY_BOUNDS_NS[20] == 1_000_000_000);
+    let mut index = 1;
+    while index < LATENCY_BOUNDS_NS.len() {
+        assert!(LATENCY_BOUNDS_NS[index - 1] < LATENCY_BOUNDS_NS[index]);
+        index += 1;
+    }
+};
+
 /// A histogram in few buckets.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct LatencyDistribution {

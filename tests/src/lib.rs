@@ -14,8 +14,9 @@ use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use std::env;
 use std::fs;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -334,7 +335,7 @@ fn remove_shared_memory(prefix: &str) {
 
 /// The `isotherm` that belongs to this build.
 pub fn binary() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
+    let test = env::current_exe().unwrap();
     let binary = test.parent().and_then(Path::parent).unwrap().join("isotherm");
     assert!(binary.exists(), "{} is not built; run `cargo test --workspace`", binary.display());
     binary
@@ -345,12 +346,38 @@ pub fn id(name: &str) -> ImuId {
     name.parse().unwrap()
 }
 
+/// What a test needs that is not there.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Needs {
+    /// A program, which can be installed: CI has it.
+    Program,
+    /// A right or a property of the machine, which CI cannot provide where it has none.
+    Machine,
+}
+
+/// Says that the running test, or a part of it, is not done here, and why; then it should return.
+///
+/// With `ISOTHERM_TESTS_STRICT=1`, as in CI, that is a failure if a program is missing; what the machine lacks is added to the list in the file that
+/// `ISOTHERM_TESTS_SKIPPED` names, which CI prints at its end.
+pub fn skip(why: &str, needs: Needs) {
+    let name = thread::current().name().unwrap_or("?").to_owned();
+    eprintln!("not tested: {why}");
+    if env::var("ISOTHERM_TESTS_STRICT").as_deref() != Ok("1") {
+        return;
+    }
+    assert!(needs == Needs::Machine, "{name} is not done: {why}; install it, or unset ISOTHERM_TESTS_STRICT");
+    let list =
+        env::var_os("ISOTHERM_TESTS_SKIPPED").expect("ISOTHERM_TESTS_STRICT needs ISOTHERM_TESTS_SKIPPED, a file");
+    let mut list = fs::File::options().create(true).append(true).open(list).unwrap();
+    writeln!(list, "{name}: {why}").unwrap();
+}
+
 /// Whether this user may have mounts of its own.
 pub fn may_mount() -> bool {
     let tried = Command::new("unshare").args(["-m", "mount", "-t", "tmpfs", "tmpfs", "/dev/shm"]).output();
     let may = tried.is_ok_and(|output| output.status.success());
     if !may {
-        eprintln!("not tested: this user may not mount");
+        skip("this user may not mount", Needs::Machine);
     }
     may
 }

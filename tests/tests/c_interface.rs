@@ -3,7 +3,7 @@
 
 use isotherm_client::{Flags, RawSample};
 use isotherm_shared::compensate::answer;
-use isotherm_tests::{RUN, TABLE, World, recording, table, text, wait_until};
+use isotherm_tests::{Needs, RUN, TABLE, World, recording, skip, table, text, wait_until};
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::unix::fs::symlink;
@@ -17,7 +17,7 @@ const CPP: (&str, &str) = ("c++", "-std=c++17");
 /// Compiles a program of the repository; `None`, and a word about it, if there is no such compiler.
 fn compile(world: &World, (compiler, standard): (&str, &str), source: &str) -> Option<PathBuf> {
     if Command::new(compiler).arg("--version").output().is_err() {
-        eprintln!("not tested: there is no {compiler}");
+        skip(&format!("there is no {compiler}"), Needs::Program);
         return None;
     }
     // As `cargo build` leaves it, but from this build.
@@ -173,7 +173,7 @@ fn round_trips_allocate_nothing() {
 #[test]
 fn valgrind_finds_nothing() {
     if Command::new("valgrind").arg("--version").output().is_err() {
-        eprintln!("not tested: there is no valgrind");
+        skip("there is no valgrind", Needs::Program);
         return;
     }
     for (source, recording) in [("examples/c/acquisition.c", true), ("tests/programs/abuse.c", false)] {

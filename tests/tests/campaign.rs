@@ -318,13 +318,18 @@ fn an_alarm_ends_it_in_the_safe_state_at_once() {
     laboratory.in_standby();
 }
 
-#[test]
-fn one_instrument_that_is_away_hides_nothing_of_the_other_and_the_safe_state_can_be_had_later() {
-    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
-    let stop = || laboratory.world.run(&["campaign", "stop", "station/plan.toml"]);
-    let pauses = || laboratory.events("paused").len();
+/// A campaign of one set point, for what happens within it.
+fn one_set_point() -> Laboratory {
+    Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")])
+}
 
-    // The chamber's alarm while the table is away, which can then not be stopped.
+fn stop(laboratory: &Laboratory) -> Output {
+    laboratory.world.run(&["campaign", "stop", "station/plan.toml"])
+}
+
+#[test]
+fn an_alarm_is_heard_while_the_other_instrument_is_away() {
+    let laboratory = one_set_point();
     let runner = laboratory.spawn();
     laboratory.wait_for("reached", 1);
     laboratory.faults("port-loss:table");
@@ -332,30 +337,35 @@ fn one_instrument_that_is_away_hides_nothing_of_the_other_and_the_safe_state_can
     laboratory.faults("port-loss:table\nalarm:chamber");
     wait_long("the end", || runner.has_ended());
     let (status, log) = runner.wait();
+    // The table is away, so that it cannot be stopped.
     assert_eq!(status.code(), Some(69), "{log}");
     assert!(log.contains("the chamber has an alarm") && log.contains("table NOT known to be stopped"), "{log}");
     assert!(log.contains("GO THERE AND LOOK"), "{log}");
     laboratory.faults("");
     wait_until("the table", || laboratory.world.path("station/table").exists());
-    assert!(succeeded(&stop()).contains("table stopped at"));
+    assert!(succeeded(&stop(&laboratory)).contains("table stopped at"));
     laboratory.in_standby();
-    assert_eq!(stop().status.code(), Some(69), "nothing is left to do");
+    assert_eq!(stop(&laboratory).status.code(), Some(69), "nothing is left to do");
+}
 
-    // A fault that has come while the table was away is not reset by connecting it again.
+#[test]
+fn a_fault_that_came_while_the_table_was_away_is_not_reset_by_connecting_it() {
+    let laboratory = one_set_point();
     let runner = laboratory.spawn();
     laboratory.wait_for("kept", 1);
-    let before = pauses();
     laboratory.faults("port-loss:table\nalarm:table");
-    laboratory.wait_for("paused", before + 1);
+    laboratory.wait_for("paused", 1);
     laboratory.faults("");
     let (ended, log) = wait(runner);
     assert!(!ended && log.contains("the table has a fault: interlock of axis 1: Fault"), "{log}");
     laboratory.in_standby();
+}
 
-    // A runner that has died has not done it; one that cannot go on says so.
-    let kept = laboratory.events("kept").len();
+#[test]
+fn a_runner_that_cannot_go_on_says_how_to_reach_the_safe_state_that_a_dead_one_has_left_out() {
+    let laboratory = one_set_point();
     let runner = laboratory.spawn();
-    laboratory.wait_for("kept", kept + 1);
+    laboratory.wait_for("kept", 1);
     runner.kill();
     let mut samples = laboratory.file("campaign.csv");
     samples[200] ^= 1;
@@ -363,11 +373,11 @@ fn one_instrument_that_is_away_hides_nothing_of_the_other_and_the_safe_state_can
     let refused = laboratory.run(&[]);
     assert_eq!(refused.status.code(), Some(65));
     assert!(text(&refused.stderr).contains("`isotherm campaign stop` brings them into the safe state"));
-    assert!(succeeded(&stop()).contains("after its runner had ended without"));
+    assert!(succeeded(&stop(&laboratory)).contains("after its runner had ended without"));
     laboratory.in_standby();
     let status = laboratory.world.run_well(&["campaign", "status", "station/plan.toml"]);
     assert!(status.starts_with("ended: asked for after its runner had ended without"), "{status}");
-    assert_eq!(stop().status.code(), Some(69));
+    assert_eq!(stop(&laboratory).status.code(), Some(69));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! What the hot loop and the client do not do while samples flow: allocate, and, when spinning, call the system. Seen from outside.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{PATIENCE, TABLE, World, thread_of, wait_until};
+use isotherm_tests::{Needs, PATIENCE, TABLE, World, skip, thread_of, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
@@ -89,7 +89,7 @@ fn neither_side_allocates_for_a_sample() {
 fn spinning_makes_no_system_call_on_either_side() {
     let source = fs::read_to_string("/sys/devices/system/clocksource/clocksource0/current_clocksource");
     if !source.as_ref().is_ok_and(|name| ["tsc", "kvm-clock", "arch_sys_counter"].contains(&name.trim())) {
-        eprintln!("not tested: on this machine reading the clock is a system call ({source:?})");
+        skip(&format!("on this machine reading the clock is a system call ({source:?})"), Needs::Machine);
         return;
     }
     let _alone = alone();
@@ -109,7 +109,7 @@ fn spinning_makes_no_system_call_on_either_side() {
             // Watched until enough has come, however little a machine that is busy with other things lets through.
             let samples = loop {
                 let Some(more) = system_calls(thread, Duration::from_millis(500)) else {
-                    eprintln!("not tested: this user may not trace a process");
+                    skip("this user may not trace a process", Needs::Machine);
                     return;
                 };
                 calls += more;

@@ -3,16 +3,15 @@
 
 use isotherm_client::{Flags, RawSample, join, monotonic_ns};
 use isotherm_shared::stream::Ipc;
-use isotherm_tests::{PATIENCE, Process, TABLE, World, id, recording, round_trip, wait_until};
+use isotherm_tests::{Needs, PATIENCE, Process, TABLE, World, id, recording, round_trip, skip, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
-use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::{Read as _, Write as _};
-use std::net::{TcpListener, TcpStream};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::thread;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -338,7 +337,7 @@ fn a_control_thread_that_hangs_is_no_healthy_service() {
         ptrace::detach(main, None).unwrap();
         wait_until("metrics", || scrape_or_none(&address).is_some());
     } else {
-        eprintln!("not tested: this user may not trace a process");
+        skip("this user may not trace a process", Needs::Machine);
     }
     service.terminate();
 }
@@ -348,31 +347,53 @@ fn scrape_or_none(address: &str) -> Option<Scrape> {
     answer.starts_with("HTTP/1.1 200").then(|| Scrape::read(answer.split_once("\r\n\r\n").unwrap().1))
 }
 
-#[test]
-fn the_port_is_ours_or_the_start_fails_and_nothing_listens_unasked() {
-    let world = World::new();
+/// A configuration with a port that was free a moment ago; the listener keeps it taken.
+fn configure_port(world: &World) -> (TcpListener, SocketAddr) {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
-    configure(&world, "");
+    configure(world, "");
     let text = fs::read_to_string(world.path("service.toml")).unwrap().replace("127.0.0.1:0", &address.to_string());
     world.write("service.toml", &text);
+    (taken, address)
+}
+
+#[test]
+fn a_port_that_is_taken_keeps_the_service_from_starting() {
+    let world = World::new();
+    let (_taken, address) = configure_port(&world);
     let (status, log) = world.spawn(&["serve", "--config", "service.toml"]).wait();
     assert_eq!(status.code(), Some(74), "{log}");
     assert!(log.contains(&format!("metrics.listen = \"{address}\": ")) && log.contains("give a free port"), "{log}");
+}
+
+#[test]
+fn the_port_can_be_taken_again_at_once_after_a_kill_with_connections_open() {
+    let world = World::new();
+    let (taken, address) = configure_port(&world);
     drop(taken);
-    // Twice: the port can be taken again at once, also when the one before was killed with connections open.
     for _ in 0..2 {
         let service = world.serve(&["--config", "service.toml"]);
         let _open = TcpStream::connect(address).unwrap();
         wait_until("the page", || scrape_or_none(&address.to_string()).is_some());
         service.kill();
     }
-    world.write("service.toml", &text.replace(&address.to_string(), "0.0.0.0:0"));
+}
+
+#[test]
+fn a_port_that_others_can_reach_is_warned_of() {
+    let world = World::new();
+    configure(&world, "");
+    let text = fs::read_to_string(world.path("service.toml")).unwrap().replace("127.0.0.1:0", "0.0.0.0:0");
+    world.write("service.toml", &text);
     let service = world.serve(&["--config", "service.toml"]);
     service.wait_for_log("whoever reaches this port may read the metrics");
-    service.signal(Signal::TERM);
-    service.wait();
+    service.terminate();
+}
 
+#[test]
+fn nothing_listens_unasked() {
+    let world = World::new();
+    configure(&world, "");
     let quiet = world.serve(&["--imu", "imu-a=imu-a.toml"]);
     let threads = fs::read_dir(format!("/proc/{}/task", quiet.pid())).unwrap().flatten();
     let mut names = threads.map(|thread| fs::read_to_string(thread.path().join("comm")).unwrap());

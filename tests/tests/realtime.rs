@@ -3,7 +3,7 @@
 
 use isotherm_client::{Acquisition, Flags, Realtime, SendError};
 use isotherm_shared::compensate::answer;
-use isotherm_tests::{TABLE, World, id, recording, round_trip, same, table, text, wait_until};
+use isotherm_tests::{Needs, TABLE, World, id, recording, round_trip, same, skip, table, text, wait_until};
 use std::process::{Command, Stdio};
 use std::thread;
 
@@ -116,7 +116,7 @@ fn may_be_real_time() -> bool {
 #[test]
 fn settings_that_are_granted_are_in_force() {
     if !may_be_real_time() {
-        eprintln!("not tested: this user may not have real-time priorities");
+        skip("this user may not have real-time priorities", Needs::Machine);
         return;
     }
     let world = World::new();
@@ -134,7 +134,7 @@ fn settings_that_are_granted_are_in_force() {
 #[test]
 fn spinning_at_a_real_time_priority_is_warned_of_and_its_effect_told() {
     if !may_be_real_time() {
-        eprintln!("not tested: this user may not have real-time priorities");
+        skip("this user may not have real-time priorities", Needs::Machine);
         return;
     }
     let world = World::new();

@@ -1,7 +1,9 @@
 //! What the machine can run out of: shared memory, descriptors, disk, file watches; and time that passes without us.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{RUN, TABLE, World, may_mount, recording, round_trip, table, text, variant, wait_until};
+use isotherm_tests::{
+    Needs, RUN, TABLE, World, may_mount, recording, round_trip, skip, table, text, variant, wait_until,
+};
 use std::fs;
 use std::io::Write as _;
 use std::os::unix::ffi::OsStrExt as _;
@@ -183,7 +185,7 @@ fn without_file_watches_tables_are_looked_at() {
     // A user namespace has a limit of its own.
     let limit = "echo 0 > /proc/sys/user/max_inotify_instances";
     if !world.isotherm_after(&["-Ur"], limit, &["--version"]).output().is_ok_and(|output| output.status.success()) {
-        eprintln!("not tested: this user may not have a user namespace");
+        skip("this user may not have a user namespace", Needs::Machine);
         return;
     }
     let service = world.start(world.isotherm_after(&["-Ur"], limit, &["serve", "--imu", "imu-a=imu-a.toml"]));

@@ -8,6 +8,7 @@
 //! The machine decides and does nothing; the runner does and decides nothing; the journal says what lasts.
 
 pub mod control;
+mod curves;
 pub mod finish;
 pub mod journal;
 mod limits;

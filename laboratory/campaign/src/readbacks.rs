@@ -1,46 +1,40 @@
-//! What chamber, table and the IMU's telemetry said, beside the samples: readbacks.csv.
+//! What chamber, turntable and the IMU's telemetry said, beside the samples: readbacks.csv, and curves of it for the live page.
 
+use crate::curves::{CURVES, CurveRow, Curves};
+use isotherm_client::unix_s;
 use isotherm_failure::Failure;
 use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Its file in the campaign's folder.
-pub const READBACKS: &str = "readbacks.csv";
+const READBACKS: &str = "readbacks.csv";
 const HEADER: &str = "unix_s,laboratory_s,phase,chamber_air_c,chamber_set_point_c,chamber_running,outer_deg,inner_deg,\
                       outer_deg_s,inner_deg_s,a1_head,a1_board,a2_head,a2_board,a3_head,a3_board\n";
+/// Columns of a row's time, and of its [`CURVES`].
+const UNIX_S: usize = 0;
+const PLOTTED: [usize; CURVES] = [3, 4, 10, 12, 14, 11, 13, 15];
+/// A longer line is none of ours.
+const MAX_LINE: u64 = 4096;
 
 /// The open file.
 pub struct Readbacks {
     file: File,
     path: PathBuf,
+    curves: Curves,
 }
 
 impl Readbacks {
-    /// Opens it, or begins it.
+    /// Opens the file, or begins it. What is in it already is read once.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If it cannot be read or written.
     pub fn open(folder: &Path) -> Result<Self, Failure> {
         let path = folder.join(READBACKS);
-        let open = || {
-            let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path)?;
-            let mut rows = Vec::new();
-            file.read_to_end(&mut rows)?;
-            match rows.iter().rposition(|&byte| byte == b'\n') {
-                // A row that was cut off goes.
-                Some(last) => file.set_len(last as u64 + 1)?,
-                None => {
-                    file.set_len(0)?;
-                    file.write_all(HEADER.as_bytes())?;
-                }
-            }
-            Ok(file)
-        };
-        let file = open().map_err(|error: io::Error| Failure::io("opening", &path, &error))?;
-        Ok(Self { file, path })
+        let (file, curves) = open(&path).map_err(|error: io::Error| Failure::io("opening", &path, &error))?;
+        Ok(Self { file, path, curves })
     }
 
     /// Adds a row; `telemetry` is head and board of each accelerometer, NaN before the first sample.
@@ -58,12 +52,78 @@ impl Readbacks {
         let ([outer, inner], [outer_rate, inner_rate]) = (table.angles_deg, table.rates_deg_s);
         let row = format!(
             "{:.3},{now:.3},{phase},{:?},{:?},{},{outer:?},{inner:?},{outer_rate:?},{inner_rate:?}",
-            isotherm_client::unix_s(),
+            unix_s(),
             chamber.air_c,
             chamber.set_point_c,
             chamber.running
         );
         let row = telemetry.iter().flatten().fold(row, |row, value| format!("{row},{value:?}")) + "\n";
-        self.file.write_all(row.as_bytes()).map_err(|error| Failure::io("writing", &self.path, &error))
+        self.file.write_all(row.as_bytes()).map_err(|error| Failure::io("writing", &self.path, &error))?;
+        self.curves.add(curve_row(&row));
+        Ok(())
+    }
+
+    /// The rows so far as curves.
+    pub const fn curves(&self) -> &Curves {
+        &self.curves
+    }
+}
+
+fn open(path: &Path) -> io::Result<(File, Curves)> {
+    let mut file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
+    let (mut reader, mut line) = (BufReader::new(&file), String::new());
+    let (mut curves, mut whole) = (Curves::default(), 0);
+    loop {
+        line.clear();
+        let length = (&mut reader).take(MAX_LINE).read_line(&mut line)?;
+        // A row that was cut off goes.
+        if !line.ends_with('\n') {
+            break;
+        }
+        if whole > 0 {
+            curves.add(curve_row(&line));
+        }
+        whole += length as u64;
+    }
+    file.set_len(whole)?;
+    if whole == 0 {
+        file.write_all(HEADER.as_bytes())?;
+    }
+    Ok((file, curves))
+}
+
+/// The values of a row that are plotted; NaN where there is no number.
+fn curve_row(row: &str) -> CurveRow {
+    let fields: Vec<_> = row.trim_end().split(',').collect();
+    let number = |column: usize| fields.get(column).and_then(|field| field.parse().ok()).unwrap_or(f64::NAN);
+    CurveRow { unix_s: number(UNIX_S), values: PLOTTED.map(number) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn a_runner_goes_on_with_the_curves_of_the_one_before_and_without_its_cut_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let chamber = ChamberReading { air_c: -5.0, set_point_c: -10.0, running: true, ..ChamberReading::default() };
+        let telemetry = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN]];
+        let mut first = Readbacks::open(folder.path()).unwrap();
+        first.write(&chamber, &TurntableReading::default(), telemetry, "soak", 7.0).unwrap();
+        drop(first);
+        let path = folder.path().join(READBACKS);
+        let whole = fs::read(&path).unwrap();
+        fs::write(&path, [&whole[..], b"1.0,2.0,so"].concat()).unwrap();
+
+        let mut second = Readbacks::open(folder.path()).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), whole);
+        second.write(&chamber, &TurntableReading::default(), telemetry, "dwell", 8.0).unwrap();
+        let values = |curve: usize| second.curves().all(curve).map(|point| point.1).collect::<Vec<_>>();
+        assert_eq!([values(0), values(1)], [[-5.0; 2], [-10.0; 2]]);
+        assert_eq!([2, 3, 4, 5, 6].map(|curve| values(curve)[1]), [1.0, 3.0, 5.0, 2.0, 4.0]);
+        assert!(values(7)[0].is_nan());
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.starts_with(HEADER) && text.lines().count() == 3, "{text}");
     }
 }

@@ -484,7 +484,7 @@ impl<'p> Runner<'p> {
 
     /// The live page. What cannot be written now is written the next time.
     fn draw(&self, snapshot: &Snapshot) {
-        if let Err(error) = page::write(self.plan, snapshot) {
+        if let Err(error) = page::write(self.plan, snapshot, self.readbacks.curves()) {
             tracing::warn!("writing the live page: {error}");
         }
     }

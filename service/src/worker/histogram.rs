@@ -163,7 +163,6 @@ mod tests {
 
     #[test]
     fn the_coarse_buckets_hold_every_value_and_none_that_is_over_their_end() {
-        assert!(LATENCY_BOUNDS_NS.is_sorted());
         let histogram = Histogram::default();
         let values = [0, 190, 200, 201, 400, 49_000, 50_000, 1_000_000_000, u32::MAX];
         values.iter().for_each(|value| histogram.record(*value));
