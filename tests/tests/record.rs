@@ -211,6 +211,10 @@ fn files_rotate_and_the_next_recorder_goes_on_behind_them() {
             parts.flat_map(|part| part.lines().skip(1).map(|l| format!("{l}\n")).collect::<Vec<_>>()).collect();
         let whole = replay(&world, RUN);
         assert!(whole.lines().skip(1).take(800).eq(parts.lines()), "{extension}");
+        let names: Vec<_> = (1..=numbers).rev().map(|n| format!("r-{n:04}.{extension}")).collect();
+        let command = ["replay", "--table", "imu-a.toml"].into_iter().chain(names.iter().map(String::as_str));
+        let as_one = world.run_well(&command.collect::<Vec<_>>());
+        assert!(as_one.lines().skip(1).eq(parts.lines()), "{extension}: the files as one recording");
         for n in 1..=numbers {
             assert_eq!(world.path(&format!("r-{n:04}.increments.{extension}")).exists(), pair);
         }
@@ -282,7 +286,7 @@ fn several_imus_and_standard_output() {
         assert!(output.status.success());
         said(&text(&output.stderr), "the recording was not ended properly");
     }
-    // A Parquet file has its directory at the end.
+    // A Parquet file has its footer at the end.
     let output = world.isotherm_after(&[], "true", &["replay", "--table", "imu-a.toml", "-"]).output().unwrap();
     assert_eq!(output.status.code(), Some(65), "nothing is no recording");
     service.terminate();

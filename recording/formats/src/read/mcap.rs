@@ -335,7 +335,7 @@ fn value_of(wanted: ValueKind, kind: u64, value: Value<'_>) -> Option<u64> {
     match (wanted, value) {
         (ValueKind::U64, Value::Varint(value)) => Some(value),
         (ValueKind::U32, Value::Varint(value)) => u32::try_from(value).ok().map(u64::from),
-        (ValueKind::F64 | ValueKind::Number, Value::Fixed64(bits)) => Some(bits),
+        (ValueKind::Number, Value::Fixed64(bits)) => Some(bits),
         (ValueKind::Number, Value::Fixed32(bits)) => Some(f64::from(f32::from_bits(bits)).to_bits()),
         (ValueKind::Number, Value::Varint(value)) if SIGNED.contains(&kind) => {
             Some((value.cast_signed() as f64).to_bits())

@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::PARQUET_MAGIC;
 use isotherm_recording::csv::list_columns;
-use parquet::basic::{ConvertedType, LogicalType, Type as Physical};
+use parquet::basic::{Compression, ConvertedType, LogicalType, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
@@ -16,8 +16,8 @@ use std::os::unix::fs::FileExt as _;
 
 /// Rows that are decoded at once.
 const BATCH: usize = 4096;
-/// Longest directory that is read \[bytes\]: what it describes takes several times its size in memory.
-const DIRECTORY: u64 = 16 << 20;
+/// Longest footer that is read \[bytes\]: what it describes takes several times its size in memory.
+const MAX_FOOTER: u64 = 16 << 20;
 
 /// Reads the wanted columns of a Parquet file.
 pub struct ParquetReader {
@@ -76,7 +76,7 @@ impl ParquetReader {
         choice: &ImuChoice,
         bar: &ProgressBar,
     ) -> Result<Self, RecordingError> {
-        let wrong = |message: String| RecordingError::Place { place: "directory".to_owned(), message };
+        let wrong = |message: String| RecordingError::Place { place: "footer".to_owned(), message };
         let size = file.metadata()?.len();
         let mut tail = [0; 8];
         file.read_exact_at(&mut tail, size.saturating_sub(8))?;
@@ -85,8 +85,8 @@ impl ParquetReader {
         if !tail.ends_with(PARQUET_MAGIC) || length > size {
             return Err(wrong("the end of the Parquet file is missing; is it cut?".to_owned()));
         }
-        if length > DIRECTORY {
-            return Err(wrong(format!("{length} bytes; at most {DIRECTORY} are read: make larger row groups")));
+        if length > MAX_FOOTER {
+            return Err(wrong(format!("{length} bytes; at most {MAX_FOOTER} are read: make larger row groups")));
         }
         let opened = contain(|| file.try_clone().map(SerializedFileReader::new));
         let reader = match opened {
@@ -104,6 +104,7 @@ impl ParquetReader {
         }
         let rows = u64::try_from(metadata.num_rows()).unwrap_or(0);
         let columns = find(&reader, &wanted).map_err(wrong)?;
+        check_compression(&reader, &columns).map_err(wrong)?;
         Ok(Self {
             file,
             reader,
@@ -236,7 +237,6 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
         let column = schema.column(index);
         let physical = column.physical_type();
         let (fits, right) = match kind {
-            ValueKind::F64 => (physical == Physical::DOUBLE, "doubles"),
             ValueKind::U32 | ValueKind::U64 => {
                 (matches!(physical, Physical::INT32 | Physical::INT64), "whole numbers of 32 or 64 bits")
             }
@@ -259,6 +259,25 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
     }
     let names = (0..schema.num_columns()).map(|index| schema.column(index).path().string());
     Err(format!("missing columns: {}; found: {}; is this the recording?", missing.join(", "), list_columns(names)))
+}
+
+/// An error if a column is compressed in a way that is not read.
+fn check_compression(reader: &SerializedFileReader<File>, columns: &[FoundColumn]) -> Result<(), String> {
+    for group in reader.metadata().row_groups() {
+        for column in columns {
+            let chunk = group.column(column.index);
+            let compression = chunk.compression();
+            if !matches!(compression, Compression::UNCOMPRESSED | Compression::SNAPPY | Compression::ZSTD(_)) {
+                let name = chunk.column_path().string();
+                let compression = compression.to_string();
+                let compression = compression.split('(').next().unwrap_or_default();
+                return Err(format!(
+                    "{name} is compressed with {compression}; write it with zstd, with snappy or uncompressed"
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Appends the next values of a column; nothing at its end.

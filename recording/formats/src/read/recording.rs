@@ -333,7 +333,7 @@ pub fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHash>) ->
     let mut head = Vec::new();
     (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut head).map_err(|error| io(&error))?;
     if head.starts_with(PARQUET_MAGIC) {
-        let what = "a Parquet file cannot be read from a pipe: its directory is at its end; name the file";
+        let what = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
         let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()));
         let file = file.ok_or_else(|| Failure::new(Exit::Usage, what))?;
         if let Some(hash) = hash {

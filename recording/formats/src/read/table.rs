@@ -22,8 +22,6 @@ pub enum ValueKind {
     U64,
     /// Whole numbers of up to 32 bits without a sign.
     U32,
-    /// Doubles.
-    F64,
     /// Any number, as a double.
     Number,
 }
@@ -59,7 +57,7 @@ impl From<&Column> for WantedColumn {
         let kind = match column.kind {
             ColumnKind::U64 => ValueKind::U64,
             ColumnKind::U32 => ValueKind::U32,
-            ColumnKind::F64 | ColumnKind::Text => ValueKind::F64,
+            ColumnKind::F64 | ColumnKind::Text => ValueKind::Number,
         };
         let optional = OPTIONAL.contains(&column.name);
         Self { name: column.name.to_owned(), kind, optional, absence: Absence::Refused }

@@ -1,7 +1,7 @@
 //! Rows in a Parquet file that is whole at every instant.
 //!
-//! A Parquet file has its directory at the end, so it cannot simply grow. Two files take turns: at a flush the hidden one gets what it
-//! lacks, then what is not a full row group yet, then the directory; then the two exchange their names in one step. Whoever opens
+//! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns: at a flush the hidden one gets what it
+//! lacks, then what is not a full row group yet, then the footer; then the two exchange their names in one step. Whoever opens
 //! the name, or finds it after a crash, has everything up to the last flush.
 
 use super::growing::{aside, create};
@@ -60,7 +60,7 @@ impl ParquetFile {
         let schema = Arc::new(schema(columns).map_err(other)?);
         let properties = Arc::new(properties(columns, imu, stream).map_err(other)?);
         let mut bytes = MAGIC.to_vec();
-        bytes.append(&mut directory(&schema, &properties, &mut Vec::new(), None).map_err(other)?);
+        bytes.append(&mut footer(&schema, &properties, &mut Vec::new(), None).map_err(other)?);
         let body = MAGIC.len() as u64;
         Ok(Self {
             path: path.to_owned(),
@@ -103,7 +103,7 @@ impl ParquetFile {
             0 => (Vec::new(), None),
             _ => self.encode_open().map(|(bytes, group)| (bytes, Some(group)))?,
         };
-        tail.append(&mut directory(&self.schema, &self.properties, &mut self.groups, open).map_err(other)?);
+        tail.append(&mut footer(&self.schema, &self.properties, &mut self.groups, open).map_err(other)?);
         let (hidden, has) = match &mut self.hidden {
             Some(hidden) => hidden,
             None => self.hidden.insert((aside(&self.path)?, 0)),
@@ -173,7 +173,7 @@ fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
     Ok(())
 }
 
-/// A row group's bytes and its entry in the directory of a file where it begins at `offset`.
+/// A row group's bytes and its entry in the footer of a file where it begins at `offset`.
 fn encode(
     schema: &TypePtr,
     properties: &WriterPropertiesPtr,
@@ -181,7 +181,7 @@ fn encode(
     offset: u64,
     ordinal: usize,
 ) -> Result<(Vec<u8>, RowGroupMetaData), ParquetError> {
-    // A file of its own, whose beginning and directory are left away.
+    // A file of its own, whose beginning and footer are left away.
     let mut file = SerializedFileWriter::new(Vec::new(), Arc::clone(schema), Arc::clone(properties))?;
     let mut group = file.next_row_group()?;
     for values in &columns.values {
@@ -211,7 +211,7 @@ fn encode(
 }
 
 /// The end of a file with these row groups.
-fn directory(
+fn footer(
     schema: &TypePtr,
     properties: &WriterPropertiesPtr,
     groups: &mut Vec<RowGroupMetaData>,

@@ -1,0 +1,288 @@
+//! One recording in every format and in pieces: each command that reads recordings gives the same result.
+//!
+//! The files are written here by the format's own library, as a laboratory's programs write them.
+#![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
+
+use isotherm_tests::{RUN, TABLE, World, text};
+use mcap::records::MessageHeader;
+use parquet::basic::{Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::Arc;
+
+const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
+
+/// The columns of a CSV file.
+struct Columns {
+    names: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Columns {
+    fn of(csv: &str) -> Self {
+        let mut rows = csv.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+        Self { names: rows.next().unwrap(), rows: rows.collect() }
+    }
+
+    /// The rows of a part of it.
+    fn part(&self, from: usize, to: usize) -> Self {
+        Self { names: self.names.clone(), rows: self.rows[from..to].to_vec() }
+    }
+
+    /// Whether all values of a column are whole numbers.
+    fn whole(&self, column: usize) -> bool {
+        self.rows.iter().all(|row| row[column].is_empty() || row[column].parse::<i64>().is_ok())
+    }
+
+    fn write(&self, path: &Path) {
+        match path.extension().unwrap().to_str().unwrap() {
+            "csv" => self.write_csv(path),
+            "parquet" => self.write_parquet(path),
+            "mcap" => self.write_mcap(path),
+            other => panic!("{other}"),
+        }
+    }
+
+    fn write_csv(&self, path: &Path) {
+        let lines = [&self.names].into_iter().chain(&self.rows);
+        fs::write(path, lines.map(|fields| fields.join(",") + "\n").collect::<String>()).unwrap();
+    }
+
+    /// Whole numbers as INT64, the others as DOUBLE, and what is empty somewhere as OPTIONAL.
+    fn write_parquet(&self, path: &Path) {
+        let optional = |column: usize| self.rows.iter().any(|row| row[column].is_empty());
+        let field = |column: usize| {
+            let physical = if self.whole(column) { Physical::INT64 } else { Physical::DOUBLE };
+            let repetition = if optional(column) { Repetition::OPTIONAL } else { Repetition::REQUIRED };
+            let field = Type::primitive_type_builder(&self.names[column], physical).with_repetition(repetition);
+            Arc::new(field.build().unwrap())
+        };
+        let fields = (0..self.names.len()).map(field).collect();
+        let schema = Type::group_type_builder("schema").with_fields(fields).build().unwrap();
+        let file = File::create(path).unwrap();
+        let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::default()).unwrap();
+        let mut group = writer.next_row_group().unwrap();
+        for column in 0..self.names.len() {
+            let values: Vec<_> = self.rows.iter().map(|row| row[column].as_str()).collect();
+            let present = values.iter().filter(|value| !value.is_empty());
+            let levels: Vec<_> = values.iter().map(|value| i16::from(!value.is_empty())).collect();
+            let levels = optional(column).then_some(&levels[..]);
+            let mut open = group.next_column().unwrap().unwrap();
+            if self.whole(column) {
+                let numbers: Vec<i64> = present.map(|value| value.parse().unwrap()).collect();
+                open.typed::<Int64Type>().write_batch(&numbers, levels, None).unwrap();
+            } else {
+                let numbers: Vec<f64> = present.map(|value| value.parse().unwrap()).collect();
+                open.typed::<DoubleType>().write_batch(&numbers, levels, None).unwrap();
+            }
+            open.close().unwrap();
+        }
+        group.close().unwrap();
+        writer.close().unwrap();
+    }
+
+    /// The message of a row has int64 for whole numbers, double for the others, and no field where nothing is.
+    fn write_mcap(&self, path: &Path) {
+        let (mut fields, mut descriptor) = (Vec::new(), Vec::new());
+        for (name, number) in self.names.iter().zip(1..) {
+            let kind = if self.whole(number as usize - 1) { 3 } else { 1 };
+            let mut field = Vec::new();
+            bytes(&mut field, 1, name.as_bytes());
+            for (key, value) in [(3, number), (4, 1), (5, kind)] {
+                varint(&mut field, key << 3);
+                varint(&mut field, value);
+            }
+            bytes(&mut fields, 2, &field);
+        }
+        bytes(&mut descriptor, 1, b"Row");
+        descriptor.extend(fields);
+        let mut file = Vec::new();
+        bytes(&mut file, 1, b"row.proto");
+        bytes(&mut file, 2, b"lab");
+        bytes(&mut file, 4, &descriptor);
+        let mut set = Vec::new();
+        bytes(&mut set, 1, &file);
+
+        let mut writer = mcap::Writer::new(File::create(path).unwrap()).unwrap();
+        let schema = writer.add_schema("lab.Row", "protobuf", &set).unwrap();
+        let channel_id = writer.add_channel(schema, "isotherm/imu-a/raw", "protobuf", &BTreeMap::new()).unwrap();
+        for (row, time) in self.rows.iter().zip(0..) {
+            let mut message = Vec::new();
+            for (column, value) in row.iter().enumerate().filter(|(_, value)| !value.is_empty()) {
+                let number = column as u64 + 1;
+                if self.whole(column) {
+                    varint(&mut message, number << 3);
+                    varint(&mut message, value.parse::<i64>().unwrap().cast_unsigned());
+                } else {
+                    varint(&mut message, number << 3 | 1);
+                    message.extend(value.parse::<f64>().unwrap().to_le_bytes());
+                }
+            }
+            let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
+            writer.write_to_known_channel(&header, &message).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+}
+
+fn varint(out: &mut Vec<u8>, mut value: u64) {
+    while value > 0x7f {
+        out.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    out.push(value as u8);
+}
+
+fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
+    varint(out, number << 3 | 2);
+    varint(out, value.len() as u64);
+    out.extend_from_slice(value);
+}
+
+/// A world with a recording whole in each format, and in three pieces that have three formats. Gives the ways to name it.
+fn ways(world: &World, csv: &str) -> Vec<Vec<&'static str>> {
+    let all = Columns::of(csv);
+    for name in ["whole.csv", "whole.parquet", "whole.mcap"] {
+        all.write(&world.path(name));
+    }
+    let third = all.rows.len() / 3;
+    let pieces = [("b.parquet", 0, third), ("c.mcap", third, 2 * third), ("a.csv", 2 * third, all.rows.len())];
+    for (name, from, to) in pieces {
+        all.part(from, to).write(&world.path(name));
+    }
+    vec![
+        vec!["whole.csv"],
+        vec!["whole.parquet"],
+        vec!["whole.mcap"],
+        vec!["b.parquet", "c.mcap", "a.csv"],
+        vec!["a.csv", "b.parquet", "c.mcap"],
+        vec!["c.mcap", "a.csv", "b.parquet"],
+    ]
+}
+
+/// Asserts that a command prints the same, however the recording is named.
+fn assert_alike(world: &World, ways: &[Vec<&str>], command: &[&str]) {
+    let printed: Vec<_> = ways.iter().map(|files| world.run_well(&[command, files].concat())).collect();
+    assert!(printed[0].lines().count() > 3, "{}", printed[0]);
+    for (files, printed_now) in ways.iter().zip(&printed) {
+        assert!(*printed_now == printed[0], "{command:?} {files:?}:\n{}\n{printed_now}", printed[0]);
+    }
+}
+
+#[test]
+fn replay_verify_and_feed_read_every_format_and_pieces_in_any_order() {
+    let world = World::new();
+    let run = fs::read_to_string(RUN).unwrap();
+    let ways = ways(&world, &run.lines().take(1201).map(|line| format!("{line}\n")).collect::<String>());
+    let service = world.serve_recording();
+    assert_alike(&world, &ways, &["replay", "--table", "imu-a.toml"]);
+    assert_alike(&world, &ways, &["verify", "--table", "imu-a.toml", "--window", "1"]);
+    assert_alike(&world, &ways, &["feed", "--imu", "imu-a"]);
+    service.terminate();
+}
+
+#[test]
+fn calibrate_reads_every_format_and_pieces_in_any_order() {
+    let world = World::new();
+    let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
+    let campaign = campaign.replace("imu-paper", "imu-a");
+    let ways = ways(&world, &fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap());
+    let mut tables = Vec::new();
+    for files in &ways {
+        // Named by the campaign file, and by the command.
+        world.write("campaign.toml", &campaign.replace("\"samples.csv\"", &format!("{files:?}")));
+        let named = world.run_well(&["calibrate", "campaign.toml", "-o", "-"]);
+        world.write("campaign.toml", &campaign);
+        let given = world.run_well(&[&["calibrate", "campaign.toml", "-o", "-"], &files[..]].concat());
+        let content =
+            |table: &str| table[table.find("[[axis]]").unwrap()..table.find("[provenance]").unwrap()].to_owned();
+        assert_eq!(content(&named), content(&given), "{files:?}");
+        tables.push(content(&given));
+    }
+    assert!(tables[0].matches("[[axis]]").count() == 3, "{}", tables[0]);
+    for (files, table) in ways.iter().zip(&tables) {
+        assert!(*table == tables[0], "{files:?}:\n{}\n{table}", tables[0]);
+    }
+}
+
+#[test]
+fn regress_reads_every_format_and_pieces_in_any_order() {
+    let world = World::new();
+    let ways = ways(&world, &fs::read_to_string(format!("{EXAMPLES}/cubic.csv")).unwrap());
+    // Without a time, pieces are taken as they are named; the fit does not depend on it.
+    assert_alike(&world, &ways, &["regress", "--x", "x", "--y", "y"]);
+}
+
+#[test]
+fn what_is_wrong_is_found_in_the_piece_where_it_is() {
+    let world = World::new();
+    let run = Columns::of(&fs::read_to_string(RUN).unwrap());
+    world.write("imu-a.toml", TABLE);
+    run.part(0, 500).write(&world.path("one.parquet"));
+    run.part(500, 1000).write(&world.path("two.csv"));
+    run.part(900, 1400).write(&world.path("over.csv"));
+    let mut bad = run.part(1000, 1500);
+    bad.rows[7][1] = "soon".to_owned();
+    bad.write(&world.path("bad.csv"));
+    let mut lacking = run.part(1000, 1500);
+    lacking.names[2] = "interval".to_owned();
+    for name in ["lacking.csv", "lacking.parquet", "lacking.mcap"] {
+        lacking.write(&world.path(name));
+    }
+    let columns = "missing columns: interval_ns; found: sequence, timestamp_ns, interval, a1_positive";
+    for (files, code, cause) in [
+        (&["two.csv", "bad.csv", "one.parquet"][..], 65, "bad.csv:9: timestamp_ns is \"soon\", give a whole number"),
+        (&["two.csv", "one.parquet", "./two.csv"], 64, "./two.csv is named twice; name every piece once"),
+        (&["two.csv", "-"], 64, "pieces of a recording must be files; a pipe is read alone"),
+        (&["over.csv", "one.parquet", "two.csv"], 65, "over.csv:2: "),
+        (&["two.csv", "none.csv"], 74, "opening none.csv: "),
+        (&["lacking.csv", "two.csv"], 65, columns),
+        (&["lacking.parquet"], 65, columns),
+        (&["lacking.mcap"], 65, "missing columns: interval_ns; found: "),
+    ] {
+        for command in [&["replay", "--table", "imu-a.toml"][..], &["verify", "--table", "imu-a.toml"]] {
+            let output = world.run(&[command, files].concat());
+            let said = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(code), "{command:?} {files:?}: {said}");
+            assert!(said.contains(cause), "{command:?} {files:?}: {said}, not {cause}");
+        }
+    }
+}
+
+#[test]
+fn telemetry_in_whole_numbers_is_read() {
+    let world = World::new();
+    let mut run = Columns::of(&fs::read_to_string(RUN).unwrap()).part(0, 100);
+    let head = run.names.iter().position(|name| name == "a2_head").unwrap();
+    run.rows.iter_mut().for_each(|row| row[head] = "1".to_owned());
+    world.write("imu-a.toml", TABLE);
+    let ways = ["r.csv", "r.parquet", "r.mcap"].map(|name| {
+        run.write(&world.path(name));
+        vec![name]
+    });
+    assert_alike(&world, &ways, &["replay", "--table", "imu-a.toml"]);
+}
+
+/// Text in a column of numbers, in the formats that have types.
+#[test]
+fn a_column_of_another_type_is_refused() {
+    let world = World::new();
+    let field = |name: &str| Arc::new(Type::primitive_type_builder(name, Physical::BYTE_ARRAY).build().unwrap());
+    let schema = Type::group_type_builder("schema").with_fields(vec![field("x"), field("y")]).build().unwrap();
+    let file = File::create(world.path("text.parquet")).unwrap();
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::default()).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    while let Some(mut column) = group.next_column().unwrap() {
+        column.typed::<ByteArrayType>().write_batch(&[ByteArray::from("1.5")], Some(&[1]), None).unwrap();
+        column.close().unwrap();
+    }
+    group.close().unwrap();
+    writer.close().unwrap();
+    let output = world.run(&["regress", "text.parquet", "--x", "x", "--y", "y"]);
+    assert_eq!(output.status.code(), Some(65), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("x is of type BYTE_ARRAY, give numbers"), "{}", text(&output.stderr));
+}
