@@ -8,7 +8,7 @@ mod progress;
 mod recorder;
 mod top;
 
-use clap::{Arg, CommandFactory as _, FromArgMatches as _, Parser};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use isotherm_failure::Failure;
 use isotherm_service::commands as common;
 use std::process::ExitCode;
@@ -41,12 +41,7 @@ impl Cli {
     /// The whole command line, as parsed, documented and completed.
     fn full_command() -> clap::Command {
         let command = Self::command().long_version(isotherm_version::LONG_VERSION);
-        // Accepted everywhere, shown where it means something: these commands join no domain.
-        let hidden = || Arg::new("domain").long("domain").value_name("NAME").global(true).hide(true);
-        let command = commands::WITHOUT_DOMAIN
-            .iter()
-            .fold(command, |command, name| command.mut_subcommand(name, |command| command.arg(hidden())));
-        common::finish(command, "isotherm")
+        common::finish(common::hide_domain(command, &commands::WITHOUT_DOMAIN), "isotherm")
     }
 
     fn run(self) -> Result<(), Failure> {

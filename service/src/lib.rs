@@ -85,7 +85,8 @@ const LABORATORY_FILE: FileKind = FileKind {
 /// The program `isothermd`: does what the process's command line asks for. `long_version` is what `--version` prints behind its name.
 #[must_use]
 pub fn main(long_version: &'static str) -> ExitCode {
-    let command = commands::finish(Daemon::command().long_version(long_version), "isothermd");
+    let command = commands::hide_domain(Daemon::command().long_version(long_version), &["check"]);
+    let command = commands::finish(command, "isothermd");
     commands::exit_code("isothermd", || {
         let matches = command.try_get_matches()?;
         Ok(Daemon::from_arg_matches(&matches)?.run())

@@ -101,7 +101,7 @@ impl<'a> Document<'a> {
     pub fn parse_as(text: &'a str, wanted: &str) -> Result<Self, Faults> {
         Self::parse(text).map_err(|faults| match is_csv(text) {
             true => {
-                let message = format!("this is comma-separated data, not TOML; {wanted}");
+                let message = format!("this is comma-separated data (CSV), not TOML; {wanted}");
                 Faults(vec![Fault { line: 1, key: String::new(), message }])
             }
             false => faults,
@@ -515,7 +515,11 @@ mod tests {
     fn a_recording_is_recognised_where_toml_is_wanted() {
         for text in ["a,b\n1,2\n", "\u{feff}\"set_point_c\",a1_head\r\n-25,1.5\r\n", "a,b,c\n"] {
             let faults = Document::parse_as(text, "give the table").err().unwrap();
-            assert_eq!(faults.to_string(), "line 1: this is comma-separated data, not TOML; give the table", "{text}");
+            assert_eq!(
+                faults.to_string(),
+                "line 1: this is comma-separated data (CSV), not TOML; give the table",
+                "{text}"
+            );
         }
         for text in ["a = [1, 2\nb = 3\n", "x, y = 1\n", "", "name\nvalue\n", "a,b\n1\n", "key = \"a,b\nc,d\n"] {
             let faults = Document::parse_as(text, "give the table").err();

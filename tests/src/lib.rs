@@ -112,7 +112,12 @@ impl World {
 
     /// `isotherm` with arguments, in this world.
     pub fn isotherm(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(binary());
+        self.program("isotherm", arguments)
+    }
+
+    /// A program of this build with arguments, in this world.
+    pub fn program(&self, name: &str, arguments: &[&str]) -> Command {
+        let mut command = Command::new(binary(name));
         command.args(arguments).stdin(Stdio::null()).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
         command.env_remove("ISOTHERM_LOG");
@@ -121,7 +126,12 @@ impl World {
 
     /// Runs `isotherm` to its end.
     pub fn run(&self, arguments: &[&str]) -> Output {
-        let child = self.isotherm(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        self.finish(self.isotherm(arguments))
+    }
+
+    /// Runs a command to its end.
+    pub fn finish(&self, mut command: Command) -> Output {
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         self.alive.lock().unwrap().push(child.id());
         let pid = child.id();
         let output = child.wait_with_output().unwrap();
@@ -333,10 +343,10 @@ fn remove_shared_memory(prefix: &str) {
     }
 }
 
-/// The `isotherm` that belongs to this build.
-pub fn binary() -> PathBuf {
+/// A program of this build.
+pub fn binary(name: &str) -> PathBuf {
     let test = env::current_exe().unwrap();
-    let binary = test.parent().and_then(Path::parent).unwrap().join("isotherm");
+    let binary = test.parent().and_then(Path::parent).unwrap().join(name);
     assert!(binary.exists(), "{} is not built; run `cargo test --workspace`", binary.display());
     binary
 }

@@ -62,7 +62,7 @@ fn command_lines(document: &str) -> impl Iterator<Item = &str> {
 
 /// The help of a command; nothing if there is none.
 fn help(command: &[&str]) -> Option<String> {
-    let output = Command::new(binary()).args(command).arg("--help").output().unwrap();
+    let output = Command::new(binary("isotherm")).args(command).arg("--help").output().unwrap();
     output.status.success().then(|| text(&output.stdout))
 }
 
@@ -122,7 +122,7 @@ fn the_quick_start_works_as_it_stands() {
         blocks.collect::<String>()
     );
     let mut shell = Command::new("bash");
-    let path = format!("{}:{}", binary().parent().unwrap().display(), std::env::var("PATH").unwrap());
+    let path = format!("{}:{}", binary("isotherm").parent().unwrap().display(), std::env::var("PATH").unwrap());
     shell.args(["-m", "-c", &script]).env("PATH", path).current_dir(world.path("")).stdin(Stdio::null());
     shell.env("ISOTHERM_DOMAIN", world.domain().name()).env("ISOTHERM_ROOT", world.path(""));
     let output = shell.output().unwrap();

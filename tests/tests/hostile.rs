@@ -262,7 +262,7 @@ fn as_nobody(world: &World, arguments: &[&str]) -> Option<(Option<i32>, String)>
     fs::set_permissions(world.path(""), Permissions::from_mode(0o777)).unwrap();
     let program = world.path("isotherm");
     if !program.exists() {
-        fs::copy(binary(), &program).unwrap();
+        fs::copy(binary("isotherm"), &program).unwrap();
         fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
     }
     let mut command = world.isotherm(arguments);

@@ -164,7 +164,7 @@ fn settings_that_are_not_granted_are_refused_with_the_remedy() {
     for (setting, words) in cases {
         let world = World::new();
         let config = service(&world, "", &format!("[realtime]\n{setting}\n"));
-        let isotherm = isotherm_tests::binary();
+        let isotherm = isotherm_tests::binary("isotherm");
         let output = Command::new(env!("CARGO_BIN_EXE_counted"))
             .arg("without-rights")
             .arg(isotherm)

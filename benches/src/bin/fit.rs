@@ -74,7 +74,7 @@ fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> Outcome<Campaig
         writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw)?;
     }
     writer.finish()?;
-    let (imu, unit) = (&content.imu, &content.temperature_unit);
+    let (imu, unit) = (content.imu.as_str(), &content.temperature_unit);
     let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &plan.positions);
     Ok(Campaign::from_toml(&text)?)
 }

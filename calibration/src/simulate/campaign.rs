@@ -10,7 +10,6 @@ use super::turntable::specific_force;
 use super::{Chain, Noise, Random, Truth};
 use crate::positions::{Position, Scheme};
 use core::fmt::Write as _;
-use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -260,7 +259,7 @@ impl Iterator for RunSamples<'_> {
 /// both \[m/s2\]; `temperature_unit` is the telemetry's.
 #[must_use]
 pub fn campaign_toml(
-    imu: &ImuId,
+    imu: &str,
     samples: &str,
     gravity_reference: f64,
     gravity_local: f64,

@@ -277,7 +277,7 @@ fn a_chamber_beyond_the_truth_is_noticed() {
 fn the_campaign_file_has_every_key() {
     let positions = Scheme::SixFacesSixEdges.positions();
     let imu = content().imu;
-    let text = campaign_toml(&imu, "samples.csv", 9.8015, 9.81, "V", &positions);
+    let text = campaign_toml(imu.as_str(), "samples.csv", 9.8015, 9.81, "V", &positions);
     let parsed: toml::Table = text.parse().unwrap();
     assert_eq!(parsed["imu"].as_str(), Some("imu-paper"));
     assert_eq!(

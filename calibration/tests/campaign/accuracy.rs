@@ -155,7 +155,7 @@ fn mounted(truth: &Truth, plan: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<
 fn campaign_toml(file: &Campaign) -> String {
     let unit = &file.temperature_unit;
     isotherm_calibration::simulate::campaign_toml(
-        &file.imu,
+        file.imu.as_str(),
         "samples.csv",
         file.gravity_reference,
         file.gravity_local,

@@ -23,7 +23,7 @@ pub fn quiet() -> Noise {
 /// The campaign file that belongs to a simulated campaign.
 pub fn stated(truth: &Truth, plan: &CampaignSchedule) -> Campaign {
     let content = truth.table.content();
-    let (imu, unit) = (&content.imu, &content.temperature_unit);
+    let (imu, unit) = (content.imu.as_str(), &content.temperature_unit);
     let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &plan.positions);
     Campaign::from_toml(&text).unwrap()
 }

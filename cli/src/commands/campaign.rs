@@ -134,16 +134,10 @@ fn is_ignored(signal: i32) -> bool {
 impl RunCampaign {
     fn run(self, domain: Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
-        let plan = Plan::load(&self.plan)?;
+        let plan = Plan::load_to_run(&self.plan)?;
         if self.require.is_some() && plan.verify.is_none() {
             let message = format!("--require needs verification runs; give {} a [verify]", self.plan.display());
             return Err(Failure::new(Exit::Usage, message));
-        }
-        // Not after two days.
-        let folder = plan.install.as_ref().and_then(|install| install.parent());
-        if let Some(folder) = folder.filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-            let message = format!("{}: install: there is no such folder; make it", folder.display());
-            return Err(Failure::new(Exit::Io, message));
         }
         fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
@@ -181,7 +175,7 @@ impl RunCampaign {
 
 impl CheckCampaign {
     fn run(self) -> Result<(), Failure> {
-        let plan = Plan::load(&self.plan)?;
+        let plan = Plan::load_to_run(&self.plan)?;
         let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
         let takes_s = left_s(&plan, 0);
         let mut text = format!(

@@ -28,8 +28,21 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 8] =
-    ["calibrate", "check", "completions", "demo", "man", "regress", "replay", "verify"];
+pub const WITHOUT_DOMAIN: [&str; 13] = [
+    "calibrate",
+    "campaign check",
+    "campaign status",
+    "campaign stop",
+    "check",
+    "completions",
+    "demo",
+    "man",
+    "regress",
+    "replay",
+    "simulate campaign",
+    "simulate run",
+    "verify",
+];
 
 /// What the program can be asked for.
 #[derive(Debug, Subcommand)]

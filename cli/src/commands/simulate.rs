@@ -159,8 +159,14 @@ impl SimulateCampaign {
         write_truth(output, &truth, "isotherm simulate campaign", *seed, &schedule)?;
         let content = truth.table.content();
         let unit = &content.temperature_unit;
-        let text =
-            campaign_toml(&content.imu, "samples.csv", content.gravity, truth.gravity_local, unit, &schedule.positions);
+        let text = campaign_toml(
+            content.imu.as_str(),
+            "samples.csv",
+            content.gravity,
+            truth.gravity_local,
+            unit,
+            &schedule.positions,
+        );
         write_text(output, "campaign.toml", &text)
     }
 }

@@ -25,8 +25,8 @@ pub struct Limits {
     acceleration_deg_s2: f64,
 }
 
-/// Reads `[limits]`.
-pub fn read(section: Section<'_, '_>) -> Option<Limits> {
+/// Reads `[limits]`. What is missing or wrong is a fault, and the absolute limit stands in for it.
+pub fn read(section: Section<'_, '_>) -> Limits {
     let range = |key, absolute, right| range(&section, key, absolute, right);
     let chamber_c =
         range("chamber_c", CHAMBER_C, "lowest and highest temperature of the chamber in degC, as [-30, 50]");
@@ -42,20 +42,30 @@ pub fn read(section: Section<'_, '_>) -> Option<Limits> {
     let rate_deg_s = most("rate_deg_s", 60.0, RATE_DEG_S);
     let acceleration_deg_s2 = most("acceleration_deg_s2", 100.0, ACCELERATION_DEG_S2);
     section.finish();
-    let angles_deg = [outer?, inner?];
-    Some(Limits { chamber_c: chamber_c?, angles_deg, ramp_c_per_min, rate_deg_s, acceleration_deg_s2 })
+    Limits { chamber_c, angles_deg: [outer, inner], ramp_c_per_min, rate_deg_s, acceleration_deg_s2 }
 }
 
-fn range(section: &Section<'_, '_>, key: &'static str, [low, high]: [f64; 2], right: &str) -> Option<[f64; 2]> {
-    let given = <[f64; 2]>::try_from(section.numbers(key, right)?).ok();
+fn range(section: &Section<'_, '_>, key: &'static str, absolute: [f64; 2], right: &str) -> [f64; 2] {
+    let [low, high] = absolute;
+    let Some(given) = section.numbers(key, right) else { return absolute };
+    let given = <[f64; 2]>::try_from(given).ok();
     let inside = given.filter(|given| low <= given[0] && given[0] < given[1] && given[1] <= high);
     if inside.is_none() {
         section.fault(key, format!("give {right}, within {low:?} and {high:?}"));
     }
-    inside
+    inside.unwrap_or(absolute)
 }
 
 impl Limits {
+    /// The widest limits that there are.
+    pub const ABSOLUTE: Self = Self {
+        chamber_c: CHAMBER_C,
+        angles_deg: [ANGLE_DEG; 2],
+        ramp_c_per_min: RAMP_C_PER_MIN,
+        rate_deg_s: RATE_DEG_S,
+        acceleration_deg_s2: ACCELERATION_DEG_S2,
+    };
+
     /// What is wrong with a chamber temperature \[degC\], commanded or measured.
     pub fn chamber(&self, celsius: f64) -> Option<String> {
         let [low, high] = self.chamber_c;
@@ -79,15 +89,16 @@ impl Limits {
         self.angle(angles, 0.0)
     }
 
-    /// What is wrong with rate \[deg/s\] and acceleration \[deg/s2\] that are to be commanded.
-    pub fn motion(&self, rate: f64, acceleration: f64) -> Option<String> {
-        let (most, hardest) = (self.rate_deg_s, self.acceleration_deg_s2);
-        if rate > most {
-            Some(format!("{rate:?} deg/s is over limits.rate_deg_s, {most:?}"))
-        } else {
-            (acceleration > hardest)
-                .then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {hardest:?}"))
-        }
+    /// What is wrong with a rate \[deg/s\] that is to be commanded.
+    pub fn rate(&self, rate: f64) -> Option<String> {
+        let most = self.rate_deg_s;
+        (rate > most).then(|| format!("{rate:?} deg/s is over limits.rate_deg_s, {most:?}"))
+    }
+
+    /// What is wrong with an acceleration \[deg/s2\] that is to be commanded.
+    pub fn acceleration(&self, acceleration: f64) -> Option<String> {
+        let most = self.acceleration_deg_s2;
+        (acceleration > most).then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {most:?}"))
     }
 
     /// What is wrong with angles \[deg\] and rates \[deg/s\] as they are read.
@@ -116,7 +127,7 @@ mod tests {
 
     fn limits(text: &str) -> Result<Limits, String> {
         let document = Document::parse(text).unwrap();
-        let limits = document.root().section("limits", "").and_then(read);
+        let limits = document.root().section("limits", "").map(read);
         document.finish(limits).map_err(|faults| faults.to_string())
     }
 
@@ -146,7 +157,7 @@ mod tests {
             assert!(limits.chamber(celsius).is_some());
         }
         assert!(limits.angles([0.0, 365.1]).unwrap().contains("inner angle 365.1"));
-        assert!(limits.motion(60.1, 1.0).is_some() && limits.motion(60.0, 100.1).is_some());
+        assert!(limits.rate(60.1).is_some() && limits.rate(60.0).is_none() && limits.acceleration(100.1).is_some());
         assert_eq!(limits.reading([365.5, 0.0], [60.5, 0.0]), None);
         assert!(
             limits.reading([f64::INFINITY, 0.0], [0.0; 2]).is_some()

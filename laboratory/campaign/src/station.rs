@@ -215,7 +215,8 @@ impl<'p> Station<'p> {
     pub fn move_to(&mut self, angles_deg: [f64; 2]) -> Result<(), Watch> {
         let (limits, motion) = (&self.plan.limits, self.plan.motion);
         refuse(limits.angles(angles_deg))?;
-        refuse(limits.motion(motion.rate_deg_s, motion.acceleration_deg_s2))?;
+        refuse(limits.rate(motion.rate_deg_s))?;
+        refuse(limits.acceleration(motion.acceleration_deg_s2))?;
         self.table(|table| table.move_to(angles_deg, motion.rate_deg_s, motion.acceleration_deg_s2))
     }
 

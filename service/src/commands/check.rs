@@ -9,9 +9,10 @@ use isotherm_shared::table::{CoefficientTable, Seal};
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Validate coefficient tables, service configurations, campaign files and plans with the code that loads them
+/// Validate files with the code that loads them
 ///
-/// What a file is, its content tells. All faults of all files are reported, each with line and key.
+/// Coefficient tables and service configurations; `isotherm check` also campaign files and campaign plans. The content of a file
+/// tells what it is. All faults of all files are reported, each with line and key.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml"
@@ -23,7 +24,7 @@ pub struct Check {
     /// Take files that everybody may write; without this they are refused, as by the service
     #[arg(long)]
     allow_world_writable: bool,
-    /// Tables, configurations, campaign files and plans; - is stdin
+    /// Files to validate; - is stdin
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 }

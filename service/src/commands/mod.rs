@@ -21,6 +21,22 @@ pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
     isotherm_client::domain(name).map_err(|error| Failure::new(Exit::Usage, error.to_string()))
 }
 
+/// Hides `--domain` in the help of commands that join no domain, each given by its path, as in "simulate run". It is accepted as before.
+#[must_use]
+pub fn hide_domain(command: clap::Command, paths: &[&str]) -> clap::Command {
+    fn hide(command: clap::Command, path: &str) -> clap::Command {
+        let (name, rest) = path.split_once(' ').unwrap_or((path, ""));
+        command.mut_subcommand(name, |command| {
+            if rest.is_empty() {
+                command.arg(clap::Arg::new("domain").long("domain").value_name("NAME").global(true).hide(true))
+            } else {
+                hide(command, rest)
+            }
+        })
+    }
+    paths.iter().fold(command, |command, path| hide(command, path))
+}
+
 /// The command line of a program with the exit codes in every help, and with examples that name this `program`.
 #[must_use]
 pub fn finish(command: clap::Command, program: &str) -> clap::Command {

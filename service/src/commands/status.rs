@@ -61,12 +61,12 @@ fn describe(status: &ServiceStatus) -> String {
     }
     for imu in &status.imus {
         // Writing to a String cannot fail.
-        let _ = describe_imu(&mut text, imu);
+        let _ = describe_imu(&mut text, imu, status.budget_us);
     }
     text
 }
 
-fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
+fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt::Result {
     let acquisition = if imu.acquisition_connected { "connected" } else { "not connected" };
     writeln!(text, "\n{}", imu.id)?;
     writeln!(
@@ -88,6 +88,12 @@ fn describe_imu(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     let flagged: Vec<_> =
         imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
     writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;
+    if imu.flagged.get("late").is_some_and(|count| *count > 0) {
+        writeln!(
+            text,
+            "               late: the increment is right, but it took longer than the budget of {budget_us} us"
+        )?;
+    }
     writeln!(text, "  latency [us]        p50       p99     p99.9       max     count")?;
     for (name, summary) in
         [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]

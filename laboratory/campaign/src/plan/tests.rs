@@ -1,4 +1,5 @@
 use super::*;
+use isotherm_calibration::positions::Scheme;
 
 const EXAMPLE: &str = include_str!("../../../../examples/plan.toml");
 
@@ -26,33 +27,80 @@ fn the_example_says_what_is_the_default_anyway() {
 #[test]
 fn everything_wrong_is_reported_at_once() {
     let text = EXAMPLE
-        .replace("imu = \"imu-a\"", "imu = \"IMU A\"")
+        .replace("imu = \"imu-a\"", "imu = \"IMU A\"\nmax_rate = -1")
+        .replace("gravity_local = 9.8015", "gravity_local = 98.1")
         .replace("stop_c = 45", "stop_c = -45")
         .replace("tolerance_deg = 0.005", "tolerance_deg = 0")
         .replace("chamber_c = [-30, 50]", "chamber_c = [-90, 50]")
         .replace("hold_s = 1800", "hold = 1800")
         .replace("driver = \"acutrol\"", "driver = \"acutrol3000\"")
-        .replace("driver = \"espec\"", "driver = \"especially\"");
+        .replace("driver = \"espec\"", "driver = \"especially\"")
+        .replace("ramp_c_per_min = 1\n", "ramp_c_per_min = 5\n")
+        .replace("to_c = 45", "to_c = 195")
+        .replace("rate_deg_s = 10", "rate_deg_s = 70")
+        .replace("acceleration_deg_s2 = 10", "acceleration_deg_s2 = 101");
     let faults = faults(&text);
     assert_eq!(faults.matches("unknown key").count(), 1, "{faults}");
     for part in [
+        "max_rate: is -1.0",
+        "gravity_local: is 98.1",
+        "chamber.ramp_c_per_min: 5.000 degC/min is over limits.ramp_c_per_min",
+        "table.rate_deg_s: 70.0 deg/s is over",
+        "table.acceleration_deg_s2: 101.0 deg/s2 is over",
         "table.driver: is \"acutrol3000\"",
         "chamber.driver: is \"especially\"",
         "imu: is \"IMU A\"",
         "set_points.step_c",
         "table.tolerance_deg",
-        "limits.chamber_c",
+        "limits.chamber_c: give lowest and highest",
+        "verify.to_c: 195.0 degC is outside limits.chamber_c, -65.0 to 100.0 degC",
         "verify.hold:",
     ] {
         assert!(faults.contains(part), "{part}:\n{faults}");
     }
 }
 
+/// What cannot be judged with one part missing is judged with a part that is right in its place.
+#[test]
+fn one_missing_part_hides_no_other_fault() {
+    let wrong = EXAMPLE
+        .replace("start_c = -25", "start_c = -35")
+        .replace("to_c = 45", "to_c = 95")
+        .replace("rate_deg_s = 10", "rate_deg_s = 70")
+        .replace("gravity_local = 9.8015", "gravity_local = 98.1");
+    for line in ["imu = ", "gravity_reference = ", "temperature_unit = ", "output = ", "driver = ", "from_c = "] {
+        let lines = wrong.lines().filter(|other| !other.starts_with(line));
+        let faults = faults(&lines.map(|line| format!("{line}\n")).collect::<String>());
+        let key = line.split(' ').next().unwrap();
+        for part in
+            [key, "set_points: -35.0 degC", "verify.to_c: 95.0", "table.rate_deg_s: 70.0", "gravity_local: is 98.1"]
+        {
+            assert!(faults.contains(part), "without {line:?} {part}:\n{faults}");
+        }
+    }
+}
+
+#[test]
+fn the_folder_of_the_installed_table_must_be_there_to_run() {
+    let folder = tempfile::Builder::new().prefix("iso-").tempdir().unwrap();
+    let path = folder.path().join("plan.toml");
+    let text = EXAMPLE.replace("install = \"imu-a.toml\"", "install = \"nowhere/imu-a.toml\"");
+    std::fs::write(&path, text.replace("hold_s = 1800", "hold = 1800")).unwrap();
+    let faults = Plan::load_to_run(&path).unwrap_err().to_string();
+    for part in ["install: there is no folder", "nowhere; make it", "verify.hold: unknown key"] {
+        assert!(faults.contains(part), "{part}:\n{faults}");
+    }
+    std::fs::write(&path, text).unwrap();
+    assert!(Plan::load(&path).is_ok());
+    std::fs::create_dir(folder.path().join("nowhere")).unwrap();
+    assert!(Plan::load_to_run(&path).is_ok());
+}
+
 #[test]
 fn nothing_beyond_the_limits_is_planned() {
     for (from, to, part) in [
         ("start_c = -25", "start_c = -35", "set_points: -35.0 degC is outside limits.chamber_c"),
-        ("from_c = -25", "from_c = -31", "verify: -31.0 degC"),
+        ("from_c = -25", "from_c = -31", "verify.from_c: -31.0 degC"),
         (
             "outer_deg = [-5, 365]",
             "outer_deg = [-5, 185]",
@@ -69,7 +117,7 @@ fn nothing_beyond_the_limits_is_planned() {
         ("rate_deg_s = 10", "rate_deg_s = 61", "61.0 deg/s is over"),
         ("ramp_c_per_min = 1", "ramp_c_per_min = 4", "4.000 degC/min is over"),
         ("ramp_c_per_h = 20", "ramp_c_per_h = 200", "3.333 degC/min is over"),
-        ("chamber = \"standby\"", "chamber = \"ambient\"\nambient_c = 60", "safe: 60.0 degC"),
+        ("chamber = \"standby\"", "chamber = \"ambient\"\nambient_c = 60", "safe.ambient_c: 60.0 degC"),
     ] {
         let faults = faults(&EXAMPLE.replacen(from, to, 1));
         assert!(faults.contains(part), "{part}:\n{faults}");

@@ -1,0 +1,434 @@
+//! Reading a plan: each part is checked where it is read, against the plan's limits too, so that all faults are reported at once.
+
+use super::{Dwell, Motion, Patience, Plan, SAMPLES, Soak, Verify};
+use crate::limits::{self, Limits};
+use isotherm_calibration::calibrate::observable;
+use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme, specific_force};
+use isotherm_calibration::simulate::campaign_toml;
+use isotherm_instruments::{ChamberConfig, TurntableConfig};
+use isotherm_shared::document::Section;
+use isotherm_shared::stream::ImuId;
+use nalgebra::{Matrix3, Vector3};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Most set points of a plan.
+const MAX_SET_POINTS: usize = 1000;
+
+/// Reads a plan; what is wrong with one part is no reason not to check the others. With `to_run`, the folder of `install` must be there.
+pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Option<Plan> {
+    let format = root.number("format", "format = 1, the version of this file format");
+    root.refuse("format", format.filter(|f| *f != 1.0).map(|_| "unknown; this version reads format = 1".to_owned()));
+    // Checked by the reader of the campaign file that they become, below.
+    let about = About::read(root);
+    let output = root.string("output", "the folder that the campaign is written into").map(|path| folder.join(path));
+    let install = root.optional_string("install").map(|path| folder.join(path));
+    if to_run {
+        root.refuse("install", install.as_deref().and_then(missing_folder));
+    }
+    let limits = root.section("limits", "[limits] with chamber_c, outer_deg and inner_deg").map(limits::read);
+    let limits = &limits.unwrap_or(Limits::ABSOLUTE);
+    let (chamber, ramp_c_per_s, tolerance_c) = chamber(root, limits);
+    let (table, motion, mounting) = table(root, limits);
+    let mounted_as = mounting.unwrap_or_else(Matrix3::identity);
+    let air = AirLimits { limits, tolerance_c };
+    let set_points_c = root.section("set_points", "[set_points] with start_c, stop_c and step_c, or list_c");
+    let set_points_c = set_points_c.and_then(|section| set_points(section, &air));
+    let positions = positions(root, &mounted_as, limits);
+    let soak = soak(root, tolerance_c);
+    let dwell = dwell(root);
+    let patience = patience(root);
+    let ambient_c = safe(root, limits);
+    let verify = root.optional_section("verify").and_then(|section| verify(section, &mounted_as, &air));
+    // Where a part is missing, one that is right stands in for it, so that the others are checked.
+    let stand_in = || Scheme::SixFacesTwoHeadings.positions();
+    let campaign_toml = about.campaign(&positions.clone().unwrap_or_else(stand_in));
+    let campaign = match Campaign::from_toml(&campaign_toml) {
+        Ok(campaign) => campaign,
+        // The same keys, so that what is wrong with them is said of the plan.
+        Err(faults) => {
+            faults.0.iter().for_each(|fault| root.fault(&fault.key, fault.message.clone()));
+            return None;
+        }
+    };
+    if let Err(error) = observable(&campaign) {
+        root.fault("positions", error.to_string());
+    }
+    Some(Plan {
+        imu: about.imu?,
+        output: output?,
+        set_points_c: set_points_c?,
+        positions: positions?,
+        soak,
+        dwell,
+        ramp_c_per_s,
+        motion,
+        limits: *limits,
+        patience,
+        ambient_c,
+        verify,
+        install,
+        chamber: chamber?,
+        table: mounting.and(table)?,
+        campaign_toml,
+        campaign,
+    })
+}
+
+/// What is wrong with a file that is to be written: its folder is not there.
+fn missing_folder(file: &Path) -> Option<String> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty())?;
+    (!folder.is_dir()).then(|| format!("there is no folder {}; make it", folder.display()))
+}
+
+/// What goes into the campaign file as it is.
+struct About<'d> {
+    imu: Option<ImuId>,
+    serial: Option<&'d str>,
+    gravity: [Option<f64>; 2],
+    unit: Option<&'d str>,
+    out_of_range: Option<&'d str>,
+    positive: [(&'static str, Option<f64>); 2],
+}
+
+impl<'d> About<'d> {
+    fn read(root: &Section<'d, '_>) -> Self {
+        let reference = root.number("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
+        let local = root.number("gravity_local", "gravity at the station in m/s2");
+        Self {
+            imu: root.imu_id("imu"),
+            serial: root.optional_string("serial"),
+            gravity: [reference, local],
+            unit: root.string("temperature_unit", "the unit of the telemetry, for example \"V\""),
+            out_of_range: root.optional_string("out_of_range"),
+            positive: ["max_age_s", "max_rate"].map(|key| (key, root.optional_number(key))),
+        }
+    }
+
+    /// The campaign file. Where a value is missing, which is a fault already, a valid one stands in for it.
+    fn campaign(&self, positions: &[Position]) -> String {
+        let quoted = |text: &str| toml::Value::from(text).to_string();
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        for (key, value) in [("serial", self.serial), ("out_of_range", self.out_of_range)] {
+            let _ = value.map(|value| writeln!(text, "{key} = {}", quoted(value)));
+        }
+        for (key, value) in self.positive {
+            let _ = value.map(|value| writeln!(text, "{key} = {value:?}"));
+        }
+        let imu = self.imu.as_ref().map_or("imu", ImuId::as_str);
+        let [reference, local] = self.gravity.map(|gravity| gravity.unwrap_or(9.8));
+        text + &campaign_toml(imu, SAMPLES, reference, local, self.unit.unwrap_or("V"), positions)
+    }
+}
+
+/// What the chamber's air may be at, around a set point.
+struct AirLimits<'l> {
+    limits: &'l Limits,
+    /// The air is at a set point within this \[degC\], which must not be an alarm.
+    tolerance_c: f64,
+}
+
+impl AirLimits<'_> {
+    /// What is wrong with a set point \[degC\].
+    fn set_point(&self, celsius: f64) -> Option<String> {
+        let limits = self.limits;
+        limits.chamber(celsius).or_else(|| {
+            let ends = [celsius - self.tolerance_c, celsius + self.tolerance_c];
+            let wrong = ends.into_iter().find_map(|air| limits.chamber(air));
+            wrong.map(|wrong| format!("{celsius:?} degC, within chamber.tolerance_c: {wrong}"))
+        })
+    }
+}
+
+/// A number over 0, or `default`.
+pub(super) fn positive(section: &Section<'_, '_>, key: &'static str, default: f64) -> f64 {
+    let value = section.optional_number(key);
+    section.refuse(key, value.filter(|v| *v <= 0.0).map(|v| format!("is {v:?}, give a number over 0")));
+    value.unwrap_or(default)
+}
+
+/// A number from 0 up, or `default`.
+fn not_negative(section: &Section<'_, '_>, key: &'static str, default: f64) -> f64 {
+    let value = section.optional_number(key);
+    section.refuse(key, value.filter(|v| *v < 0.0).map(|v| format!("is {v:?}, give a number from 0 up")));
+    value.unwrap_or(default)
+}
+
+/// A number over 0 and up to `most`, or `default`.
+fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> f64 {
+    let value = section.optional_number(key);
+    let wrong = value.filter(|value| !(*value > 0.0 && *value <= most));
+    section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {most:?}")));
+    value.unwrap_or(default)
+}
+
+fn chamber(root: &Section<'_, '_>, limits: &Limits) -> (Option<ChamberConfig>, f64, f64) {
+    let Some(section) = root.section("chamber", "[chamber] with driver and port") else {
+        return (None, 1.0 / 60.0, 0.5);
+    };
+    let config = ChamberConfig::read(&section);
+    let ramp_c_per_min = positive(&section, "ramp_c_per_min", 1.0);
+    section.refuse("ramp_c_per_min", limits.ramp(ramp_c_per_min));
+    let tolerance_c = at_most(&section, "tolerance_c", 0.5, 5.0);
+    section.finish();
+    (config, ramp_c_per_min / 60.0, tolerance_c)
+}
+
+fn table(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
+    let section = root.section("table", "[table] with driver and port");
+    let config = section.as_ref().and_then(TurntableConfig::read);
+    let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
+    let motion = Motion {
+        rate_deg_s: number("rate_deg_s", 10.0, f64::INFINITY),
+        acceleration_deg_s2: number("acceleration_deg_s2", 10.0, f64::INFINITY),
+        tolerance_deg: number("tolerance_deg", 0.005, 1.0),
+        still_deg_s: number("still_deg_s", 0.01, 1.0),
+        settle_s: section.as_ref().map_or(10.0, |section| not_negative(section, "settle_s", 10.0)),
+    };
+    let mounting = section.as_ref().and_then(mounting);
+    if let Some(section) = section {
+        section.refuse("rate_deg_s", limits.rate(motion.rate_deg_s));
+        let too_hard = limits.acceleration(motion.acceleration_deg_s2);
+        section.refuse("acceleration_deg_s2", too_hard);
+        section.finish();
+    }
+    (config, motion, mounting)
+}
+
+/// How the IMU sits on the table: a rotation.
+fn mounting(section: &Section<'_, '_>) -> Option<Matrix3<f64>> {
+    if !section.has("mounting") {
+        return Some(Matrix3::identity());
+    }
+    let right = "three rows of three numbers, a rotation: the specific force along A1, A2, A3 is mounting times that at the \
+                 table's angles";
+    let rows = section.matrix("mounting", right)?;
+    let flat: Vec<f64> = rows.iter().flatten().copied().collect();
+    let matrix = (rows.len() == 3 && flat.len() == 9).then(|| Matrix3::from_row_slice(&flat));
+    let rotation =
+        |m: &Matrix3<f64>| (m * m.transpose() - Matrix3::identity()).amax() < SAME_DIRECTION && m.determinant() > 0.0;
+    let matrix = matrix.filter(rotation);
+    if matrix.is_none() {
+        section.fault("mounting", format!("give {right}"));
+    }
+    matrix
+}
+
+fn set_points(section: Section<'_, '_>, air: &AirLimits<'_>) -> Option<Vec<f64>> {
+    let steps = ["start_c", "stop_c", "step_c"];
+    let list = if section.has("list_c") {
+        for key in steps.into_iter().filter(|key| section.has(key)) {
+            section.number(key, "a number of degC");
+            section.fault(key, "there is list_c too; give either");
+        }
+        section.numbers("list_c", "set points in degC, for example [-25, 0, 45]")
+    } else {
+        let [start, stop, step] = steps.map(|key| section.number(key, "a number of degC, or list_c instead of these"));
+        start.zip(stop).zip(step).and_then(|((start, stop), step)| {
+            let steps = (stop - start) / step;
+            if !(0.0..MAX_SET_POINTS as f64).contains(&steps) || (steps - steps.round()).abs() > 1e-6 {
+                section.fault("step_c", format!("{step:?} does not lead from {start:?} to {stop:?}"));
+                return None;
+            }
+            // To 1e-9 degC, so that 0.1 three times is 0.3.
+            let at = |index: u32| ((start + step * f64::from(index)) * 1e9).round() / 1e9;
+            Some((0..=steps.round() as u32).map(at).collect())
+        })
+    };
+    let list = list.filter(|list| {
+        let twice = list.windows(2).find(|pair| pair[0] == pair[1]);
+        let wrong = match twice {
+            Some(pair) => Some(format!("{:?} comes twice in a row", pair[0])),
+            None if (1..=MAX_SET_POINTS).contains(&list.len()) => None,
+            None => Some(format!("has {} set points, give 1 to {MAX_SET_POINTS}", list.len())),
+        };
+        let right = wrong.is_none();
+        section.refuse("list_c", wrong);
+        right
+    });
+    for celsius in list.iter().flatten() {
+        section.refuse("", air.set_point(*celsius));
+    }
+    section.finish();
+    list
+}
+
+fn positions(root: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits) -> Option<Vec<Position>> {
+    let wrong_angles = |position: &Position| limits.angles(position.angles.unwrap_or_default());
+    let scheme = root.optional_choice("positions", &Scheme::NAMES);
+    let sections = root.list("position");
+    if scheme.is_some() && !sections.is_empty() {
+        root.fault("positions", "there are [[position]] too; give one of the two");
+    }
+    if sections.is_empty() {
+        let scheme = scheme.unwrap_or(Scheme::SixFacesTwoHeadings);
+        let numbered = (1..).zip(scheme.angles());
+        let positions = numbered.map(|(number, [outer, inner])| at(number, "", [outer, inner], mounting));
+        let positions: Vec<_> = positions.collect();
+        for position in &positions {
+            let wrong = wrong_angles(position);
+            root.refuse("positions", wrong.map(|wrong| format!("position {}: {wrong}", position.number)));
+        }
+        return Some(positions);
+    }
+    let mut positions: Vec<Position> = Vec::new();
+    let mut complete = true;
+    for section in sections {
+        let position = position(&section, mounting);
+        section.refuse("", position.as_ref().and_then(wrong_angles));
+        match position {
+            Some(position) if positions.iter().any(|other| other.number == position.number) => {
+                section.fault("number", format!("{} is there twice", position.number));
+            }
+            Some(position) => positions.push(position),
+            None => complete = false,
+        }
+        section.finish();
+    }
+    complete.then_some(positions)
+}
+
+/// A position at the table's angles \[deg\]; without a label it is called after what points up.
+fn at(number: u32, label: &str, [outer, inner]: [f64; 2], mounting: &Matrix3<f64>) -> Position {
+    let force = mounted(mounting, [outer, inner]);
+    let up = force.iter().position(|f| (f.abs() - 1.0).abs() < 1e-9);
+    let named = up.map_or_else(
+        || format!("{outer}/{inner}"),
+        |axis| format!("{}{}", if force[axis] > 0.0 { '+' } else { '-' }, ["x", "y", "z"][axis]),
+    );
+    let label = if label.is_empty() { named } else { label.to_owned() };
+    Position { number, label, angles: Some([outer, inner]), specific_force: force }
+}
+
+/// Direction of the specific force along A1, A2, A3 at the table's angles \[deg\].
+fn mounted(mounting: &Matrix3<f64>, [outer, inner]: [f64; 2]) -> [f64; 3] {
+    (mounting * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into()
+}
+
+fn position(section: &Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Position> {
+    let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
+    if !section.has("number") {
+        section.fault("number", "missing; give the number that the samples will carry");
+    }
+    let label = section.optional_string("up").unwrap_or_default();
+    let outer = section.number("outer_deg", "the table's outer angle in degrees");
+    let inner = section.number("inner_deg", "the table's inner angle in degrees");
+    let claimed = section.has("specific_force").then(|| section.numbers("specific_force", "three numbers"));
+    let position = at(u32::try_from(number?).ok()?, label, [outer?, inner?], mounting);
+    if let Some(claimed) = claimed {
+        let there = position.specific_force;
+        let agrees = |claimed: &Vec<f64>| {
+            claimed.len() == 3 && claimed.iter().zip(there).all(|(a, b)| (a - b).abs() < SAME_DIRECTION)
+        };
+        if !claimed.is_some_and(|claimed| agrees(&claimed)) {
+            let [a1, a2, a3] = there;
+            let message = format!(
+                "the angles and the mounting give [{a1:.3}, {a2:.3}, {a3:.3}]; correct either, or leave specific_force out"
+            );
+            section.fault("specific_force", message);
+        }
+    }
+    Some(position)
+}
+
+fn soak(root: &Section<'_, '_>, tolerance_c: f64) -> Soak {
+    let mut soak = Soak {
+        time_s: 3600.0,
+        stay_s: 4200.0,
+        tolerance_c,
+        window_s: 900.0,
+        chamber_c_per_h: 2.0,
+        telemetry_per_h: None,
+    };
+    if let Some(section) = root.optional_section("soak") {
+        soak.time_s = not_negative(&section, "time_s", soak.time_s);
+        soak.stay_s = not_negative(&section, "stay_s", soak.stay_s);
+        soak.window_s = positive(&section, "window_s", soak.window_s);
+        soak.chamber_c_per_h = positive(&section, "chamber_c_per_h", soak.chamber_c_per_h);
+        soak.telemetry_per_h =
+            section.has("telemetry_per_h").then(|| positive(&section, "telemetry_per_h", f64::INFINITY));
+        section.finish();
+    }
+    soak
+}
+
+fn dwell(root: &Section<'_, '_>) -> Dwell {
+    let mut dwell = Dwell { time_s: 300.0, row_s: 10.0 };
+    if let Some(section) = root.optional_section("dwell") {
+        dwell.time_s = positive(&section, "time_s", dwell.time_s);
+        dwell.row_s = not_negative(&section, "row_s", dwell.row_s);
+        let long = (dwell.row_s > dwell.time_s.min(3600.0))
+            .then(|| format!("is {:?}, give at most the dwell and an hour", dwell.row_s));
+        section.refuse("row_s", long);
+        section.finish();
+    }
+    dwell
+}
+
+fn patience(root: &Section<'_, '_>) -> Patience {
+    let mut patience = Patience {
+        pause_s: 1800.0,
+        stream_s: 60.0,
+        approach_s: 7200.0,
+        stable_s: 7200.0,
+        settle_s: 120.0,
+        resoak_s: 600.0,
+        attempts: 5,
+    };
+    if let Some(section) = root.optional_section("patience") {
+        let Patience { pause_s, stream_s, approach_s, stable_s, settle_s, resoak_s, attempts } = &mut patience;
+        let times: [(&'static str, &mut f64); 5] = [
+            ("pause_s", pause_s),
+            ("stream_s", stream_s),
+            ("approach_s", approach_s),
+            ("stable_s", stable_s),
+            ("settle_s", settle_s),
+        ];
+        times.into_iter().for_each(|(key, value)| *value = positive(&section, key, *value));
+        *resoak_s = not_negative(&section, "resoak_s", *resoak_s);
+        *attempts = section.optional_integer("attempts", 1..=100).map_or(*attempts, |attempts| attempts as u32);
+        section.finish();
+    }
+    patience
+}
+
+/// The chamber's set point in the safe state; `None` is standby.
+fn safe(root: &Section<'_, '_>, limits: &Limits) -> Option<f64> {
+    let section = root.optional_section("safe")?;
+    let ambient = section.optional_choice("chamber", &[(false, "standby"), (true, "ambient")]).unwrap_or_default();
+    let ambient_c = section.optional_number("ambient_c").unwrap_or(20.0);
+    let ambient_c = ambient.then_some(ambient_c);
+    section.refuse("ambient_c", ambient_c.and_then(|celsius| limits.chamber(celsius)));
+    section.finish();
+    ambient_c
+}
+
+fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>) -> Option<Verify> {
+    let runs = section.optional_integer("runs", 1..=100).unwrap_or(3) as u32;
+    let temperature = |key, right| {
+        let celsius = section.number(key, right);
+        section.refuse(key, celsius.and_then(|celsius| air.set_point(celsius)));
+        celsius
+    };
+    let from_c = temperature("from_c", "the chamber's temperature at the beginning in degC");
+    let to_c = temperature("to_c", "the chamber's temperature at the end in degC");
+    let ramp_c_per_h = positive(&section, "ramp_c_per_h", 20.0);
+    section.refuse("ramp_c_per_h", air.limits.ramp(ramp_c_per_h / 60.0));
+    let hold_s = not_negative(&section, "hold_s", 1800.0);
+    let angle = |key, default| section.optional_number(key).unwrap_or(default);
+    let angles_deg = [angle("outer_deg", 50.0), angle("inner_deg", 130.0)];
+    section.refuse("", air.limits.angles(angles_deg));
+    section.finish();
+    let attitude = mounted(mounting, angles_deg);
+    Some(Verify {
+        runs,
+        from_c: from_c?,
+        to_c: to_c?,
+        ramp_c_per_s: ramp_c_per_h / 3600.0,
+        hold_s,
+        angles_deg,
+        attitude,
+    })
+}
