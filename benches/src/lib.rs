@@ -7,8 +7,9 @@ use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::error::Error;
 use std::fs::{self, File};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::str::FromStr;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -36,6 +37,26 @@ pub fn sample() -> RawSample {
 const LOG: &str = "log";
 /// Where they write what is not a log, in its folder.
 const OUTPUT: &str = "output";
+
+/// Another build of the service, which is measured beside this one.
+#[derive(Clone, Debug)]
+pub struct OtherBuild {
+    /// What it is called in the figures.
+    pub name: String,
+    /// A program with the command `serve`, as `isotherm` and `isothermd` are.
+    pub program: PathBuf,
+}
+
+impl FromStr for OtherBuild {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('=').filter(|(name, program)| !name.is_empty() && !program.is_empty());
+        let (name, program) = parts.ok_or("give NAME=PROGRAM, for example before=old/isotherm")?;
+        let program = fs::canonicalize(program).map_err(|error| format!("{program}: {error}"))?;
+        Ok(Self { name: name.to_owned(), program })
+    }
+}
 
 /// What a bench does, or why it cannot.
 pub type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -87,9 +108,18 @@ impl World {
     /// # Errors
     /// If files cannot be written or the process not started.
     pub fn serve(&self, settings: &str) -> Outcome<Partner> {
+        self.serve_by(None, settings)
+    }
+
+    /// As [`serve`](Self::serve), by another program, which has the command `serve`.
+    ///
+    /// # Errors
+    /// As [`serve`](Self::serve).
+    pub fn serve_by(&self, program: Option<&Path>, settings: &str) -> Outcome<Partner> {
         fs::write(self.path("table.toml"), TABLE)?;
         fs::write(self.path("service.toml"), format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n{settings}"))?;
-        self.spawn(&["serve", "--config", "service.toml"])
+        let own = std::env::current_exe()?;
+        self.spawn_program(program.unwrap_or(&own), &["serve", "--config", "service.toml"])
     }
 
     /// Starts the service for `count` IMUs, each with a table of its own, spread over `workers`.
@@ -112,7 +142,11 @@ impl World {
     /// # Errors
     /// If it cannot be started.
     pub fn spawn(&self, words: &[&str]) -> Outcome<Partner> {
-        let mut command = Command::new(std::env::current_exe()?);
+        self.spawn_program(&std::env::current_exe()?, words)
+    }
+
+    fn spawn_program(&self, program: &Path, words: &[&str]) -> Outcome<Partner> {
+        let mut command = Command::new(program);
         command.args(words).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
         let log = File::options().append(true).create(true).open(self.path(LOG))?;

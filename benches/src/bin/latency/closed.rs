@@ -8,10 +8,11 @@ use crate::Effort;
 use crate::floor::Floor;
 use crate::paths::{Bare, InProcess, Isotherm, Path, Socket};
 use isotherm_benches::statistics::{figures, ratios};
-use isotherm_benches::{IMU, Outcome, Partner, World, cores, pin, preemptions, sample, stolen};
+use isotherm_benches::{IMU, OtherBuild, Outcome, Partner, World, cores, pin, preemptions, sample, stolen};
 use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Map, Value, json};
 use std::hint::black_box;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Uncounted round trips at the start of each block, while caches and the child's core wake up.
@@ -21,18 +22,15 @@ const BLOCKS: usize = 5;
 /// Queues of the bare pair, and of the service where it is to be compared with it.
 const SHORT: usize = 2;
 
-/// Every path, with the round trips of a block.
-const PATHS: [(&str, usize); 7] = [
-    ("floor", 5_000),
-    ("iceoryx2", 5_000),
-    ("iceoryx2_again", 5_000),
-    ("isotherm", 5_000),
-    ("isotherm_default_depth", 5_000),
-    ("unix_socket", 300),
-    ("in_process", 5_000),
-];
+/// Round trips of a block.
+const COUNT: usize = 5_000;
+/// Of a path that takes a hundred times longer.
+const SLOW_COUNT: usize = 300;
+/// What the name of a path with the default depth of the queues ends with.
+const DEFAULT_DEPTH: &str = "_default_depth";
 
-/// The ratios that are given, of the first to the second. The same twice is another pair of processes: what chance does.
+/// The ratios that are given, of the first to the second, without those of other builds. The same twice is another pair of processes: what
+/// chance does.
 const RATIOS: [(&str, &str); 5] = [
     ("isotherm", "iceoryx2"),
     ("isotherm_default_depth", "iceoryx2"),
@@ -40,6 +38,18 @@ const RATIOS: [(&str, &str); 5] = [
     ("isotherm", "floor"),
     ("unix_socket", "isotherm"),
 ];
+
+/// All ratios: every other build has those of Isotherm to the bare transport, and Isotherm's to it.
+fn all_ratios(others: &[OtherBuild]) -> Vec<(String, String)> {
+    let own = RATIOS.iter().map(|(upper, lower)| ((*upper).to_owned(), (*lower).to_owned()));
+    let of_others = others.iter().flat_map(|OtherBuild { name, .. }| {
+        let deep = format!("{name}{DEFAULT_DEPTH}");
+        let own_deep = format!("isotherm{DEFAULT_DEPTH}");
+        let (bare, own) = ("iceoryx2".to_owned(), "isotherm".to_owned());
+        [(name.clone(), bare.clone()), (deep.clone(), bare), (own, name.clone()), (own_deep, deep)]
+    });
+    own.chain(of_others).collect()
+}
 
 /// What has been measured of a path.
 #[derive(Default)]
@@ -49,7 +59,8 @@ struct Series {
     disturbed: usize,
 }
 
-pub fn measure(effort: Effort) -> Outcome<Value> {
+/// Measures every path, and the services of other builds beside them.
+pub fn measure(effort: Effort, others: &[OtherBuild]) -> Outcome<Value> {
     let (rounds, blocks) = match effort {
         Effort::Smoke => (2, 2),
         Effort::Usual => (20, BLOCKS),
@@ -59,24 +70,26 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));
 
-    let mut series: [Series; PATHS.len()] = Default::default();
+    let (mut names, mut series) = (Vec::new(), Vec::<Series>::new());
     for round in 0..rounds {
-        let mut processes = Processes::start(theirs)?;
+        let mut pairs = Pairs::start(theirs, others)?;
+        names = pairs.paths.iter().map(|pair| pair.name.clone()).collect();
+        series.resize_with(names.len(), Series::default);
         series.iter_mut().for_each(|series| series.rounds.push(Vec::new()));
         for block in 0..blocks {
-            for turn in 0..PATHS.len() {
-                let path = (round + block + turn) % PATHS.len();
-                processes.block(path, &mut series[path])?;
+            for turn in 0..names.len() {
+                let path = (round + block + turn) % names.len();
+                pairs.paths[path].block(&mut series[path])?;
             }
         }
     }
-    let of = |name: &str| PATHS.iter().zip(&series).find(|((path, _), _)| *path == name).map(|(_, series)| series);
-    let paths: Map<_, _> = PATHS
+    let of = |name: &str| names.iter().zip(&series).find(|(path, _)| *path == name).map(|(_, series)| series);
+    let paths: Map<_, _> = names
         .iter()
         .zip(&series)
-        .map(|((name, _), series)| ((*name).to_owned(), figures(series.rounds.concat()).into()))
+        .map(|(name, series)| (name.clone(), figures(series.rounds.concat()).into()))
         .collect();
-    let ratios: Map<_, _> = RATIOS
+    let ratios: Map<_, _> = all_ratios(others)
         .iter()
         .filter_map(|(upper, lower)| Some((format!("{upper}/{lower}"), ratios(&of(upper)?.rounds, &of(lower)?.rounds))))
         .collect();
@@ -84,67 +97,96 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
         "paths": paths,
         "ratios": ratios,
         "rounds": rounds,
-        "blocks": rounds * blocks * PATHS.len(),
+        "blocks": rounds * blocks * names.len(),
         "disturbed_blocks": series.iter().map(|series| series.disturbed).sum::<usize>(),
         "pinned": theirs.is_some(),
         "clock_ns": clock_cost(),
     }))
 }
 
-/// All ends of all paths, and the processes behind them, stopped unless they are being measured.
-struct Processes {
-    floor: (Floor, Partner),
-    bare: [(Bare, Partner); 2],
-    isotherm: [(Isotherm, Partner); 2],
-    socket: (Socket, Partner),
-    in_process: InProcess,
-    // The worlds last: the ends are gone when their memory is removed.
-    _worlds: [World; 5],
+/// A path, and the process behind it, which is stopped unless it is being measured.
+struct Pair {
+    name: String,
+    path: Box<dyn Block>,
+    partner: Option<Partner>,
+    count: usize,
 }
 
-impl Processes {
-    fn start(core: Option<usize>) -> Outcome<Self> {
-        let worlds = [World::new()?, World::new()?, World::new()?, World::new()?, World::new()?];
-        let [one, other, short, deep, rest] = &worlds;
+/// All paths of a round.
+struct Pairs {
+    paths: Vec<Pair>,
+    // The worlds last: the ends are gone when their memory is removed.
+    worlds: Vec<World>,
+}
+
+impl Pairs {
+    fn start(core: Option<usize>, others: &[OtherBuild]) -> Outcome<Self> {
+        let mut pairs = Self { paths: Vec::new(), worlds: Vec::new() };
         let pinned = core.map(|core| core.to_string()).unwrap_or_default();
-        let bare = |world: &World| -> Outcome<_> {
-            let (name, root) = (world.domain().name(), world.domain().root_path());
-            let echo = world.spawn(&["child", &pinned, "echo", name, root, &SHORT.to_string()])?;
-            let bare = Bare::connect(world.domain(), SHORT)?;
-            echo.pause();
-            Ok((bare, echo))
-        };
-        let isotherm = |world: &World, depth: &str| -> Outcome<_> {
-            let core = core.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
-            let service = world.serve(&format!("{depth}[wait]\nstrategy = \"spin\"\n{core}"))?;
-            let acquisition = Acquisition::connect(&IMU.parse()?, &world.options())?;
-            service.pause();
-            Ok((Isotherm(acquisition), service))
-        };
-        let bare = [bare(one)?, bare(other)?];
-        let isotherm = [isotherm(short, &format!("depth = {SHORT}\n"))?, isotherm(deep, "")?];
-        let lines = rest.shared_memory("floor");
-        let floor = Floor::create(&lines)?;
-        let floor = (floor, rest.spawn(&["child", &pinned, "floor", &lines.to_string_lossy()])?);
-        floor.1.pause();
-        let path = rest.path("socket");
-        let server = rest.spawn(&["child", &pinned, "socket", &path.to_string_lossy()])?;
-        let socket = (Socket::connect(&path)?, server);
-        socket.1.pause();
-        Ok(Self { floor, bare, isotherm, socket, in_process: InProcess::new()?, _worlds: worlds })
+        pairs.add("floor", COUNT, |world| {
+            let lines = world.shared_memory("floor");
+            let floor = Floor::create(&lines)?;
+            Ok((floor, Some(world.spawn(&["child", &pinned, "floor", &lines.to_string_lossy()])?)))
+        })?;
+        for name in ["iceoryx2", "iceoryx2_again"] {
+            pairs.add(name, COUNT, |world| {
+                let (domain, root) = (world.domain().name(), world.domain().root_path());
+                let echo = world.spawn(&["child", &pinned, "echo", domain, root, &SHORT.to_string()])?;
+                Ok((Bare::connect(world.domain(), SHORT)?, Some(echo)))
+            })?;
+        }
+        let realtime = core.map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
+        let builds = [("isotherm", None)].into_iter();
+        for (name, program) in builds.chain(others.iter().map(|build| (build.name.as_str(), Some(&build.program)))) {
+            for (name, depth) in
+                [(name.to_owned(), format!("depth = {SHORT}\n")), (format!("{name}{DEFAULT_DEPTH}"), String::new())]
+            {
+                pairs.add(&name, COUNT, |world| {
+                    let settings = format!("{depth}[wait]\nstrategy = \"spin\"\n{realtime}");
+                    let service = world.serve_by(program.map(PathBuf::as_path), &settings)?;
+                    Ok((Isotherm(Acquisition::connect(&IMU.parse()?, &world.options())?), Some(service)))
+                })?;
+            }
+        }
+        pairs.add("unix_socket", SLOW_COUNT, |world| {
+            let path = world.path("socket");
+            let server = world.spawn(&["child", &pinned, "socket", &path.to_string_lossy()])?;
+            Ok((Socket::connect(&path)?, Some(server)))
+        })?;
+        pairs.add("in_process", COUNT, |_| Ok((InProcess::new()?, None)))?;
+        Ok(pairs)
     }
 
-    fn block(&mut self, path: usize, series: &mut Series) -> Outcome<()> {
-        let (name, count) = PATHS[path];
-        match name {
-            "floor" => block(&mut self.floor.0, Some(&self.floor.1), count, series),
-            "iceoryx2" => block(&mut self.bare[0].0, Some(&self.bare[0].1), count, series),
-            "iceoryx2_again" => block(&mut self.bare[1].0, Some(&self.bare[1].1), count, series),
-            "isotherm" => block(&mut self.isotherm[0].0, Some(&self.isotherm[0].1), count, series),
-            "isotherm_default_depth" => block(&mut self.isotherm[1].0, Some(&self.isotherm[1].1), count, series),
-            "unix_socket" => block(&mut self.socket.0, Some(&self.socket.1), count, series),
-            _ => block(&mut self.in_process, None, count, series),
-        }
+    /// Starts a path in a world of its own.
+    fn add<P: Path + 'static>(
+        &mut self,
+        name: &str,
+        count: usize,
+        start: impl FnOnce(&World) -> Outcome<(P, Option<Partner>)>,
+    ) -> Outcome<()> {
+        let world = World::new()?;
+        let (path, partner) = start(&world)?;
+        partner.iter().for_each(Partner::pause);
+        self.paths.push(Pair { name: name.to_owned(), path: Box::new(path), partner, count });
+        self.worlds.push(world);
+        Ok(())
+    }
+}
+
+impl Pair {
+    fn block(&mut self, series: &mut Series) -> Outcome<()> {
+        self.path.block(self.partner.as_ref(), self.count, series)
+    }
+}
+
+/// A block of a path. One call a block goes through a pointer; the round trips in it do not.
+trait Block {
+    fn block(&mut self, partner: Option<&Partner>, count: usize, series: &mut Series) -> Outcome<()>;
+}
+
+impl<P: Path> Block for P {
+    fn block(&mut self, partner: Option<&Partner>, count: usize, series: &mut Series) -> Outcome<()> {
+        block(self, partner, count, series)
     }
 }
 

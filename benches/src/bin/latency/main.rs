@@ -18,7 +18,7 @@ mod throughput;
 mod waits;
 
 use clap::{Parser, Subcommand};
-use isotherm_benches::{Outcome, become_child, pin};
+use isotherm_benches::{OtherBuild, Outcome, become_child, pin};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -37,6 +37,9 @@ struct Arguments {
     /// A few samples only, to see that everything works
     #[arg(long, global = true)]
     smoke: bool,
+    /// Measure the service of another build in the same run, without a subcommand; may be repeated
+    #[arg(long, value_name = "NAME=PROGRAM")]
+    other: Vec<OtherBuild>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -79,9 +82,13 @@ fn main() -> ExitCode {
     let words: Vec<_> = std::env::args().skip(1).collect();
     let words: Vec<_> = words.iter().map(String::as_str).collect();
     let result = match words.as_slice() {
-        ["serve" | "record", "-o" | "--config", ..] => {
+        ["serve", "--config", ..] => {
             become_child();
             return isotherm_service::main(env!("CARGO_PKG_VERSION"));
+        }
+        ["record", "-o", ..] => {
+            become_child();
+            return isotherm_cli::main();
         }
         ["child", core, role @ ..] => {
             become_child();
@@ -119,7 +126,7 @@ fn bench(arguments: &Arguments) -> Outcome<()> {
     };
     let mut document = match arguments.what {
         None => {
-            let mut document = closed::measure(effort)?;
+            let mut document = closed::measure(effort, &arguments.other)?;
             document["waits"] = waits::measure(effort)?;
             document
         }
