@@ -1,4 +1,4 @@
-//! Tells the program what it is built from: commit, profile and target.
+//! Sets the environment variables from which the crate reads commit, profile and target.
 
 use std::env;
 use std::path::Path;
@@ -6,18 +6,18 @@ use std::process::Command;
 
 fn main() {
     println!("cargo::rerun-if-env-changed=ISOTHERM_COMMIT");
-    // A build from an archive has no repository: whoever builds it names the commit.
+    // A build from an archive has no repository: there ISOTHERM_COMMIT names the commit.
     let commit = env::var("ISOTHERM_COMMIT").ok().or_else(commit).unwrap_or_else(|| "unknown".to_owned());
     println!("cargo::rustc-env=ISOTHERM_COMMIT={commit}");
 
-    // PROFILE knows debug and release alone; the folder that everything is built in has the profile's own name.
+    // PROFILE is debug or release only; the name of the build folder is the profile's own name.
     let out = env::var("OUT_DIR").unwrap_or_default();
     let folder = Path::new(&out).ancestors().nth(3).and_then(Path::file_name).unwrap_or_default();
     let (profile, target) = (folder.to_string_lossy(), env::var("TARGET").unwrap_or_default());
     println!("cargo::rustc-env=ISOTHERM_BUILT={profile}, {target}");
 }
 
-/// The commit of the working tree that this package lies in, with its date.
+/// The commit of the working tree of this package, with its date.
 fn commit() -> Option<String> {
     // A commit or a checkout changes one of these files.
     for name in ["HEAD", "logs/HEAD"] {

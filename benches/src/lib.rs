@@ -1,4 +1,5 @@
-//! What the benches share: a domain of their own with the service in it as a child process, pinning, and what `/proc` tells.
+//! Shared parts of the benches: a domain of their own with the service as a child process, pinning to cores, and figures from
+//! `/proc`.
 
 pub mod statistics;
 
@@ -16,12 +17,12 @@ use tempfile::TempDir;
 
 /// The table that the service starts with.
 pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
-/// The IMU that it is for.
+/// The IMU of [`TABLE`].
 pub const IMU: &str = "imu-paper";
-/// No answer takes longer, or something is broken.
-pub const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest wait for an answer; after it the bench fails.
+pub const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The sample that is sent, an IMU at rest.
+/// The sample that the benches send: an IMU at rest.
 pub fn sample() -> RawSample {
     RawSample {
         interval_ns: 2_500_000,
@@ -33,15 +34,15 @@ pub fn sample() -> RawSample {
     }
 }
 
-/// Where processes of a domain log, in its folder.
+/// The file in a domain's folder that its processes log to.
 const LOG: &str = "log";
-/// Where they write what is not a log, in its folder.
+/// The file in a domain's folder for the standard output of its processes.
 const OUTPUT: &str = "output";
 
-/// Another build of the service, which is measured beside this one.
+/// Another build of the service, which is measured in the same run.
 #[derive(Clone, Debug)]
 pub struct OtherBuild {
-    /// What it is called in the figures.
+    /// Its name in the figures.
     pub name: String,
     /// A program with the command `serve`, as `isotherm` and `isothermd` are.
     pub program: PathBuf,
@@ -58,22 +59,22 @@ impl FromStr for OtherBuild {
     }
 }
 
-/// What a bench does, or why it cannot.
-pub type Outcome<T> = Result<T, Box<dyn Error>>;
+/// The result of a step of a bench.
+pub type BenchResult<T> = Result<T, Box<dyn Error>>;
 
 /// A domain and a folder of this bench's own, removed at its end.
-pub struct World {
+pub struct BenchDomain {
     folder: TempDir,
     domain: Domain,
     _cleaner: Cleaner,
 }
 
-impl World {
-    /// A new one.
+impl BenchDomain {
+    /// Makes a domain in a new temporary folder.
     ///
     /// # Errors
     /// If the temporary folder cannot be used.
-    pub fn new() -> Outcome<Self> {
+    pub fn new() -> BenchResult<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
         let name = format!("bench-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
@@ -82,8 +83,8 @@ impl World {
         Ok(Self { folder, domain, _cleaner: cleaner })
     }
 
-    /// The domain.
-    pub const fn domain(&self) -> &Domain {
+    /// The domain as the client library takes it.
+    pub const fn as_domain(&self) -> &Domain {
         &self.domain
     }
 
@@ -92,30 +93,30 @@ impl World {
         self.folder.path().join(name)
     }
 
-    /// A path in shared memory, removed with the rest.
+    /// A path in shared memory. It is removed with the domain.
     pub fn shared_memory(&self, name: &str) -> PathBuf {
         PathBuf::from(format!("/dev/shm/{}{name}", self.domain.prefix()))
     }
 
-    /// How clients reach the domain.
+    /// The options of clients of this domain.
     pub fn options(&self) -> Options {
-        Options { domain: self.domain.clone(), timeout: PATIENCE }
+        Options { domain: self.domain.clone(), timeout: TIMEOUT }
     }
 
-    /// Starts the service for [`IMU`] with `table.toml`, which is written first. `settings` is what its configuration says
-    /// besides, keys of the IMU first. The program must hand `serve` to `isotherm_service::main`.
+    /// Writes `table.toml`, and starts the service for [`IMU`] with it. `settings` is appended to the configuration; keys of the
+    /// IMU must come first in it. The program of this bench must hand the command `serve` to `isotherm_service::main`.
     ///
     /// # Errors
     /// If files cannot be written or the process not started.
-    pub fn serve(&self, settings: &str) -> Outcome<Partner> {
+    pub fn serve(&self, settings: &str) -> BenchResult<BenchProcess> {
         self.serve_by(None, settings)
     }
 
-    /// As [`serve`](Self::serve), by another program, which has the command `serve`.
+    /// As [`serve`](Self::serve), with another program if one is given. It must have the command `serve`.
     ///
     /// # Errors
     /// As [`serve`](Self::serve).
-    pub fn serve_by(&self, program: Option<&Path>, settings: &str) -> Outcome<Partner> {
+    pub fn serve_by(&self, program: Option<&Path>, settings: &str) -> BenchResult<BenchProcess> {
         fs::write(self.path("table.toml"), TABLE)?;
         fs::write(self.path("service.toml"), format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n{settings}"))?;
         let own = std::env::current_exe()?;
@@ -126,7 +127,7 @@ impl World {
     ///
     /// # Errors
     /// If files cannot be written or the process not started.
-    pub fn serve_many(&self, count: usize, workers: usize, settings: &str) -> Outcome<Partner> {
+    pub fn serve_many(&self, count: usize, workers: usize, settings: &str) -> BenchResult<BenchProcess> {
         let mut config = String::new();
         for (index, id) in (0..count).map(|index| (index, imu(index))) {
             let file = format!("{id}.toml");
@@ -137,21 +138,21 @@ impl World {
         self.spawn(&["serve", "--config", "service.toml"])
     }
 
-    /// Starts this very program as another process of the domain.
+    /// Starts this program as another process of the domain.
     ///
     /// # Errors
     /// If it cannot be started.
-    pub fn spawn(&self, words: &[&str]) -> Outcome<Partner> {
+    pub fn spawn(&self, words: &[&str]) -> BenchResult<BenchProcess> {
         self.spawn_program(&std::env::current_exe()?, words)
     }
 
-    fn spawn_program(&self, program: &Path, words: &[&str]) -> Outcome<Partner> {
+    fn spawn_program(&self, program: &Path, words: &[&str]) -> BenchResult<BenchProcess> {
         let mut command = Command::new(program);
         command.args(words).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
         let log = File::options().append(true).create(true).open(self.path(LOG))?;
         let output = File::options().append(true).create(true).open(self.path(OUTPUT))?;
-        Ok(Partner(command.stdin(Stdio::null()).stdout(output).stderr(log).spawn()?))
+        Ok(BenchProcess(command.stdin(Stdio::null()).stdout(output).stderr(log).spawn()?))
     }
 
     /// All that processes of the domain have written to stdout.
@@ -167,47 +168,47 @@ impl World {
     }
 }
 
-/// The name of one of many IMUs.
+/// The name of IMU number `index`.
 pub fn imu(index: usize) -> String {
     format!("imu-{index}")
 }
 
 /// A child process that does not outlive the bench.
-pub struct Partner(Child);
+pub struct BenchProcess(Child);
 
-impl Partner {
-    /// Stops it, so that it does not compete for the cores while something else is measured.
+impl BenchProcess {
+    /// Stops the process, so that it does not compete for the cores while something else is measured.
     pub fn pause(&self) {
         self.signal(Signal::STOP);
     }
 
-    /// Lets it run again.
+    /// Lets the process run again.
     pub fn resume(&self) {
         self.signal(Signal::CONT);
     }
 
-    /// Asks it to end.
+    /// Asks the process to end.
     pub fn terminate(&self) {
         self.signal(Signal::TERM);
     }
 
     fn signal(&self, signal: Signal) {
-        // Fails only if it has died, which the missing answers will tell.
+        // Fails only if the process has died. The bench then fails because answers are missing.
         let _ = kill_process(Pid::from_child(&self.0), signal);
     }
 
-    /// Its process id.
+    /// The process id.
     pub fn pid(&self) -> u32 {
         self.0.id()
     }
 
-    /// Waits for its end; whether it has succeeded.
+    /// Waits for the end of the process. Returns whether it has succeeded.
     ///
     /// # Errors
-    /// If it does not end within `patience`.
-    pub fn ends_well(&mut self, patience: Duration) -> Outcome<bool> {
+    /// If it does not end within `timeout`.
+    pub fn succeeds_within(&mut self, timeout: Duration) -> BenchResult<bool> {
         let begun = Instant::now();
-        while begun.elapsed() < patience {
+        while begun.elapsed() < timeout {
             if let Some(status) = self.0.try_wait()? {
                 return Ok(status.success());
             }
@@ -217,7 +218,7 @@ impl Partner {
     }
 }
 
-impl Drop for Partner {
+impl Drop for BenchProcess {
     fn drop(&mut self) {
         let _ = self.0.kill();
         let _ = self.0.wait();
@@ -243,26 +244,26 @@ pub fn cores() -> Vec<usize> {
     (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()
 }
 
-/// Binds the calling thread to a core, if there is one to bind it to.
+/// Binds the calling thread to a core, if one is given.
 pub fn pin(core: Option<usize>) {
     if let Some(core) = core {
         let mut set = CpuSet::new();
         set.set(core);
-        // Where it is not allowed the figures are only noisier.
+        // If this is not allowed, the figures are only noisier.
         let _ = sched_setaffinity(None, &set);
     }
 }
 
-/// What a child process does first: it dies with its parent, and may use every core again, which its parent may not.
+/// To be called first in a child process: the child ends with its parent, and may use every core even if its parent is pinned.
 pub fn become_child() {
-    // Neither can fail but where it is not supported, and then only comfort is lost.
+    // Both calls fail only where they are not supported. The bench works without them.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
     let mut all = CpuSet::new();
     (0..CpuSet::MAX_CPU).for_each(|core| all.set(core));
     let _ = sched_setaffinity(None, &all);
 }
 
-/// Spinning that ends some day. The clock is looked at rarely.
+/// A busy wait with a time limit. The clock is read rarely.
 #[derive(Debug, Default)]
 pub struct Spin {
     turns: u32,
@@ -270,15 +271,15 @@ pub struct Spin {
 }
 
 impl Spin {
-    /// Once more.
+    /// One turn of the busy wait.
     ///
     /// # Errors
-    /// If it has been far too long.
+    /// If the wait has been longer than [`TIMEOUT`].
     #[inline]
-    pub fn go_on(&mut self) -> Outcome<()> {
+    pub fn turn(&mut self) -> BenchResult<()> {
         core::hint::spin_loop();
         self.turns = self.turns.wrapping_add(1);
-        if self.turns.is_multiple_of(1 << 16) && self.since.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+        if self.turns.is_multiple_of(1 << 16) && self.since.get_or_insert_with(Instant::now).elapsed() > TIMEOUT {
             return Err("no answer; the other process has stopped".into());
         }
         Ok(())
@@ -286,7 +287,7 @@ impl Spin {
 }
 
 /// Processor time of the service's worker threads so far.
-pub fn worker_time(service: &Partner) -> Duration {
+pub fn worker_time(service: &BenchProcess) -> Duration {
     let tasks = fs::read_dir(format!("/proc/{}/task", service.pid())).into_iter().flatten().flatten();
     let workers =
         tasks.filter(|task| fs::read_to_string(task.path().join("comm")).is_ok_and(|name| name.starts_with("worker")));
@@ -297,7 +298,7 @@ pub fn worker_time(service: &Partner) -> Duration {
     workers.filter_map(ran).sum()
 }
 
-/// How often threads of a process have been taken off their core although they could have gone on.
+/// Involuntary context switches of all threads of a process so far.
 pub fn preemptions(pid: u32) -> u64 {
     let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let count = |task: fs::DirEntry| {
@@ -308,8 +309,8 @@ pub fn preemptions(pid: u32) -> u64 {
     tasks.filter_map(count).sum()
 }
 
-/// Time that the host of this virtual machine has given to others, in ticks of 10 ms.
-pub fn stolen() -> u64 {
+/// Steal time so far, which the host of this virtual machine has given to others, in ticks of 10 ms.
+pub fn stolen_ticks() -> u64 {
     let stat = fs::read_to_string("/proc/stat").unwrap_or_default();
     let cpu = stat.lines().next().unwrap_or_default();
     cpu.split_whitespace().nth(8).and_then(|ticks| ticks.parse().ok()).unwrap_or(0)

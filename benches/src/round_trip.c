@@ -1,4 +1,4 @@
-/* The acquisition in C of the bench `languages`, whose header says what it is asked and answers. */
+/* The acquisition in C of the bench `languages`. The header of bin/languages.rs describes the protocol. */
 #define _POSIX_C_SOURCE 200809L
 #include <isotherm.h>
 #include <stdio.h>
@@ -6,7 +6,7 @@
 #include <string.h>
 #include <time.h>
 
-#define PATIENCE_NS 5000000000ull
+#define TIMEOUT_NS 5000000000ull
 
 static uint64_t now(void)
 {
@@ -23,7 +23,7 @@ static const isotherm_raw_sample at_rest = {
     .board_temperature = {2.5, 2.51, 2.52},
 };
 
-/* What one round trip took; 0 if it failed. */
+/* The duration of one round trip [ns]; 0 if it failed. */
 static uint64_t round_trip(isotherm_acquisition *acquisition)
 {
     isotherm_raw_sample *sample;
@@ -43,7 +43,7 @@ static uint64_t round_trip(isotherm_acquisition *acquisition)
 #if defined(__x86_64__) || defined(__i386__)
         __builtin_ia32_pause();
 #endif
-        if (++turns % 65536 == 0 && now() - sent > PATIENCE_NS)
+        if (++turns % 65536 == 0 && now() - sent > TIMEOUT_NS)
             return 0;
     }
     return code == ISOTHERM_OK ? now() - sent : 0;
@@ -53,7 +53,7 @@ int main(int count, char **words)
 {
     isotherm_acquisition *acquisition;
     char line[64];
-    if (count != 5 || isotherm_acquisition_connect(words[2], words[4], PATIENCE_NS, &acquisition) != ISOTHERM_OK) {
+    if (count != 5 || isotherm_acquisition_connect(words[2], words[4], TIMEOUT_NS, &acquisition) != ISOTHERM_OK) {
         fprintf(stderr, "round_trip.c: %s\n", count == 5 ? isotherm_error_message() : "--imu ID --domain NAME");
         return 1;
     }

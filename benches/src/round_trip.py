@@ -1,4 +1,4 @@
-"""The acquisition in Python of the bench `languages`, whose header says what it is asked and answers."""
+"""The acquisition in Python of the bench `languages`. The header of bin/languages.rs describes the protocol."""
 
 import array
 import sys
@@ -8,7 +8,7 @@ import isotherm
 
 
 def round_trips(acquisition, count):
-    """What each took, in nanoseconds."""
+    """The duration of each round trip, in nanoseconds."""
     now, loan, compensate = time.monotonic_ns, acquisition.loan, acquisition.compensate
     times = array.array("Q", bytes(8 * count))
     for index in range(count):

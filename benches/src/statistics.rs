@@ -1,10 +1,11 @@
-//! Percentiles that have enough samples behind them, ratios of neighbours in time, and how sure these are.
+//! Percentiles with enough samples behind them, ratios of measurements of the same round, and confidence intervals of these
+//! ratios.
 
 use serde_json::{Map, Value, json};
 
 /// A percentile with fewer samples beyond it is not given.
 const BEYOND: usize = 20;
-/// Resamplings behind an interval.
+/// Resamplings for an interval (bootstrap).
 const RESAMPLINGS: usize = 2000;
 
 /// The percentiles that are given, by name.
@@ -26,9 +27,9 @@ pub fn figures(mut values: Vec<u32>) -> Map<String, Value> {
     figures
 }
 
-/// Ratios of percentiles of `upper` to `lower`, given round by round: the median over the rounds, and the interval in which 95 % of
-/// the medians lie when rounds are drawn anew. A round is what shares processes and memory; blocks within it are not
-/// independent.
+/// Ratios of the percentiles of `upper` to those of `lower`, both given round by round: the median over the rounds, and the
+/// interval that holds 95 % of the medians when rounds are resampled. Rounds are resampled, not blocks: the blocks of a round
+/// share processes and memory, so they are not independent.
 pub fn ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
     let ratio = |(name, part): &(&str, f64)| {
         let one = |(upper, lower): (&Vec<u32>, &Vec<u32>)| Some(percentile(upper, *part)? / percentile(lower, *part)?);
@@ -45,8 +46,8 @@ fn interval(values: &[f64]) -> Option<Value> {
     Some(around(center, medians.collect()))
 }
 
-/// The ratio of a percentile of all of `upper` to that of all of `lower`, which were measured turn by turn, and the interval in which
-/// 95 % of the ratios lie when turns are drawn anew. For percentiles for which a turn alone has not enough samples.
+/// The ratio of a percentile of all of `upper` to that of all of `lower`, both given turn by turn, and the interval that holds 95
+/// % of the ratios when turns are resampled. It is for percentiles that need more samples than one turn has.
 pub fn pooled_ratio(upper: &[Vec<u32>], lower: &[Vec<u32>], part: f64) -> Value {
     let of = |turns: &[Vec<u32>], chosen: &[usize]| {
         let mut pool: Vec<u32> = chosen.iter().flat_map(|turn| &turns[*turn]).copied().collect();
@@ -67,7 +68,7 @@ fn around(center: f64, mut drawn: Vec<f64>) -> Value {
     json!({"ratio": center, "low": at(0.025), "high": at(0.975)})
 }
 
-/// Indices below a number, the same ones in every run.
+/// Pseudo-random indices below `below`, the same in every run.
 struct Draw {
     state: u64,
     below: u64,
@@ -87,7 +88,7 @@ impl Draw {
     }
 }
 
-/// `None` for nothing.
+/// The median; `None` if there are no values.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;
@@ -103,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_percentile_wants_twenty_values_beyond_it() {
+    fn a_percentile_needs_twenty_values_beyond_it() {
         let sorted: Vec<u32> = (1..=2000).collect();
         assert_eq!((percentile(&sorted, 0.5), percentile(&sorted, 0.99)), (Some(1000.0), Some(1980.0)));
         assert_eq!((percentile(&sorted[1..], 0.99), percentile(&sorted, 0.999)), (None, None));

@@ -1,4 +1,4 @@
-//! A campaign's dwells become a coefficient table: checks, set points, orders, fit, outliers.
+//! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
 
 use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, SetPoint, Severity, check, set_points};
@@ -17,52 +17,53 @@ use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
 use std::path::Path;
 
-/// Highest order that `auto` looks at.
-const AUTO_ORDER: usize = 6;
+/// Highest order that is considered if none is requested.
+const MAX_AUTO_ORDER: usize = 6;
+
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum Method {
     /// All dwells at once, each with its own telemetry.
     #[default]
     OneStage,
-    /// Each set point first, then polynomials through their values; the paper's way.
+    /// Each set point first, then polynomials through their values: the paper's method.
     TwoStage,
 }
 
-/// What the user asks for.
+/// Options of a calibration.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrationOptions {
     /// How the coefficients are estimated.
     pub method: Method,
     /// The order of every polynomial; chosen from the data if `None`.
     pub order: Option<usize>,
-    /// Whether the table gets an alignment matrix.
+    /// Whether an alignment matrix is written into the table.
     pub alignment: bool,
-    /// Dwells that are left out: set point \[degC\] and number of the position.
+    /// Dwells to leave out: set point \[degC\] and number of the position.
     pub exclude: Vec<(f64, u32)>,
 }
 
-/// Why a campaign does not become a table.
+/// Why no table can be made of a campaign.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// The list of positions cannot tell all parameters apart.
+    /// The list of positions does not determine all parameters.
     #[error("{}", .0.join("\n"))]
     Positions(Vec<String>),
-    /// There is nothing to fit.
+    /// There are no dwells.
     #[error("no rows; a campaign needs dwells")]
     Empty,
-    /// What the checks found.
+    /// Findings of the checks, at least one of them a fault.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     Faults(Vec<Finding>),
-    /// A dwell to leave out that is not there.
+    /// A dwell to leave out does not exist.
     #[error("there is no dwell at set point {0} degC in position {1} to leave out")]
     NothingToExclude(f64, u32),
-    /// A set point whose dwells, less those left out, cannot tell its parameters apart.
+    /// The remaining dwells of a set point do not determine its parameters.
     #[error("set point {set_point_c} degC: {deficiency}")]
     SetPoint {
-        /// \[degC\]
+        /// The set point \[degC\].
         set_point_c: f64,
-        /// What cannot be told apart, and what would help.
+        /// The parameters that are not determined, and positions that would help.
         deficiency: String,
     },
     /// Too few set points for an order.
@@ -70,41 +71,41 @@ pub enum CalibrationError {
     Order {
         /// A1, A2 or A3.
         axis: &'static str,
-        /// As in the table.
+        /// Name of the quantity, as in the table.
         quantity: &'static str,
-        /// What is missing.
+        /// Why the order cannot be fitted.
         error: RegressionError,
     },
     /// The joint fit failed.
     #[error(transparent)]
     Fit(#[from] OneStageError),
-    /// The result cannot be a table.
+    /// The result is not a valid table.
     #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Table(Vec<Refusal>),
 }
 
-/// Everything that came out of a campaign.
+/// The results of a calibration.
 #[derive(Clone, Debug)]
 pub struct Calibration {
-    /// The result.
+    /// The coefficient table.
     pub table: CoefficientTable,
-    /// What was asked for.
+    /// The options it was made with.
     pub options: CalibrationOptions,
-    /// The dwells that counted.
+    /// The dwells that were used.
     pub dwells: Vec<Dwell>,
-    /// The stays at set points.
+    /// The set points.
     pub set_points: Vec<SetPoint>,
-    /// Warnings of the checks, and what came up later.
+    /// Warnings of the checks and of the later steps.
     pub findings: Vec<Finding>,
-    /// What the positions can tell, by axis.
+    /// What the positions determine, by axis.
     pub observability: [Observability; AXES],
     /// Each set point reduced by itself, by axis: the paper's values.
     pub reduced: Vec<[Reduced; AXES]>,
-    /// By axis and quantity.
+    /// The order tables, by axis and quantity.
     pub orders: [[OrderTable; 3]; AXES],
-    /// The estimate in force.
+    /// The estimate that the table is made of.
     pub solution: Solution,
-    /// Dwells out of proportion that were kept: index and axis.
+    /// Outlying dwells, which were kept in the fit: index and axis.
     pub outliers: Vec<(usize, usize)>,
 }
 
@@ -112,7 +113,7 @@ impl Method {
     /// Every method with its name.
     pub const NAMES: [(Self, &'static str); 2] = [(Self::OneStage, "one-stage"), (Self::TwoStage, "two-stage")];
 
-    /// Its name.
+    /// Its name in options and files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -130,7 +131,8 @@ impl Calibration {
         (sum / self.dwells.len() as f64).sqrt()
     }
 
-    /// Row i: what accelerometer i indicates of the specific force along each axis; 1 on the diagonal.
+    /// The misalignment matrix M. Row i: sensitivity of accelerometer i to the specific force along each axis; 1 on the
+    /// diagonal.
     #[must_use]
     pub fn misalignment(&self) -> Matrix3<f64> {
         misalignment(&self.solution)
@@ -147,10 +149,10 @@ fn misalignment(solution: &Solution) -> Matrix3<f64> {
     matrix
 }
 
-/// Whether the list of positions can tell all parameters apart.
+/// Checks that the list of positions determines all parameters.
 ///
 /// # Errors
-/// Naming each deficiency and a position that would help.
+/// Each deficiency, with a position that would help.
 pub fn observable(campaign: &Campaign) -> Result<[Observability; AXES], CalibrationError> {
     let found = [0, 1, 2].map(|axis| Observability::of(&campaign.positions, axis));
     let deficiencies: Vec<_> = found.iter().flat_map(|o| o.deficiencies.iter().cloned()).collect();
@@ -158,8 +160,8 @@ pub fn observable(campaign: &Campaign) -> Result<[Observability; AXES], Calibrat
 }
 
 impl CalibrationError {
-    /// The failure of a program: what is wrong with which file, and where. `campaign` is the campaign file, `samples` the recording, and
-    /// `locate` gives file and line of a row of it.
+    /// The error as the failure of a program, with the file concerned. `campaign` is the campaign file and `samples` the
+    /// recording; `locate` gives file and line of a row.
     #[must_use]
     pub fn failure(&self, campaign: &Path, samples: &Path, locate: impl Fn(u64) -> String) -> Failure {
         let exit = match self {
@@ -187,10 +189,10 @@ impl CalibrationError {
     }
 }
 
-/// Makes a table of a campaign's dwells.
+/// Makes a coefficient table of the dwells of a campaign.
 ///
 /// # Errors
-/// Everything that keeps it from being one.
+/// If the data or the positions do not allow a valid table.
 pub fn calibrate(
     campaign: &Campaign,
     dwells: Vec<Dwell>,
@@ -200,15 +202,15 @@ pub fn calibrate(
     if dwells.is_empty() {
         return Err(CalibrationError::Empty);
     }
-    let dwells = without(campaign, dwells, &options.exclude)?;
-    let stays = set_points(&dwells, campaign.positions.len());
-    let mut findings = check(campaign, &dwells, &stays, &options.exclude);
+    let dwells = exclude_dwells(campaign, dwells, &options.exclude)?;
+    let set_points = set_points(&dwells, campaign.positions.len());
+    let mut findings = check(campaign, &dwells, &set_points, &options.exclude);
     if findings.iter().any(|finding| finding.severity == Severity::Fault) {
         return Err(CalibrationError::Faults(findings));
     }
-    let level = reduced(campaign, &dwells, &stays, None)?;
+    let reduced_level = reduced(campaign, &dwells, &set_points, None)?;
     let ranges = ranges(&dwells);
-    let highest = options.order.unwrap_or_else(|| AUTO_ORDER.min(stays.len().saturating_sub(2)));
+    let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
     let order_tables = |values: &[SetPointValues]| order_tables(values, options.order, highest);
     let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
         let curve = |axis: usize, q: usize| {
@@ -216,31 +218,34 @@ pub fn calibrate(
         };
         [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
     };
-    // A joint fit first, with the orders that the drifting values suggest: it knows the tilt and the drift within set points.
-    let plain = order_tables(&level.iter().map(values).collect::<Vec<_>>())?;
-    let first = solve(campaign, &dwells, &stays, &curves(&plain), &[])?;
-    let reduced = reduced(campaign, &dwells, &stays, first.tilt)?;
+    // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set points.
+    let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>())?;
+    let first_fit = solve(campaign, &dwells, &set_points, &curves(&first_orders), &[])?;
+    let reduced = reduced(campaign, &dwells, &set_points, first_fit.tilt)?;
     let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
     let (orders, solution) = match options.method {
         Method::TwoStage => {
             let orders = order_tables(&two_stage_values)?;
-            let solution = two_stage(campaign, &dwells, &stays, &reduced, curves(&orders), first.tilt);
+            let solution = two_stage(campaign, &dwells, &set_points, &reduced, curves(&orders), first_fit.tilt);
             (orders, solution)
         }
         Method::OneStage => {
-            let corrected = set_point_values(campaign, &dwells, &stays, &first);
-            let corrected: Vec<_> =
-                corrected.into_iter().zip(&two_stage_values).map(|(value, plain)| value.unwrap_or(*plain)).collect();
+            let corrected = set_point_values(campaign, &dwells, &set_points, &first_fit);
+            let corrected: Vec<_> = corrected
+                .into_iter()
+                .zip(&two_stage_values)
+                .map(|(corrected, reduced)| corrected.unwrap_or(*reduced))
+                .collect();
             let orders = order_tables(&corrected)?;
-            let solution = solve(campaign, &dwells, &stays, &curves(&orders), &[])?;
+            let solution = solve(campaign, &dwells, &set_points, &curves(&orders), &[])?;
             (orders, solution)
         }
     };
-    findings.extend(level_error(campaign, &dwells, &stays, &solution));
-    let (unfit, lacking) = lack_of_fit(&orders, &reduced);
-    findings.extend(lacking);
-    // Where the curve is wrong, its residuals say nothing about a dwell.
-    let mut outliers = outliers(campaign, &dwells, &stays, &solution);
+    findings.extend(level_error(campaign, &dwells, &set_points, &solution));
+    let (unfit, fit_findings) = lack_of_fit(&orders, &reduced);
+    findings.extend(fit_findings);
+    // Residuals about a curve that does not fit do not show outlying dwells.
+    let mut outliers = outliers(campaign, &dwells, &set_points, &solution);
     outliers.retain(|(_, axis)| !unfit[*axis]);
     for &(dwell, axis) in &outliers {
         let (place, residual) = (&dwells[dwell], solution.residuals[dwell][axis]);
@@ -249,7 +254,7 @@ pub fn calibrate(
             line: Some(place.lines[0]),
             place: Some((place.set_point_c, Some(campaign.positions[place.position].number))),
             message: format!(
-                "{} is {:.2}e-6 g0 off the fit, out of all proportion to the other dwells; kept, leave it out with \
+                "{} is {:.2}e-6 g0 off the fit, far more than the other dwells; kept, leave it out with \
                  --exclude {}/{} if it is known to be bad",
                 AXIS_NAMES[axis],
                 residual * 1e6,
@@ -260,21 +265,10 @@ pub fn calibrate(
     }
     findings.extend(order_findings(&orders));
     let table = table(campaign, &options, &solution)?;
-    Ok(Calibration {
-        table,
-        options,
-        dwells,
-        set_points: stays,
-        findings,
-        observability,
-        reduced,
-        orders,
-        solution,
-        outliers,
-    })
+    Ok(Calibration { table, options, dwells, set_points, findings, observability, reduced, orders, solution, outliers })
 }
 
-fn without(
+fn exclude_dwells(
     campaign: &Campaign,
     mut dwells: Vec<Dwell>,
     exclude: &[(f64, u32)],
@@ -294,13 +288,13 @@ fn without(
 fn reduced(
     campaign: &Campaign,
     dwells: &[Dwell],
-    stays: &[SetPoint],
+    set_points: &[SetPoint],
     tilt: Option<[f64; 2]>,
 ) -> Result<Vec<[Reduced; AXES]>, CalibrationError> {
-    let of = |stay: &SetPoint, axis: usize| {
-        let parts: Vec<_> = stay.dwells.iter().map(|&dwell| &dwells[dwell]).collect();
+    let of = |set_point: &SetPoint, axis: usize| {
+        let parts: Vec<_> = set_point.dwells.iter().map(|&dwell| &dwells[dwell]).collect();
         let positions: Vec<_> = parts.iter().map(|dwell| campaign.positions[dwell.position].clone()).collect();
-        let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: stay.set_point_c, deficiency };
+        let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: set_point.set_point_c, deficiency };
         match Observability::of(&positions, axis).deficiencies.into_iter().next() {
             Some(deficiency) => Err(deficient(deficiency)),
             None => reduce(campaign, &parts, axis, tilt).ok_or_else(|| {
@@ -308,7 +302,7 @@ fn reduced(
             }),
         }
     };
-    stays.iter().map(|stay| Ok([of(stay, 0)?, of(stay, 1)?, of(stay, 2)?])).collect()
+    set_points.iter().map(|set_point| Ok([of(set_point, 0)?, of(set_point, 1)?, of(set_point, 2)?])).collect()
 }
 
 fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
@@ -316,7 +310,7 @@ fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
     [0, 1, 2].map(|axis| [of(axis, 0), of(axis, 1), of(axis, 2)])
 }
 
-/// Lowest and highest telemetry of the samples: head and board, by axis.
+/// Lowest and highest telemetry of all samples: head and board, by axis.
 fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
     [0, 1, 2].map(|axis| {
         [range(dwells.iter().map(|d| d.head_range(axis))), range(dwells.iter().map(|d| d.board_range(axis)))]
@@ -332,7 +326,7 @@ fn order_tables(
         let failed = |error| CalibrationError::Order { axis: AXIS_NAMES[axis], quantity: QUANTITIES[q], error };
         let points: Vec<_> = values.iter().map(|value| value[axis][q]).map(|(x, y)| DataPoint::new(x, y)).collect();
         let size = points.iter().map(|point| point.y.value().abs()).fold(0.0, f64::max);
-        // A user who asks for order N sees the neighbours too, where there are points for them.
+        // If the user requests an order, the table also shows up to two higher orders, as the number of points allows.
         let shown = (highest + 2).min(values.len().saturating_sub(2)).min(MAX_ORDER).max(highest);
         let regression = Regression::new(points, if fixed.is_some() { shown } else { highest }).map_err(failed)?;
         let (effect, unit) = if q == 0 { (BIAS_EFFECT, "g0") } else { (SCALE_FACTOR_EFFECT * size, "pulse/(s*g0)") };
@@ -346,16 +340,16 @@ fn order_tables(
     Ok([axis(0)?, axis(1)?, axis(2)?])
 }
 
-/// The paper's way: the curves through the set points' values, the misalignments as their means.
+/// The paper's method: curves through the values of the set points, and the means of the misalignments.
 fn two_stage(
     campaign: &Campaign,
     dwells: &[Dwell],
-    stays: &[SetPoint],
+    set_points: &[SetPoint],
     reduced: &[[Reduced; AXES]],
     curves: Curves,
     tilt: Option<[f64; 2]>,
 ) -> Solution {
-    crate::one_stage::hold(campaign, dwells, stays, curves, tilt, |axis, k| {
+    crate::one_stage::fixed_solution(campaign, dwells, set_points, curves, tilt, |axis, k| {
         let m: Vec<f64> = reduced.iter().map(|parts| parts[axis].values[3 + k]).collect();
         let n = m.len() as f64;
         let mean = m.iter().sum::<f64>() / n;
@@ -392,7 +386,7 @@ fn table(
         out_of_range: campaign.out_of_range,
         max_age_s: campaign.max_age_s,
         axes: [axis(0)?, axis(1)?, axis(2)?],
-        // What is indicated is M times the specific force.
+        // Indicated = M * specific force, so the alignment is the inverse of M.
         alignment: if options.alignment { misalignment(solution).try_inverse() } else { None },
     };
     CoefficientTable::new(content).map_err(CalibrationError::Table)

@@ -1,8 +1,8 @@
-//! A campaign: what a laboratory states about it (campaign.toml) and the dwells that its samples make.
-//!
-//! A **dwell** is an unbroken run of rows with one set point and one position. Rows may be raw samples of any rate or
-//! sums over seconds: pulses and intervals are added up, telemetry is averaged over time. Only sums are kept, so that memory
-//! does not grow with the sampling rate.
+//! A campaign: the campaign file (campaign.toml) and the dwells made from the samples.
+
+mod dwell;
+
+pub use dwell::{Block, Dwell, DwellSums, range};
 
 use crate::positions::{Position, SAME_DIRECTION, mount, specific_force};
 use isotherm_recording::{CampaignRow, RecordingError};
@@ -12,40 +12,41 @@ use isotherm_shared::table::{AXIS_NAMES, GRAVITY_RANGE, OutOfRange};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
 use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
 
-/// What a campaign file says.
+/// The content of a campaign file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Campaign {
-    /// Whose campaign it is.
+    /// The IMU that was measured.
     pub imu: ImuId,
     /// Serial number, free text.
     pub serial: Option<String>,
-    /// Files of the samples, relative to the campaign's: one, or the pieces of one recording in any order.
+    /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order.
     pub samples: Vec<String>,
-    /// The value of 1 g0 \[m/s2\]; goes into the table.
+    /// The value of 1 g0 \[m/s2\]; it is written into the table.
     pub gravity_reference: f64,
     /// Gravity at the station \[m/s2\].
     pub gravity_local: f64,
-    /// Unit of the telemetry, a label.
+    /// Unit of the telemetry; only a label.
     pub temperature_unit: String,
-    /// Policy that the table gets.
+    /// The table's policy for telemetry out of range.
     pub out_of_range: OutOfRange,
-    /// Telemetry age that the table flags \[s\].
+    /// Telemetry older than this is flagged \[s\]; it is written into the table.
     pub max_age_s: Option<f64>,
-    /// Largest plausible rate \[pulse/s\], both channels together: more is saturation; goes into the table.
+    /// Largest plausible rate of both channels together \[pulse/s\]; a higher rate means saturation. It is written into the
+    /// table.
     pub max_rate: Option<f64>,
     /// Least time between two set points \[s\], if stated.
     pub soak_s: Option<f64>,
-    /// The positions. Where the stated directions are the turntable's, but for exchanged axes, they are exact.
+    /// The positions. If `mount` only exchanges axes or their signs, the directions are computed exactly from the angles.
     pub positions: Vec<Position>,
-    /// How the IMU sits on the turntable, if the angles are stated; see [`mount`].
+    /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`].
     pub mount: Option<Matrix3<f64>>,
 }
 
 impl Campaign {
-    /// Reads a campaign file's text.
+    /// Reads the text of a campaign file.
     ///
     /// # Errors
-    /// All faults of the text with line and key.
+    /// All faults of the text, with line and key.
     pub fn from_toml(text: &str) -> Result<Self, Faults> {
         let document = Document::parse_as(text, "give the campaign file that names it")?;
         let root = document.root();
@@ -118,10 +119,10 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         section.finish();
     }
     let mount = mount(&positions);
-    if let Some(turn) = mount.filter(|turn| *turn == turn.map(f64::round)) {
+    if let Some(rotation) = mount.filter(|rotation| *rotation == rotation.map(f64::round)) {
         for position in &mut positions {
             let [outer, inner] = position.angles.unwrap_or_default();
-            position.specific_force = (turn * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
+            position.specific_force = (rotation * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
         }
     }
     Some(Campaign {
@@ -158,7 +159,7 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
         let force = <[f64; AXES]>::try_from(force).ok();
         let length = force.map(|f| f.iter().map(|f| f * f).sum::<f64>().sqrt());
         match (force, length) {
-            // A few digits are enough to say which way; at rest the length is 1.
+            // A few digits are enough for a direction; it is scaled to length 1.
             (Some(force), Some(length)) if (length - 1.0).abs() < SAME_DIRECTION => Some(force.map(|f| f / length)),
             _ => {
                 section.fault("specific_force", format!("give {FORCE}"));
@@ -174,238 +175,12 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
     Some(Position { number: u32::try_from(number?).ok()?, label, angles, specific_force: force? })
 }
 
-/// What rows add up to.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DwellSums {
-    /// Time counted \[s\].
-    pub seconds: f64,
-    /// Pulses of the positive channel.
-    pub positive: [f64; AXES],
-    /// Pulses of the negative channel.
-    pub negative: [f64; AXES],
-    head: [f64; AXES],
-    board: [f64; AXES],
-    /// Age of the telemetry in the middle of its row, where it is known, times the row's seconds.
-    age: f64,
-}
-
-impl DwellSums {
-    fn add(&mut self, sample: &RawSample) {
-        let seconds = sample.interval_ns as f64 / 1e9;
-        self.seconds += seconds;
-        if sample.telemetry_ns > 0 {
-            self.age += seconds * (sample.timestamp_ns as f64 / 1e9 - 0.5 * seconds - sample.telemetry_ns as f64 / 1e9);
-        }
-        for axis in 0..AXES {
-            self.positive[axis] += f64::from(sample.positive_pulses[axis]);
-            self.negative[axis] += f64::from(sample.negative_pulses[axis]);
-            self.head[axis] += sample.head_temperature[axis] * seconds;
-            self.board[axis] += sample.board_temperature[axis] * seconds;
-        }
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.seconds += other.seconds;
-        self.age += other.age;
-        for axis in 0..AXES {
-            self.positive[axis] += other.positive[axis];
-            self.negative[axis] += other.negative[axis];
-            self.head[axis] += other.head[axis];
-            self.board[axis] += other.board[axis];
-        }
-    }
-
-    /// Mean telemetry of the sensor head.
-    #[must_use]
-    pub fn head(&self, axis: usize) -> f64 {
-        self.head[axis] / self.seconds
-    }
-
-    /// Mean telemetry of the converter board.
-    #[must_use]
-    pub fn board(&self, axis: usize) -> f64 {
-        self.board[axis] / self.seconds
-    }
-
-    /// Rates of both channels \[pulse/s\].
-    #[must_use]
-    pub fn rates(&self, axis: usize) -> [f64; 2] {
-        [self.positive[axis] / self.seconds, self.negative[axis] / self.seconds]
-    }
-}
-
-/// A second or more of a dwell, for looking whether it was still.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Block {
-    /// Line of its first row.
-    pub line: u64,
-    /// What its rows add up to.
-    pub sums: DwellSums,
-    /// Lowest and highest telemetry of each head.
-    pub head: [[f64; 2]; AXES],
-    /// Lowest and highest telemetry of each board.
-    pub board: [[f64; 2]; AXES],
-    /// Largest rate of both channels together in a row \[pulse/s\].
-    pub rate: [f64; AXES],
-}
-
-/// Shortest block \[s\].
-const BLOCK: f64 = 1.0;
-/// More blocks of a dwell than this are merged in pairs.
-const MAX_BLOCKS: usize = 512;
-
-/// An unbroken run of rows with one set point and one position.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Dwell {
-    /// What the chamber was set to \[degC\].
-    pub set_point_c: f64,
-    /// Index into the campaign's positions.
-    pub position: usize,
-    /// Lines of its first and last row.
-    pub lines: [u64; 2],
-    /// Number of rows.
-    pub rows: u64,
-    /// Begin of its first and end of its last row \[ns\].
-    pub time_ns: [u64; 2],
-    /// What all rows add up to.
-    pub sums: DwellSums,
-    /// Its parts.
-    pub blocks: Vec<Block>,
-    block_length: f64,
-}
-
-impl Dwell {
-    fn new(row: &CampaignRow, position: usize) -> Self {
-        let begin = row.sample.timestamp_ns.saturating_sub(row.sample.interval_ns);
-        Self {
-            set_point_c: row.set_point_c,
-            position,
-            lines: [row.line; 2],
-            rows: 0,
-            time_ns: [begin; 2],
-            sums: DwellSums::default(),
-            blocks: Vec::new(),
-            block_length: BLOCK,
-        }
-    }
-
-    fn add(&mut self, row: &CampaignRow) {
-        let sample = &row.sample;
-        self.lines[1] = row.line;
-        self.rows += 1;
-        self.time_ns[1] = sample.timestamp_ns;
-        self.sums.add(sample);
-        let seconds = sample.interval_ns as f64 / 1e9;
-        let rate =
-            |axis: usize| (f64::from(sample.positive_pulses[axis]) + f64::from(sample.negative_pulses[axis])) / seconds;
-        let block = match self.blocks.last_mut() {
-            Some(block) if block.sums.seconds < self.block_length => block,
-            _ => {
-                if self.blocks.len() == MAX_BLOCKS {
-                    self.halve();
-                }
-                self.blocks.push(Block {
-                    line: row.line,
-                    sums: DwellSums::default(),
-                    head: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-                    board: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-                    rate: [0.0; 3],
-                });
-                let last = self.blocks.len() - 1;
-                &mut self.blocks[last]
-            }
-        };
-        block.sums.add(sample);
-        for axis in 0..AXES {
-            extend(&mut block.head[axis], [sample.head_temperature[axis]; 2]);
-            extend(&mut block.board[axis], [sample.board_temperature[axis]; 2]);
-            block.rate[axis] = block.rate[axis].max(rate(axis));
-        }
-    }
-
-    fn halve(&mut self) {
-        let merged = self.blocks.chunks(2).map(|pair| {
-            let mut block = pair[0];
-            for other in &pair[1..] {
-                block.sums.merge(&other.sums);
-                for axis in 0..AXES {
-                    extend(&mut block.head[axis], other.head[axis]);
-                    extend(&mut block.board[axis], other.board[axis]);
-                    block.rate[axis] = block.rate[axis].max(other.rate[axis]);
-                }
-            }
-            block
-        });
-        self.blocks = merged.collect();
-        self.block_length *= 2.0;
-    }
-
-    /// Mean telemetry of the sensor head, in the middle of the time counted.
-    #[must_use]
-    pub fn head(&self, axis: usize) -> f64 {
-        self.sums.head(axis) + self.head_per_s(axis) * self.age_s()
-    }
-
-    /// Mean telemetry of the converter board, in the middle of the time counted.
-    #[must_use]
-    pub fn board(&self, axis: usize) -> f64 {
-        self.sums.board(axis) + self.per_s(|sums| sums.board(axis)) * self.age_s()
-    }
-
-    /// Drift of the head's telemetry, in its unit per second; 0 where there is nothing to tell it from.
-    #[must_use]
-    pub fn head_per_s(&self, axis: usize) -> f64 {
-        self.per_s(|sums| sums.head(axis))
-    }
-
-    /// Second half less first half.
-    fn per_s(&self, telemetry: impl Fn(&DwellSums) -> f64) -> f64 {
-        let (first, second) = self.blocks.split_at(self.blocks.len() / 2);
-        if first.is_empty() {
-            return 0.0;
-        }
-        let mean =
-            |blocks: &[Block]| blocks.iter().map(|block| telemetry(&block.sums)).sum::<f64>() / blocks.len() as f64;
-        (mean(second) - mean(first)) / (0.5 * self.sums.seconds)
-    }
-
-    /// How long before the middle of the time counted the telemetry was read, on average. Its drift within the dwell says nothing
-    /// about an age longer than the dwell.
-    fn age_s(&self) -> f64 {
-        let age_s = self.sums.age / self.sums.seconds;
-        if age_s.abs() <= self.sums.seconds { age_s } else { 0.0 }
-    }
-
-    /// Lowest and highest telemetry of the head.
-    #[must_use]
-    pub fn head_range(&self, axis: usize) -> [f64; 2] {
-        range(self.blocks.iter().map(|block| block.head[axis]))
-    }
-
-    /// Lowest and highest telemetry of the board.
-    #[must_use]
-    pub fn board_range(&self, axis: usize) -> [f64; 2] {
-        range(self.blocks.iter().map(|block| block.board[axis]))
-    }
-}
-
-fn extend(range: &mut [f64; 2], other: [f64; 2]) {
-    *range = [range[0].min(other[0]), range[1].max(other[1])];
-}
-
-/// The range that holds all ranges.
-#[must_use]
-pub fn range(ranges: impl IntoIterator<Item = [f64; 2]>) -> [f64; 2] {
-    let mut all = [f64::INFINITY, f64::NEG_INFINITY];
-    ranges.into_iter().for_each(|range| extend(&mut all, range));
-    all
-}
-
-/// Reads the samples of `campaign`: a [`CampaignCsvReader`](isotherm_recording::CampaignCsvReader), or rows from elsewhere.
+/// Makes dwells of the samples of `campaign`. The rows come from a
+/// [`CampaignCsvReader`](isotherm_recording::CampaignCsvReader) or another source.
 ///
 /// # Errors
-/// At the first row that cannot be read or used, with its line: an unknown position, time that does not rise, an interval out of
-/// range or longer than the time since the row before, telemetry that is no number.
+/// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not increase, an
+/// interval out of range or longer than the time since the previous row, telemetry that is not finite, a full counter.
 pub fn read(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
@@ -445,8 +220,8 @@ pub fn read(
     Ok(dwells)
 }
 
-/// Why nothing can be done with a raw sample of a campaign, if so; `previous_ns` is the timestamp of the one before. The automatic campaign
-/// leaves such samples out, `calibrate` refuses them.
+/// The reason why a raw sample of a campaign cannot be used; `None` if it can. `previous_ns` is the timestamp of the
+/// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
 #[must_use]
 pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
     let RawSample { timestamp_ns, interval_ns, .. } = *sample;
@@ -457,7 +232,7 @@ pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<Strin
         if timestamp_ns <= previous_ns {
             return Some(format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row"));
         }
-        // A jittering clock is no fault; a wrong unit or an overlap is.
+        // Up to 1.5 times the elapsed time is clock jitter; more is a wrong unit or an overlap.
         if interval_ns / 3 * 2 > timestamp_ns - previous_ns {
             return Some(format!(
                 "interval_ns is {interval_ns}, but only {} ns have passed since the row before; pulses would be counted twice",

@@ -1,6 +1,9 @@
-//! Whether a campaign can be used: every position at every set point, soaked, still, unsaturated, telemetry that can be.
+//! Checks of a campaign: every position at every set point, soak, stillness, saturation, plausible telemetry.
 //!
-//! What would spoil the table is a fault; what a person should know is a warning. Both say line, set point and position.
+//! A finding that would spoil the table is a fault. A finding that the user should know is a warning. Both name line, set
+//! point and position.
+//!
+//! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
 use crate::campaign::{Block, Campaign, Dwell, range};
 use crate::diagnostics::{median, robust_sd};
@@ -9,51 +12,52 @@ use core::fmt;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 
-/// Set points that follow each other sooner are warned of, if the campaign states no soak \[s\].
+/// If the campaign states no soak, a shorter time between two set points gives a warning \[s\].
 const USUAL_SOAK: f64 = 3600.0;
-/// Largest difference between what a position asks for and what is indicated with mean scale factors \[g0\]: a scale factor
-/// may run by some percent over the temperatures, another position is farther off.
+/// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
+/// scale factor may change by some percent over temperature; a wrong position differs by more.
 const WRONG_POSITION: f64 = 0.1;
-/// A dwell in which the output moves by more is no dwell, and dwells that disagree by more are not where they should be \[g0\].
+/// Motion within a dwell by more than this is a fault. The dwells of a set point are consistent if their residual standard
+/// deviation is below this \[g0\].
 const MOVED: f64 = 0.02;
-/// A block off its dwell's median by more than so many of the dwell's own standard deviations was not still.
+/// Limit of the difference between a block and its dwell's median, in robust standard deviations of the dwell's blocks.
 const STILL: f64 = 10.0;
-/// And by more than this \[g0\]; less does not matter.
+/// Constant part of that limit \[g0\].
 const STILL_FLOOR: f64 = 5e-6;
-/// Telemetry may move by this part of the distance between set points within one dwell.
+/// Within a dwell, telemetry that changes by more than this part of the step between set points is a fault.
 const DWELL_DRIFT: f64 = 0.5;
-/// And over a whole set point by this part before it is warned of.
+/// Over a set point, a change by more than this part of the step gives a warning.
 const SET_POINT_DRIFT: f64 = 0.1;
 
-/// Two clocks may differ by this part.
-const CLOCKS: f64 = 0.01;
-/// A dwell shorter than this part of the usual is cut.
-const SHORT: f64 = 0.6;
+/// Largest relative difference between the sum of the intervals and the elapsed time.
+const CLOCK_TOLERANCE: f64 = 0.01;
+/// A dwell shorter than this part of the median counts as cut short.
+const SHORT_DWELL: f64 = 0.6;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Severity {
     /// No table is made.
     Fault,
-    /// A person should look.
+    /// The table is made; the user should look at the message.
     Warning,
 }
 
-/// Something about the campaign that a person should know.
+/// A fault or a warning about the campaign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
-    /// Line of the samples, if one is concerned.
+    /// Line of the samples, if the finding concerns one.
     pub line: Option<u64>,
-    /// Set point \[degC\] and number of the position, if one is concerned.
+    /// Set point \[degC\] and number of the position, if the finding concerns one.
     pub place: Option<(f64, Option<u32>)>,
-    /// What it is, and what helps.
+    /// The cause and the remedy.
     pub message: String,
 }
 
 impl Finding {
-    /// The finding with the place of its line, if it has one; `locate` gives file and line of a row.
+    /// The finding as text, with file and line in front if it has a line. `locate` gives file and line of a row.
     #[must_use]
     pub fn located(&self, locate: impl Fn(u64) -> String) -> String {
         match self.line {
@@ -75,53 +79,55 @@ impl fmt::Display for Finding {
     }
 }
 
-/// The dwells of one stay at one set point: what they share, such as hysteresis, is common to their errors.
+/// The dwells of a set point, see [`set_points`]. They share errors, such as hysteresis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetPoint {
-    /// What the chamber was set to \[degC\].
+    /// Temperature that the chamber was set to \[degC\].
     pub set_point_c: f64,
-    /// Indices of its dwells.
+    /// Indices of the dwells.
     pub dwells: Vec<usize>,
 }
 
-/// Puts dwells into set points: one each time the chamber comes back to one, if every stay has all positions; else one each
-/// value of the set point, whenever it was visited.
+/// Groups dwells into set points. If every visit of a set point has more than half of the `positions`, each visit is a set
+/// point of its own. Otherwise all visits of the same value are one set point.
 #[must_use]
 pub fn set_points(dwells: &[Dwell], positions: usize) -> Vec<SetPoint> {
-    let mut stays: Vec<SetPoint> = Vec::new();
+    let mut visits: Vec<SetPoint> = Vec::new();
     for (index, dwell) in dwells.iter().enumerate() {
-        match stays.last_mut() {
-            Some(stay) if stay.set_point_c == dwell.set_point_c => stay.dwells.push(index),
-            _ => stays.push(SetPoint { set_point_c: dwell.set_point_c, dwells: vec![index] }),
+        match visits.last_mut() {
+            Some(visit) if visit.set_point_c == dwell.set_point_c => visit.dwells.push(index),
+            _ => visits.push(SetPoint { set_point_c: dwell.set_point_c, dwells: vec![index] }),
         }
     }
-    // Half of the positions tells a stay with a gap from a campaign that runs all set points in each position.
-    let complete = |stay: &SetPoint| 2 * distinct(dwells, stay) > positions;
-    if stays.iter().all(complete) {
-        return stays;
+    // A visit may lack some positions. A campaign that runs all set points in each position has one position a visit.
+    let complete = |visit: &SetPoint| 2 * distinct(dwells, visit) > positions;
+    if visits.iter().all(complete) {
+        return visits;
     }
     let mut values: Vec<SetPoint> = Vec::new();
-    for stay in stays {
-        match values.iter_mut().find(|value| value.set_point_c == stay.set_point_c) {
-            Some(value) => value.dwells.extend(stay.dwells),
-            None => values.push(stay),
+    for visit in visits {
+        match values.iter_mut().find(|value| value.set_point_c == visit.set_point_c) {
+            Some(value) => value.dwells.extend(visit.dwells),
+            None => values.push(visit),
         }
     }
     values
 }
 
-fn distinct(dwells: &[Dwell], stay: &SetPoint) -> usize {
-    let mut positions: Vec<_> = stay.dwells.iter().map(|&index| dwells[index].position).collect();
+/// Number of distinct positions.
+fn distinct(dwells: &[Dwell], set_point: &SetPoint) -> usize {
+    let mut positions: Vec<_> = set_point.dwells.iter().map(|&index| dwells[index].position).collect();
     positions.sort_unstable();
     positions.dedup();
     positions.len()
 }
 
-/// Looks at everything. `excluded` are (set point, number of the position) that the user left out.
+/// Runs all checks; faults come first. `excluded` are the dwells that the user left out: set point \[degC\] and number of
+/// the position.
 #[must_use]
-pub fn check(campaign: &Campaign, dwells: &[Dwell], stays: &[SetPoint], excluded: &[(f64, u32)]) -> Vec<Finding> {
+pub fn check(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint], excluded: &[(f64, u32)]) -> Vec<Finding> {
     let checker = Checker { campaign, dwells, findings: Vec::new() };
-    checker.run(stays, excluded)
+    checker.run(set_points, excluded)
 }
 
 struct Checker<'a> {
@@ -131,57 +137,57 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    fn run(mut self, stays: &[SetPoint], excluded: &[(f64, u32)]) -> Vec<Finding> {
-        self.positions(stays, excluded);
+    fn run(mut self, set_points: &[SetPoint], excluded: &[(f64, u32)]) -> Vec<Finding> {
+        self.positions(set_points, excluded);
         self.soak();
         self.time();
-        if stays.len() < 2 {
-            let message = format!("{} set point; a temperature calibration needs at least 2", stays.len());
+        if set_points.len() < 2 {
+            let message = format!("{} set point; a temperature calibration needs at least 2", set_points.len());
             self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
         } else {
-            self.telemetry(stays);
+            self.telemetry(set_points);
         }
         self.saturation();
-        self.forces(stays);
+        self.forces(set_points);
         self.still();
         self.findings.sort_by_key(|finding| (finding.severity == Severity::Warning, finding.line));
         self.findings
     }
 
-    fn of_dwell(&mut self, severity: Severity, dwell: usize, line: u64, message: String) {
+    fn report_dwell(&mut self, severity: Severity, dwell: usize, line: u64, message: String) {
         let dwell = &self.dwells[dwell];
         let place = Some((dwell.set_point_c, Some(self.campaign.positions[dwell.position].number)));
         self.findings.push(Finding { severity, line: Some(line), place, message });
     }
 
-    fn of_set_point(&mut self, severity: Severity, set_point_c: f64, line: Option<u64>, message: String) {
+    fn report_set_point(&mut self, severity: Severity, set_point_c: f64, line: Option<u64>, message: String) {
         self.findings.push(Finding { severity, line, place: Some((set_point_c, None)), message });
     }
 
-    /// Every listed position at every set point.
-    fn positions(&mut self, stays: &[SetPoint], excluded: &[(f64, u32)]) {
-        for stay in stays {
-            let has = |index: usize| stay.dwells.iter().any(|&dwell| self.dwells[dwell].position == index);
+    /// Whether every set point has every position of the campaign file.
+    fn positions(&mut self, set_points: &[SetPoint], excluded: &[(f64, u32)]) {
+        for set_point in set_points {
+            let has = |index: usize| set_point.dwells.iter().any(|&dwell| self.dwells[dwell].position == index);
             let missing: Vec<_> = (0..self.campaign.positions.len())
                 .filter(|&index| !has(index))
                 .map(|index| self.campaign.positions[index].number)
-                .filter(|number| !excluded.contains(&(stay.set_point_c, *number)))
+                .filter(|number| !excluded.contains(&(set_point.set_point_c, *number)))
                 .map(|number| number.to_string())
                 .collect();
             if !missing.is_empty() {
-                let line = stay.dwells.last().map(|&dwell| self.dwells[dwell].lines[1]);
+                let line = set_point.dwells.last().map(|&dwell| self.dwells[dwell].lines[1]);
                 let message = format!(
                     "position {} of the campaign file is missing; measure it, or leave it out knowingly with --exclude {}/{}",
                     missing.join(", "),
-                    stay.set_point_c,
+                    set_point.set_point_c,
                     missing[0]
                 );
-                self.of_set_point(Severity::Fault, stay.set_point_c, line, message);
+                self.report_set_point(Severity::Fault, set_point.set_point_c, line, message);
             }
         }
     }
 
-    /// The time between the last row of a set point and the first of the next.
+    /// The time between the last row of a set point and the first row of the next.
     fn soak(&mut self) {
         let (limit, severity) = match self.campaign.soak_s {
             Some(stated) => (stated, Severity::Fault),
@@ -195,17 +201,17 @@ impl Checker<'_> {
                 let message = format!(
                     "its first dwell begins {gap:.0} s after the set point before; {stated} {limit:.0} s of soak"
                 );
-                self.of_set_point(severity, after.set_point_c, Some(after.lines[0]), message);
+                self.report_set_point(severity, after.set_point_c, Some(after.lines[0]), message);
             }
         }
     }
 
-    /// What the intervals add up to against the time that passed, and dwells that are cut short.
+    /// The sum of the intervals against the elapsed time, and dwells that are cut short.
     fn time(&mut self) {
         let elapsed = |dwell: &Dwell| dwell.time_ns[1].saturating_sub(dwell.time_ns[0]) as f64 / 1e9;
         let ratio = median(self.dwells.iter().map(|dwell| dwell.sums.seconds / elapsed(dwell)));
         let line = self.dwells.first().map(|dwell| dwell.lines[0]);
-        if !(1.0 - CLOCKS..=1.0 + CLOCKS).contains(&ratio) {
+        if !(1.0 - CLOCK_TOLERANCE..=1.0 + CLOCK_TOLERANCE).contains(&ratio) {
             let (severity, cause) = if ratio > 1.0 {
                 (Severity::Fault, "pulses are counted twice, or interval_ns is not in ns")
             } else {
@@ -220,18 +226,19 @@ impl Checker<'_> {
         let usual = median(self.dwells.iter().map(|dwell| dwell.sums.seconds));
         for dwell in 0..self.dwells.len() {
             let (seconds, lines) = (self.dwells[dwell].sums.seconds, self.dwells[dwell].lines);
-            if seconds < SHORT * usual {
+            if seconds < SHORT_DWELL * usual {
                 let message = format!("{seconds:.1} s only, others have {usual:.1} s; is the file cut?");
-                self.of_dwell(Severity::Warning, dwell, lines[1], message);
+                self.report_dwell(Severity::Warning, dwell, lines[1], message);
             }
         }
     }
 
-    fn telemetry(&mut self, stays: &[SetPoint]) {
-        type Place = fn(&Block) -> &[[f64; 2]; AXES];
-        let places: [(&str, Place); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
+    /// Sensors that do not react, dwells and set points that were not settled, set points that were not reached.
+    fn telemetry(&mut self, set_points: &[SetPoint]) {
+        type TelemetryRanges = fn(&Block) -> &[[f64; 2]; AXES];
+        let sensors: [(&str, TelemetryRanges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
         for axis in 0..AXES {
-            for (name, of) in places {
+            for (name, of) in sensors {
                 let of_dwell = |dwell: &Dwell| range(dwell.blocks.iter().map(|block| of(block)[axis]));
                 let middle = |dwell: &Dwell| {
                     median(dwell.blocks.iter().map(|block| {
@@ -239,9 +246,9 @@ impl Checker<'_> {
                         0.5 * (low + high)
                     }))
                 };
-                let means: Vec<f64> = stays
+                let means: Vec<f64> = set_points
                     .iter()
-                    .map(|stay| median(stay.dwells.iter().map(|&dwell| middle(&self.dwells[dwell]))))
+                    .map(|set_point| median(set_point.dwells.iter().map(|&dwell| middle(&self.dwells[dwell]))))
                     .collect();
                 let mut steps = means.clone();
                 steps.sort_by(f64::total_cmp);
@@ -252,62 +259,69 @@ impl Checker<'_> {
                     self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
                     continue;
                 }
-                // A reading that moves in no digit from one set point to another is dead.
-                let dead = |dwell: &Dwell| Some(of_dwell(dwell)).filter(|[low, high]| low == high).map(|[low, _]| low);
+                // A sensor whose reading is exactly the same in two dwells at different set points does not work.
+                let constant =
+                    |dwell: &Dwell| Some(of_dwell(dwell)).filter(|[low, high]| low == high).map(|[low, _]| low);
                 let stuck = (1..self.dwells.len()).find(|&dwell| {
                     let (before, after) = (&self.dwells[dwell - 1], &self.dwells[dwell]);
-                    before.set_point_c != after.set_point_c && dead(before).is_some() && dead(before) == dead(after)
+                    before.set_point_c != after.set_point_c
+                        && constant(before).is_some()
+                        && constant(before) == constant(after)
                 });
                 if let Some(dwell) = stuck {
                     let line = self.dwells[dwell].lines[0];
                     let message = format!(
                         "{column} does not move from the set point before in any digit; is the sensor connected?"
                     );
-                    self.of_dwell(Severity::Fault, dwell, line, message);
+                    self.report_dwell(Severity::Fault, dwell, line, message);
                     continue;
                 }
                 for dwell in 0..self.dwells.len() {
                     let [low, high] = of_dwell(&self.dwells[dwell]);
                     if high - low > DWELL_DRIFT * step {
                         let usual = middle(&self.dwells[dwell]);
-                        let wild = |block: &&Block| {
+                        let is_off = |block: &&Block| {
                             let [low, high] = of(block)[axis];
                             (low - usual).abs().max((high - usual).abs()) > 0.5 * DWELL_DRIFT * step
                         };
-                        let line =
-                            self.dwells[dwell].blocks.iter().find(wild).map_or(self.dwells[dwell].lines[0], |b| b.line);
+                        let line = self.dwells[dwell]
+                            .blocks
+                            .iter()
+                            .find(is_off)
+                            .map_or(self.dwells[dwell].lines[0], |b| b.line);
                         let message = format!(
                             "{column} runs from {low} to {high} within the dwell, while set points are {step:.3} apart: a broken \
                              reading, or a temperature that was not settled; mend the rows or leave the dwell out with --exclude"
                         );
-                        self.of_dwell(Severity::Fault, dwell, line, message);
+                        self.report_dwell(Severity::Fault, dwell, line, message);
                     }
                 }
-                for (stay, mean) in stays.iter().zip(&means) {
-                    let [low, high] = range(stay.dwells.iter().map(|&dwell| [middle(&self.dwells[dwell]); 2]));
+                for (set_point, mean) in set_points.iter().zip(&means) {
+                    let [low, high] = range(set_point.dwells.iter().map(|&dwell| [middle(&self.dwells[dwell]); 2]));
                     if high - low > SET_POINT_DRIFT * step {
-                        let line = stay.dwells.first().map(|&dwell| self.dwells[dwell].lines[0]);
+                        let line = set_point.dwells.first().map(|&dwell| self.dwells[dwell].lines[0]);
                         let message = format!(
                             "{column} moves from {low:.4} to {high:.4} while the set point is measured: the soak was too short"
                         );
-                        self.of_set_point(Severity::Warning, stay.set_point_c, line, message);
+                        self.report_set_point(Severity::Warning, set_point.set_point_c, line, message);
                     }
-                    // A set point of the same name that reads like another one was never reached.
-                    let other = stays.iter().zip(&means).find(|(other, value)| {
-                        other.set_point_c < stay.set_point_c && (*value - mean).abs() < 0.1 * step
+                    // If two different set points have the same telemetry, one of them was not reached.
+                    let other = set_points.iter().zip(&means).find(|(other, value)| {
+                        other.set_point_c < set_point.set_point_c && (*value - mean).abs() < 0.1 * step
                     });
                     if let Some((other, _)) = other {
                         let message = format!(
                             "{column} reads as at {} degC ({mean:.4}); was the set point reached?",
                             other.set_point_c
                         );
-                        self.of_set_point(Severity::Warning, stay.set_point_c, None, message);
+                        self.report_set_point(Severity::Warning, set_point.set_point_c, None, message);
                     }
                 }
             }
         }
     }
 
+    /// Rates at the campaign's `max_rate`, and converters that are full.
     fn saturation(&mut self) {
         self.plateaus();
         let Some(limit) = self.campaign.max_rate else { return };
@@ -316,13 +330,13 @@ impl Checker<'_> {
                 let full = self.dwells[dwell].blocks.iter().find(|block| block.rate[axis] >= limit);
                 if let Some((line, rate)) = full.map(|block| (block.line, block.rate[axis])) {
                     let message = format!("{name} counts {rate:.0} pulse/s, max_rate is {limit:.0}: saturated");
-                    self.of_dwell(Severity::Fault, dwell, line, message);
+                    self.report_dwell(Severity::Fault, dwell, line, message);
                 }
             }
         }
     }
 
-    /// A converter that is full gives the same count in every row, at one set point as at another.
+    /// Finds saturated converters: they give the same count in every row, at different set points.
     fn plateaus(&mut self) {
         for (axis, name) in AXIS_NAMES.iter().enumerate() {
             for (channel, sign) in ["+", "-"].iter().enumerate() {
@@ -344,13 +358,13 @@ impl Checker<'_> {
                         "the {sign} channel of {name} gives the same {most:.0} pulse/s in every row, here and at {} degC: is it saturated?",
                         self.dwells[last].set_point_c
                     );
-                    self.of_dwell(Severity::Warning, first, self.dwells[first].lines[0], message);
+                    self.report_dwell(Severity::Warning, first, self.dwells[first].lines[0], message);
                 }
             }
         }
     }
 
-    /// Scale factors good to a percent, from the positions that point up or down: `[K+, -K-]`.
+    /// Approximate scale factors `[K+, -K-]`, from the positions that point up or down \[pulse/s per local gravity\].
     fn nominal(&self, axis: usize) -> [f64; 2] {
         let of = |sign: f64, channel: usize| {
             let forces = self.campaign.positions.iter().map(|position| position.specific_force[axis] * sign);
@@ -363,18 +377,18 @@ impl Checker<'_> {
         [of(1.0, 0), of(-1.0, 1)]
     }
 
-    /// Whether the dwells of a set point agree on scale factors of the right sign.
-    fn makes_sense(&self, stay: &SetPoint, axis: usize) -> bool {
-        let dwells: Vec<_> = stay.dwells.iter().map(|&dwell| &self.dwells[dwell]).collect();
+    /// Whether the dwells of a set point agree with each other and give scale factors of the right sign.
+    fn is_consistent(&self, set_point: &SetPoint, axis: usize) -> bool {
+        let dwells: Vec<_> = set_point.dwells.iter().map(|&dwell| &self.dwells[dwell]).collect();
         reduce(self.campaign, &dwells, axis, None).is_some_and(|reduced| {
             let [_, k_plus, k_minus, ..] = reduced.values;
-            // Nothing is left over where there are as many dwells as parameters.
+            // The residual is NaN if there are as many dwells as parameters.
             (reduced.residual_sd < MOVED || reduced.residual_sd.is_nan()) && k_plus > 0.0 && k_minus < 0.0
         })
     }
 
-    /// What is indicated against what the position asks for.
-    fn forces(&mut self, stays: &[SetPoint]) {
+    /// The indicated specific force against the one of the position.
+    fn forces(&mut self, set_points: &[SetPoint]) {
         let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
         for (axis, name) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
@@ -394,8 +408,8 @@ impl Checker<'_> {
             if [up, down].iter().any(|k| k.is_nan() || *k <= 1.0) {
                 continue;
             }
-            // A large bias shifts all readings alike; then each set point still makes sense by itself.
-            if stays.iter().all(|stay| self.makes_sense(stay, axis)) {
+            // A large bias shifts all readings by the same amount; the dwells of each set point are then still consistent.
+            if set_points.iter().all(|set_point| self.is_consistent(set_point, axis)) {
                 continue;
             }
             for dwell in 0..self.dwells.len() {
@@ -407,13 +421,13 @@ impl Checker<'_> {
                         "{name} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the table moved; \
                          mend the rows or leave the dwell out with --exclude"
                     );
-                    self.of_dwell(Severity::Fault, dwell, self.dwells[dwell].lines[0], message);
+                    self.report_dwell(Severity::Fault, dwell, self.dwells[dwell].lines[0], message);
                 }
             }
         }
     }
 
-    /// No part of a dwell may differ from the rest.
+    /// Whether all blocks of a dwell agree.
     fn still(&mut self) {
         for (axis, name) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
@@ -426,7 +440,7 @@ impl Checker<'_> {
                 let values: Vec<f64> = blocks.iter().map(indicated).collect();
                 let middle = median(values.iter().copied());
                 let off: Vec<f64> = values.iter().map(|value| value - middle).collect();
-                // A few pulses more or less are no motion.
+                // Pulses are whole numbers: a difference of up to four is no motion.
                 let pulse = 4.0 / (up.min(down) * median(blocks.iter().map(|block| block.sums.seconds)));
                 let limit = STILL * robust_sd(&off) + STILL_FLOOR + pulse;
                 let worst = (0..off.len()).max_by(|&a, &b| off[a].abs().total_cmp(&off[b].abs()));
@@ -438,7 +452,7 @@ impl Checker<'_> {
                         name,
                         off[worst] * 1e6
                     );
-                    self.of_dwell(severity, dwell, line, message);
+                    self.report_dwell(severity, dwell, line, message);
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! A fitted polynomial of telemetry with what is known about its error.
+//! A fitted polynomial of telemetry, with the covariance of its coefficients.
 
 use crate::double_double::DoubleDouble;
 use crate::regression::{Regression, expansion};
@@ -6,10 +6,10 @@ use isotherm_shared::polynomial::Polynomial;
 use nalgebra::{DMatrix, DVector};
 use statrs::function::beta::inv_beta_reg;
 
-/// Rounding of a table's polynomial that does not matter, relative to its largest value.
-const ROUNDING: f64 = 1e-11;
-/// Places at which that is looked at.
-const PLACES: u32 = 64;
+/// Largest acceptable rounding error of a table's polynomial, relative to its largest value.
+const MAX_ROUNDING: f64 = 1e-11;
+/// The rounding error is checked at the ends of this many equal steps over the range.
+const CHECK_POINTS: u32 = 64;
 
 /// A polynomial of (U - center)/scale with the covariance of its coefficients.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +23,8 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// From coefficients of the centred and scaled telemetry, ascending; without degrees of freedom there is no covariance.
+    /// A curve from coefficients of the centred and scaled telemetry, ascending. Without degrees of freedom, the covariance
+    /// is dropped.
     #[must_use]
     pub fn new(
         [center, scale]: [f64; 2],
@@ -35,7 +36,7 @@ impl Curve {
         Self { center, scale, coefficients, covariance: covariance.filter(|_| freedom > 0), freedom, range }
     }
 
-    /// The fit of `order`.
+    /// The curve of the fit of `order`.
     #[must_use]
     pub fn of(regression: &Regression, order: usize, range: [f64; 2]) -> Self {
         let (coefficients, covariance) = regression.centred(order);
@@ -55,25 +56,25 @@ impl Curve {
         self.range
     }
 
-    /// Degrees of freedom that the error was estimated from.
+    /// Degrees of freedom of the covariance.
     #[must_use]
     pub const fn freedom(&self) -> usize {
         self.freedom
     }
 
-    /// Centre and scale.
+    /// Centre and scale of the telemetry.
     #[must_use]
     pub const fn basis(&self) -> [f64; 2] {
         [self.center, self.scale]
     }
 
-    /// Of the powers of the centred and scaled telemetry, ascending.
+    /// Coefficients of the powers of the centred and scaled telemetry, ascending.
     #[must_use]
     pub const fn coefficients(&self) -> &DVector<f64> {
         &self.coefficients
     }
 
-    /// Powers of the centred and scaled telemetry.
+    /// Powers of the centred and scaled telemetry, ascending.
     #[must_use]
     pub fn powers(&self, telemetry: f64) -> DVector<f64> {
         let x = (telemetry - self.center) / self.scale;
@@ -101,13 +102,13 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| powers.dot(&(covariance * &powers)).max(0.0).sqrt())
     }
 
-    /// Half the width of the interval that holds the true value at `telemetry` with probability `level`.
+    /// Half width of the confidence interval of the value at `telemetry`, at confidence `level`, 0 to 1.
     #[must_use]
     pub fn interval(&self, telemetry: f64, level: f64) -> Option<f64> {
-        Some(self.standard_error(telemetry)? * student(level, self.freedom))
+        Some(self.standard_error(telemetry)? * student_quantile(level, self.freedom))
     }
 
-    /// Coefficients of the powers of the raw telemetry, ascending; expanded exactly, then rounded once.
+    /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.
     #[must_use]
     pub fn raw(&self) -> Vec<f64> {
         let count = self.coefficients.len();
@@ -128,8 +129,8 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| &matrix * covariance * matrix.transpose())
     }
 
-    /// The polynomial that a table holds, its value multiplied by `factor`: of the powers of the raw telemetry, or, where these
-    /// would cancel each other's digits, of the centred and scaled one. `None` if the order is too high for a table.
+    /// The polynomial for a table, multiplied by `factor`. It has powers of the raw telemetry, or of the centred and scaled
+    /// telemetry if cancellation between the raw powers would lose digits. `None` if the order is too high for a table.
     #[must_use]
     pub fn polynomial(&self, factor: f64) -> Option<Polynomial> {
         let scaled = |coefficients: &[f64]| coefficients.iter().map(|c| c * factor).collect::<Vec<_>>();
@@ -140,18 +141,18 @@ impl Curve {
         }
     }
 
-    /// Whether the powers of the raw telemetry are good enough for the table.
+    /// Whether the powers of the raw telemetry are accurate enough for the table.
     #[must_use]
     pub fn is_raw(&self) -> bool {
         let Some(raw) = Polynomial::new(&self.raw(), 0.0, 1.0, self.range) else { return false };
         let [low, high] = self.range;
-        let places = (0..=PLACES).map(|i| low + (high - low) * f64::from(i) / f64::from(PLACES));
+        let points = (0..=CHECK_POINTS).map(|i| low + (high - low) * f64::from(i) / f64::from(CHECK_POINTS));
         let (mut size, mut error) = (0.0_f64, 0.0_f64);
-        for place in places {
-            size = size.max(self.at(place).abs());
-            error = error.max((raw.at(place) - self.at(place)).abs());
+        for point in points {
+            size = size.max(self.at(point).abs());
+            error = error.max((raw.at(point) - self.at(point)).abs());
         }
-        error <= ROUNDING * size
+        error <= MAX_ROUNDING * size
     }
 
     /// Covariance of the coefficients that [`polynomial`](Self::polynomial) gives, for a factor of 1.
@@ -161,9 +162,9 @@ impl Curve {
     }
 }
 
-/// Student's t: |t| with `freedom` degrees of freedom stays below this with probability `level`.
+/// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `level`.
 #[must_use]
-pub fn student(level: f64, freedom: usize) -> f64 {
+pub fn student_quantile(level: f64, freedom: usize) -> f64 {
     let n = freedom as f64;
     // t^2 is F with 1 and n degrees of freedom; n/(n + t^2) follows the beta distribution.
     let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - level);
@@ -176,11 +177,11 @@ mod tests {
     use crate::regression::DataPoint;
 
     #[test]
-    fn student_is_that_of_the_tables() {
+    fn student_quantile_matches_printed_tables() {
         for (freedom, right) in [(1, 12.706_205), (11, 2.200_985), (100, 1.983_972)] {
-            assert!((student(0.95, freedom) - right).abs() < 1e-5, "{}", student(0.95, freedom));
+            assert!((student_quantile(0.95, freedom) - right).abs() < 1e-5, "{}", student_quantile(0.95, freedom));
         }
-        assert!((student(0.682_689_492, 10) - 1.0526).abs() < 1e-3);
+        assert!((student_quantile(0.682_689_492, 10) - 1.0526).abs() < 1e-3);
     }
 
     #[test]

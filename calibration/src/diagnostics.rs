@@ -1,45 +1,45 @@
-//! What makes F and the standard errors lie: residuals that are not independent, a gap between heating and cooling,
-//! single points that do not belong.
+//! Conditions that invalidate F and the standard errors: residuals that are not independent, a difference between heating
+//! and cooling, outliers.
 
 use crate::regression::{Regression, f_tail};
 use core::cmp::Ordering;
 use serde::Serialize;
 
-/// A finding is reported when chance would bring it less often than this.
-const CHANCE: f64 = 0.01;
-/// Fewer points than this on a leg are neither heating nor cooling.
-const LEG: usize = 4;
-/// A turn smaller than this part of the whole range is noise.
-const TURN: f64 = 0.1;
-/// Normal deviates that a residual may reach, by the scale of the other residuals.
+/// A warning is given if the probability of the statistic by chance is below this.
+const SIGNIFICANCE: f64 = 0.01;
+/// Fewest points of a leg, and of all legs of one direction, for the comparison of heating and cooling.
+const MIN_LEG: usize = 4;
+/// A reversal of x by less than this part of its range is noise.
+const MIN_TURN: f64 = 0.1;
+/// A residual over this many robust standard deviations is an outlier.
 const OUTLIER: f64 = 6.0;
 
-/// What was found in the residuals of a fit.
+/// The diagnostics of a fit's residuals.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Diagnostics {
-    /// Lag-1 correlation of neighbouring residuals in the order of the data, and its probability by chance.
+    /// Lag-1 correlation of the residuals in the order of the data.
     pub lag1: Option<Test>,
-    /// Runs of equal sign along x: the normal deviate (negative: too few runs), and its probability by chance.
+    /// Runs of equal sign along x, as a normal deviate; negative for too few runs.
     pub runs: Option<Test>,
-    /// Mean residual while x rises less that while it falls, in the unit of y, and its probability by chance.
+    /// Mean residual while x rises minus mean residual while it falls, in the unit of y.
     pub heating_cooling: Option<Test>,
-    /// Indices of points whose residuals are out of all proportion.
+    /// Indices of points whose residuals are outliers.
     pub outliers: Vec<usize>,
-    /// What of it matters, in words.
+    /// A message for each significant statistic.
     pub warnings: Vec<String>,
 }
 
-/// A statistic and the probability of one as extreme by chance.
+/// A test: a statistic and its probability by chance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Test {
     /// The statistic.
     pub value: f64,
-    /// Probability.
+    /// Probability of a statistic at least as extreme by chance.
     pub p: f64,
 }
 
 impl Diagnostics {
-    /// Looks at the residuals of `order`. A perfect fit has nothing to look at.
+    /// The diagnostics of the fit of `order`; empty for a perfect fit.
     #[must_use]
     pub fn of(regression: &Regression, order: usize) -> Self {
         if regression.fits()[order].sse == 0.0 {
@@ -54,21 +54,21 @@ impl Diagnostics {
         let heating_cooling = heating_cooling(&x, &residuals);
         let outliers = outliers(&scaled);
         let mut warnings = Vec::new();
-        if let Some(test) = lag1.filter(|test| test.p < CHANCE && test.value > 0.0) {
+        if let Some(test) = lag1.filter(|test| test.p < SIGNIFICANCE && test.value > 0.0) {
             warnings.push(format!(
                 "neighbouring residuals are correlated (lag-1 correlation {:.2}, p {:.1e}): F and the standard errors are \
                  too favourable; fit means over whole dwells instead of single samples",
                 test.value, test.p
             ));
         }
-        if let Some(test) = runs.filter(|test| test.p < CHANCE && test.value < 0.0) {
+        if let Some(test) = runs.filter(|test| test.p < SIGNIFICANCE && test.value < 0.0) {
             warnings.push(format!(
                 "the residuals keep their sign along x (runs test: deviate {:.1}, p {:.1e}): the order is too low, or the \
                  points share errors; F and the standard errors are too favourable",
                 test.value, test.p
             ));
         }
-        if let Some(test) = heating_cooling.filter(|test| test.p < CHANCE) {
+        if let Some(test) = heating_cooling.filter(|test| test.p < SIGNIFICANCE) {
             warnings.push(format!(
                 "heating and cooling differ by {:.3e} (mean residual while x rises less that while it falls, p {:.1e}): \
                  hysteresis or thermal lag, which no polynomial of x removes and F does not see; soak longer, or give \
@@ -97,8 +97,8 @@ fn lag1(residuals: &[f64]) -> Option<Test> {
 
 /// Wald and Wolfowitz: the number of runs of equal sign along x.
 ///
-/// A fitted polynomial of order m makes the residuals change their sign at least m + 1 times, so only too few runs mean
-/// something.
+/// The residuals of a fitted polynomial of order m change their sign at least m + 1 times, so only too few runs are
+/// significant.
 fn runs(x: &[f64], residuals: &[f64], order: usize) -> Option<Test> {
     let mut along: Vec<_> = (0..x.len()).filter(|&i| residuals[i] != 0.0).collect();
     along.sort_by(|&a, &b| x[a].partial_cmp(&x[b]).unwrap_or(Ordering::Equal));
@@ -115,10 +115,11 @@ fn runs(x: &[f64], residuals: &[f64], order: usize) -> Option<Test> {
     Some(Test { value, p: normal_p(value) })
 }
 
-/// Splits the data, in their order, where x turns by more than [`TURN`] of its range. `true` is a rising leg.
+/// Splits the data, in their order, into legs where x reverses by at least [`MIN_TURN`] of its range; `true` for a rising
+/// leg.
 fn legs(x: &[f64]) -> Vec<(bool, core::ops::Range<usize>)> {
     let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
-    let turn = TURN * (high - low);
+    let turn = MIN_TURN * (high - low);
     let (mut legs, mut start, mut extreme, mut rising) = (Vec::new(), 0, 0, None);
     for i in 1..x.len() {
         match rising {
@@ -137,9 +138,10 @@ fn legs(x: &[f64]) -> Vec<(bool, core::ops::Range<usize>)> {
     legs
 }
 
-/// Mean residual on rising legs less that on falling ones, if the data have both and little else.
+/// Mean residual on rising legs minus mean residual on falling legs. `None` without both, or if such legs have under 80 %
+/// of the points.
 fn heating_cooling(x: &[f64], residuals: &[f64]) -> Option<Test> {
-    let legs: Vec<_> = legs(x).into_iter().filter(|(_, leg)| leg.len() >= LEG).collect();
+    let legs: Vec<_> = legs(x).into_iter().filter(|(_, leg)| leg.len() >= MIN_LEG).collect();
     let count: usize = legs.iter().map(|(_, leg)| leg.len()).sum();
     if 5 * count < 4 * x.len() {
         return None;
@@ -149,7 +151,7 @@ fn heating_cooling(x: &[f64], residuals: &[f64]) -> Option<Test> {
         legs.flat_map(|(_, leg)| residuals[leg.clone()].iter().copied()).collect()
     };
     let (up, down) = (of(true), of(false));
-    if up.len() < LEG || down.len() < LEG {
+    if up.len() < MIN_LEG || down.len() < MIN_LEG {
         return None;
     }
     let (up_mean, up_variance) = mean_variance(&up);
@@ -166,7 +168,7 @@ fn mean_variance(values: &[f64]) -> (f64, f64) {
     (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0))
 }
 
-/// Median of the values that are numbers; NaN if there are none.
+/// Median of the values that are not NaN; NaN if there are none.
 #[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().filter(|v| !v.is_nan()).collect();
@@ -178,7 +180,7 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     }
 }
 
-/// Standard deviation of normal values from the median of their sizes, which single wild ones do not spoil.
+/// Estimate of a standard deviation from the median of the absolute values. A few outliers change it little.
 #[must_use]
 pub fn robust_sd(values: &[f64]) -> f64 {
     1.4826 * median(values.iter().map(|v| v.abs()))
@@ -201,7 +203,7 @@ mod tests {
         Regression::new(points.map(|(x, y)| DataPoint::new(x, y)).collect(), order).unwrap()
     }
 
-    /// A scatter without pattern.
+    /// Pseudo-random numbers, -0.5 to 0.5.
     fn noise(i: u32) -> f64 {
         let mut z = u64::from(i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -226,7 +228,7 @@ mod tests {
 
     #[test]
     fn heating_and_cooling_are_compared() {
-        // Up 0..29, then down again; cooling reads 0.5 less.
+        // x rises from 0 to 29, then falls back; while it falls, y is lower by `size`.
         let x = |i: u32| if i < 30 { f64::from(i) } else { f64::from(59 - i) };
         let gap = |size: f64| {
             let fit = regression((0..60).map(|i| (x(i), noise(i) - if i < 30 { 0.0 } else { size })), 2);
@@ -235,7 +237,7 @@ mod tests {
         assert!((gap(1.0).heating_cooling.unwrap().value - 1.0).abs() < 0.2);
         assert!(gap(1.0).warnings.iter().any(|warning| warning.starts_with("heating and cooling")));
         assert!(!gap(0.0).warnings.iter().any(|warning| warning.starts_with("heating and cooling")));
-        // In one direction, or in no order at all, there is nothing to compare.
+        // With one direction only, or without order, there is nothing to compare.
         let fit = regression((0..60).map(|i| (f64::from(i), noise(i))), 2);
         assert_eq!(Diagnostics::of(&fit, 1).heating_cooling, None);
         let fit = regression((0..60).map(|i| (f64::from(i * 37 % 61), noise(i))), 2);
@@ -243,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wild_point_is_named() {
+    fn an_outlier_is_named() {
         let y = |i: u32| noise(i) + if i == 17 { 9.0 } else { 0.0 };
         let fit = regression((0..60).map(|i| (f64::from(i), y(i))), 2);
         assert_eq!(Diagnostics::of(&fit, 1).outliers, [17]);

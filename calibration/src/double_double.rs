@@ -1,9 +1,9 @@
 //! Numbers of about 32 decimal digits: an unevaluated sum of two doubles, `hi + lo` with `|lo| <= ulp(hi)/2`.
 //!
-//! A regression's data are decimals that a double cannot hold (0.1 is none), and on ill-conditioned sets what is lost in
-//! reading them already spoils half the digits of the result. So text is read into a [`DoubleDouble`] and the whole
-//! factorisation works in it. Algorithms: Dekker (1971), Knuth (TAOCP 2, 4.2.2), Hida, Li and Bailey (2001).
-//! Magnitudes must stay between about 1e-140 and 1e140; beyond, results degrade to doubles or become infinite or NaN.
+//! The data of a regression are decimals that a double cannot represent exactly, such as 0.1. On ill-conditioned data sets
+//! this rounding alone costs half the digits of the result. Text is therefore read into a [`DoubleDouble`], and the whole
+//! factorisation uses it. Algorithms: Dekker (1971), Knuth (TAOCP 2, 4.2.2), Hida, Li and Bailey (2001). Magnitudes must be
+//! between about 1e-140 and 1e140; outside, results degrade to doubles or become infinite or NaN.
 
 use core::cmp::Ordering;
 use core::iter::Sum;
@@ -55,13 +55,13 @@ impl DoubleDouble {
         self.hi
     }
 
-    /// Whether it is a number.
+    /// Whether it is neither infinite nor NaN.
     #[must_use]
     pub const fn is_finite(self) -> bool {
         self.hi.is_finite() && self.lo.is_finite()
     }
 
-    /// Without its sign.
+    /// The absolute value.
     #[must_use]
     pub fn abs(self) -> Self {
         if self.hi < 0.0 { -self } else { self }
@@ -73,7 +73,7 @@ impl DoubleDouble {
         if self.hi == 0.0 {
             return Self::ZERO;
         }
-        // One Newton step from the double's root doubles its digits.
+        // One Newton step doubles the number of correct digits.
         let root = self.hi.sqrt();
         let error = self - Self::from(root) * Self::from(root);
         Self::from(root) + Self::from(error.hi / (2.0 * root))
@@ -88,11 +88,11 @@ impl DoubleDouble {
         })
     }
 
-    /// Reads a decimal number, for example `-1.25`, `.5` or `6.02E+23`, to about 31 digits. `None` if it is none, or not
-    /// between 1e-140 and 1e140 in size (0 is).
+    /// Reads a decimal number, for example `-1.25`, `.5` or `6.02E+23`, to about 31 digits. `None` if the text is not a
+    /// number, or if its magnitude is neither 0 nor between 1e-140 and 1e140.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        // The double decides what a number is.
+        // The parser of f64 decides what is a number.
         let nearest: f64 = text.parse().ok()?;
         if nearest == 0.0 {
             return Some(Self::ZERO);
@@ -125,7 +125,7 @@ impl DoubleDouble {
     }
 
     fn from_integer(integer: u128) -> Self {
-        // Pieces of 40 bits are exact doubles.
+        // A piece of 40 bits is exact as a double.
         let piece = |shift: u32| Self::from(((integer >> shift) & ((1 << 40) - 1)) as f64);
         let shift = Self::from((1_u64 << 40) as f64);
         (piece(80) * shift + piece(40)) * shift + piece(0)
@@ -178,7 +178,7 @@ impl Div for DoubleDouble {
     type Output = Self;
 
     fn div(self, other: Self) -> Self {
-        // Long division, a double's worth of digits at a time.
+        // Long division: each quotient adds the digits of one double.
         let first = self.hi / other.hi;
         let rest = self - other * Self::from(first);
         let second = rest.hi / other.hi;
@@ -229,7 +229,7 @@ mod tests {
         let third = DoubleDouble::ONE / DoubleDouble::from(3.0);
         assert!(error(DoubleDouble::parse("0.33333333333333333333333333333333333").unwrap(), third) < 1e-31);
         assert!(error(DoubleDouble::parse("-3333333333333333333333333333333333.33E-034").unwrap(), -third) < 1e-31);
-        // A double holds a tenth to 17 digits; what it lacks is in the second part.
+        // The nearest double is right to 17 digits; `lo` holds its error.
         let tenth = DoubleDouble::parse(".1").unwrap();
         assert_eq!(tenth.hi, 0.1);
         assert!((tenth.lo + 5.551_115_123_125_783e-18).abs() < 1e-33, "{}", tenth.lo);

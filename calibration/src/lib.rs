@@ -1,6 +1,6 @@
 //! From a campaign on a two-axis turntable in a temperature chamber to a coefficient table, and back.
 //!
-//! This crate opens no file and starts no thread. It reads the clock for the time in a table's provenance alone.
+//! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
 
 pub mod calibrate;
 pub mod campaign;

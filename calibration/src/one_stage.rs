@@ -1,124 +1,127 @@
-//! All dwells of a campaign at once, each with its own telemetry.
+//! The joint fit: all dwells of a campaign at once, each with its own telemetry.
 //!
 //! Reducing each set point first and fitting polynomials afterwards mixes the temperature's drift between positions into
-//! the scale factors. Here every dwell d of accelerometer a has one equation, and all coefficients are estimated together by
-//! Gauss-Newton with a QR factorisation:
+//! the scale factors. Here every dwell d gives one equation for each accelerometer a, and all coefficients are estimated
+//! together by Gauss-Newton with a QR factorisation:
 //!
 //! ```text
 //! residual = rate+/K+(U_board) + rate-/K-(U_board) - sum over b of M_ab f_b - A(U_head)                [g0]
 //! f = (g_local/g0) * (direction of the position + its change by the base's tilt),   M_aa = 1
 //! ```
-//! The residual is in g0. In pulses per second a horizontal pair that straddles zero would be weighted by two different K, the
-//! level error would no longer cancel, and the bias could be wrong by whole ug0.
+//! The residual is in g0. In pulses per second, the two readings of a horizontal pair with opposite signs would have the
+//! weights of two different K. The level error would then not cancel, and the bias could be wrong by several ug0.
 //!
-//! The base's tilt about two axes is estimated with the rest wherever the file gives the turntable's angles: six faces at two
-//! headings cancel it anyway, other lists of positions do not.
+//! The base's tilt about two axes is estimated too if the campaign file gives the turntable's angles. With six faces at two
+//! headings the tilt cancels anyway; with other lists of positions it does not.
 //!
 //! # Errors
-//! Dwells of one set point share errors (repeatability, hysteresis), so the scatter *between* set points counts, not the
-//! one between dwells. The residuals of each set point are reduced to what they say about its 17 parameters (A, K+, K-, m, m of
-//! three accelerometers, and the tilt); the covariance S of these, over the degrees of freedom that the curves leave, is
-//! carried through the estimator, with H = J'J:
+//! Dwells of one set point share errors (repeatability, hysteresis), so the standard errors come from the scatter *between*
+//! set points, not between dwells. From the residuals of each set point, the deviations of its 17 parameters (A, K+, K-, m,
+//! m of three accelerometers, and the tilt) from the fit are estimated. S is the covariance of these deviations over the
+//! set points, with the degrees of freedom that the curves leave. It is propagated through the estimator, with H = J'J:
 //!
 //! ```text
 //! cov = H^-1 ( sum over set points of B S B' ) H^-1,     B = J' L,   L: derivatives by the set point's parameters
 //! ```
+//!
+//! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
 use crate::campaign::{Campaign, Dwell};
 use crate::checks::SetPoint;
-use crate::curve::{Curve, student};
+use crate::curve::{Curve, student_quantile};
 use crate::positions::PARAMETERS;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
 
-/// Gauss-Newton steps; it converges in four or five.
+/// Most Gauss-Newton steps; four or five are usual.
 const MAX_STEPS: usize = 30;
-/// Condition number beyond which the dwells do not determine the unknowns. The bases are not orthogonal, so that high orders come to
-/// some thousands; a deficiency is far beyond.
+/// Condition number above which the dwells do not determine the unknowns. Powers are not orthogonal, so high orders reach
+/// some thousands; a real deficiency is far above.
 const MAX_CONDITION: f64 = 1e7;
-/// How much worse the condition may become by estimating the tilt too.
+/// The tilt is estimated only if it increases the condition number by less than this factor.
 const MAX_TILT_CONDITION: f64 = 30.0;
-/// Columns for A, K+, K- of each accelerometer; then its two misalignments; then the tilt.
+/// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and its
+/// two misalignments; the tilt comes last.
 const QUANTITIES: usize = 3;
 
 /// Why there is no solution.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum OneStageError {
-    /// More unknowns than the dwells can tell apart.
+    /// The dwells do not determine all unknowns.
     #[error("the dwells do not determine {unknowns} unknowns; take a lower order, or more set points or positions")]
     Undetermined {
-        /// How many.
+        /// Number of unknowns.
         unknowns: usize,
     },
-    /// The steps do not become small.
+    /// The Gauss-Newton steps do not become small.
     #[error("the fit does not converge; the samples contradict the positions")]
     Divergence,
 }
 
-/// One accelerometer's part.
+/// The estimate for one accelerometer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisSolution {
     /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
     pub curves: [Curve; QUANTITIES],
-    /// Onto the next axis and the one after \[rad\].
+    /// Misalignment onto the next axis and onto the one after it \[rad\].
     pub misalignment: [f64; 2],
-    /// Their standard errors, with `freedom` degrees of freedom.
+    /// Standard errors of the misalignments \[rad\], with `freedom` degrees of freedom.
     pub misalignment_error: Option<[f64; 2]>,
     /// Degrees of freedom of the misalignments' standard errors.
     pub freedom: usize,
 }
 
 impl AxisSolution {
-    /// Half the width of the interval that holds a true misalignment with probability `level`.
+    /// Half width of the confidence interval of each misalignment \[rad\] at confidence `level`, 0 to 1.
     #[must_use]
     pub fn misalignment_interval(&self, level: f64) -> Option<[f64; 2]> {
-        self.misalignment_error.map(|errors| errors.map(|error| error * student(level, self.freedom)))
+        self.misalignment_error.map(|errors| errors.map(|error| error * student_quantile(level, self.freedom)))
     }
 }
 
-/// What a set point says about an accelerometer, freed of the drift within it: values (A, K+, K-) at effective telemetry.
+/// The values of one set point: for each accelerometer, A, K+ and K- as (effective telemetry, value).
 pub type SetPointValues = [[(f64, f64); QUANTITIES]; AXES];
 
-/// The estimate.
+/// The estimate for all accelerometers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// A1, A2, A3.
     pub axes: [AxisSolution; AXES],
-    /// Tilt of the base about the laboratory's X and Y \[rad\], where it could be estimated.
+    /// Tilt of the base about the laboratory's X and Y \[rad\], if it could be estimated.
     pub tilt: Option<[f64; 2]>,
-    /// Its standard errors, with one degree of freedom less than there are set points.
+    /// Standard errors of the tilt \[rad\]. The degrees of freedom are the number of set points minus 1.
     pub tilt_error: Option<[f64; 2]>,
     /// Residual of each dwell and accelerometer \[g0\].
     pub residuals: Vec<[f64; AXES]>,
 }
 
-/// One set of curves to start from or to hold.
+/// The curves A, K+, K- of each accelerometer.
 pub type Curves = [[Curve; QUANTITIES]; AXES];
 
-/// Fits everything together. `start` gives orders, centring and first values; dwells in `left_out` do not count, but have
-/// residuals.
+/// Fits all unknowns together. `start` gives the orders, the centring and the first values. The dwells in `left_out` have
+/// residuals, but no influence on the fit.
 ///
 /// # Errors
 /// If the dwells do not determine the unknowns or the steps do not converge.
 pub fn solve(
     campaign: &Campaign,
     dwells: &[Dwell],
-    stays: &[SetPoint],
+    set_points: &[SetPoint],
     start: &Curves,
     left_out: &[usize],
 ) -> Result<Solution, OneStageError> {
-    let mut model = JointModel::new(campaign, dwells, stays, start);
+    let mut model = JointModel::new(campaign, dwells, set_points, start);
     let counted: Vec<bool> = (0..dwells.len()).map(|dwell| !left_out.contains(&dwell)).collect();
     if model.with_tilt {
         let with = model.step(&counted).map_or(f64::INFINITY, |step| step.condition);
         model.with_tilt = false;
         let without = model.step(&counted).map_or(f64::INFINITY, |step| step.condition);
-        // A tilt that these positions cannot tell from the rest is not estimated.
+        // Do not estimate a tilt that these positions cannot separate from the other unknowns.
         model.with_tilt = with < MAX_TILT_CONDITION * without;
     }
     match model.converge(&counted) {
         Err(OneStageError::Divergence) if model.with_tilt => {
-            let mut model = JointModel::new(campaign, dwells, stays, start);
+            let mut model = JointModel::new(campaign, dwells, set_points, start);
             model.with_tilt = false;
             model.converge(&counted)
         }
@@ -126,18 +129,18 @@ pub fn solve(
     }
 }
 
-/// The solution that holds `curves` and the misalignments that `misalignment(axis, k)` gives with their standard errors: residuals
-/// without a fit.
-pub(crate) fn hold(
+/// A solution without a fit: only the residuals are computed. `misalignment(axis, k)` gives each misalignment with its
+/// standard error.
+pub(crate) fn fixed_solution(
     campaign: &Campaign,
     dwells: &[Dwell],
-    stays: &[SetPoint],
+    set_points: &[SetPoint],
     curves: Curves,
     tilt: Option<[f64; 2]>,
     misalignment: impl Fn(usize, usize) -> (f64, f64),
 ) -> Solution {
     let m = [0, 1, 2].map(|axis| [misalignment(axis, 0), misalignment(axis, 1)]);
-    let mut model = JointModel::new(campaign, dwells, stays, &curves);
+    let mut model = JointModel::new(campaign, dwells, set_points, &curves);
     model.with_tilt = tilt.is_some();
     for (k, tilt) in tilt.unwrap_or_default().into_iter().enumerate() {
         model.unknown[model.tilt + k] = tilt;
@@ -149,7 +152,7 @@ pub(crate) fn hold(
     }
     let residual = |dwell: &Dwell| [0, 1, 2].map(|axis| model.row(dwell, axis, |_, _| {}).0);
     let residuals = dwells.iter().map(residual).collect();
-    let freedom = stays.len().saturating_sub(1);
+    let freedom = set_points.len().saturating_sub(1);
     let axis = |(curves, m): ([Curve; QUANTITIES], [(f64, f64); 2])| AxisSolution {
         curves,
         misalignment: m.map(|(value, _)| value),
@@ -160,33 +163,36 @@ pub(crate) fn hold(
     Solution { axes: [(a1, m[0]), (a2, m[1]), (a3, m[2])].map(axis), tilt, tilt_error: None, residuals }
 }
 
+/// The equations of all dwells, and the current values of the unknowns.
 struct JointModel<'a> {
     campaign: &'a Campaign,
     dwells: &'a [Dwell],
-    stays: &'a [SetPoint],
+    set_points: &'a [SetPoint],
     curves: &'a Curves,
-    /// Where each curve's coefficients begin, by axis.
+    /// Index of the first coefficient of each curve, by axis.
     offsets: [[usize; QUANTITIES]; AXES],
+    /// Index of the first misalignment, by axis.
     misalignments: [usize; AXES],
+    /// Index of the tilt.
     tilt: usize,
     with_tilt: bool,
-    /// K is counted in units of this.
+    /// Scaling: a coefficient is its unknown times the unit of its quantity (A, K+, K-).
     unit: [f64; QUANTITIES],
     unknown: DVector<f64>,
 }
 
-/// A linearisation with its solution.
+/// A linearisation and its solution.
 struct NewtonStep {
     jacobian: DMatrix<f64>,
     residual: DVector<f64>,
-    /// H^-1.
+    /// H^-1, with H = J'J.
     inverse: DMatrix<f64>,
     change: DVector<f64>,
     condition: f64,
 }
 
 impl<'a> JointModel<'a> {
-    fn new(campaign: &'a Campaign, dwells: &'a [Dwell], stays: &'a [SetPoint], curves: &'a Curves) -> Self {
+    fn new(campaign: &'a Campaign, dwells: &'a [Dwell], set_points: &'a [SetPoint], curves: &'a Curves) -> Self {
         let mut next = 0;
         let mut take = |count| {
             next += count;
@@ -201,7 +207,7 @@ impl<'a> JointModel<'a> {
             misalignments[axis] = take(2);
         }
         let tilt = take(2);
-        // Biases are far below, scale factors about the size of their unit.
+        // A bias is far below its unit, a scale factor is about as large as its unit.
         let unit = [1e-3, 1e5, 1e5];
         let mut unknown = DVector::zeros(next);
         for axis in 0..AXES {
@@ -212,10 +218,10 @@ impl<'a> JointModel<'a> {
             }
         }
         let with_tilt = campaign.mount.is_some();
-        Self { campaign, dwells, stays, curves, offsets, misalignments, tilt, with_tilt, unit, unknown }
+        Self { campaign, dwells, set_points, curves, offsets, misalignments, tilt, with_tilt, unit, unknown }
     }
 
-    /// Gauss-Newton until the steps vanish.
+    /// Repeats Gauss-Newton steps until they are at rounding level.
     fn converge(&mut self, counted: &[bool]) -> Result<Solution, OneStageError> {
         let undetermined = OneStageError::Undetermined { unknowns: self.unknowns() };
         let mut step = self.step(counted).ok_or(undetermined)?;
@@ -227,12 +233,12 @@ impl<'a> JointModel<'a> {
             let mut unknown = self.unknown.rows_mut(0, step.change.len());
             unknown += &step.change;
             step = self.step(counted).ok_or(undetermined)?;
-            // In units where curves are of order 1.
+            // The unknowns are scaled so that the curves are of order 1.
             if size < 1e-13 {
                 return Ok(self.solution(&step, counted));
             }
         }
-        // Rounding keeps the last steps from becoming any smaller.
+        // Rounding can keep the last steps above the first limit.
         if step.change.amax() < 1e-11 { Ok(self.solution(&step, counted)) } else { Err(OneStageError::Divergence) }
     }
 
@@ -251,7 +257,8 @@ impl<'a> JointModel<'a> {
         self.campaign.force(&self.campaign.positions[dwell.position], self.with_tilt.then_some(tilt))
     }
 
-    /// Residual of one dwell and axis, its derivatives by the unknowns, and by the five parameters of its set point (A, K+, K-, m, m).
+    /// Residual of one dwell and axis \[g0\], and its derivatives by the five parameters of its set point (A, K+, K-, m, m).
+    /// Calls `set(index, derivative)` for each unknown that the residual depends on.
     fn row(&self, dwell: &Dwell, axis: usize, mut set: impl FnMut(usize, f64)) -> (f64, [f64; PARAMETERS]) {
         let (force, by_tilt) = self.force(dwell);
         let others = [(axis + 1) % AXES, (axis + 2) % AXES];
@@ -281,7 +288,7 @@ impl<'a> JointModel<'a> {
         (residual, [by[0], by[1], by[2], -force[others[0]], -force[others[1]]])
     }
 
-    /// Linearises and solves; `None` if the dwells do not determine the unknowns.
+    /// Linearises at the current values and solves; `None` if the dwells do not determine the unknowns.
     fn step(&self, counted: &[bool]) -> Option<NewtonStep> {
         let (rows, columns) = (AXES * self.dwells.len(), self.unknowns());
         let mut jacobian = DMatrix::zeros(rows, columns);
@@ -329,7 +336,7 @@ impl<'a> JointModel<'a> {
 
     fn solution(&self, step: &NewtonStep, counted: &[bool]) -> Solution {
         let covariance = self.covariance(step, counted);
-        let set_points = self.stays.len();
+        let set_point_count = self.set_points.len();
         let block = |offset: usize, count: usize, unit: f64| {
             covariance.as_ref().map(|c| c.view((offset, offset), (count, count)) * (unit * unit))
         };
@@ -339,16 +346,22 @@ impl<'a> JointModel<'a> {
                 let (offset, count) = (self.offsets[axis][quantity], given.order() + 1);
                 let coefficients = self.unknown.rows(offset, count) * self.unit[quantity];
                 let covariance = block(offset, count, self.unit[quantity]);
-                Curve::new(given.basis(), coefficients, covariance, set_points.saturating_sub(count), given.range())
+                Curve::new(
+                    given.basis(),
+                    coefficients,
+                    covariance,
+                    set_point_count.saturating_sub(count),
+                    given.range(),
+                )
             };
             let m = self.misalignments[axis];
             AxisSolution {
                 curves: [curve(0), curve(1), curve(2)],
                 misalignment: [self.unknown[m], self.unknown[m + 1]],
                 misalignment_error: block(m, 2, 1.0)
-                    .filter(|_| set_points > 1)
+                    .filter(|_| set_point_count > 1)
                     .map(|c| [c[(0, 0)].sqrt(), c[(1, 1)].sqrt()]),
-                freedom: set_points.saturating_sub(1),
+                freedom: set_point_count.saturating_sub(1),
             }
         };
         let residual = |d: usize| [0, 1, 2].map(|axis| step.residual[AXES * d + axis]);
@@ -357,18 +370,18 @@ impl<'a> JointModel<'a> {
             tilt: self.with_tilt.then(|| [self.unknown[self.tilt], self.unknown[self.tilt + 1]]),
             tilt_error: covariance
                 .as_ref()
-                .filter(|_| self.with_tilt && set_points > 1)
+                .filter(|_| self.with_tilt && set_point_count > 1)
                 .map(|c| [c[(self.tilt, self.tilt)].sqrt(), c[(self.tilt + 1, self.tilt + 1)].sqrt()]),
             residuals: (0..self.dwells.len()).map(residual).collect(),
         }
     }
 
-    /// L of one set point: derivatives of the residuals by its five parameters of each axis and by the tilt, and the rows of the
-    /// residuals; `None` if an axis has fewer dwells than parameters.
-    fn local(&self, stay: &SetPoint, step: &NewtonStep, counted: &[bool]) -> Option<(Vec<usize>, DMatrix<f64>)> {
-        // K relative, so that all columns are of order 1.
+    /// The rows of one set point in the Jacobian, and L: the derivatives of their residuals by the five parameters of each
+    /// axis and by the tilt. `None` if the set point has fewer dwells than parameters.
+    fn local(&self, set_point: &SetPoint, step: &NewtonStep, counted: &[bool]) -> Option<(Vec<usize>, DMatrix<f64>)> {
+        // K in units of 1e5 pulse/(s*g0), so that all columns are of order 1.
         let size = [1.0, 1e5, 1e5, 1.0, 1.0];
-        let used: Vec<_> = stay.dwells.iter().copied().filter(|&d| counted[d]).collect();
+        let used: Vec<_> = set_point.dwells.iter().copied().filter(|&d| counted[d]).collect();
         if used.len() < PARAMETERS {
             return None;
         }
@@ -391,19 +404,20 @@ impl<'a> JointModel<'a> {
         AXES * PARAMETERS + if self.with_tilt { 2 } else { 0 }
     }
 
-    /// See the module's header; `None` if some set point has fewer dwells than parameters.
+    /// Covariance of the unknowns as in the module's header; `None` if a set point has fewer dwells than parameters.
     fn covariance(&self, step: &NewtonStep, counted: &[bool]) -> Option<DMatrix<f64>> {
         let columns = self.unknowns();
         let mut deltas = Vec::new();
         let mut scores = Vec::new();
-        for stay in self.stays {
-            let (rows, local) = self.local(stay, step, counted)?;
+        for set_point in self.set_points {
+            let (rows, local) = self.local(set_point, step, counted)?;
             let residual = DVector::from_iterator(rows.len(), rows.iter().map(|&row| step.residual[row]));
             let jacobian = DMatrix::from_fn(rows.len(), columns, |i, j| step.jacobian[(rows[i], j)]);
             scores.push(jacobian.transpose() * &local);
             deltas.push(local.pseudo_inverse(1e-9).ok()? * residual);
         }
-        let n = self.stays.len();
+        let n = self.set_points.len();
+        // Degrees of freedom that the fit takes: the coefficients of a curve, or 1 for a constant.
         let spent = |parameter: usize| match (parameter / PARAMETERS, parameter % PARAMETERS) {
             (axis @ 0..AXES, quantity @ 0..QUANTITIES) => self.curves[axis][quantity].order() + 1,
             _ => 1,
@@ -418,21 +432,21 @@ impl<'a> JointModel<'a> {
     }
 }
 
-/// What each set point says about A, K+ and K- once the drift within it is taken off: the curve at its effective telemetry plus what
-/// its residuals say. `None` for a set point that does not tell its parameters apart.
+/// A, K+ and K- of each set point without the drift within it: the curve at the effective telemetry plus the correction
+/// from the set point's residuals. `None` for a set point that does not determine its parameters.
 #[must_use]
 pub fn set_point_values(
     campaign: &Campaign,
     dwells: &[Dwell],
-    stays: &[SetPoint],
+    set_points: &[SetPoint],
     solution: &Solution,
 ) -> Vec<Option<SetPointValues>> {
-    let of = |stay: &SetPoint| -> Option<SetPointValues> {
+    let of = |set_point: &SetPoint| -> Option<SetPointValues> {
         let mut values = [[(0.0, 0.0); QUANTITIES]; 3];
-        let parts: Vec<_> = stay.dwells.iter().map(|&d| &dwells[d]).collect();
+        let parts: Vec<_> = set_point.dwells.iter().map(|&d| &dwells[d]).collect();
         for (axis, values) in values.iter_mut().enumerate() {
             let reduced = crate::reduce::reduce(campaign, &parts, axis, solution.tilt)?;
-            let delta = local_correction(campaign, dwells, stay, solution, axis)?;
+            let delta = local_correction(campaign, dwells, set_point, solution, axis)?;
             for (quantity, value) in values.iter_mut().enumerate() {
                 let telemetry = reduced.telemetry[quantity];
                 let curve = &solution.axes[axis].curves[quantity];
@@ -441,20 +455,21 @@ pub fn set_point_values(
         }
         Some(values)
     };
-    stays.iter().map(of).collect()
+    set_points.iter().map(of).collect()
 }
 
-/// By how much a set point's own A, K+ and K- differ from the curves.
+/// Differences of a set point's own A, K+ and K- from the curves, estimated from its residuals.
 fn local_correction(
     campaign: &Campaign,
     dwells: &[Dwell],
-    stay: &SetPoint,
+    set_point: &SetPoint,
     solution: &Solution,
     axis: usize,
 ) -> Option<[f64; QUANTITIES]> {
     let curves = &solution.axes[axis].curves;
+    // K in units of this, so that all columns are of order 1.
     let size = 1e5;
-    let rows: Vec<_> = stay
+    let rows: Vec<_> = set_point
         .dwells
         .iter()
         .map(|&d| {
@@ -465,8 +480,8 @@ fn local_correction(
         })
         .collect();
     let local = DMatrix::from_fn(rows.len(), PARAMETERS, |i, j| rows[i][j]);
-    let residual = DVector::from_iterator(rows.len(), stay.dwells.iter().map(|&d| solution.residuals[d][axis]));
-    // The parameters' change that would make the residuals vanish.
+    let residual = DVector::from_iterator(rows.len(), set_point.dwells.iter().map(|&d| solution.residuals[d][axis]));
+    // The change of the parameters that minimises the residuals.
     let delta = -(local.pseudo_inverse(1e-9).ok()? * residual);
     Some([delta[0], delta[1] * size, delta[2] * size])
 }

@@ -1,32 +1,33 @@
-//! Which order? All orders are fitted side by side; from the highest down, the first is taken whose highest term is both
+//! Selection of the polynomial order. All orders are fitted. The highest order is chosen whose highest term is both
 //! significant and large enough to matter.
 //!
-//! From the highest down, because a forward rule that stops at the first term without effect stops at order 0 on a cubic
-//! whose linear and quadratic parts cancel. Large enough, because on many samples any trifle is significant.
+//! The search goes from the highest order down: a forward search that stops at the first term without effect would stop at
+//! order 0 on a cubic whose linear and quadratic parts cancel. The effect must be large enough, because with many samples
+//! any small effect is significant.
 
 use crate::diagnostics::Diagnostics;
 use crate::regression::{Fit, Partial, Regression, f_limit};
 use core::fmt::Write as _;
 use serde_json::{Value, json};
 
-/// Names of the three curves of an accelerometer, as tables have them.
+/// Names of the three curves of an accelerometer, as in a table.
 pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
-/// Smallest change of the bias that is worth another order \[g0\].
+/// Smallest change of the bias that justifies a higher order \[g0\].
 pub const BIAS_EFFECT: f64 = 0.1e-6;
-/// Smallest relative change of a scale factor that is worth another order.
+/// Smallest relative change of a scale factor that justifies a higher order.
 pub const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
-/// Highest order of a table of orders, where the data allow it and none is asked for.
+/// Highest order of an order table if none is requested, as far as the data allow it.
 const DEFAULT_ORDER: usize = 6;
 
-/// When a term counts.
+/// The rule for the choice of an order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rule {
-    /// Probability that a term without effect is taken, over all orders together.
+    /// Probability of choosing a term without effect, over all orders together.
     pub significance: f64,
-    /// Smallest change of the fitted curve that matters, in the quantity's unit; a quarter of the residual standard
-    /// deviation if none is given.
+    /// Smallest change of the fitted curve that matters, in the unit of the quantity. If it is `None`, a quarter of the
+    /// residual standard deviation.
     pub effect: Option<f64>,
-    /// The unit, for the reason.
+    /// The unit of the quantity, for the text of the reason.
     pub unit: &'static str,
 }
 
@@ -39,13 +40,13 @@ impl Default for Rule {
 /// The chosen order.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Choice {
-    /// From 0.
+    /// The order, from 0.
     pub order: usize,
-    /// Why, in a sentence or two.
+    /// The reason, in a sentence or two.
     pub reason: String,
 }
 
-/// Chooses among the fits of `regression`.
+/// Chooses an order among the fits of `regression`.
 #[must_use]
 pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
     let fits = regression.fits();
@@ -54,7 +55,7 @@ pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
         return Choice { order: exact.order, reason };
     }
     let tested = fits.iter().filter(|fit| fit.df_residual > 0 && fit.order > 0).count().max(1);
-    // Shared among the orders that are tested.
+    // The significance is divided by the number of tests (Bonferroni).
     let limit = rule.significance / tested as f64;
     let threshold = |fit: &Fit| rule.effect.or(fit.residual_sd.map(|sd| 0.25 * sd)).unwrap_or(0.0);
     let last = |fit: &Fit| fit.partial.last().and_then(|partial| Some((partial.f?, partial.p?)));
@@ -88,7 +89,7 @@ pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
     Choice { order, reason }
 }
 
-/// The highest order that is fitted if none is asked for: 6, or what the number of different x allows.
+/// The highest order that is fitted if none is requested: 6, or less if there are few distinct x.
 #[must_use]
 pub fn default_order(x: impl IntoIterator<Item = f64>) -> usize {
     let mut distinct: Vec<_> = x.into_iter().collect();
@@ -97,33 +98,33 @@ pub fn default_order(x: impl IntoIterator<Item = f64>) -> usize {
     DEFAULT_ORDER.min(distinct.len().saturating_sub(2)).max(1)
 }
 
-/// The orders of one curve side by side.
+/// The fits of all orders of one curve, with the choice.
 #[derive(Clone, Debug)]
 pub struct OrderTable {
     /// All fits.
     pub regression: Regression,
-    /// The chosen order and why.
+    /// The chosen order and the reason.
     pub choice: Choice,
-    /// What speaks against it.
+    /// Diagnostics of the fit of the chosen order.
     pub diagnostics: Diagnostics,
 }
 
 impl OrderTable {
-    /// With an order that has been chosen.
+    /// A table with a given choice.
     #[must_use]
     pub fn new(regression: Regression, choice: Choice) -> Self {
         let diagnostics = Diagnostics::of(&regression, choice.order);
         Self { regression, choice, diagnostics }
     }
 
-    /// With the order that `rule` chooses.
+    /// A table with the order that `rule` chooses.
     #[must_use]
     pub fn choose(regression: Regression, rule: &Rule) -> Self {
         let choice = choose(&regression, rule);
         Self::new(regression, choice)
     }
 
-    /// As one JSON document: what `isotherm regress --json` prints, less what only a file has.
+    /// The table as a JSON document: the output of `isotherm regress --json` without the facts about the file.
     #[must_use]
     pub fn json(&self) -> Value {
         let Self { regression, choice, diagnostics } = self;
@@ -145,7 +146,7 @@ impl OrderTable {
         })
     }
 
-    /// As text for people; `x` and `y` are the names of the columns.
+    /// The table as text; `x` and `y` are the names of the columns.
     #[must_use]
     pub fn text(&self, x: &str, y: &str) -> String {
         let Self { regression, choice, .. } = self;

@@ -1,4 +1,4 @@
-//! Positions of the two-axis turntable: what each asks of the accelerometers, and what a list of them can observe.
+//! Positions of the two-axis turntable: the specific force in each, and the parameters that a list of positions determines.
 //!
 //! # Convention
 //! The outer axis is horizontal (laboratory X), the inner axis is carried by it and points up at outer = 0. At
@@ -8,8 +8,8 @@
 //! ```text
 //! f = R' (0, 0, 1)' = ( sin(outer) sin(inner),  sin(outer) cos(inner),  cos(outer) )
 //! ```
-//! An input axis that points up reads +1. A base that is tilted by the small angles (tx, ty) about the laboratory's X and Y
-//! turns `(0, 0, 1)` into `(-ty, tx, 1)`.
+//! An input axis that points up reads +1. If the base is tilted by the small angles (tx, ty) about the laboratory's X and Y,
+//! `(0, 0, 1)` becomes `(-ty, tx, 1)`.
 
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -18,9 +18,9 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 /// One position of the turntable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Position {
-    /// Its number, which the samples carry.
+    /// Its number in the samples.
     pub number: u32,
-    /// What it is called, for people; may be empty.
+    /// Its name for the user; may be empty.
     pub label: String,
     /// Outer and inner angle \[deg\], if stated.
     pub angles: Option<[f64; 2]>,
@@ -50,12 +50,12 @@ impl Position {
     }
 }
 
-/// Directions that agree to this are the same: a few digits are enough to say which way.
+/// Two directions are the same if all components agree within this: a few digits are enough to state a direction.
 pub const SAME_DIRECTION: f64 = 2e-3;
 
-/// How the IMU sits on the turntable: the matrix that turns the specific force at the angles into the stated one, along A1, A2, A3.
-/// Where it only exchanges and turns round axes, it is so exactly. `None` if a position has no angles, or no turn explains all of
-/// the stated directions.
+/// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated one,
+/// along A1, A2, A3. A matrix that only exchanges axes or their signs is returned exactly. `None` if a position has no
+/// angles, or if no such matrix explains all stated directions.
 #[must_use]
 pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
     let pairs: Option<Vec<_>> = positions
@@ -68,21 +68,21 @@ pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
     let pairs = pairs?;
     let sum: Matrix3<f64> = pairs.iter().map(|(at, stated)| stated * at.transpose()).sum();
     let svd = sum.svd(true, true);
-    // Directions in a plane leave the third one open, and such positions observe too little anyway.
+    // Directions in one plane do not determine the matrix; such positions do not determine the parameters either.
     if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
         return None;
     }
-    let turn = svd.u? * svd.v_t?;
-    let exact = turn.map(f64::round);
-    let turn = if (turn - exact).amax() < SAME_DIRECTION { exact } else { turn };
-    pairs.iter().all(|(at, stated)| (turn * at - stated).amax() < SAME_DIRECTION).then_some(turn)
+    let rotation = svd.u? * svd.v_t?;
+    let exact = rotation.map(f64::round);
+    let rotation = if (rotation - exact).amax() < SAME_DIRECTION { exact } else { rotation };
+    pairs.iter().all(|(at, stated)| (rotation * at - stated).amax() < SAME_DIRECTION).then_some(rotation)
 }
 
 /// Specific force along A1, A2, A3 at the angles \[deg\], in units of the local gravity.
 #[must_use]
 pub fn specific_force(outer: f64, inner: f64) -> [f64; AXES] {
     let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
-    // No negative zeros, which would show.
+    // Adding 0 turns -0 into 0, which matters where it is printed.
     [so * si, so * ci, co].map(|f| f + 0.0)
 }
 
@@ -117,7 +117,7 @@ impl Scheme {
         (Self::FourPointTumble, "four-point-tumble"),
     ];
 
-    /// Outer and inner angles \[deg\].
+    /// Outer and inner angle of each position \[deg\].
     #[must_use]
     pub const fn angles(self) -> [[f64; 2]; 12] {
         match self {
@@ -166,44 +166,44 @@ impl Scheme {
         }
     }
 
-    /// Its positions, numbered from 1.
+    /// The positions, numbered from 1.
     #[must_use]
     pub fn positions(self) -> Vec<Position> {
         (1..).zip(self.angles()).map(|(number, [outer, inner])| Position::at(number, outer, inner)).collect()
     }
 }
 
-/// The five parameters of an accelerometer that positions must tell apart: A, K+, K- and two misalignments.
+/// Number of parameters of an accelerometer that the positions must determine: A, K+, K- and two misalignments.
 pub const PARAMETERS: usize = 5;
 
-/// Derivatives of the indicated specific force by (A, K+ relative, K- relative, m onto the next axis, m onto the one after)
-/// at specific force `f`.
+/// Derivatives of the indicated specific force by A, relative K+, relative K-, m onto the next axis and m onto the one
+/// after, at the specific force `f`.
 fn design(axis: usize, f: [f64; AXES]) -> [f64; PARAMETERS] {
     [1.0, f[axis].max(0.0), f[axis].min(0.0), f[(axis + 1) % AXES], f[(axis + 2) % AXES]]
 }
 
-/// What a list of positions can tell about one accelerometer.
+/// Which parameters of one accelerometer a list of positions determines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observability {
-    /// Rank of the design; 5 is full.
+    /// Rank of the design matrix; 5 is full.
     pub rank: usize,
     /// Largest singular value over the smallest; infinite where the rank is not full.
     pub condition: f64,
     /// One-sigma error of each parameter for unit noise in each position, if the rank is full.
     pub sigma: Option<[f64; PARAMETERS]>,
-    /// What cannot be told apart and what would help, for each deficiency.
+    /// For each deficiency, the parameters that are not determined and positions that would help.
     pub deficiencies: Vec<String>,
 }
 
-/// A list with a larger condition is refused: it turns noise into parameters.
+/// A list with a larger condition is refused, because it amplifies noise too much.
 pub const MAX_CONDITION: f64 = 100.0;
 
 impl Observability {
-    /// Of accelerometer `axis` (0 to 2).
+    /// The observability of accelerometer `axis` (0 to 2).
     #[must_use]
     pub fn of(positions: &[Position], axis: usize) -> Self {
         let rows: Vec<_> = positions.iter().map(|position| design(axis, position.specific_force)).collect();
-        // As many rows as columns at least, so that the decomposition has every direction.
+        // At least as many rows as columns, so that the decomposition has all five singular values.
         let count = rows.len().max(PARAMETERS);
         let matrix = DMatrix::from_fn(count, PARAMETERS, |i, j| rows.get(i).map_or(0.0, |row| row[j]));
         let svd = matrix.svd(false, true);
@@ -219,10 +219,10 @@ impl Observability {
                 for (j, sum) in sigma.iter_mut().enumerate() {
                     *sum += (v[(k, j)] / value).powi(2);
                 }
-                // A deficiency is a combination of parameters that no position feels.
+                // A deficiency is a combination of parameters to which no position is sensitive.
                 if is_zero(value) || (rank == PARAMETERS && largest / value > MAX_CONDITION) {
-                    let felt: Vec<_> = (0..PARAMETERS).filter(|&j| v[(k, j)].abs() > 0.05).collect();
-                    deficiencies.push(deficiency(axis, &felt, positions));
+                    let involved: Vec<_> = (0..PARAMETERS).filter(|&j| v[(k, j)].abs() > 0.05).collect();
+                    deficiencies.push(deficiency(axis, &involved, positions));
                 }
             }
         }
@@ -231,7 +231,7 @@ impl Observability {
     }
 }
 
-/// Names the parameters and a position that would help.
+/// Message with the parameters that are not determined and positions that would help.
 fn deficiency(axis: usize, parameters: &[usize], positions: &[Position]) -> String {
     let (own, next, after) = (axis, (axis + 1) % AXES, (axis + 2) % AXES);
     let names = ["bias A", "K+", "K-", "misalignment", "misalignment"];
@@ -301,17 +301,17 @@ mod tests {
 
     #[test]
     fn the_mount_is_found_from_a_few_digits() {
-        let turn = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+        let rotation = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
         let mut positions = Scheme::SixFacesSixEdges.positions();
         for position in &mut positions {
-            let force = turn * Vector3::from(position.specific_force);
+            let force = rotation * Vector3::from(position.specific_force);
             position.specific_force = force.map(|f| (f * 1e3).round() / 1e3).into();
         }
-        assert_eq!(mount(&positions), Some(turn));
-        // An oblique fixture is a turn too.
+        assert_eq!(mount(&positions), Some(rotation));
+        // An oblique fixture is a rotation too.
         let oblique = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 1.0).into_inner();
         for position in &mut positions {
-            position.specific_force = (oblique * turn.transpose() * Vector3::from(position.specific_force)).into();
+            position.specific_force = (oblique * rotation.transpose() * Vector3::from(position.specific_force)).into();
         }
         assert!((mount(&positions).unwrap() - oblique).amax() < 1e-3);
         positions[3].specific_force = [0.0, 0.0, 1.0];

@@ -1,5 +1,5 @@
-//! Where a table comes from and how good it is: the `[provenance]` section that `calibrate` writes below it. It does not count for
-//! the digest and no program reads it; people and scripts do.
+//! The `[provenance]` section that `calibrate` writes below a table: the origin of the table and its uncertainty. It is not
+//! part of the digest, and no program of ours reads it. It is for people and scripts.
 
 use crate::calibrate::Calibration;
 use crate::campaign::Campaign;
@@ -11,12 +11,12 @@ use sha2::{Digest as _, Sha256};
 use std::io::{self, Read, Write};
 use std::time::SystemTime;
 
-/// What only the caller knows.
+/// Facts about the source that only the caller knows.
 #[derive(Clone, Debug)]
 pub struct CampaignSource {
     /// Program and version.
     pub tool: String,
-    /// When, as RFC 3339 in UTC.
+    /// Time of the calibration, RFC 3339 in UTC.
     pub time: String,
     /// Name of the campaign file.
     pub campaign: String,
@@ -26,22 +26,22 @@ pub struct CampaignSource {
     pub samples_sha256: String,
 }
 
-/// This program, for [`CampaignSource::tool`].
+/// Name and version of this program, for [`CampaignSource::tool`].
 #[must_use]
 pub fn tool() -> String {
     format!("isotherm {}", env!("CARGO_PKG_VERSION"))
 }
 
-/// The time to the second, RFC 3339 in UTC, for [`CampaignSource::time`].
+/// The current time to the second, RFC 3339 in UTC, for [`CampaignSource::time`].
 #[must_use]
 pub fn now() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
-/// The text of a calibration's table file: sealed, with its provenance, and read back before it is believed.
+/// The text of a calibration's table file: the sealed table and its provenance. The text is read back and compared.
 ///
 /// # Errors
-/// If it does not read back the same.
+/// If the text does not give the same table, or if the provenance cannot be written.
 pub fn sealed_table(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> Result<String, String> {
     let failed = |cause: String| format!("writing the table: {cause}");
     let section = provenance(campaign, calibration, source).map_err(|error| failed(error.to_string()))?;
@@ -63,7 +63,7 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"))
 }
 
-/// What is hashed while it is read or written.
+/// Computes the SHA-256 of all bytes that are read or written through it.
 #[derive(Debug)]
 pub struct Hashed<T> {
     inner: T,
@@ -71,12 +71,12 @@ pub struct Hashed<T> {
 }
 
 impl<T> Hashed<T> {
-    /// Nothing of it has been read or written yet.
+    /// Wraps `inner`, from which nothing has been read or written yet.
     pub fn new(inner: T) -> Self {
         Self { inner, hash: Sha256::new() }
     }
 
-    /// What was read or written, and the SHA-256 in hexadecimal of that.
+    /// The inner value, and the SHA-256 of the bytes in hexadecimal.
     #[must_use]
     pub fn finish(self) -> (T, String) {
         (self.inner, hexadecimal(&self.hash.finalize()))
@@ -120,14 +120,14 @@ struct Provenance<'a> {
     set_points: usize,
     dwells: usize,
     excluded: Vec<String>,
-    /// Kept, but out of proportion.
+    /// Outlying dwells that were kept in the fit.
     outliers: Vec<String>,
     residual_sd_g0: [f64; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     tilt_rad: Option<[f64; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     tilt_standard_error: Option<[f64; 2]>,
-    /// Row i: what accelerometer i indicates of the specific force along each axis.
+    /// See [`Calibration::misalignment`].
     misalignment: [[f64; 3]; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     misalignment_standard_error: Option<[[f64; 3]; 3]>,
@@ -147,7 +147,7 @@ struct CurveRecord<'a> {
     leave_one_set_point_out_rms: Option<f64>,
     leave_one_set_point_out_max: Option<f64>,
     degrees_of_freedom: usize,
-    /// Of the coefficients in the table, in their unit.
+    /// Standard errors of the coefficients in the table, in their unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     standard_errors: Option<Vec<f64>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -171,10 +171,10 @@ fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
 }
 
-/// The section's text.
+/// The text of the `[provenance]` section.
 ///
 /// # Errors
-/// If it cannot be written as TOML, which no valid calibration brings about.
+/// If it cannot be written as TOML; a valid calibration always can.
 pub fn provenance(
     campaign: &Campaign,
     calibration: &Calibration,
@@ -222,9 +222,9 @@ pub fn provenance(
                 .set_points
                 .iter()
                 .zip(&calibration.reduced)
-                .flat_map(|(stay, reduced)| {
+                .flat_map(|(set_point, reduced)| {
                     AXIS_NAMES.iter().zip(reduced).map(|(axis, reduced)| SetPointRecord {
-                        set_point_c: stay.set_point_c,
+                        set_point_c: set_point.set_point_c,
                         axis,
                         head: reduced.telemetry[0],
                         board: reduced.telemetry[1],

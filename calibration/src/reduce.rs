@@ -1,44 +1,46 @@
 //! From the dwells of one set point to its bias, scale factors and misalignments.
 //!
-//! Per second, the pulses of a dwell say what the accelerometer indicates, and its position says why (specific force s in
-//! g0, own axis first; m: misalignments onto the two others \[rad\]):
+//! The pulse rates of a dwell give the indicated acceleration, and its position gives the specific force (s in g0, own axis
+//! first; m: misalignments onto the two other axes \[rad\]):
 //!
 //! ```text
 //! rate+/K+ + rate-/K- = s + m_p s_p + m_o s_o + A
 //! ```
-//! This is linear in 1/K+, 1/K-, A, m_p and m_o, so that one least-squares solution in g0 serves any list of positions. For
-//! six faces at two headings it is the closed form: A from the horizontal readings, K+ and K- from up and down given A. The mean
-//! of an up and a down reading is *not* the bias as soon as K+ differs from -K-.
+//! This is linear in 1/K+, 1/K-, A, m_p and m_o, so one least-squares solution in g0 serves any list of positions. For six
+//! faces at two headings it equals the closed form: A from the horizontal readings, then K+ and K- from the up and down
+//! readings. The mean of an up and a down reading is *not* the bias if K+ differs from -K-.
 //!
-//! The temperature moves a little between the positions. Each result therefore has its own **effective telemetry**: the mean with
-//! the weights that the dwells have in it, not the mean over all dwells.
+//! The temperature changes a little between the positions. Each result therefore has its own **effective telemetry**: the
+//! mean over the dwells with the weights that they have in this result, not the plain mean.
 
 use crate::campaign::{Campaign, Dwell};
 use crate::positions::PARAMETERS;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
 
-/// What one set point says about one accelerometer: A \[g0\], K+ and K- \[pulse/(s*g0)\], m onto the next axis and m onto the
-/// one after \[rad\].
+/// The parameters of one accelerometer at one set point: A \[g0\], K+ and K- \[pulse/(s*g0)\], m onto the next axis and m
+/// onto the one after \[rad\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reduced {
     /// A, K+, K-, m, m.
     pub values: [f64; PARAMETERS],
-    /// Their standard errors from the scatter within the set point; NaN if as many dwells as parameters.
+    /// Standard errors of the values, from the scatter within the set point; NaN if there are only as many dwells as
+    /// parameters.
     pub standard_errors: [f64; PARAMETERS],
-    /// Head telemetry that A belongs to, board telemetry that K+ and K- belong to.
+    /// Effective telemetry: of the head for A, of the board for K+ and K-.
     pub telemetry: [f64; 3],
-    /// Residual standard deviation \[g0\]; includes what a tilted base does, if its tilt is not given.
+    /// Residual standard deviation \[g0\]; includes the effect of the base's tilt, if the tilt is not given.
     pub residual_sd: f64,
 }
 
-/// Reduces `dwells` of one set point for accelerometer `axis`, with the base tilted by `tilt`. `None` if they cannot tell its parameters apart;
-/// that their positions can is the caller's to check: a few pulses of a horizontal reading pass for a scale factor.
+/// Reduces `dwells` of one set point for accelerometer `axis`, with the base tilted by `tilt`. `None` if the dwells do not
+/// determine the parameters. The caller must check first that the positions do: otherwise the few pulses of a horizontal
+/// reading could be taken for a scale factor.
 #[must_use]
 pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<[f64; 2]>) -> Option<Reduced> {
     let force =
         |dwell: &Dwell, k: usize| campaign.force(&campaign.positions[dwell.position], tilt).0[(axis + k) % AXES];
-    // Rates as parts of the largest, so that all columns are of order 1.
+    // Rates are divided by the largest rate, so that all columns are of order 1.
     let largest = |channel: usize| dwells.iter().map(|dwell| dwell.sums.rates(axis)[channel]).fold(0.0, f64::max);
     let nominal = [largest(0), largest(1)];
     let row = |dwell: &Dwell| {

@@ -1,4 +1,4 @@
-//! Polynomial regression of one quantity on one other: equations (3) to (16) of the source paper, to full precision.
+//! Polynomial regression of one quantity on another: equations (3) to (16) of the source paper, to full precision.
 //!
 //! # Definition
 //! y = a0 + a1 x + .. + am x^m over n points with weights w (1 unless given; a point of weight 2 counts as two). With means
@@ -9,15 +9,18 @@
 //! F = (U/m) / (Q/(n-m-1))      (11), (13)                       R^2 = U/S_yy                                     (12)
 //! R = sqrt(m F / (n-m-1 + m F)) = sqrt(R^2)                                                                      (14)
 //! ```
-//! The partial sum of squares of term j is Q(without it) - Q, where the fit without it is made anew (15), (16); its F has
-//! 1 and n-m-1 degrees of freedom. For every term but the highest it depends on where x is centred, so both are given: of the
-//! raw powers x^j, and of the powers of the centred (x - center)/scale. The printed equations' errata are in docs/paper.md.
+//! The partial sum of squares of term j is Q(without the term) - Q, with a new fit without the term (15), (16). Its F has 1
+//! and n-m-1 degrees of freedom. For every term but the highest, it depends on the centring of x. Both are therefore given:
+//! for the raw powers x^j, and for the powers of the centred (x - center)/scale. The errata of the printed equations are in
+//! docs/paper.md.
 //!
 //! # Algorithm
-//! The equations are the definition; solving the normal equations (7) would lose half the digits. x is centred and scaled to
-//! -1..1, and `[1 x x^2 .. x^M | y]` is reduced to its upper triangle R by Givens rotations, row by row: one factorisation
-//! for every order up to M. All of it, and the expansion to powers of the raw x, is done in double-double arithmetic on
-//! data that is read as decimals, so that it needs no further refinement: 32 digits less the 15 that the worst sets cost.
+//! The equations are only the definition: solving the normal equations (7) would lose half the digits. x is centred and
+//! scaled to -1..1. Givens rotations reduce `[1 x x^2 .. x^M | y]` row by row to its upper triangle R. This one
+//! factorisation serves every order up to M. The factorisation and the expansion to powers of the raw x use double-double
+//! arithmetic, on data read as decimals. No refinement is needed: of 32 digits, the worst data sets lose about 15.
+//!
+//! Over 400 lines: one factorisation and the figures derived from it, in the notation of the paper.
 
 use crate::double_double::DoubleDouble;
 use core::cmp::Ordering;
@@ -25,22 +28,22 @@ use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use statrs::function::beta::beta_reg;
 
-/// Highest order that can be asked for.
+/// Highest order of a regression.
 pub const MAX_ORDER: usize = 15;
 
-/// One point, its weight over 0.
+/// One point of the data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DataPoint {
-    /// What the quantity is regressed on.
+    /// The independent variable.
     pub x: DoubleDouble,
-    /// The quantity.
+    /// The dependent variable.
     pub y: DoubleDouble,
-    /// Inverse variance, up to a factor.
+    /// Inverse variance, up to a common factor; over 0.
     pub weight: DoubleDouble,
 }
 
 impl DataPoint {
-    /// Of weight 1.
+    /// A point of weight 1.
     #[must_use]
     pub fn new(x: f64, y: f64) -> Self {
         Self { x: x.into(), y: y.into(), weight: DoubleDouble::ONE }
@@ -50,30 +53,30 @@ impl DataPoint {
 /// Why there is no regression.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RegressionError {
-    /// More coefficients than different x.
+    /// More coefficients than distinct x.
     #[error("order {order} needs {} different values of x, there are {distinct}", order + 1)]
     TooFewPoints {
-        /// The order asked for.
+        /// The requested order.
         order: usize,
-        /// How many different x there are.
+        /// Number of distinct x.
         distinct: usize,
     },
     /// An order over [`MAX_ORDER`].
     #[error("order {0} is over {MAX_ORDER}")]
     OrderTooHigh(usize),
-    /// A sum or power left the range of doubles.
+    /// A sum or power is out of the range of doubles.
     #[error("the numbers are too large or too small: a sum or power of them is out of range")]
     OutOfRange,
 }
 
-/// The extra sum of squares that one term explains.
+/// The partial sum of squares of one term, and its test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Partial {
     /// The term's power.
     pub term: usize,
-    /// Q(without it) - Q, eq. (16).
+    /// Q(without the term) - Q, eq. (16).
     pub sum_of_squares: f64,
-    /// With 1 and n-m-1 degrees of freedom; none of a perfect fit.
+    /// F with 1 and n-m-1 degrees of freedom; none for a perfect fit.
     pub f: Option<f64>,
     /// Probability of a larger F if the term had no effect.
     pub p: Option<f64>,
@@ -84,9 +87,9 @@ pub struct Partial {
 pub struct Fit {
     /// m.
     pub order: usize,
-    /// Of the powers of the raw x, ascending.
+    /// Coefficients of the powers of the raw x, ascending.
     pub coefficients: Vec<f64>,
-    /// Of the coefficients; none without degrees of freedom.
+    /// Standard errors of the coefficients; none without degrees of freedom.
     pub standard_errors: Option<Vec<f64>>,
     /// Residual standard deviation sqrt(Q/(n-m-1)).
     pub residual_sd: Option<f64>,
@@ -102,31 +105,32 @@ pub struct Fit {
     pub df_residual: usize,
     /// R^2; none if y is constant.
     pub r_squared: Option<f64>,
-    /// Q/S_yy, for R^2 close to 1.
+    /// 1 - R^2 = Q/S_yy, without the cancellation for R^2 close to 1.
     pub one_minus_r_squared: Option<f64>,
     /// R^2 adjusted for the degrees of freedom.
     pub adj_r_squared: Option<f64>,
     /// Multiple correlation coefficient R.
     pub r: Option<f64>,
-    /// Of the whole regression, with m and n-m-1 degrees of freedom.
+    /// F of the whole regression, with m and n-m-1 degrees of freedom.
     pub f: Option<f64>,
     /// Probability of a larger F if no term had an effect.
     pub f_p: Option<f64>,
-    /// Of the terms 1 to m as powers of the raw x.
+    /// Tests of the terms 1 to m as powers of the raw x.
     pub partial: Vec<Partial>,
-    /// Of the terms 1 to m as powers of the centred and scaled x.
+    /// Tests of the terms 1 to m as powers of the centred and scaled x.
     pub partial_centred: Vec<Partial>,
-    /// Q of order m-1 less Q: what the order adds.
+    /// Sequential sum of squares: Q of order m-1, minus Q.
     pub sequential_ss: f64,
-    /// Largest change of the fitted curve at a point, against order m-1, in the unit of y.
+    /// Largest difference from the curve of order m-1 at a point, in the unit of y.
     pub effect: f64,
-    /// Root mean square error at a point of the fit without that point; none if a point cannot be left out.
+    /// Rms of the leave-one-out errors: the error at each point of a fit without that point. None if a point cannot be left
+    /// out.
     pub leave_one_out_rms: Option<f64>,
-    /// Largest such error.
+    /// Largest leave-one-out error.
     pub leave_one_out_max: Option<f64>,
 }
 
-/// The regressions of all orders from 0 to a highest one.
+/// The regressions of all orders from 0 to a given maximum.
 #[derive(Clone, Debug)]
 pub struct Regression {
     points: Vec<DataPoint>,
@@ -143,7 +147,8 @@ impl Regression {
     /// Fits every order from 0 to `max_order`.
     ///
     /// # Errors
-    /// If `max_order` is over [`MAX_ORDER`], not below the number of different x, or the numbers leave the range of doubles.
+    /// If `max_order` is over [`MAX_ORDER`] or not below the number of distinct x, or if the numbers leave the range of
+    /// doubles.
     pub fn new(points: Vec<DataPoint>, max_order: usize) -> Result<Self, RegressionError> {
         if max_order > MAX_ORDER {
             return Err(RegressionError::OrderTooHigh(max_order));
@@ -173,7 +178,7 @@ impl Regression {
         if regression.fits.iter().all(finite) { Ok(regression) } else { Err(RegressionError::OutOfRange) }
     }
 
-    /// Number of points.
+    /// Number of points, n.
     #[must_use]
     pub fn n(&self) -> usize {
         self.points.len()
@@ -191,13 +196,13 @@ impl Regression {
         &self.points
     }
 
-    /// What is subtracted from x in the centred basis.
+    /// The centre: it is subtracted from x in the centred basis.
     #[must_use]
     pub fn center(&self) -> f64 {
         self.center.value()
     }
 
-    /// What the centred x is divided by.
+    /// The scale: the centred x is divided by it.
     #[must_use]
     pub fn scale(&self) -> f64 {
         self.scale.value()
@@ -245,7 +250,7 @@ impl Regression {
 
     fn all_fits(&self, max_order: usize) -> Vec<Fit> {
         let count = max_order + 1;
-        // raw = expansion * centred; the columns of `factor` are the raw coefficients' part of each rotated y.
+        // Coefficients of the raw powers = expansion * centred coefficients; centred coefficients = R^-1 Q'y.
         let expansion = expansion(self.center, self.scale, count);
         let product = |matrix: &[Vec<DoubleDouble>]| -> Vec<Vec<DoubleDouble>> {
             let entry = |i: usize, j: usize| (0..count).map(|k| matrix[i][k] * self.inverse[k][j]).sum();
@@ -255,19 +260,20 @@ impl Regression {
         let squares: Vec<_> = self.rotated.iter().map(|&z| z * z).collect();
         let sse = |order: usize| squares[order + 1..].iter().copied().sum::<DoubleDouble>();
         let rounding = self.rounding();
-        let looks = self.looks(max_order);
+        let scans = self.point_scans(max_order);
         (0..=max_order)
             .map(|order| {
                 let exact = sse(order) <= rounding;
                 let residual = if exact { DoubleDouble::ZERO } else { sse(order) };
                 let previous = if order == 0 { residual } else { sse(order - 1) };
-                self.fit(order, residual, previous, &raw, &looks[order])
+                self.fit(order, residual, previous, &raw, &scans[order])
             })
             .collect()
     }
 
-    /// A residual sum of squares that is no more than the rounding of y: a perfect fit. Numbers that are doubles in their shortest form were
-    /// rounded to doubles; others were not.
+    /// Largest residual sum of squares that the rounding of y can explain; a fit at or below it is perfect. If every y is a
+    /// double, or the shortest decimal form of one, y was rounded to doubles. Otherwise it has the precision of a
+    /// double-double.
     fn rounding(&self) -> DoubleDouble {
         let is_double = |point: &DataPoint| DoubleDouble::parse(&format!("{:e}", point.y.value())) == Some(point.y);
         let doubles = self.points.iter().all(|point| point.y == point.y.value().into() || is_double(point));
@@ -282,7 +288,7 @@ impl Regression {
         sse: DoubleDouble,
         previous: DoubleDouble,
         raw: &[Vec<DoubleDouble>],
-        look: &PointScan,
+        scan: &PointScan,
     ) -> Fit {
         let terms = order + 1;
         let df = self.n() - terms;
@@ -290,7 +296,8 @@ impl Regression {
         let mean_square = (df > 0).then(|| sse / DoubleDouble::from(df as f64));
         let tested = mean_square.filter(|ms| *ms > DoubleDouble::ZERO);
         let explained = total - sse;
-        // Rows of the leading block only. The size of a row is a power of the scale: taken out, so that squares stay in range.
+        // Only the leading block is used. Row i is divided by its largest entry, about a power of the scale, so that the
+        // squares stay in the range of doubles.
         let size = |matrix: &[Vec<DoubleDouble>], i: usize| {
             DoubleDouble::from((0..terms).map(|k| matrix[i][k].value().abs()).fold(0.0, f64::max))
         };
@@ -336,40 +343,43 @@ impl Regression {
             partial: partial(raw),
             partial_centred: partial(&self.inverse),
             sequential_ss: (previous - sse).value(),
-            effect: look.effect,
-            leave_one_out_rms: look.press.map(|press| (press / self.n() as f64).sqrt()),
-            leave_one_out_max: look.press.map(|_| look.worst),
+            effect: scan.effect,
+            leave_one_out_rms: scan.press.map(|press| (press / self.n() as f64).sqrt()),
+            leave_one_out_max: scan.press.map(|_| scan.worst),
         }
     }
 
-    /// What needs a look at every point.
-    fn looks(&self, max_order: usize) -> Vec<PointScan> {
-        let mut looks = vec![PointScan { effect: 0.0, press: Some(0.0), worst: 0.0 }; max_order + 1];
+    /// The figures of each order that need a pass over all points.
+    fn point_scans(&self, max_order: usize) -> Vec<PointScan> {
+        let mut scans = vec![PointScan { effect: 0.0, press: Some(0.0), worst: 0.0 }; max_order + 1];
         for point in &self.points {
             let (mut rest, mut leverage) = (point.y, DoubleDouble::ZERO);
-            for ((look, q), &z) in looks.iter_mut().zip(self.basis(point.x)).zip(&self.rotated) {
+            for ((scan, q), &z) in scans.iter_mut().zip(self.basis(point.x)).zip(&self.rotated) {
                 rest -= q * z;
                 leverage += q * q * point.weight;
-                look.effect = look.effect.max((q * z).value().abs());
+                scan.effect = scan.effect.max((q * z).value().abs());
                 let free = (DoubleDouble::ONE - leverage).value();
                 let error = rest.value() / free;
-                look.press = look.press.filter(|_| free > 1e-12).map(|press| press + error * error);
-                look.worst = look.worst.max(error.abs());
+                scan.press = scan.press.filter(|_| free > 1e-12).map(|press| press + error * error);
+                scan.worst = scan.worst.max(error.abs());
             }
         }
-        looks[0].effect = 0.0;
-        looks
+        scans[0].effect = 0.0;
+        scans
     }
 }
 
+/// See [`Fit::effect`] and the leave-one-out figures.
 #[derive(Clone, Debug)]
 struct PointScan {
     effect: f64,
+    /// Sum of the squared leave-one-out errors.
     press: Option<f64>,
+    /// Largest leave-one-out error.
     worst: f64,
 }
 
-/// Probability that F with `d1` and `d2` degrees of freedom is larger than `f`.
+/// Probability that an F variable with `d1` and `d2` degrees of freedom is larger than `f`.
 #[must_use]
 pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
     if f.is_nan() || f <= 0.0 {
@@ -378,14 +388,14 @@ pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
     beta_reg(d2 / 2.0, d1 / 2.0, d2 / (d2 + d1 * f))
 }
 
-/// The F with `d1` and `d2` degrees of freedom that is exceeded with probability `p`.
+/// The value that an F variable with `d1` and `d2` degrees of freedom exceeds with probability `p`.
 #[must_use]
 pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     while f_tail(high, d1, d2) > p && high < 1e300 {
         high *= 2.0;
     }
-    // Halving until the doubles are neighbours.
+    // Bisection, until `low` and `high` are neighbouring doubles.
     while let middle = low + (high - low) / 2.0
         && middle > low
         && middle < high
@@ -402,7 +412,7 @@ fn distinct(points: &[DataPoint]) -> usize {
     x.len()
 }
 
-/// Doubles, so that a user can repeat the centring; they need not be the exact middle.
+/// Middle and half width of the range of x. Both are rounded to doubles, so that a user can repeat the centring.
 fn center_and_scale(points: &[DataPoint]) -> (DoubleDouble, DoubleDouble) {
     let x = || points.iter().map(|point| point.x.value());
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(f64::NEG_INFINITY, f64::max));
@@ -414,7 +424,7 @@ fn powers(x: DoubleDouble, order: usize) -> Vec<DoubleDouble> {
     core::iter::successors(Some(DoubleDouble::ONE), |&power| Some(power * x)).take(order + 1).collect()
 }
 
-/// Rotates one more row into the triangle.
+/// Adds one row to the triangle by Givens rotations.
 fn rotate_in(triangle: &mut [Vec<DoubleDouble>], mut row: Vec<DoubleDouble>) {
     for (j, pivot) in triangle.iter_mut().enumerate() {
         if row[j] == DoubleDouble::ZERO {
@@ -441,11 +451,12 @@ fn invert(triangle: &[Vec<DoubleDouble>], count: usize) -> Vec<Vec<DoubleDouble>
     inverse
 }
 
-/// The matrix that turns coefficients of ((x - center)/scale)^k into those of x^j: C(k,j) (-center)^(k-j) / scale^k.
+/// The matrix that transforms the coefficients of ((x - center)/scale)^k into those of x^j: C(k,j) (-center)^(k-j) /
+/// scale^k.
 #[must_use]
 pub fn expansion(center: DoubleDouble, scale: DoubleDouble, count: usize) -> Vec<Vec<DoubleDouble>> {
     let mut matrix = vec![vec![DoubleDouble::ZERO; count]; count];
-    // The powers of (x - center)/scale, one after the other, by multiplication.
+    // Column k holds ((x - center)/scale)^k, the previous column times (x - center)/scale.
     let (slope, offset) = (DoubleDouble::ONE / scale, -center / scale);
     let mut power = vec![DoubleDouble::ZERO; count];
     power[0] = DoubleDouble::ONE;

@@ -14,11 +14,11 @@ pub mod verification;
 
 use page::Cell;
 
-/// Columns of a table of [`navigation`] rows.
+/// Column headings of a table whose rows [`navigation`] makes.
 const NAVIGATION: [&str; 5] =
     ["Error", "1e-6 g0", "Level / arc seconds", "Velocity in 60 s / (mm/s)", "Position in 60 s / mm"];
 
-/// What an acceleration error \[g0\] costs a navigator: tilt of a level, velocity and position after a minute.
+/// The row for an acceleration error \[g0\]: the tilt error of a levelling, and the velocity and position errors after 60 s.
 fn navigation(what: &str, error: f64) -> Vec<Cell> {
     let acceleration = error * 9.80665e3;
     vec![

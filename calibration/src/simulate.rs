@@ -1,16 +1,17 @@
-//! Simulated data from a known truth, along the physical chain.
+//! Simulated data from a known truth, computed along the physical chain.
 //!
 //! # Chain
 //! ```text
-//! chamber -> head, board          first-order lags, the board warmer by its own heat                      [degC]
-//!         -> telemetry            U = U0 + s T, plus noise, quantised, read every so often                [V]
+//! chamber -> head, board          first-order lags; the board is warmer by its own heat                   [degC]
+//!         -> telemetry            U = U0 + s T, plus noise, quantised, read at an interval                [V]
 //! table   -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
-//!         -> indicated x          M f + A(U_head), plus an offset for each visit of a set point, plus noise [g0]
-//!         -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the rest is carried       [pulse]
+//!         -> indicated x          M f + A(U_head), plus an offset for each visit of a set point and noise [g0]
+//!         -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the remainder is kept     [pulse]
 //! ```
-//! The truth is a [`CoefficientTable`] with a misalignment M; compensating with it gives f back, but for noise and the
-//! charge that has not made a pulse yet. The details are in the modules: [`SimulatedImu`] is head, board and converter, [`campaign`]
-//! and [`run`] let it through a schedule; [`SimulatedChamber`] and [`SimulatedTurntable`] are the machines around it on their own. The same seed gives the same data, to the byte on the same machine.
+//! The truth is a [`CoefficientTable`] with a misalignment M. Compensation with this table gives f, except for noise and
+//! the charge that has not made a pulse yet. [`SimulatedImu`] is heads, boards and converters. [`campaign`] and [`run`]
+//! drive it through a schedule. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the turntable alone.
+//! The same seed gives the same data, on the same machine to the byte.
 
 mod campaign;
 mod chamber;
@@ -23,7 +24,7 @@ pub use campaign::{
 };
 pub use chamber::SimulatedChamber;
 pub use imu::SimulatedImu;
-pub use random::Random;
+pub use random::RandomGenerator;
 pub use turntable::{SimulatedTurntable, specific_force};
 
 use isotherm_shared::polynomial::{Polynomial, Side};
@@ -32,33 +33,33 @@ use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
-/// The stream of a seed that a truth is drawn from.
+/// The random stream of a seed from which a truth is drawn.
 const TRUTH: u64 = 4;
 
-/// A misalignment as an IMU may have it; see [`Truth::misalignment`].
+/// A typical misalignment of an IMU; see [`Truth::misalignment`].
 pub const MISALIGNMENT: Matrix3<f64> = Matrix3::new(1.0, 3e-4, -2e-4, -1.5e-4, 1.0, 2.5e-4, 1e-4, -3e-4, 1.0);
 
-/// A tilt as a turntable may have it \[rad\]; see [`Truth::tilt_rad`].
+/// A typical tilt of a turntable \[rad\]; see [`Truth::tilt_rad`].
 pub const TILT_RAD: [f64; 2] = [4e-5, -6e-5];
 
-/// What the data come from.
+/// The true values that the data are simulated from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Bias and scale factors; its alignment is the inverse of `misalignment`, or absent for none.
+    /// Bias and scale factors. Its alignment is the inverse of `misalignment`, or absent without misalignment.
     pub table: CoefficientTable,
-    /// M: indicated = M * specific force + bias. A row for each sensor, columns A1, A2, A3.
+    /// M: indicated = M * specific force + bias. One row for each sensor; columns A1, A2, A3.
     pub misalignment: Matrix3<f64>,
     /// Tilt (tx, ty) of the turntable's base about the laboratory's X and Y \[rad\].
     pub tilt_rad: [f64; 2],
-    /// Gravity where the IMU is \[m/s2\].
+    /// Gravity at the location of the IMU \[m/s2\].
     pub gravity_local: f64,
 }
 
 impl Truth {
-    /// `content` with the alignment that undoes `misalignment`, whatever alignment it has had.
+    /// A truth from `content`. Its alignment is replaced by the inverse of `misalignment`.
     ///
     /// # Errors
-    /// Every reason why there is no such table, a misalignment without inverse among them.
+    /// If `misalignment` has no inverse; else every reason why the table is not valid.
     pub fn new(
         mut content: Content,
         misalignment: Matrix3<f64>,
@@ -70,7 +71,8 @@ impl Truth {
         Ok(Self { table: CoefficientTable::new(content)?, misalignment, tilt_rad, gravity_local })
     }
 
-    /// `table` as it is, its alignment, if it has one, undoing the misalignment. No tilt; the local gravity is 1 g0.
+    /// A truth from `table` as it is. The misalignment is the inverse of its alignment, if it has one. No tilt; the local
+    /// gravity is 1 g0.
     #[must_use]
     pub fn of(table: CoefficientTable) -> Self {
         // A table's alignment is never singular.
@@ -79,14 +81,14 @@ impl Truth {
         Self { table, misalignment: inverse.unwrap_or_else(Matrix3::identity), tilt_rad: [0.0; 2], gravity_local }
     }
 
-    /// Another IMU of the kind of `content` in another laboratory, drawn from `seed`: bias constants within +-300 ug0 and
-    /// scale factor constants within +-2 % of the given ones, all higher coefficients within +-20 %; misalignments with a
-    /// standard deviation of 3e-4, tilts of 5e-5 rad; local gravity 9.78 to 9.83 m/s2.
+    /// Another IMU of the same kind as `content`, in another laboratory, drawn from `seed`. Bias constants differ by up to
+    /// 300 ug0, scale factor constants by up to 2 %, all higher coefficients by up to 20 %. The standard deviation is 3e-4
+    /// for misalignments and 5e-5 rad for tilts. The local gravity is 9.78 to 9.83 m/s2.
     ///
     /// # Errors
-    /// If what was drawn is no valid table, as may happen to a table close to its limits.
+    /// If the drawn values are not a valid table, which may happen if `content` is close to the limits.
     pub fn varied(content: &Content, seed: u64) -> Result<Self, Vec<Refusal>> {
-        let mut random = Random::new(seed, TRUTH);
+        let mut random = RandomGenerator::new(seed, TRUTH);
         let mut content = content.clone();
         for axis in &mut content.axes {
             let unit = axis.bias_unit.in_g0();
@@ -102,8 +104,9 @@ impl Truth {
         Self::new(content, misalignment, tilt_rad, random.between(9.78, 9.83))
     }
 
-    /// Where the chain's telemetry leaves a range of the table while the chamber is between `low_c` and `high_c` \[degC\];
-    /// `None` if it never does. Outside its range a table says nothing, so that nothing can be simulated there.
+    /// A message about the first telemetry that leaves a range of the table while the chamber is between `low_c` and
+    /// `high_c` \[degC\]; `None` if none does. A table defines no values outside its ranges, so nothing can be simulated
+    /// there.
     #[must_use]
     pub fn outside(&self, chain: &Chain, low_c: f64, high_c: f64) -> Option<String> {
         let margin_c = chain.oscillation_c.abs();
@@ -124,11 +127,11 @@ impl Truth {
         })
     }
 
-    /// The table's text, sealed, followed by a `[provenance]` section with the truth's other numbers, the `seed`, what
-    /// wrote it and the schedule, a [`CampaignSchedule`] or a [`RunSchedule`], with all its parameters.
+    /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the truth,
+    /// the `tool`, the `seed`, and all parameters of the schedule, a [`CampaignSchedule`] or a [`RunSchedule`].
     ///
     /// # Errors
-    /// If TOML cannot express it, which is a seed over 2^63 - 1.
+    /// If the seed is over 2^63 - 1, the largest integer of TOML.
     pub fn to_toml(&self, tool: &str, seed: u64, schedule: &impl Serialize) -> Result<String, toml::ser::Error> {
         #[derive(Serialize)]
         struct TruthProvenance<'a, T> {
@@ -151,18 +154,19 @@ impl Truth {
     }
 }
 
-/// With another constant, and higher coefficients that differ by up to 20 %.
-fn varied(polynomial: &Polynomial, constant: f64, random: &mut Random) -> Polynomial {
+/// `polynomial` with another constant, and with its higher coefficients changed by up to 20 %.
+fn varied(polynomial: &Polynomial, constant: f64, random: &mut RandomGenerator) -> Polynomial {
     let mut coefficients = polynomial.coefficients().to_vec();
     coefficients.iter_mut().skip(1).for_each(|coefficient| *coefficient *= random.between(0.8, 1.2));
     if let Some(first) = coefficients.first_mut() {
         *first = constant;
     }
-    // Finite numbers times finite numbers: only coefficients near 1e308 could fail.
+    // This can fail only if a product overflows, for coefficients near 1e308.
     Polynomial::new(&coefficients, polynomial.center(), polynomial.scale(), polynomial.range()).unwrap_or(*polynomial)
 }
 
-/// Worst error of bias \[1e-6 g0\] and scale factors \[ppm\] over the ranges of `table` against the truth.
+/// Largest error of the bias \[1e-6 g0\] and of the scale factors \[ppm\] of `table` against `truth`, over the ranges of
+/// `table`.
 #[must_use]
 pub fn worst_errors(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
@@ -179,32 +183,32 @@ pub fn worst_errors(table: &CoefficientTable, truth: &CoefficientTable) -> [f64;
     worst
 }
 
-/// The hardware: what is the same each time.
+/// The hardware: properties that are the same in every simulation.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Chain {
-    /// Time constant of the sensor heads behind the chamber's air \[s\], over 0.
+    /// Time constant of the sensor heads after the chamber's air \[s\], over 0.
     pub head_lag_s: f64,
-    /// Time constant of the converter boards \[s\], over 0.
+    /// Time constant of the converter boards after the chamber's air \[s\], over 0.
     pub board_lag_s: f64,
-    /// How much warmer than the chamber each head is \[degC\].
+    /// Temperature of each head above the chamber's \[degC\].
     pub head_offset_c: [f64; AXES],
-    /// How much warmer than the chamber each board is, by its own heat \[degC\].
+    /// Temperature of each board above the chamber's, by its own heat \[degC\].
     pub board_offset_c: [f64; AXES],
     /// Amplitude of the chamber's slow oscillation \[degC\]; 0 for none.
     pub oscillation_c: f64,
-    /// Its period \[s\], over 0; its phase is the seed's.
+    /// Period of the oscillation \[s\], over 0. The seed determines its phase.
     pub oscillation_s: f64,
     /// Telemetry at 0 degC, in the table's unit.
     pub telemetry_zero: f64,
-    /// Telemetry for a degree, in the table's unit.
+    /// Telemetry per degC, in the table's unit.
     pub telemetry_slope: f64,
     /// Resolution of the telemetry in 1e-6 of the table's unit; 0 for none.
     pub telemetry_lsb_micro: u32,
-    /// The telemetry is read so often \[s\]; 0 for every sample.
+    /// Interval between two readings of the telemetry \[s\]; 0 for a reading in every sample.
     pub telemetry_s: f64,
     /// Amplitude of a vibration along all input axes, in phase \[g0\]; 0 for none.
     pub vibration_g0: f64,
-    /// Its frequency \[Hz\].
+    /// Frequency of the vibration \[Hz\].
     pub vibration_hz: f64,
 }
 
@@ -235,33 +239,33 @@ impl Chain {
         self.telemetry_zero + self.telemetry_slope * temperature_c
     }
 
-    /// The nearest multiple of the resolution, as the double that prints with at most six decimals.
+    /// The nearest multiple of the resolution, as a double that prints with at most six decimals.
     fn quantised(&self, telemetry: f64) -> f64 {
         match f64::from(self.telemetry_lsb_micro) {
             0.0 => telemetry,
-            // -0 is 0.
+            // Adding 0 turns -0 into 0.
             lsb => (telemetry * 1e6 / lsb).round() * lsb / 1e6 + 0.0,
         }
     }
 }
 
-/// What differs each time: standard deviations of Gaussian numbers, 0 for none.
+/// Random differences: standard deviations of Gaussian numbers, 0 for none.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Noise {
-    /// White noise of a sensor in a mean over 1 s \[g0\]; over Ts it is 1/sqrt(Ts) times that.
+    /// White noise of a sensor in a mean over 1 s \[g0\]; in a mean over Ts it is 1/sqrt(Ts) times as large.
     pub sensor_g0: f64,
-    /// Of a telemetry reading, in the table's unit.
+    /// Noise of a telemetry reading, in the table's unit.
     pub telemetry: f64,
-    /// VisitOffset of the bias in each visit of a set point \[g0\].
+    /// Offset of the bias in each visit of a set point \[g0\].
     pub bias_g0: f64,
-    /// Relative offsets of K+ and of K- in each visit of a set point.
+    /// Relative offsets of K+ and K- in each visit of a set point.
     pub scale_factor: f64,
-    /// Error of each of the turntable's angles in each dwell \[rad\].
+    /// Error of each angle of the turntable in each dwell \[rad\].
     pub positioning_rad: f64,
 }
 
 impl Default for Noise {
-    /// 5 ug0 in 1 s, 0.1 mV, visits within 0.2 ug0 and 0.3 ppm, positions within 1 arcsec.
+    /// Sensor 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec.
     fn default() -> Self {
         Self {
             sensor_g0: 5e-6,
@@ -274,7 +278,7 @@ impl Default for Noise {
 }
 
 impl Noise {
-    /// Everything repeats exactly.
+    /// No noise: everything repeats exactly.
     pub const NONE: Self =
         Self { sensor_g0: 0.0, telemetry: 0.0, bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0 };
 }

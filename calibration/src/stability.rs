@@ -1,19 +1,24 @@
 //! How stable the output is over temperature, without and with compensation: the paper's table 4 and figure 6.
 //!
 //! # Definition
-//! The paper does not print one; this is ours. The IMU is held still, at an attitude that is stated, while the temperature runs or
-//! steps through its range. Of the means of the output over a window (10 s), less the specific force that the attitude asks for,
-//! in g0, each accelerometer has a standard deviation (about the mean) and an rms about zero, which shows a constant error too.
+//! The paper prints no definition; this one is ours. The IMU is held still at a stated attitude while the temperature runs
+//! or steps through its range. The output is averaged over windows (10 s), and the specific force of the attitude is
+//! subtracted, in g0. Of these values each accelerometer has a standard deviation (about the mean) and an rms (about zero),
+//! which also shows a constant error.
 //!
-//! - **before**: the coefficients frozen at the run's mid temperature,
-//! - **after**: the full model,
+//! - **before**: with the coefficients frozen at the run's mid temperature,
+//! - **after**: with the full model,
 //! - **factor**: standard deviation before over after.
 //!
-//! If no attitude is stated, the median of the compensated output stands in for it: then a constant error does not show.
+//! If no attitude is stated, the median of the compensated output is used as the specific force. A constant error then does
+//! not show.
 //!
 //! # The modulus
-//! Needs no turntable: at rest, at any attitude, the three outputs together must be as long as local gravity. Without an alignment
-//! matrix misalignments count fully (3e-4 rad: up to 3e-4 g0); with one, what is left is bias and scale factor.
+//! This check needs no turntable: at rest, at any attitude, the vector of the three outputs must have the length of local
+//! gravity. Without an alignment matrix, misalignments appear in it fully (3e-4 rad: up to 3e-4 g0). With one, only errors
+//! of bias and scale factor remain.
+//!
+//! Over 400 lines: the figures, the collector that computes them and their messages are one definition.
 
 use core::fmt;
 use isotherm_shared::compensate::compensate;
@@ -21,16 +26,16 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::{AXES, Flags, RawSample};
 
-/// Off the attitude by more than this on an axis, a window does not count for the stability \[g0\].
-const ATTITUDE: f64 = 5e-3;
-/// Neighbouring windows that differ by more were not still \[g0\].
-const STILL: f64 = 1e-3;
-/// At rest the output is as long as gravity, at least to this \[g0\].
-const GRAVITY: f64 = 0.02;
-/// Windows that a standard deviation needs.
+/// A window counts for the stability if every axis is within this of the specific force of the attitude \[g0\].
+const ATTITUDE_TOLERANCE: f64 = 5e-3;
+/// A window was still if it differs from its neighbours by less than this \[g0\].
+const STILL_TOLERANCE: f64 = 1e-3;
+/// Largest difference between the length of the output at rest and gravity \[g0\].
+const GRAVITY_TOLERANCE: f64 = 0.02;
+/// Fewest windows for a standard deviation.
 const MIN_WINDOWS: usize = 3;
 
-/// What is asked for.
+/// Conditions of the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
     /// Direction of the specific force along A1, A2, A3, a unit vector; unknown if `None`.
@@ -40,7 +45,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// For an attitude of any length, if one is stated, and local gravity \[m/s2\], if it is not the table's.
+    /// `attitude` is a direction of any length. Without `gravity_local` \[m/s2\], local gravity is the table's gravity.
     #[must_use]
     pub fn new(attitude: Option<[f64; AXES]>, gravity_local: Option<f64>, table: &CoefficientTable) -> Self {
         let attitude = attitude.map(|direction| {
@@ -54,21 +59,21 @@ impl Setup {
 /// Means over one window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
-    /// Its middle, since the recording's begin \[s\].
+    /// Middle of the window, since the begin of the recording \[s\].
     pub time_s: f64,
-    /// Time counted in it \[s\].
+    /// Sum of its intervals \[s\].
     pub seconds: f64,
     /// Output with the coefficients frozen at mid temperature \[g0\].
     pub before: [f64; AXES],
     /// Output of the full model \[g0\]; NaN where the table rejects.
     pub after: [f64; AXES],
-    /// Mean telemetry.
+    /// Mean telemetry of the heads.
     pub head: [f64; AXES],
-    /// Mean telemetry.
+    /// Mean telemetry of the boards.
     pub board: [f64; AXES],
-    /// Whether some sample was flagged for its telemetry's range or for anything else but age.
+    /// Whether a sample had any flag other than stale telemetry.
     pub flagged: bool,
-    /// Whether it counts for the stability.
+    /// Whether the window counts for the stability: it is at the attitude.
     pub counts: bool,
     /// Whether the IMU was still, at any attitude.
     pub still: bool,
@@ -77,13 +82,13 @@ pub struct Window {
 /// One accelerometer's stability \[g0\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisStability {
-    /// Standard deviation, frozen coefficients.
+    /// Standard deviation with frozen coefficients.
     pub sd_before: f64,
-    /// Rms about zero, frozen coefficients.
+    /// Rms about zero with frozen coefficients.
     pub rms_before: f64,
-    /// Standard deviation, full model.
+    /// Standard deviation with the full model.
     pub sd_after: f64,
-    /// Rms about zero, full model.
+    /// Rms about zero with the full model.
     pub rms_after: f64,
 }
 
@@ -95,61 +100,59 @@ impl AxisStability {
     }
 }
 
-/// |output| less local gravity \[g0\], over the windows in which the IMU was still.
+/// |output| minus local gravity \[g0\], over the windows in which the IMU was still.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modulus {
-    /// Windows.
+    /// Number of windows.
     pub windows: usize,
     /// Mean.
     pub mean: f64,
     /// Rms about zero.
     pub rms: f64,
-    /// Largest size.
+    /// Largest absolute value.
     pub worst: f64,
 }
 
-/// What a recording shows.
+/// The stability of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stability {
     /// All windows, in order.
     pub windows: Vec<Window>,
-    /// Specific force \[g0\] that was taken off the outputs.
+    /// Specific force \[g0\] that was subtracted from the outputs.
     pub specific_force: [f64; AXES],
-    /// Whether it was stated, or stands in from the median.
+    /// Whether the attitude was stated; otherwise the specific force is the median of the outputs.
     pub stated: bool,
-    /// By axis.
+    /// The figures, by axis.
     pub axes: [AxisStability; AXES],
-    /// None if the IMU was never still.
+    /// The modulus; none if the IMU was never still.
     pub modulus: Option<Modulus>,
-    /// Local gravity over the table's \[g0\].
+    /// Local gravity \[g0\].
     pub gravity: f64,
-    /// Smallest step of each axis' telemetry, head and board; none if it never moves.
+    /// Smallest step of the telemetry of head and board, by axis; none if it never changes.
     pub resolution: [[Option<f64>; 2]; AXES],
-    /// Samples without a valid interval, which carry no velocity.
+    /// Number of samples without a valid interval; they have no velocity.
     pub left_out: u64,
     /// Telemetry at which the coefficients are frozen: head and board, by axis.
     pub middle: [[f64; 2]; AXES],
 }
 
 impl Stability {
-    /// A word about an output that is far from as long as gravity.
+    /// A warning if the length of the specific force is far from gravity.
     #[must_use]
-    pub fn not_gravity(&self) -> Option<String> {
+    pub fn gravity_mismatch(&self) -> Option<String> {
         let length = self.specific_force.iter().map(|f| f * f).sum::<f64>().sqrt();
-        ((length - self.gravity).abs() > GRAVITY).then(|| {
+        ((length - self.gravity).abs() > GRAVITY_TOLERANCE).then(|| {
             format!(
                 "the output is {length:.4} g0 long, gravity is {:.4}: not at rest, a dead converter, or the table of another IMU",
                 self.gravity
             )
         })
     }
-}
 
-impl Stability {
-    /// The verdict on a required factor: what is wrong, if an axis is not so many times more stable after than before.
+    /// Checks that the factor of every axis is at least `factor`.
     ///
     /// # Errors
-    /// Naming each such axis.
+    /// The axes with a smaller factor.
     pub fn require(&self, factor: f64) -> Result<(), String> {
         let axes = AXIS_NAMES.iter().zip(&self.axes);
         let short = axes.filter(|(_, axis)| axis.factor().is_nan() || axis.factor() < factor);
@@ -162,7 +165,7 @@ impl Stability {
     }
 }
 
-/// Why there is no stability to tell.
+/// Why the stability cannot be computed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StabilityError {
     /// Too few windows.
@@ -172,10 +175,10 @@ pub enum StabilityError {
     TooShort {
         /// Complete windows.
         windows: usize,
-        /// \[s\]
+        /// Length of a window \[s\].
         window_s: f64,
     },
-    /// An output that is no number in most windows.
+    /// The output of an axis is not a number in any window.
     #[error(
         "the output of {axis} is not a number: its telemetry is, or the table rejects it; look at a{index}_head and a{index}_board"
     )]
@@ -185,22 +188,22 @@ pub enum StabilityError {
         /// 1, 2 or 3.
         index: usize,
     },
-    /// Hardly any window is at the attitude.
+    /// Too few windows are at the attitude.
     #[error(
-        "only {counted} of {windows} windows are within {ATTITUDE} g0 of the specific force {force}; hold the IMU still, and state its \
+        "only {counted} of {windows} windows are within {ATTITUDE_TOLERANCE} g0 of the specific force {force}; hold the IMU still, and state its \
          attitude with --attitude"
     )]
-    NotThere {
+    OffAttitude {
         /// Windows at the attitude.
         counted: usize,
         /// All windows.
         windows: usize,
-        /// The specific force.
+        /// The specific force of the attitude.
         force: Force,
     },
 }
 
-/// A specific force, for messages.
+/// A specific force \[g0\], displayed with its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Force(pub [f64; AXES]);
 
@@ -211,7 +214,7 @@ impl fmt::Display for Force {
     }
 }
 
-/// What the samples of one window add up to.
+/// Sums over the samples of one window.
 #[derive(Clone, Copy, Debug, Default)]
 struct WindowSums {
     begin_s: f64,
@@ -225,7 +228,7 @@ struct WindowSums {
     flagged: bool,
 }
 
-/// Adds samples up into windows; memory does not grow with the sampling rate.
+/// Sums samples into windows; memory does not grow with the sampling rate.
 #[derive(Clone, Debug)]
 pub struct Collector<'a> {
     table: &'a CoefficientTable,
@@ -233,24 +236,24 @@ pub struct Collector<'a> {
     begin_ns: Option<u64>,
     open: WindowSums,
     windows: Vec<WindowSums>,
-    telemetry: [[Telemetry; 2]; AXES],
+    telemetry: [[TelemetryStep; 2]; AXES],
     left_out: u64,
 }
 
-/// Smallest step of a telemetry.
+/// Finds the smallest step of one telemetry signal.
 #[derive(Clone, Copy, Debug)]
-struct Telemetry {
+struct TelemetryStep {
     last: f64,
     step: f64,
 }
 
-impl Telemetry {
+impl TelemetryStep {
     fn add(&mut self, value: f64) {
         if !value.is_finite() {
             return;
         }
         let step = (value - self.last).abs();
-        // Below this it is the rounding of decimals.
+        // A smaller step is the rounding of decimals.
         if step > 1e-9 * value.abs() {
             self.step = self.step.min(step);
         }
@@ -258,8 +261,8 @@ impl Telemetry {
     }
 }
 
-/// Middle of the windows' mean telemetry, head and board by axis; of those without a flag, if there are any, since a single broken
-/// reading is no temperature.
+/// Middle of the range of the windows' mean telemetry: head and board, by axis. Flagged windows are used only if all are
+/// flagged, because one invalid reading would shift the middle.
 fn middle(windows: &[WindowSums]) -> [[f64; 2]; AXES] {
     let good = windows.iter().any(|window| !window.flagged);
     let used = || windows.iter().filter(move |window| !(good && window.flagged));
@@ -273,10 +276,10 @@ fn middle(windows: &[WindowSums]) -> [[f64; 2]; AXES] {
 }
 
 impl<'a> Collector<'a> {
-    /// For windows of `window_s`.
+    /// A collector for windows of `window_s` seconds.
     #[must_use]
     pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
-        let telemetry = Telemetry { last: f64::NAN, step: f64::INFINITY };
+        let telemetry = TelemetryStep { last: f64::NAN, step: f64::INFINITY };
         let telemetry = [[telemetry; 2]; 3];
         Self {
             table,
@@ -289,7 +292,7 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Adds the next sample. One whose interval is invalid carries no velocity and is left out.
+    /// Adds the next sample. A sample with an invalid interval has no velocity and is left out.
     pub fn add(&mut self, raw: &RawSample) {
         let compensation = compensate(self.table, raw);
         if compensation.flags.intersects(Flags::INTERVAL) {
@@ -315,22 +318,22 @@ impl<'a> Collector<'a> {
             self.telemetry[axis][0].add(raw.head_temperature[axis]);
             self.telemetry[axis][1].add(raw.board_temperature[axis]);
         }
-        // Half a period early is nearer than half a period late.
+        // The window ends with the sample that brings it nearest to its nominal length.
         if open.seconds + 0.5 * seconds >= self.window_s {
             self.windows.push(core::mem::take(open));
         }
     }
 
-    /// What the windows show; the last, incomplete one does not count.
+    /// The stability over all complete windows.
     ///
     /// # Errors
-    /// If there are too few windows, or too few at the attitude.
+    /// If there are too few windows, too few at the attitude, or an axis whose output is not a number.
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
         if self.windows.len() < MIN_WINDOWS {
             return Err(StabilityError::TooShort { windows: self.windows.len(), window_s: self.window_s });
         }
         let middle = middle(&self.windows);
-        let frozen = Frozen::new(self.table, middle);
+        let frozen = FrozenCoefficients::new(self.table, middle);
         let mut windows: Vec<_> = self.windows.iter().map(|sums| window(sums, &frozen, self.table)).collect();
         let gravity = setup.gravity_local / self.table.content().gravity;
         let median = |axis: usize| crate::diagnostics::median(windows.iter().map(|window| window.after[axis]));
@@ -347,13 +350,13 @@ impl<'a> Collector<'a> {
         let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
         if counted.len() < MIN_WINDOWS {
             let (counted, windows) = (counted.len(), windows.len());
-            return Err(StabilityError::NotThere { counted, windows, force: Force(specific_force) });
+            return Err(StabilityError::OffAttitude { counted, windows, force: Force(specific_force) });
         }
         let axes = [0, 1, 2].map(|axis| {
-            let off = |of: fn(&Window) -> &[f64; AXES]| -> Vec<f64> {
+            let errors = |of: fn(&Window) -> &[f64; AXES]| -> Vec<f64> {
                 counted.iter().map(|window| of(window)[axis] - specific_force[axis]).collect()
             };
-            let (before, after) = (off(|window| &window.before), off(|window| &window.after));
+            let (before, after) = (errors(|window| &window.before), errors(|window| &window.after));
             AxisStability {
                 sd_before: sd(&before),
                 rms_before: rms(&before),
@@ -378,9 +381,9 @@ impl<'a> Collector<'a> {
 }
 
 /// Bias \[g0\], K+ and K- of each axis at mid temperature.
-struct Frozen([[f64; 3]; AXES]);
+struct FrozenCoefficients([[f64; 3]; AXES]);
 
-impl Frozen {
+impl FrozenCoefficients {
     fn new(table: &CoefficientTable, middle: [[f64; 2]; AXES]) -> Self {
         let clamped = |polynomial: &Polynomial, telemetry: f64| polynomial.at(polynomial.clamp(telemetry));
         Self([0, 1, 2].map(|index| {
@@ -394,7 +397,7 @@ impl Frozen {
     }
 }
 
-fn window(sums: &WindowSums, frozen: &Frozen, table: &CoefficientTable) -> Window {
+fn window(sums: &WindowSums, frozen: &FrozenCoefficients, table: &CoefficientTable) -> Window {
     let content = table.content();
     let mean = |values: [f64; AXES]| values.map(|value| value / sums.seconds);
     let mut before = [0, 1, 2].map(|axis| {
@@ -417,18 +420,19 @@ fn window(sums: &WindowSums, frozen: &Frozen, table: &CoefficientTable) -> Windo
     }
 }
 
-/// Which windows are at the attitude, and which are still.
+/// Sets `counts` and `still` of every window.
 fn mark(windows: &mut [Window], force: [f64; AXES]) {
-    let apart = |a: &[f64; AXES], b: &[f64; AXES]| {
-        // A NaN is apart from everything.
-        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, |most: f64, d| if d.is_nan() { d } else { most.max(d) })
+    let distance = |a: &[f64; AXES], b: &[f64; AXES]| {
+        // `f64::max` ignores NaN. The distance must be NaN if one axis is: NaN is below no tolerance.
+        let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+        differences.fold(0.0, |most: f64, d| if most.is_nan() || d.is_nan() { f64::NAN } else { most.max(d) })
     };
     let after: Vec<_> = windows.iter().map(|window| window.after).collect();
     for (index, window) in windows.iter_mut().enumerate() {
-        window.counts = apart(&window.after, &force) < ATTITUDE;
+        window.counts = distance(&window.after, &force) < ATTITUDE_TOLERANCE;
         let neighbours = [index.checked_sub(1), Some(index + 1)];
         let mut near = neighbours.iter().flatten().filter_map(|&other| after.get(other));
-        window.still = near.all(|other| apart(&window.after, other) < STILL);
+        window.still = near.all(|other| distance(&window.after, other) < STILL_TOLERANCE);
     }
 }
 

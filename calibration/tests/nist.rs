@@ -1,4 +1,4 @@
-//! The regression against NIST's reference sets and a cubic, all of whose figures are known to 30 digits.
+//! The regression compared with NIST's reference sets and with a cubic; all their figures are known to 30 digits.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::double_double::DoubleDouble;
@@ -19,7 +19,7 @@ fn regression(set: &Value, order: usize) -> Regression {
     Regression::new(points.collect(), order).unwrap()
 }
 
-/// Digits that are right: -log10 of the relative error, at most 16; of an exact zero, all or none.
+/// Number of correct digits: -log10 of the relative error, at most 16. If `right` is exactly zero, only zero is correct.
 fn digits(got: f64, right: &Value) -> f64 {
     let text = right.as_str().unwrap();
     let right: f64 = text.parse().unwrap();
@@ -36,7 +36,7 @@ fn worst(got: &[f64], right: &Value) -> f64 {
 }
 
 #[test]
-fn every_set_has_at_least_12_digits_right() {
+fn every_figure_of_a_set_has_at_least_14_correct_digits() {
     println!(
         "{:10} {:>12} {:>15} {:>5} {:>10} {:>5}",
         "set", "coefficients", "standard errors", "R2", "resid. sd", "F"
@@ -65,7 +65,7 @@ fn every_set_has_at_least_12_digits_right() {
 }
 
 #[test]
-fn more_orders_than_the_set_needs_change_nothing() {
+fn a_higher_maximum_order_changes_no_lower_fit_and_no_choice() {
     let set = load("Filip");
     let ten = regression(&set, 10);
     let twelve = regression(&set, 12);

@@ -1,4 +1,4 @@
-//! What the reference sets do not show: weights, points left out, data that allow no regression.
+//! Properties that the reference sets do not test: weights, leave-one-out errors, data that allow no regression.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::double_double::DoubleDouble;
@@ -18,7 +18,7 @@ fn close(a: f64, b: f64, relative: f64) -> bool {
 }
 
 #[test]
-fn leaving_a_point_out_is_what_it_says() {
+fn leave_one_out_errors_equal_those_of_refits() {
     let all = points(12);
     let regression = Regression::new(all.clone(), 4).unwrap();
     for order in 0..=4 {
@@ -38,7 +38,7 @@ fn leaving_a_point_out_is_what_it_says() {
 }
 
 #[test]
-fn a_weight_of_two_is_as_good_as_two_points() {
+fn a_weight_of_two_equals_two_points() {
     let mut twice = points(9);
     twice.push(twice[3]);
     let mut weighted = points(9);
@@ -53,7 +53,7 @@ fn a_weight_of_two_is_as_good_as_two_points() {
 
 #[test]
 fn the_partial_sum_of_squares_needs_a_refit() {
-    // Eq. (15): without the last term, the fit is the one of the order below.
+    // Eq. (15): the fit without the last term is the fit of the next lower order.
     let regression = Regression::new(points(12), 4).unwrap();
     for pair in regression.fits().windows(2) {
         let partial = pair[1].partial.last().unwrap();
@@ -62,13 +62,13 @@ fn the_partial_sum_of_squares_needs_a_refit() {
         assert!(close(centred.sum_of_squares, partial.sum_of_squares, 1e-13));
         assert!(close(pair[1].sequential_ss, partial.sum_of_squares, 1e-11));
     }
-    // Lower terms depend on the centring.
+    // The sums of squares of lower terms depend on the centring.
     let fit = &regression.fits()[3];
     assert!(!close(fit.partial[0].sum_of_squares, fit.partial_centred[0].sum_of_squares, 0.1));
 }
 
 #[test]
-fn what_allows_no_regression_is_refused() {
+fn data_that_allow_no_regression_are_refused() {
     let three = || points(3);
     assert_eq!(Regression::new(three(), 3).unwrap_err(), RegressionError::TooFewPoints { order: 3, distinct: 3 });
     let same = vec![three()[0]; 5];
@@ -77,17 +77,17 @@ fn what_allows_no_regression_is_refused() {
     assert_eq!(Regression::new(Vec::new(), 0).unwrap_err(), RegressionError::TooFewPoints { order: 0, distinct: 0 });
     let huge = points(30).iter().map(|p| DataPoint::new(p.x.value() * 1e135, p.y.value())).collect();
     assert_eq!(Regression::new(huge, 15).unwrap_err(), RegressionError::OutOfRange);
-    // As many coefficients as points: a curve, but nothing to judge it by.
+    // With as many coefficients as points there is a curve, but no residual to judge it by.
     let exact = Regression::new(three(), 2).unwrap();
     assert!(exact.fits()[2].standard_errors.is_none() && exact.fits()[2].f.is_none());
     assert_eq!(exact.fits()[2].leave_one_out_rms, None);
-    // A constant has no R.
+    // Constant data have no R.
     let constant = Regression::new([1.0, 2.0, 3.0].map(|x| DataPoint::new(x, 5.0)).to_vec(), 1).unwrap();
     assert_eq!((constant.fits()[1].r_squared, constant.fits()[1].coefficients[0]), (None, 5.0));
 }
 
 #[test]
-fn the_f_distribution_is_that_of_the_tables() {
+fn the_f_distribution_agrees_with_published_tables() {
     for (p, d1, d2, right) in
         [(0.05, 1.0, 10.0, 4.964_603), (0.01, 3.0, 11.0, 6.216_730), (0.05, 5.0, 1000.0, 2.223_052)]
     {
@@ -98,9 +98,9 @@ fn the_f_distribution_is_that_of_the_tables() {
 }
 
 proptest! {
-    /// A polynomial is found again, wherever its x are.
+    /// The fit recovers a polynomial in any range of x.
     #[test]
-    fn polynomials_are_found_again(
+    fn polynomials_are_recovered(
         coefficients in prop::collection::vec(-5.0..5.0f64, 1..=6),
         offset in -1e3..1e3f64,
         width in 1e-2..1e3f64,
@@ -110,7 +110,7 @@ proptest! {
         let points = x.map(|x| DataPoint { x, y: exact(x), weight: DoubleDouble::ONE }).collect();
         let regression = Regression::new(points, 7).unwrap();
         let fit = &regression.fits()[coefficients.len() - 1];
-        // What y is good for, 1e-31 of its size, reaches a coefficient through the powers of the offset over the width.
+        // The rounding of y, 1e-31 of its size, is amplified in a coefficient by powers of offset / width.
         let farthest = offset.abs() + 20.0 * width;
         let size: f64 = coefficients.iter().zip(0..).map(|(c, k)| c.abs() * farthest.powi(k)).sum();
         let cost = 1e-28 * (2.0 + offset.abs() / width).powi(7);
@@ -129,7 +129,7 @@ fn any_scale_of_x_and_y_is_answered_or_refused() {
             for (x_scale, y_scale) in [(scale, 1.0), (1.0, scale), (scale, scale), (scale, 1.0 / scale)] {
                 let points: Vec<_> =
                     points(30).iter().map(|p| DataPoint::new(p.x.value() * x_scale, p.y.value() * y_scale)).collect();
-                // Never a panic; figures that are given are numbers.
+                // No data may cause a panic, and every returned figure must be finite.
                 if let Ok(regression) = Regression::new(points, order) {
                     let fit = &regression.fits()[order];
                     assert!(
@@ -140,7 +140,7 @@ fn any_scale_of_x_and_y_is_answered_or_refused() {
             }
         }
     }
-    // Times in nanoseconds since 1970, 10 s apart: what users have.
+    // Times as users have them: nanoseconds since 1970, one every 10 s.
     let times: Vec<_> = points(60)
         .iter()
         .zip(0_i64..)
@@ -166,7 +166,7 @@ fn a_fit_is_perfect_only_to_the_rounding_of_its_data() {
     // Doubles in their shortest form: 0.1 * 3 is 0.30000000000000004.
     assert_eq!(line(&|i| format!("{:?}", 0.1 * i as f64)).f, None);
     assert_eq!(line(&|i| format!("{}.{}", i / 10, i % 10)).sse, 0.0);
-    // Nanoseconds since 1970 with some 100 ns of jitter are not rounded to doubles, which are 256 ns apart there.
+    // Nanoseconds since 1970 with up to 100 ns of jitter must not be rounded to doubles, whose spacing there is 256 ns.
     let jitter = |i: i64| 1_700_000_000_000_000_000 + i * 10_000_000_000 + (i * 7919) % 100;
     assert!(line(&|i| jitter(i).to_string()).residual_sd.unwrap() > 10.0);
 }

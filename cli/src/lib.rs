@@ -1,6 +1,6 @@
-//! The program `isotherm`: one file a command ([`commands`]), the recorder, and the live screen.
+//! The program `isotherm`: one file for each command (`commands`), the recorder, and the live screen.
 //!
-//! A library so that a bench can be the program in one of its processes.
+//! It is a library so that a bench can run the program in one of its own processes.
 
 mod commands;
 mod parse;
@@ -38,7 +38,7 @@ struct Cli {
 }
 
 impl Cli {
-    /// The whole command line, as parsed, documented and completed.
+    /// The whole command line, for parsing, manual pages and completions.
     fn full_command() -> clap::Command {
         let command = Self::command().long_version(isotherm_version::LONG_VERSION);
         common::finish(common::hide_domain(command, &commands::WITHOUT_DOMAIN), "isotherm")
@@ -50,7 +50,7 @@ impl Cli {
     }
 }
 
-/// The program: does what the process's command line asks for.
+/// Runs the program with the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
     common::exit_code("isotherm", || {

@@ -1,4 +1,4 @@
-//! See the library.
+//! The program `isotherm`; all of its code is in the library.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! Values of the options, from text; what is wrong becomes clap's usage error.
+//! Parsers of option values. clap shows their errors as usage errors.
 
 use isotherm_calibration::positions::Scheme;
 use isotherm_shared::table::GRAVITY_RANGE;
@@ -20,7 +20,7 @@ pub fn over_0(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "give a number over 0".to_owned())
 }
 
-/// Set points \[degC\]; a type of its own, as clap takes a bare list for many values.
+/// Set points \[degC\]. It is a type of its own, because clap takes a plain `Vec` for an option with many values.
 #[derive(Clone, Debug)]
 pub struct SetPoints(pub Vec<f64>);
 
@@ -31,11 +31,11 @@ pub fn set_points(text: &str) -> Result<SetPoints, String> {
     if !(0.0..1000.0).contains(&steps) {
         return Err("the step must lead from FROM to TO in less than 1000 steps".to_owned());
     }
-    // A last step that ends at TO but for the rounding counts.
+    // 1e-9: a last step that misses TO only by rounding still counts.
     Ok(SetPoints((0..=(steps + 1e-9) as u32).map(|index| round(from + step * f64::from(index))).collect()))
 }
 
-/// To 1e-9 degC, so that 0.1 three times is 0.3.
+/// Rounds to 1e-9 degC, so that three steps of 0.1 give 0.3.
 fn round(set_point: f64) -> f64 {
     (set_point * 1e9).round() / 1e9
 }
@@ -60,7 +60,7 @@ pub fn sizes(text: &str) -> Result<[f64; 2], String> {
     if sizes.iter().all(|size| *size >= 0.0) { Ok(sizes) } else { Err("neither may be negative".to_owned()) }
 }
 
-/// Amplitude in g0 and frequency in Hz; each cycle takes 20 steps, so that the frequency decides how long it takes.
+/// Amplitude \[g0\] and frequency \[Hz\]. The frequency has a limit, because the simulation takes 20 steps for each cycle.
 pub fn vibration(text: &str) -> Result<[f64; 2], String> {
     let [amplitude, frequency] = sizes(text)?;
     if amplitude <= 100.0 && frequency <= 2000.0 {

@@ -17,7 +17,7 @@ fn isotherm(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_isotherm")).args(arguments).current_dir(folder).output().unwrap()
 }
 
-/// Runs a command that must end with `code`; what it printed on stdout and stderr.
+/// Runs a command that must end with `code`. Returns what it printed on stdout and stderr.
 fn run(folder: &Path, code: i32, arguments: &[&str]) -> (String, String) {
     let output = isotherm(folder, arguments);
     let texts = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
@@ -29,7 +29,7 @@ fn folder() -> TempDir {
     tempfile::Builder::new().prefix("iso-").tempdir().unwrap()
 }
 
-/// A report needs nothing from elsewhere.
+/// Checks that a report loads nothing from elsewhere, and has these texts.
 fn assert_self_contained(path: &Path, contains: &[&str]) {
     let html = fs::read_to_string(path).unwrap();
     for word in ["http://", "https://", "<script", "<link", "src=", "NaN", "inf<"] {
@@ -78,7 +78,7 @@ fn the_closed_loop() {
     assert_self_contained(&at("v.html"), &["Requirement met", "Error budget"]);
     let (out, err) = verified(&["--require", "1e6"], 1);
     assert!(err.contains("1000000 are required") && out.contains("Output stability"), "{err}");
-    // Of the wrong length for a body at rest: told, not refused.
+    // An output with the wrong length for a body at rest is a warning, not a failure.
     let raw = fs::read_to_string(at("run/run.csv")).unwrap();
     let mut lines = raw.lines();
     let header = lines.next().unwrap();
@@ -92,7 +92,7 @@ fn the_closed_loop() {
 }
 
 #[test]
-fn calibrate_tells_what_is_wrong_and_where() {
+fn calibrate_reports_what_is_wrong_and_where() {
     let folder = folder();
     let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
     let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
@@ -107,7 +107,7 @@ fn calibrate_tells_what_is_wrong_and_where() {
     };
     write(&campaign, &samples);
     run(folder.path(), 0, &["calibrate", "campaign.toml", "-o", "-"]);
-    // Nothing that is read is written over, and not one file twice.
+    // No input is overwritten, and table and report must be different files.
     for more in [
         &["-o", "samples.csv"][..],
         &["-o", "campaign.toml"],
@@ -119,7 +119,7 @@ fn calibrate_tells_what_is_wrong_and_where() {
         run(folder.path(), 64, &[&["calibrate", "campaign.toml"], more].concat());
     }
     assert!(fs::read_to_string(folder.path().join("samples.csv")).unwrap() == samples);
-    // Both files, or none.
+    // Either both files are written or none.
     run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "t.toml", "--report", "nowhere/r.html"]);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     for wrong in [&["--order", "8"][..], &["--method", "magic"], &["--exclude", "5"], &["--exclude", "5/99"]] {
@@ -177,7 +177,7 @@ fn regress_writes_what_scripts_rely_on() {
         assert!(ten["partial"][9][key].is_number(), "{key}");
     }
     assert!(plain["reason"].as_str().unwrap().contains("order 10"));
-    // A weight that is the same for all changes nothing but the sums.
+    // Equal weights change only the sums.
     let weighted = json(&["--max-order", "10", "--weights", "w"]);
     for (a, b) in ten["standard_errors"]
         .as_array()
@@ -188,7 +188,7 @@ fn regress_writes_what_scripts_rely_on() {
         assert!((a.as_f64().unwrap() / b.as_f64().unwrap() - 1.0).abs() < 1e-13, "{a} {b}");
     }
     assert!((weighted["orders"][9]["sse"].as_f64().unwrap() / ten["sse"].as_f64().unwrap() - 2.0).abs() < 1e-12);
-    // Perfect: no F.
+    // A perfect fit has no F.
     fs::write(folder.path().join("line.csv"), "x,y\n0,1\n1,1.1\n2,1.2\n3,1.3\n").unwrap();
     let line = run(folder.path(), 0, &["regress", "line.csv", "--x", "x", "--y", "y", "--json"]).0;
     let line: Value = serde_json::from_str(&line).unwrap();

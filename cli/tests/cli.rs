@@ -1,4 +1,4 @@
-//! The command line's own behaviour: exit codes, where words and data go.
+//! The command line's own behaviour: exit codes, help, and what goes to stdout and stderr.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use std::process::{Command, Output};

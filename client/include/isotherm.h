@@ -15,28 +15,28 @@
  *     }
  *     isotherm_acquisition_close(acquisition);
  *
- * Service and clients run as the same user and meet in one domain. docs/c.md tells how to compile and link; examples/c has complete
- * programs; isotherm.hpp is the same for C++.
+ * Service and clients run as the same user and use the same domain. docs/c.md describes how to compile and link; examples/c has
+ * complete programs; isotherm.hpp is the same for C++.
  *
- * Answers. Functions return an isotherm_code: 0 is success, positive codes are part of normal operation, negative ones are errors.
- * Each function names the codes that it gives, but for those that all can: ISOTHERM_ERROR_NULL for a pointer that is NULL and must not
- * be, ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED and ISOTHERM_ERROR_INTERNAL. isotherm_error_message() has phase, cause and remedy.
- * Outputs are written with ISOTHERM_OK only; a handle that there is none of becomes NULL.
+ * Results. Functions return an isotherm_code: 0 is success, positive codes are part of normal operation, negative codes are errors.
+ * The description of each function ends with its codes. All of them may also return ISOTHERM_ERROR_NULL for a pointer that must
+ * not be NULL, ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED and ISOTHERM_ERROR_INTERNAL. isotherm_error_message() has phase, cause and
+ * remedy. Outputs are written with ISOTHERM_OK only, with one exception: if a handle cannot be created, its output becomes NULL.
  *
  * Pointers. Strings end with 0 and are copied. A handle may be used until it is closed, a sample until it is sent or discarded.
- * Whatever else is handed over is looked at during the call only.
+ * All other pointers are used during the call only.
  *
- * Threads. A handle may be used and closed in any thread, by one at a time; one that comes at the same moment is answered
- * ISOTHERM_ERROR_BUSY and nothing is done. A sample on loan may be filled in by any thread. Different handles are independent of each
- * other, and functions without a handle may be called at any time. Nothing may be called from a signal handler.
+ * Threads. Any thread may use and close a handle, but only one at a time: a second call at the same moment returns
+ * ISOTHERM_ERROR_BUSY and does nothing. Any thread may fill in a sample on loan. Different handles are independent of each other, and
+ * functions without a handle may be called at any time. No function may be called from a signal handler.
  *
- * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED), must not touch its samples,
- * and connects anew. exec() needs no care.
+ * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED). It must not access its
+ * parent's samples, and it must connect again. exec() needs no special care.
  *
  * Real time. isotherm_loan, _send, _receive and _discard allocate nothing, take no lock and make no system call while service and
- * readers stay the same, but the one that wakes a service that sleeps. Messages of errors are allocated.
+ * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of errors are allocated.
  *
- * No function unwinds, exits or installs a signal handler. Made from client/c/src by cbindgen; do not edit.
+ * No function unwinds, exits or installs a signal handler. Generated from client/c/src by cbindgen; do not edit.
  */
 
 #ifndef ISOTHERM_H
@@ -46,17 +46,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/** The version of this header; isotherm_version() is that of the library. */
+/** The version of this header; isotherm_version() is the version of the library. */
 #define ISOTHERM_VERSION "0.1.0"
 
 
 /**
- * Longest control period that can be compensated: one hour. Longer ones, and 0, are flagged ISOTHERM_FLAG_INTERVAL.
+ * Longest control period that can be compensated: one hour. A longer one, or 0, is flagged ISOTHERM_FLAG_INTERVAL.
  */
 #define ISOTHERM_MAX_INTERVAL_NS 3600000000000
 
 /**
- * Samples that may be on loan from an acquisition at once.
+ * Maximum number of samples on loan from one acquisition.
  */
 #define ISOTHERM_LOANS 4
 
@@ -176,8 +176,8 @@
 #define ISOTHERM_FLAG_LATE (1 << 25)
 
 /**
- * What a call came to. 0 is success, positive codes are part of normal operation, negative ones are errors. The numbers never
- * change; later versions may add some.
+ * Result of a call: 0 is success, positive codes are part of normal operation, negative codes are errors. The numbers
+ * never change; later versions may add codes.
  */
 enum isotherm_code
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -185,7 +185,7 @@ enum isotherm_code
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Done.
+     * Success.
      */
     ISOTHERM_OK = 0,
     /**
@@ -193,17 +193,17 @@ enum isotherm_code
      */
     ISOTHERM_NONE = 1,
     /**
-     * As many samples as the service's queue holds are unanswered. The sample has not been sent and is still yours: wait and send
-     * it again, discard it, or sum the next one into it with isotherm_merge.
+     * As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours: wait and
+     * send it again, discard it, or add the next sample to it with isotherm_merge.
      */
     ISOTHERM_FULL = 2,
     /**
-     * The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when the service
-     * returns, and a later isotherm_receive may still get its answer.
+     * The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new service has
+     * started, and a later isotherm_receive may still return its increment.
      */
     ISOTHERM_TIMEOUT = 3,
     /**
-     * A pointer that must not be NULL is.
+     * A pointer is NULL that must not be NULL.
      */
     ISOTHERM_ERROR_NULL = -1,
     /**
@@ -231,7 +231,7 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_PERMISSION = -7,
     /**
-     * The machine has no shared memory or disk space left, or the process no descriptors.
+     * Shared memory, disk space or the file descriptors of the process are exhausted.
      */
     ISOTHERM_ERROR_EXHAUSTED = -8,
     /**
@@ -240,7 +240,7 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_TRANSPORT = -9,
     /**
-     * This is no sample on loan from this acquisition: it has been sent or discarded, or never was one.
+     * The sample is not on loan from this acquisition: it has been sent or discarded, or was never loaned from it.
      */
     ISOTHERM_ERROR_NOT_ON_LOAN = -10,
     /**
@@ -260,20 +260,20 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_MERGE = -14,
     /**
-     * The operating system refused a real-time setting; the message tells which, why, and what would help.
+     * The operating system refused a real-time setting; the message has the setting, the cause and a remedy.
      */
     ISOTHERM_ERROR_REALTIME = -15,
     /**
-     * Another call is in this handle at this moment, in another thread or beneath a signal handler. Nothing has been done.
+     * Another call uses this handle at this moment, in another thread or interrupted by a signal handler. Nothing has been done.
      */
     ISOTHERM_ERROR_BUSY = -16,
     /**
-     * The handle is of the process that this one was forked from. Nothing has been done.
+     * The handle belongs to the process that this one was forked from. Nothing has been done.
      */
     ISOTHERM_ERROR_FORKED = -17,
     /**
-     * A fault of this library, in this call or in an earlier one with the same handle, which can only be closed now. Please
-     * report it, with what was printed to stderr.
+     * A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed now. Please
+     * report the fault, with the text on stderr.
      */
     ISOTHERM_ERROR_INTERNAL = -18,
 };
@@ -286,15 +286,15 @@ typedef int32_t isotherm_code;
 #endif // __cplusplus
 
 /**
- * The one acquisition process of an IMU: sends raw samples, receives their increments, each once and in the order of
+ * The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the order of
  * sending.
  */
 typedef struct isotherm_acquisition isotherm_acquisition;
 
 /**
- * Reads the increments of one IMU as they are published, beside its acquisition: navigation, loggers. Each (session, sequence) is
- * handed out once. It cannot disturb anyone: when it sleeps for more than 256 increments, the oldest are overwritten, which
- * shows as a gap in `sequence`.
+ * Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is returned once.
+ * A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are overwritten, which is a gap
+ * in `sequence`.
  */
 typedef struct isotherm_reader isotherm_reader;
 
@@ -303,11 +303,11 @@ typedef struct isotherm_reader isotherm_reader;
  */
 typedef struct {
     /**
-     * Chosen at random by the acquisition each time it starts; a resend keeps it.
+     * Random number that the acquisition chooses each time it starts; a resent sample keeps it.
      */
     uint64_t session;
     /**
-     * Rises by one with each sample of a session, from any start.
+     * Rises by one with each sample of a session; the first may be any number.
      */
     uint64_t sequence;
     /**
@@ -377,8 +377,8 @@ typedef struct {
      */
     uint32_t flags;
     /**
-     * From the raw sample's `sent_ns` (from the service seeing it, where that is unknown) to just before publishing
-     * [ns], saturating.
+     * Time from the raw sample's `sent_ns` to just before publishing [ns], saturating. If `sent_ns` is unknown, the time
+     * counts from when the service found the sample.
      */
     uint32_t latency_ns;
 } isotherm_compensated_increment;
@@ -388,11 +388,11 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Connects as the acquisition of an IMU, waiting up to `timeout_ns` for the service if need be.
+ * Connects as the acquisition of an IMU, waiting up to `timeout_ns` for the service if necessary.
  *
- * `imu` is the IMU's name. `domain` is the name of the service's domain; NULL takes the one that the environment variable
- * ISOTHERM_DOMAIN names, or "default". The handle is written to `*acquisition`, NULL if there is none. Close it with
- * isotherm_acquisition_close.
+ * `imu` is the IMU's name. `domain` is the name of the service's domain. If it is NULL, the environment variable
+ * ISOTHERM_DOMAIN names the domain, else it is "default". The handle is written to `*acquisition`; NULL is written if the call
+ * fails. Close the handle with isotherm_acquisition_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
  * .._TRANSPORT.
@@ -405,16 +405,16 @@ isotherm_code isotherm_acquisition_connect(const char *imu,
 /**
  * Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
  *
- * ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
+ * ISOTHERM_OK. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
  */
 isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
 
 /**
- * Loans a sample to fill in where it lies, in shared memory: nothing is copied from here on. `*sample` is yours until it is sent
- * or discarded, and ends with the handle. Up to ISOTHERM_LOANS at once.
+ * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or discarded,
+ * or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * All fields are 0 but `session` and `sequence`, which are filled in. Set the others but `sent_ns`. `sequence` may be
- * raised, to tell of samples that were lost before they could be sent; the service then flags the gap.
+ * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`. If samples were lost before they
+ * could be sent, raise `sequence` by their number; the service then flags the gap.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
  */
@@ -422,17 +422,17 @@ isotherm_code isotherm_loan(isotherm_acquisition *acquisition,
                             isotherm_raw_sample **sample);
 
 /**
- * Gives a sample back unsent. The next one loaned has its sequence.
+ * Gives a sample back without sending it. The next loaned sample has the same sequence.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
  */
 isotherm_code isotherm_discard(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Sends a sample and wakes the service. Never waits, and never copies the sample through the transport.
+ * Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
  *
- * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample is gone: its pointer must not be used any more.
- * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE it is still yours.
+ * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
+ * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
  *
  * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE, ISOTHERM_ERROR_TRANSPORT.
  */
@@ -441,15 +441,15 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
 /**
  * The increment of the oldest unanswered sample, if it has come. Does not wait.
  *
- * While something is unanswered this also looks, about every 5 ms, whether the service has been replaced, and sends the
- * unanswered samples again if so: whoever waits calls it again and again.
+ * While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
+ * sends the unanswered samples again. So call it repeatedly while you wait.
  *
  * ISOTHERM_OK, ISOTHERM_NONE, ISOTHERM_ERROR_TRANSPORT.
  */
 isotherm_code isotherm_receive(isotherm_acquisition *acquisition, isotherm_compensated_increment *increment);
 
 /**
- * As isotherm_receive, waiting up to `timeout_ns`: spinning for the first 100 us, then in short sleeps.
+ * As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times.
  */
 isotherm_code isotherm_receive_timeout(isotherm_acquisition *acquisition,
                                        uint64_t timeout_ns,
@@ -457,10 +457,10 @@ isotherm_code isotherm_receive_timeout(isotherm_acquisition *acquisition,
 
 /**
  * The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Answers to samples sent
- * earlier, whose callers have given up on them, are passed over.
+ * earlier are discarded.
  *
- * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours, after ISOTHERM_OK, ISOTHERM_TIMEOUT and
- * ISOTHERM_ERROR_TRANSPORT it is gone.
+ * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
+ * ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
  *
  * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_TIMEOUT, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE,
  * ISOTHERM_ERROR_TRANSPORT.
@@ -476,39 +476,39 @@ isotherm_code isotherm_compensate(isotherm_acquisition *acquisition,
 size_t isotherm_depth(const isotherm_acquisition *acquisition);
 
 /**
- * Samples sent whose increments have not been received. 0 for a handle that cannot be used.
+ * Samples that have been sent and whose increments have not been received. 0 for a handle that cannot be used.
  */
 size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 
 /**
- * The session that all samples carry, random for each connection. 0 for a handle that cannot be used.
+ * The session of all samples; a new random number for each connection. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_session(const isotherm_acquisition *acquisition);
 
 /**
  * Begins a new session: the next sample may have any sequence.
  *
- * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT while samples are unanswered.
+ * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
  */
 isotherm_code isotherm_begin_session(isotherm_acquisition *acquisition);
 
 /**
- * What the last call of this thread that gave neither ISOTHERM_OK nor ISOTHERM_NONE has to say: phase, cause and remedy, in
- * UTF-8; empty if there was none. Never NULL. Valid until the thread's next such call, or its end: copy what you keep.
+ * The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy, in UTF-8.
+ * Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it if you keep it.
  */
 const char *isotherm_error_message(void);
 
 /**
- * A reader that connects as soon as the service is there, and does not wait for it. Arguments as for
- * isotherm_acquisition_connect. Close it with isotherm_reader_close.
+ * Creates a reader that connects when the service has started; does not wait for it. Arguments as for
+ * isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME.
  */
 isotherm_code isotherm_reader_new(const char *imu, const char *domain, isotherm_reader **reader);
 
 /**
- * A reader that is connected, waiting up to `timeout_ns` for the service if need be. Arguments as for
- * isotherm_acquisition_connect. Close it with isotherm_reader_close.
+ * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. Arguments as for
+ * isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
  */
@@ -520,7 +520,7 @@ isotherm_code isotherm_reader_connect(const char *imu,
 /**
  * Leaves the stream and frees the handle. NULL is allowed.
  *
- * ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
+ * ISOTHERM_OK. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
  */
 isotherm_code isotherm_reader_close(isotherm_reader *reader);
 
@@ -534,8 +534,8 @@ isotherm_code isotherm_reader_receive(isotherm_reader *reader,
                                       isotherm_compensated_increment *increment);
 
 /**
- * As isotherm_reader_receive, waiting up to `timeout_ns`. Looks every 0.2 ms; call isotherm_reader_receive again and again to be
- * faster.
+ * As isotherm_reader_receive, but waits up to `timeout_ns`. Polls every 0.2 ms; for less delay call isotherm_reader_receive in a
+ * loop.
  */
 isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
                                               uint64_t timeout_ns,
@@ -547,12 +547,12 @@ isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
 bool isotherm_reader_is_connected(const isotherm_reader *reader);
 
 /**
- * Increments that came again after a resend and were not handed out. 0 for a handle that cannot be used.
+ * Increments that came again after a resend and were not returned. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_reader_repeats(const isotherm_reader *reader);
 
 /**
- * The version of the library, as ISOTHERM_VERSION is that of the header.
+ * The version of the library. ISOTHERM_VERSION is the version of the header.
  */
 const char *isotherm_version(void);
 
@@ -562,13 +562,13 @@ const char *isotherm_version(void);
 uint64_t isotherm_monotonic_ns(void);
 
 /**
- * Real-time settings of the calling thread. Call it in the thread that sends and receives, before it connects.
+ * Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.
  *
- * `core`: the core that the thread is bound to; -1 leaves it as it is. `priority`: SCHED_FIFO priority, 1 to 99; 0 leaves it
- * as it is. `lock_memory`: keeps all memory of the process resident, what it gets later included. `timer_slack_ns`: how much
- * later than asked a sleep may end; 0 leaves it as it is (50 000 unless set).
+ * `core`: the core that the thread is bound to; -1: no change. `priority`: SCHED_FIFO priority, 1 to 99; 0: no change.
+ * `lock_memory`: keeps all memory of the process resident, including memory that it gets later. `timer_slack_ns`: how much later
+ * than requested a sleep may end [ns]; 0: no change (the default of the kernel is 50 000).
  *
- * ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails; those before it, in this order, are in force.
+ * ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in force.
  */
 isotherm_code isotherm_realtime(int32_t core,
                                 int32_t priority,
@@ -579,8 +579,8 @@ isotherm_code isotherm_realtime(int32_t core,
  * Adds the next control period to a sample: pulses and intervals are summed, timestamp and telemetry become the later
  * ones, session, sequence and `sent_ns` stay. `later` does not change.
  *
- * The velocity increment is linear in pulses and interval, so no velocity is lost as long as the temperature has not moved
- * between the two. Use it for a sample that the service had no room for.
+ * The velocity increment is linear in pulses and interval, so no velocity is lost if the temperature is the same in both
+ * periods. Use it when the service had no room for a sample.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
  */
@@ -588,9 +588,10 @@ isotherm_code isotherm_merge(isotherm_raw_sample *sample,
                              const isotherm_raw_sample *later);
 
 /**
- * Writes the names of `flags` as text: `-`, or the names joined by `|`, lowest bit first; bits without a name are left out. At
- * most `size` bytes are written to `text`, the 0 at the end included. Returns how long the whole text is, without that 0; if that is
- * not below `size`, it has been cut off. 512 bytes are enough for all. `text` may be NULL if `size` is 0.
+ * Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name
+ * are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the length of the whole text
+ * without that 0; if it is not less than `size`, the text has been cut off. 512 bytes are always enough. `text` may be NULL if
+ * `size` is 0.
  */
 size_t isotherm_flags_text(uint32_t flags,
                            char *text,
@@ -600,7 +601,7 @@ size_t isotherm_flags_text(uint32_t flags,
 }  // extern "C"
 #endif  // __cplusplus
 
-/* What travels through shared memory is the same in every language. */
+/* The payloads in shared memory have the same layout in every language. */
 #ifdef __cplusplus
 #define ISOTHERM_ASSERT(condition) static_assert(condition, #condition)
 #else

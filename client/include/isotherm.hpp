@@ -6,10 +6,10 @@
 //     if (auto increment = acquisition.compensate(sample, 10ms))
 //         use(increment->velocity_increment);
 //
-// Errors are thrown as isotherm::Error, with the code and message of isotherm.h. What is part of normal operation is returned: no
-// increment yet, a full queue, no answer in time. Threads and processes: the rules are those of isotherm.h.
-// Everything can be moved and nothing copied. An object that has been moved from may be destroyed or assigned to; anything else throws
-// Error with ISOTHERM_ERROR_NULL.
+// Errors are thrown as isotherm::Error, with the code and message of isotherm.h. Results that are part of normal operation are
+// returned: no increment yet, a full queue, no answer in time. The rules for threads and processes are those of isotherm.h.
+// Objects with a handle or a sample can be moved, but not copied. An object that has been moved from may be destroyed or assigned
+// to; other calls throw Error with ISOTHERM_ERROR_NULL, or return 0 or false.
 #ifndef ISOTHERM_HPP
 #define ISOTHERM_HPP
 
@@ -28,7 +28,7 @@ namespace isotherm {
 using RawSample = isotherm_raw_sample;
 using CompensatedIncrement = isotherm_compensated_increment;
 
-/// A code below 0, and why.
+/// An error: a code, usually negative, and its message.
 class Error : public std::runtime_error {
 public:
     Error(isotherm_code code, const std::string &message) : std::runtime_error(message), code_(code) {}
@@ -62,16 +62,16 @@ inline std::optional<CompensatedIncrement> some(isotherm_code code, const Compen
 
 /// How to reach a service.
 struct Options {
-    /// The name of its domain; the one of the environment variable ISOTHERM_DOMAIN, or "default", unless set.
+    /// The name of its domain. If it is not set, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
     std::optional<std::string> domain = std::nullopt;
-    /// How long connecting may take, waiting for a service that is not there yet included.
+    /// How long connecting may take. This includes waiting for a service that has not started yet.
     std::chrono::nanoseconds timeout = std::chrono::seconds(5);
 
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
 };
 
-/// A raw sample in shared memory. It is yours until it is sent, and given back unsent when this object is destroyed, which must
-/// be before its acquisition is. Empty after it has been sent.
+/// A raw sample in shared memory, which is yours until it is sent. When this object is destroyed, a sample that was not sent is
+/// given back. Destroy it before its acquisition. It is empty after the sample has been sent.
 class Sample {
 public:
     Sample(Sample &&other) noexcept : acquisition_(other.acquisition_), raw_(std::exchange(other.raw_, nullptr)) {}
@@ -87,7 +87,7 @@ public:
             isotherm_discard(acquisition_, raw_);
     }
 
-    /// Whether there still is a sample.
+    /// Whether it has a sample.
     explicit operator bool() const noexcept { return raw_ != nullptr; }
     RawSample &operator*() const noexcept { return *raw_; }
     RawSample *operator->() const noexcept { return raw_; }
@@ -107,10 +107,10 @@ public:
     explicit operator bool() const noexcept { return code_ == ISOTHERM_OK; }
     /// The service's queue is full of unanswered samples; the sample has not been sent.
     bool is_full() const noexcept { return code_ == ISOTHERM_FULL; }
-    /// The sample was sent, but its increment did not come in time. A later receive() may still get it.
+    /// The sample was sent, but its increment did not come in time. A later receive() may still return it.
     bool is_late() const noexcept { return code_ == ISOTHERM_TIMEOUT; }
 
-    /// The increment, if there is one; otherwise all 0.
+    /// The increment; all fields are 0 if there is none.
     const CompensatedIncrement &operator*() const noexcept { return increment_; }
     const CompensatedIncrement *operator->() const noexcept { return &increment_; }
     /// The increment; throws Error (ISOTHERM_FULL, ISOTHERM_TIMEOUT) if there is none.
@@ -130,7 +130,7 @@ private:
 /// The one acquisition process of an IMU.
 class Acquisition {
 public:
-    /// Connects, waiting for the service if need be.
+    /// Connects, waiting for the service if necessary.
     explicit Acquisition(const std::string &imu, const Options &options = {})
     {
         isotherm_acquisition *handle = nullptr;
@@ -138,7 +138,7 @@ public:
         handle_.reset(handle);
     }
 
-    /// A sample to fill in. `session` and `sequence` are filled in already.
+    /// Loans a sample to fill in. `session` and `sequence` are set already.
     [[nodiscard]] Sample loan()
     {
         RawSample *raw = nullptr;
@@ -146,7 +146,7 @@ public:
         return Sample(handle_.get(), raw);
     }
 
-    /// Sends a sample, which then is empty. False if the service's queue is full: the sample is still yours.
+    /// Sends a sample; `sample` is empty then. Returns false if the service's queue is full: the sample is still yours.
     [[nodiscard]] bool send(Sample &sample) { return done(sample, isotherm_send(handle_.get(), sample.raw_)) == ISOTHERM_OK; }
 
     /// The increment of the oldest unanswered sample, if it has come.
@@ -156,14 +156,14 @@ public:
         return detail::some(isotherm_receive(handle_.get(), &increment), increment);
     }
 
-    /// The same, waiting for it up to `timeout`.
+    /// The same, but waits up to `timeout`.
     [[nodiscard]] std::optional<CompensatedIncrement> receive(std::chrono::nanoseconds timeout)
     {
         CompensatedIncrement increment;
         return detail::some(isotherm_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
     }
 
-    /// The round trip in one call: sends a sample, which is then empty unless the queue is full, and waits for its increment.
+    /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the queue is full.
     [[nodiscard]] Answer compensate(Sample &sample, std::chrono::nanoseconds timeout)
     {
         Answer answer;
@@ -173,15 +173,15 @@ public:
 
     /// The most samples that can be unanswered at once.
     std::size_t depth() const noexcept { return isotherm_depth(handle_.get()); }
-    /// Samples sent whose increments have not been received.
+    /// Samples that have been sent and whose increments have not been received.
     std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
-    /// The session that all samples carry, random for each connection.
+    /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
-    /// Begins a new session: the next sample may have any sequence. Throws while samples are unanswered.
+    /// Begins a new session: the next sample may have any sequence. Throws if samples are unanswered.
     void begin_session() { detail::check(isotherm_begin_session(handle_.get())); }
 
 private:
-    /// A sample that is gone is not given back.
+    /// Empties `sample` unless it is still the caller's.
     static isotherm_code done(Sample &sample, isotherm_code code)
     {
         if (code == ISOTHERM_OK || code == ISOTHERM_TIMEOUT || code == ISOTHERM_ERROR_TRANSPORT || code == ISOTHERM_ERROR_NOT_ON_LOAN)
@@ -195,10 +195,10 @@ private:
     std::unique_ptr<isotherm_acquisition, Close> handle_;
 };
 
-/// Reads the increments of one IMU as they are published, beside its acquisition.
+/// Reads the increments of one IMU as they are published.
 class IncrementReader {
 public:
-    /// Connected, having waited for the service if need be.
+    /// Connects, waiting for the service if necessary.
     explicit IncrementReader(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;
@@ -206,7 +206,7 @@ public:
         handle_.reset(handle);
     }
 
-    /// One that connects as soon as the service is there, and does not wait for it.
+    /// A reader that connects when the service has started; does not wait for it.
     [[nodiscard]] static IncrementReader unconnected(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;
@@ -221,7 +221,7 @@ public:
         return detail::some(isotherm_reader_receive(handle_.get(), &increment), increment);
     }
 
-    /// The same, waiting for it up to `timeout`.
+    /// The same, but waits up to `timeout`.
     [[nodiscard]] std::optional<CompensatedIncrement> receive(std::chrono::nanoseconds timeout)
     {
         CompensatedIncrement increment;
@@ -230,7 +230,7 @@ public:
 
     /// Whether the stream has been found. Stays true when the service stops.
     bool is_connected() const noexcept { return isotherm_reader_is_connected(handle_.get()); }
-    /// Increments that came again after a resend and were not handed out.
+    /// Increments that came again after a resend and were not returned.
     std::uint64_t repeats() const noexcept { return isotherm_reader_repeats(handle_.get()); }
 
 private:
@@ -242,7 +242,8 @@ private:
     std::unique_ptr<isotherm_reader, Close> handle_;
 };
 
-/// Adds the next control period to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if the sum overflows; neither has changed then.
+/// Adds the next control period to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if a sum overflows; neither sample has changed
+/// then.
 inline void merge(RawSample &sample, const RawSample &later) { detail::check(isotherm_merge(&sample, &later)); }
 
 /// The names of flags joined by `|`, or `-`.
@@ -253,18 +254,19 @@ inline std::string flags_text(std::uint32_t flags)
     return text;
 }
 
-/// Real-time settings of the calling thread; whatever is not set stays as it is.
+/// Real-time settings of the calling thread. A setting that is not given stays unchanged.
 struct Realtime {
     /// The core that the thread is bound to.
     std::optional<unsigned> core = std::nullopt;
     /// SCHED_FIFO priority, 1 to 99.
     std::optional<int> priority = std::nullopt;
-    /// Keeps all memory of the process resident, what it gets later included.
+    /// Keeps all memory of the process resident, including memory that it gets later.
     bool lock_memory = false;
-    /// How much later than asked a sleep may end.
+    /// How much later than requested a sleep may end.
     std::optional<std::chrono::nanoseconds> timer_slack = std::nullopt;
 
-    /// Throws Error (ISOTHERM_ERROR_REALTIME) for the first that fails; those before it, in this order, are in force.
+    /// Throws Error (ISOTHERM_ERROR_REALTIME) for the first setting that fails. The settings before it, in this order, are in
+    /// force.
     void apply() const
     {
         detail::check(isotherm_realtime(core ? static_cast<std::int32_t>(*core) : -1, priority.value_or(0), lock_memory,

@@ -1,7 +1,7 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
 use crate::clock::{Clock, monotonic_ns};
-use crate::connect::{Options, absent, deadline, join_existing, until};
+use crate::connect::{Options, absent, deadline, join_existing, retry_until};
 use crate::error::{ConnectError, permission};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
 use crate::peers::{depth_of, publisher_of};
@@ -20,23 +20,23 @@ use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often a silent service is looked after while samples are unanswered, and after how many empty looks at the
-/// stream the clock is read to find out.
-const LOOK_NS: u64 = 5_000_000;
-const EMPTY_LOOKS: u32 = 16;
-/// After this long without the oldest answer its sample is sent once more, even to the same service; then after twice as
-/// long, and so on. It costs a service that is merely stopped no more than a few places in its queue.
+/// Pause between two checks of the service while samples are unanswered.
+const CHECK_NS: u64 = 5_000_000;
+/// The clock is read, to find out whether a check is due, after this many polls that found nothing.
+const EMPTY_POLLS: u32 = 16;
+/// The oldest unanswered sample is sent again after this long, even to the same service; then after twice as long, and so
+/// on. A service that is only stopped gets few repeats in its queue this way.
 const SILENCE_NS: u64 = 1_000_000_000;
-/// Pause before samples that others have overtaken are sent again once more.
+/// Pause between two resends of samples that later answers have overtaken.
 const OVERTAKEN_NS: u64 = 100_000_000;
-/// Samples that may be in the caller's hands, loaned and not sent yet.
+/// Samples that the caller may have on loan, not sent yet.
 const LOANS: usize = 4;
 
 /// The one acquisition process of an IMU.
 ///
-/// Samples go out without being copied and answers come back each **once and in the order of sending**. What is
-/// unanswered is kept, at most [`depth`](Self::depth) samples; when the service is replaced by a new one, they are sent
-/// again, so that a service that is killed and restarted loses nothing. The caller decides how long to wait.
+/// Samples are sent without a copy, and each answer is received **once and in the order of sending**. Copies of the
+/// unanswered samples, at most [`depth`](Self::depth), are kept and sent again when a new service replaces the old one, so a
+/// service that is killed and restarted loses no sample. The caller decides how long to wait.
 ///
 /// Not `Send`: create it in the thread that uses it.
 #[derive(Debug)]
@@ -55,31 +55,32 @@ pub struct Acquisition {
     _node: IpcNode,
 }
 
-/// Which service has been sent the unanswered samples, and when it was last looked after.
+/// Which service the unanswered samples were sent to, and when samples were resent.
 #[derive(Debug)]
 struct Recovery {
+    /// Id of the service's increment publisher.
     service: u128,
-    empty_looks: u32,
-    looked_ns: u64,
-    /// Since when the oldest sample has been waiting without another being answered, as far as is known.
+    empty_polls: u32,
+    checked_ns: u64,
+    /// Since when samples have been unanswered and no answer has come; updated by checks, so a few ms late.
     silent_since_ns: u64,
     /// How long that may last before the oldest sample is sent again.
-    patience_ns: u64,
-    /// When samples that others had overtaken were last sent again.
+    resend_after_ns: u64,
+    /// When overtaken samples were last sent again.
     resent_ns: u64,
-    /// Whether an answer has been handed out since the last look.
+    /// Whether an answer has been handed out since the last check.
     progress: bool,
 }
 
 impl Acquisition {
-    /// Connects as the acquisition of `imu`, waiting for the service if need be.
+    /// Connects as the acquisition of `imu`, waiting for the service if necessary.
     ///
     /// # Errors
-    /// What still stood in the way when the time-out of `options` had passed, or at once what waiting cannot mend.
+    /// The last error when the time-out of `options` has passed; at once an error that waiting cannot resolve.
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
         let deadline = deadline(options.timeout);
-        let node = until(deadline, || join_existing(&options.domain))?;
-        let parts = until(deadline, || Self::attach(&node, imu, options))?;
+        let node = retry_until(deadline, || join_existing(&options.domain))?;
+        let parts = retry_until(deadline, || Self::attach(&node, imu, options))?;
         reserve(&options.domain)?;
         Ok(parts(node))
     }
@@ -99,14 +100,14 @@ impl Acquisition {
             node.service_builder(&imu.increment()).publish_subscribe::<CompensatedIncrement>().open().map_err(open)?;
         let wake = node.service_builder(&imu.wake()).event().open();
         let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
-        // The service creates its increment publisher last: with that it is ready.
+        // The service creates its increment publisher last. When it exists, the service is ready.
         let service = publisher_of(&increments).ok_or_else(|| absent(node, &options.domain, imu))?.0;
 
         let publisher = raw.publisher_builder().max_loaned_samples(LOANS + 2);
         let publisher = publisher.backpressure_strategy(BackpressureStrategy::DiscardData).create();
         let publisher = publisher.map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                // A dead predecessor holds the place until it is cleaned away.
+                // A dead acquisition occupies the only place until its node is cleaned up.
                 node.try_cleanup_dead_nodes();
                 ConnectError::Occupied { imu: imu.clone(), pid: publisher_of(&raw).and_then(|(_, pid)| pid) }
             }
@@ -116,7 +117,7 @@ impl Acquisition {
         let subscriber = increments.subscriber_builder().buffer_size(depth).create();
         let subscriber = subscriber.map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                // Dead ones hold their places until they are cleaned away.
+                // Dead readers occupy their places until their nodes are cleaned up.
                 node.try_cleanup_dead_nodes();
                 ConnectError::no_room(imu, &increments)
             }
@@ -133,10 +134,10 @@ impl Acquisition {
             clock: Clock::new(),
             recovery: Recovery {
                 service,
-                empty_looks: 0,
-                looked_ns: 0,
+                empty_polls: 0,
+                checked_ns: 0,
                 silent_since_ns: 0,
-                patience_ns: SILENCE_NS,
+                resend_after_ns: SILENCE_NS,
                 resent_ns: 0,
                 progress: false,
             },
@@ -155,7 +156,7 @@ impl Acquisition {
         &self.imu
     }
 
-    /// The session that all samples carry, random for each connection.
+    /// The session of all samples; a new random number for each connection.
     #[must_use]
     pub const fn session(&self) -> u64 {
         self.session
@@ -164,7 +165,7 @@ impl Acquisition {
     /// Begins a new session: the next sample may have any sequence.
     ///
     /// # Errors
-    /// While samples are unanswered.
+    /// If samples are unanswered.
     pub fn begin_session(&mut self) -> Result<(), InFlight> {
         match self.in_flight() {
             0 => {
@@ -182,21 +183,21 @@ impl Acquisition {
         self.pending.depth()
     }
 
-    /// Samples sent whose answers have not been received.
+    /// Samples that have been sent and whose answers have not been received.
     #[must_use]
     pub fn in_flight(&self) -> usize {
         self.pending.len()
     }
 
-    /// A sample to fill in, in shared memory. One is always kept ready, so this costs nothing after a send.
+    /// Loans a sample in shared memory, to be filled in. After a send the next one is loaned already, so this call is cheap.
     ///
     /// # Errors
-    /// If the caller holds too many already (4).
+    /// If the caller has 4 samples on loan already.
     #[inline]
     pub fn loan(&mut self) -> Result<Loan, TransportError> {
         let mut sample = match self.spare.take() {
             Some(sample) => sample,
-            None => self.fresh()?,
+            None => self.loan_sample()?,
         };
         let raw = sample.payload_mut();
         raw.session = self.session;
@@ -204,12 +205,12 @@ impl Acquisition {
         Ok(Loan(sample))
     }
 
-    /// Sends a sample and wakes the service. Never waits and never copies the sample through the transport.
+    /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
     ///
-    /// `session` and `sent_ns` are set here. A recorder that has no room for its copy is no failure.
+    /// Sets `session` and `sent_ns`. A recorder whose queue is full is not an error.
     ///
     /// # Errors
-    /// [`SendError`], with the sample in it where it can still be used.
+    /// [`SendError`], which contains the sample if it can still be used.
     #[inline]
     pub fn send(&mut self, mut sample: Loan) -> Result<(), SendError> {
         if self.pending.is_full() {
@@ -222,25 +223,25 @@ impl Acquisition {
         sample.sent_ns = self.clock.now();
         if self.pending.len() == 0 {
             self.recovery.silent_since_ns = sample.sent_ns;
-            self.recovery.patience_ns = SILENCE_NS;
+            self.recovery.resend_after_ns = SILENCE_NS;
         }
-        // Even if sending fails, for some of its receivers it may not have: no other sample gets this sequence.
+        // A send that fails may have reached some receivers. So no other sample gets this sequence.
         self.next_sequence = next_sequence;
         let copy = *sample;
         if let Err(error) = sample.0.send() {
             return Err(SendError::Transport(error.to_string()));
         }
         self.pending.push(copy);
-        // Without a listener in need this costs nothing; if it fails, the service's bounded wait still finds the sample.
+        // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded wait.
         let _ = self.notifier.notify();
-        self.spare = self.fresh().ok();
+        self.spare = self.loan_sample().ok();
         Ok(())
     }
 
     /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
     ///
-    /// While something is unanswered this also looks, about every 5 ms, whether the service has been replaced, and sends the
-    /// unanswered samples again if so.
+    /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it sends
+    /// the unanswered samples again.
     ///
     /// # Errors
     /// If the transport fails.
@@ -260,14 +261,14 @@ impl Acquisition {
                 return Ok(Some(answer));
             }
         }
-        self.recovery.empty_looks = self.recovery.empty_looks.wrapping_add(1);
-        if self.pending.len() > 0 && self.recovery.empty_looks.is_multiple_of(EMPTY_LOOKS) {
-            self.look_after_the_service()?;
+        self.recovery.empty_polls = self.recovery.empty_polls.wrapping_add(1);
+        if self.pending.len() > 0 && self.recovery.empty_polls.is_multiple_of(EMPTY_POLLS) {
+            self.check_service()?;
         }
         Ok(None)
     }
 
-    /// As [`receive`](Self::receive), waiting up to `timeout`: spinning for the first 100 us, then in short sleeps.
+    /// As [`receive`](Self::receive), but waits up to `timeout`: it spins for the first 100 us, then sleeps for short times.
     ///
     /// # Errors
     /// If the transport fails.
@@ -292,16 +293,16 @@ impl Acquisition {
 
     /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
     ///
-    /// Answers to samples sent earlier, whose callers have given up on them, are passed over.
+    /// Answers to samples sent earlier are discarded.
     ///
     /// # Errors
     /// [`CompensateError`].
     pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
         let sequence = sample.sequence;
-        // Makes room, and looks after the service, even if nobody else calls `receive`.
+        // Makes room and checks the service for a caller that never calls `receive`.
         while self.pending.is_full() && self.receive()?.is_some() {}
         if self.pending.is_full() {
-            self.look_after_the_service()?;
+            self.check_service()?;
         }
         self.send(sample)?;
         let started = Instant::now();
@@ -315,51 +316,51 @@ impl Acquisition {
     }
 
     #[inline]
-    fn fresh(&self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
+    fn loan_sample(&self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
         let sample = self.publisher.loan_uninit().map_err(|error| transport("loaning a raw sample", error))?;
         Ok(sample.write_payload(RawSample::default()))
     }
 
-    /// Off the fast path: only while an answer is awaited, and at most every [`LOOK_NS`].
+    /// Checks whether samples must be sent again. Called only while samples are unanswered; acts at most every [`CHECK_NS`].
     #[cold]
     #[inline(never)]
-    fn look_after_the_service(&mut self) -> Result<(), TransportError> {
+    fn check_service(&mut self) -> Result<(), TransportError> {
         let now = self.clock.now();
-        if now.saturating_sub(self.recovery.looked_ns) < LOOK_NS {
+        if now.saturating_sub(self.recovery.checked_ns) < CHECK_NS {
             return Ok(());
         }
-        self.recovery.looked_ns = now;
-        // As long as answers come there is nothing to find out; asking the transport allocates.
+        self.recovery.checked_ns = now;
+        // While answers come, no check is necessary. It would allocate memory in the transport.
         if core::mem::take(&mut self.recovery.progress) {
             self.recovery.silent_since_ns = now;
-            self.recovery.patience_ns = SILENCE_NS;
+            self.recovery.resend_after_ns = SILENCE_NS;
             return Ok(());
         }
-        // A dead service stays listed until it is cleaned away, which its successor does before it takes the place.
+        // A dead service stays listed until its successor cleans it up, which it does before it creates its own publisher.
         let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
         if service != self.recovery.service {
-            // Those too that are answered and wait for their turn: the new service would take the next ones for a gap otherwise.
-            self.send_again(self.pending.len(), true)?;
+            // Includes answered samples that wait for an earlier answer: without them the new service would report a gap.
+            self.resend(self.pending.len(), true)?;
             self.recovery.service = service;
             self.recovery.silent_since_ns = now;
         } else if self.pending.overtaken() > 0 && now.saturating_sub(self.recovery.resent_ns) > OVERTAKEN_NS {
-            // The service answers in order: what an answered sample has overtaken never reached it.
+            // The service answers in order. So an unanswered sample before an answered one never reached it.
             self.recovery.resent_ns = now;
-            self.send_again(self.pending.overtaken(), false)?;
-        } else if now.saturating_sub(self.recovery.silent_since_ns) > self.recovery.patience_ns {
+            self.resend(self.pending.overtaken(), false)?;
+        } else if now.saturating_sub(self.recovery.silent_since_ns) > self.recovery.resend_after_ns {
             self.recovery.silent_since_ns = now;
-            self.recovery.patience_ns = self.recovery.patience_ns.saturating_mul(2);
-            self.send_again(1, false)?;
+            self.recovery.resend_after_ns = self.recovery.resend_after_ns.saturating_mul(2);
+            self.resend(1, false)?;
         }
         Ok(())
     }
 
-    /// Sends the oldest samples once more, as they were; those without an answer, or `answered` ones too.
-    fn send_again(&mut self, count: usize, answered: bool) -> Result<(), TransportError> {
+    /// Sends the first `count` samples again, unchanged, oldest first. Answered samples are skipped unless `answered` is true.
+    fn resend(&mut self, count: usize, answered: bool) -> Result<(), TransportError> {
         for sample in self.pending.samples(answered).take(count) {
             let mut copy = match self.spare.take() {
                 Some(spare) => spare,
-                None => self.fresh()?,
+                None => self.loan_sample()?,
             };
             *copy.payload_mut() = *sample;
             copy.send().map_err(|error| transport("sending a raw sample again", error))?;
@@ -369,7 +370,7 @@ impl Acquisition {
     }
 }
 
-/// A number that no other session is likely to have; the standard library's hash keys are random in every process.
+/// A random number, for a session. The standard library's hash keys are random in every process.
 fn random() -> u64 {
     RandomState::new().hash_one(monotonic_ns())
 }

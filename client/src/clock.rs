@@ -1,9 +1,9 @@
-//! `CLOCK_MONOTONIC`, read for less where the processor's time stamp counter allows it.
+//! `CLOCK_MONOTONIC`, read by the processor's time stamp counter where this is possible.
 //!
-//! Two readings of the clock are part of every round trip. The kernel's own (`clock_gettime`, no system call) costs twice to three times
-//! what reading the counter does. So a [`Clock`] reads the counter and adds what has passed since it last asked the kernel, which
-//! it does again after [`REACH_NS`]: a rate that is off by the 500 ppm that the kernel may steer its clock with makes
-//! 50 ns by then. Where the kernel does not use the counter itself, or there is none, every reading asks the kernel.
+//! Every round trip reads the clock twice. `clock_gettime` (no system call) takes two to three times as long as reading the
+//! counter. So a [`Clock`] reads the counter and adds the time since its last reading of the kernel's clock. It reads the
+//! kernel's clock again after [`EXTRAPOLATION_NS`]: the kernel may steer its clock by 500 ppm, which is an error of 50 ns by
+//! then. If the kernel does not use the counter itself, or there is none, every reading is the kernel's.
 #![cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "the counter has no safe intrinsic"))]
 
 use rustix::time::{ClockId, clock_gettime};
@@ -11,17 +11,18 @@ use std::fs;
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// How far from its last reading of the kernel's clock a [`Clock`] trusts the counter \[ns\].
-pub const REACH_NS: u64 = 100_000;
-/// The counter's rate is taken over at least this long \[ns\], where a reading's uncertainty no longer matters.
+/// A [`Clock`] uses the counter for this long after its last reading of the kernel's clock \[ns\].
+pub const EXTRAPOLATION_NS: u64 = 100_000;
+/// The counter's rate is measured over at least this long \[ns\], so that the uncertainty of a reading does not matter.
 const BASELINE_NS: u64 = 200_000;
-/// A reading of both clocks that took more ticks was interrupted: what it is off by would be in every reading until the next.
-const TOGETHER_TICKS: u64 = 500;
-/// Attempts at a first reading of both clocks.
+/// A reading of both clocks that took more ticks was interrupted. It is not used: its error would be in all readings until
+/// the next one.
+const MAX_READING_TICKS: u64 = 500;
+/// Attempts to get a first reading of both clocks.
 const ATTEMPTS: usize = 10;
-/// Fixed point of the rate.
+/// Fractional bits of the rate.
 const FRACTION: u32 = 32;
-const KERNELS_CLOCK: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+const CLOCKSOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
 
 /// `CLOCK_MONOTONIC` \[ns\], the clock of `sent_ns`, from the kernel.
 #[must_use]
@@ -30,21 +31,21 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
-/// The time now, in seconds of Unix time.
+/// The present Unix time \[s\].
 #[must_use]
 pub fn unix_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
-/// A thread's reader of `CLOCK_MONOTONIC`. Two of them, in whatever threads and processes, agree to within 0.1 us.
+/// Reads `CLOCK_MONOTONIC` for one thread. Any two of them, in any threads and processes, agree to within 0.1 us.
 #[derive(Debug)]
 pub struct Clock {
-    /// What both clocks said when the kernel's was asked last; `None` where the counter is not used.
+    /// The last reading of both clocks; `None` if the counter is not used.
     anchor: Option<Anchor>,
-    /// \[ns per tick\], fixed point; 0 until it is known.
+    /// Rate of the counter \[ns per tick\], fixed point; 0 until it is known.
     rate: u64,
-    /// [`REACH_NS`] in ticks; 0 until the rate is known.
-    reach: u64,
+    /// [`EXTRAPOLATION_NS`] in ticks; 0 until the rate is known.
+    max_ticks: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -54,20 +55,20 @@ struct Anchor {
 }
 
 impl Anchor {
-    /// Both clocks, unless it was interrupted between the two.
+    /// Reads both clocks; `None` if it was interrupted between them.
     fn now() -> Option<Self> {
         let now = Self { ticks: ticks(), ns: monotonic_ns() };
-        (ticks().wrapping_sub(now.ticks) <= TOGETHER_TICKS).then_some(now)
+        (ticks().wrapping_sub(now.ticks) <= MAX_READING_TICKS).then_some(now)
     }
 }
 
 impl Clock {
-    /// One that finds out by itself whether the counter can be used; that takes less than a millisecond.
+    /// Creates a clock and checks whether the counter can be used; this takes less than a millisecond.
     #[must_use]
     pub fn new() -> Self {
         let usable =
-            cfg!(target_arch = "x86_64") && fs::read_to_string(KERNELS_CLOCK).is_ok_and(|name| name.trim() == "tsc");
-        let mut clock = Self { anchor: None, rate: 0, reach: 0 };
+            cfg!(target_arch = "x86_64") && fs::read_to_string(CLOCKSOURCE).is_ok_and(|name| name.trim() == "tsc");
+        let mut clock = Self { anchor: None, rate: 0, max_ticks: 0 };
         if usable && let Some(first) = (0..ATTEMPTS).find_map(|_| Anchor::now()) {
             thread::sleep(Duration::from_nanos(BASELINE_NS));
             clock.renew(first);
@@ -76,7 +77,7 @@ impl Clock {
         clock
     }
 
-    /// Now \[ns\]. The processor may read the counter some tens of nanoseconds ahead of what stands before it.
+    /// Now \[ns\]. The processor may read the counter some tens of nanoseconds before it has completed earlier instructions.
     #[inline]
     pub fn now(&mut self) -> u64 {
         match self.anchor {
@@ -85,7 +86,7 @@ impl Clock {
         }
     }
 
-    /// Now \[ns\], once everything that stands before it has been computed.
+    /// Now \[ns\], after all earlier instructions are complete.
     #[inline]
     pub fn now_in_order(&mut self) -> u64 {
         match self.anchor {
@@ -96,22 +97,22 @@ impl Clock {
 
     #[inline]
     fn at(&mut self, ticks: u64, anchor: Anchor) -> u64 {
-        // A counter that has gone backwards, as when a machine was moved, gives a huge difference.
+        // A counter that has gone backwards (a virtual machine was migrated) gives a huge difference, and the kernel is asked.
         let since = ticks.wrapping_sub(anchor.ticks);
-        if since < self.reach { anchor.ns + ((since * self.rate) >> FRACTION) } else { self.renew(anchor) }
+        if since < self.max_ticks { anchor.ns + ((since * self.rate) >> FRACTION) } else { self.renew(anchor) }
     }
 
-    /// Asks the kernel, and learns the rate from what has passed since it was asked last.
+    /// Reads the kernel's clock, and computes the rate from the time since the last reading.
     #[cold]
     fn renew(&mut self, last: Anchor) -> u64 {
         let Some(now) = Anchor::now() else { return monotonic_ns() };
         let (passed, passed_ns) = (now.ticks.wrapping_sub(last.ticks), now.ns.saturating_sub(last.ns));
         if (BASELINE_NS..1 << (63 - FRACTION)).contains(&passed_ns) {
             let rate = (passed_ns << FRACTION) / passed.max(1);
-            // A clock that was stopped or set gives another rate; that one is forgotten, and learned anew.
+            // A clock that was stopped or set gives another rate. That rate is not used; the next reading measures a new one.
             let steady = self.rate == 0 || rate.abs_diff(self.rate) <= self.rate / 128;
             self.rate = if steady { rate } else { 0 };
-            self.reach = (REACH_NS << FRACTION).checked_div(self.rate).unwrap_or(0);
+            self.max_ticks = (EXTRAPOLATION_NS << FRACTION).checked_div(self.rate).unwrap_or(0);
         }
         self.anchor = Some(now);
         now.ns
@@ -124,11 +125,11 @@ impl Default for Clock {
     }
 }
 
-/// The counter.
+/// Reads the counter.
 #[inline]
 fn ticks() -> u64 {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: it only reads a register, which this processor has. It is called only where the kernel itself uses the counter.
+    // SAFETY: it only reads a register that this processor has. It is called only if the kernel itself uses the counter.
     unsafe {
         core::arch::x86_64::_rdtsc()
     }
@@ -136,7 +137,7 @@ fn ticks() -> u64 {
     0
 }
 
-/// The counter, not before what stands before it in the program has been computed.
+/// Reads the counter after all earlier instructions are complete.
 #[inline]
 fn ticks_in_order() -> u64 {
     #[cfg(target_arch = "x86_64")]
@@ -153,11 +154,11 @@ mod tests {
     use std::time::Instant;
 
     #[test]
-    fn it_tells_the_kernels_time() {
+    fn it_gives_the_kernels_time() {
         let mut clock = Clock::new();
         let started = Instant::now();
         let mut readings = 0_u64;
-        // Between two readings of the kernel's clock, unless it was interrupted there; rounding and the rate have 0.1 us.
+        // A reading lies between two readings of the kernel's clock. The margin of 1 us covers rounding and the rate (0.1 us).
         while started.elapsed() < Duration::from_millis(50) {
             let before = monotonic_ns();
             let (a, b) = (clock.now(), clock.now_in_order());

@@ -1,4 +1,4 @@
-//! Joining a domain: where it is, how a process gets its node, and how long that may take.
+//! Joining a domain: where its files are, how a process gets its node, and how long connecting may take.
 
 use crate::error::{ConnectError, permission};
 use crate::peers::publisher_of;
@@ -16,51 +16,51 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// Environment variable that names the domain.
 pub const DOMAIN_VARIABLE: &str = "ISOTHERM_DOMAIN";
-/// Environment variable with the folder under which domains keep their files.
+/// Environment variable that names the parent of the domains' folders.
 pub const ROOT_VARIABLE: &str = "ISOTHERM_ROOT";
-/// The folder used where it exists, as on an installed system.
+/// Parent of the domains' folders if it exists, as on an installed system.
 const SYSTEM_ROOT: &str = "/run/isotherm";
 
 /// Pause between two attempts to join.
 const RETRY: Duration = Duration::from_millis(5);
-/// A running service that does not serve an IMU for this long will not start to. One that finds leftovers of a killed
+/// If a running service does not serve an IMU after this long, connecting fails. A service that finds leftovers of a killed
 /// predecessor needs a second or two between its first stream and its last.
-const PATIENCE: Duration = Duration::from_secs(3);
+const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
 
 /// How to reach a service.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The world of service and clients.
+    /// The domain of service and clients.
     pub domain: Domain,
-    /// How long connecting may take, waiting for a service that is not there yet included.
+    /// How long connecting may take. This includes waiting for a service that has not started yet.
     pub timeout: Duration,
 }
 
 impl Options {
-    /// The domain of the environment and a time-out of 5 s.
+    /// The domain of the environment variables, and a time-out of 5 s.
     ///
     /// # Errors
-    /// If the environment names a domain or folder that cannot be used.
+    /// If they name a domain or folder that cannot be used.
     pub fn from_environment() -> Result<Self, DomainError> {
         Ok(Self { domain: domain(None)?, timeout: Duration::from_secs(5) })
     }
 }
 
-/// The domain `name`, or the one of `ISOTHERM_DOMAIN`, or `default`.
+/// The domain `name`; without a name the one of `ISOTHERM_DOMAIN`, else `default`.
 ///
-/// Its files lie in `$ISOTHERM_ROOT/NAME`; without that variable in `/run/isotherm/NAME` where `/run/isotherm` exists,
-/// else in `/tmp/isotherm-NAME`.
+/// Its folder is `$ISOTHERM_ROOT/NAME`. Without that variable it is `/run/isotherm/NAME` if `/run/isotherm` exists, else
+/// `/tmp/isotherm-NAME`.
 ///
 /// # Errors
-/// If name or folder cannot be used.
+/// If the name or the folder cannot be used.
 pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
-    // What is not UTF-8 is no domain's name, and refused as such.
+    // A value that is not UTF-8 becomes an invalid name, which `Domain::new` refuses.
     let from_environment = std::env::var_os(DOMAIN_VARIABLE).map(|name| name.to_string_lossy().into_owned());
     let from_environment = from_environment.filter(|name| !name.is_empty());
     let name = name.map(str::to_owned).or(from_environment).unwrap_or_else(|| Domain::DEFAULT.to_owned());
     let root = match std::env::var(ROOT_VARIABLE) {
         Ok(root) if !root.is_empty() => {
-            // Two spellings of a folder are one folder, and one domain.
+            // Different paths of the same folder must give the same domain.
             let canonical = fs::canonicalize(&root).ok().and_then(|path| path.into_os_string().into_string().ok());
             format!("{}/{name}", canonical.unwrap_or(root).trim_end_matches('/'))
         }
@@ -70,7 +70,7 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
     Domain::new(&name, &root)
 }
 
-/// As [`join`], but only if a service has been there: a client leaves no trace in a domain that does not exist.
+/// As [`join`], but only if a service has used the domain: a client creates nothing in a domain that does not exist.
 ///
 /// # Errors
 /// [`ConnectError::NoService`] besides those of [`join`].
@@ -82,7 +82,7 @@ pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
     }
 }
 
-/// Gives this process a place in `domain`, after sweeping away what others left half-created.
+/// Makes this process a member of `domain`, after [`sweep_half_created`].
 ///
 /// # Errors
 /// [`ConnectError::Permission`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
@@ -99,10 +99,10 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     })
 }
 
-/// Whether the domain, if it exists, belongs to this process's user. Even root gets nothing out of another user's.
+/// Checks that the domain, if it exists, belongs to this process's user. Even root is refused another user's domain.
 ///
 /// # Errors
-/// [`ConnectError::Permission`] if not.
+/// [`ConnectError::Permission`] if not, and [`ConnectError::Transport`] if its folder is not usable.
 pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     match fs::metadata(domain.root_path()) {
         Ok(metadata) if !metadata.is_dir() => {
@@ -119,18 +119,18 @@ pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     }
 }
 
-/// Removes shared memory objects of `domain` that a process created and died before giving them a size.
+/// Removes shared memory objects of `domain` whose creator died before it set their size.
 ///
-/// Such an object stays at mode 0200 for ever, and the transport waits for it without bound. One counts as left behind
-/// when it is older than twice the transport's creation time-out; for younger ones this waits that long.
+/// Such an object keeps mode 0200 for ever, and the transport waits for it without limit. An object counts as left behind
+/// when it is older than twice the transport's creation time-out; this waits until younger ones are complete or that old.
 pub fn sweep_half_created(domain: &Domain) {
     let limit = 2 * CREATION_TIMEOUT;
-    let mut seen: HashMap<PathBuf, Instant> = HashMap::new();
+    let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();
     loop {
         let mut waiting = false;
-        for (path, age) in in_mode(SHARED_MEMORY, &domain.prefix(), 0o200) {
-            // An age from a clock that was stepped says nothing; having watched it for the limit does.
-            let watched = seen.entry(path.clone()).or_insert_with(Instant::now).elapsed();
+        for (path, age) in files_with_mode(SHARED_MEMORY, &domain.prefix(), 0o200) {
+            // The age is wrong if the clock was set meanwhile. So the object is removed too if it has been watched for the limit.
+            let watched = watched_since.entry(path.clone()).or_insert_with(Instant::now).elapsed();
             if age.is_some_and(|age| age > limit) || watched > limit {
                 let _ = fs::remove_file(path);
             } else {
@@ -144,8 +144,8 @@ pub fn sweep_half_created(domain: &Domain) {
     }
 }
 
-/// The files of `folder` with `prefix` whose permissions are exactly `mode`, with their ages.
-pub fn in_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(PathBuf, Option<Duration>)> {
+/// The files of `folder` whose names begin with `prefix` and whose permissions are exactly `mode`, with their ages.
+pub fn files_with_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(PathBuf, Option<Duration>)> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let ours = entries.filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()));
     ours.filter_map(|entry| {
@@ -156,14 +156,14 @@ pub fn in_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(PathBuf, Option<Du
     .collect()
 }
 
-/// The moment after which `timeout` has passed; far away if it is too long for the clock.
+/// The time when `timeout` has passed; decades ahead if the clock cannot represent it.
 pub(crate) fn deadline(timeout: Duration) -> Instant {
     let now = Instant::now();
     now.checked_add(timeout).unwrap_or(now + Duration::from_secs(1 << 30))
 }
 
-/// Tries until it works, the error is final, or the deadline has passed.
-pub(crate) fn until<T>(
+/// Repeats `attempt` until it succeeds, its error is permanent, or the deadline has passed.
+pub(crate) fn retry_until<T>(
     deadline: Instant,
     mut attempt: impl FnMut() -> Result<T, ConnectError>,
 ) -> Result<T, ConnectError> {
@@ -174,22 +174,22 @@ pub(crate) fn until<T>(
             Err(error) => error,
         };
         let now = Instant::now();
-        let hopeless = match error {
+        let permanent = match error {
             ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_) => true,
-            ConnectError::NoSuchImu { .. } => now.duration_since(*unserved_since.get_or_insert(now)) > PATIENCE,
+            ConnectError::NoSuchImu { .. } => now.duration_since(*unserved_since.get_or_insert(now)) > UNSERVED_LIMIT,
             _ => {
                 unserved_since = None;
                 false
             }
         };
-        if hopeless || now >= deadline {
+        if permanent || now >= deadline {
             return Err(error);
         }
         thread::sleep(RETRY);
     }
 }
 
-/// What it means that a stream of `imu` does not exist.
+/// The error for a stream of `imu` that does not exist: the service does not serve the IMU, or no service is running.
 pub(crate) fn absent(node: &IpcNode, domain: &Domain, imu: &ImuId) -> ConnectError {
     let serving = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
     match serving {

@@ -1,4 +1,4 @@
-//! Why a process could not connect, and the exit code that a program ends with for it.
+//! Why a process could not connect, and the exit code of a program for each reason.
 
 use crate::peers::subscribers_of;
 use core::fmt;
@@ -10,7 +10,7 @@ use isotherm_shared::stream::{Domain, DomainError, ImuId, Ipc};
 /// Why a process could not connect.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum ConnectError {
-    /// Nothing serves this domain.
+    /// No service runs in this domain.
     #[error(
         "no service is running in domain {0:?}; start one with `isotherm serve --domain {0} --imu ID=TABLE`, or name its domain with --domain or ISOTHERM_DOMAIN"
     )]
@@ -18,7 +18,7 @@ pub enum ConnectError {
     /// The service runs, but not for this IMU.
     #[error("the service of domain {domain:?} does not serve IMU {imu}; `isotherm status` lists those that it serves")]
     NoSuchImu {
-        /// The IMU asked for.
+        /// The requested IMU.
         imu: ImuId,
         /// The domain.
         domain: String,
@@ -26,19 +26,19 @@ pub enum ConnectError {
     /// Another process is this IMU's acquisition.
     #[error("IMU {imu} already has an acquisition process{}; stop that one first", pid.map(|pid| format!(", pid {pid}")).unwrap_or_default())]
     Occupied {
-        /// The IMU asked for.
+        /// The requested IMU.
         imu: ImuId,
-        /// The other process.
+        /// Process id of the other acquisition, if known.
         pid: Option<i32>,
     },
     /// The stream has no room for another reader.
     #[error("IMU {imu}: all {places} reader places are taken, by processes {pids:?}; stop one of them")]
     NoRoom {
-        /// The IMU asked for.
+        /// The requested IMU.
         imu: ImuId,
-        /// How many there are.
+        /// Number of reader places.
         places: usize,
-        /// Those that read.
+        /// Process ids of the readers.
         pids: Vec<i32>,
     },
     /// The domain belongs to another user.
@@ -54,18 +54,18 @@ pub enum ConnectError {
     /// The domain cannot be used.
     #[error(transparent)]
     Domain(#[from] DomainError),
-    /// The machine has no room, or the process no descriptors left. Says what to do.
+    /// Shared memory, disk space or file descriptors are exhausted. The message contains the remedy.
     #[error("{0}")]
     Exhausted(String),
-    /// Anything else that the transport says.
+    /// Any other error of the transport.
     #[error(
         "transport: {phase}: {cause}; {remedy}",
         remedy = "if it persists, stop all processes of the domain and start the service anew"
     )]
     Transport {
-        /// What was being done.
+        /// The operation, for example "opening the streams".
         phase: &'static str,
-        /// What iceoryx2 says.
+        /// The message of iceoryx2.
         cause: String,
     },
 }

@@ -12,9 +12,9 @@
 //!     // Waits up to 5 s for the service, in the domain that ISOTHERM_DOMAIN names.
 //!     let mut acquisition = Acquisition::connect(&imu, &Options::from_environment()?)?;
 //!
-//!     // Your hardware's gate: counts latched with the interval's edge.
+//!     // Your hardware latches the counts at the end of each control period.
 //!     while let Some((positive, negative, head, board, timestamp_ns)) = latch_pulses_and_temperatures() {
-//!         let mut raw = acquisition.loan()?;            // lies in shared memory; nothing is copied from here on
+//!         let mut raw = acquisition.loan()?;            // in shared memory; sending does not copy it
 //!         raw.timestamp_ns = timestamp_ns;              // end of the period, your clock
 //!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
 //!         raw.positive_pulses = positive;
@@ -30,17 +30,18 @@
 //!
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
-//! * [`IncrementReader`] is for everybody else: navigation, loggers. [`RawReader`] reads the raw samples: recorders.
+//! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. [`RawReader`] reads the raw samples,
+//!   for recorders.
 //!
 //! # Guarantees
-//! * Sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same, but
-//!   the one that wakes a service that sleeps.
-//! * Nothing is lost in silence: at most [`Acquisition::depth`] samples are unanswered at once, the next is handed back
-//!   ([`SendError::Full`]) and may wait, be dropped, or be summed with its successor ([`RawSample::merge`]).
-//! * A service that dies and returns is sent again what it had not answered; each answer is handed out once, in order.
+//! * Sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same. The
+//!   one exception is the system call that wakes a sleeping service.
+//! * No sample is lost without notice: at most [`Acquisition::depth`] samples are unanswered at once. The next one is handed
+//!   back ([`SendError::Full`]); it may wait, be dropped, or be summed with its successor ([`RawSample::merge`]).
+//! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in order.
 //!
-//! Service and clients must run as the same user and meet in one [`Domain`]. An application that itself depends on
-//! `iceoryx2` must leave that crate's `console` feature off.
+//! Service and clients must run as the same user and use the same [`Domain`]. An application that itself depends on
+//! `iceoryx2` must not enable that crate's `console` feature.
 
 mod acquisition;
 mod clock;
@@ -59,7 +60,8 @@ mod tap;
 pub use acquisition::Acquisition;
 pub use clock::{Clock, monotonic_ns, unix_s};
 pub use connect::{
-    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, in_mode, join, join_existing, sweep_half_created,
+    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, files_with_mode, join, join_existing,
+    sweep_half_created,
 };
 pub use error::ConnectError;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};

@@ -1,4 +1,4 @@
-//! A sample on its way, and what can go wrong with it.
+//! Loaned samples, and the errors of sending and receiving.
 
 use core::fmt;
 use iceoryx2::sample_mut::SampleMut;
@@ -6,10 +6,10 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
 use isotherm_shared::wire::RawSample;
 
-/// A raw sample in shared memory that is yours until it is sent. Dereferences to [`RawSample`].
+/// A raw sample in shared memory, which the caller owns until it is sent. Dereferences to [`RawSample`].
 ///
-/// `session` and `sequence` are filled in already. A sequence may be raised, to tell of samples that were lost before
-/// they could be sent; the service then flags the gap.
+/// `session` and `sequence` are set already. If samples were lost before they could be sent, raise `sequence` by their
+/// number; the service then flags the gap.
 pub struct Loan(pub(crate) SampleMut<Ipc, RawSample, ()>);
 
 impl core::ops::Deref for Loan {
@@ -31,11 +31,11 @@ impl fmt::Debug for Loan {
     }
 }
 
-/// Why a sample was not sent. It comes back where the caller can still use it.
+/// Why a sample was not sent. Contains the sample if the caller can still use it.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// As many samples as the service's queue holds are unanswered. Wait and send again, drop it, or sum the next one
-    /// into it with [`RawSample::merge`].
+    /// As many samples are unanswered as the service's queue holds. Wait and send the sample again, drop it, or add the next
+    /// sample to it with [`RawSample::merge`].
     #[error("the service's queue is full of unanswered samples")]
     Full(Loan),
     /// The sequence is not above the last one sent in this session.
@@ -66,16 +66,16 @@ pub enum CompensateError {
     /// The sample could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
-    /// No answer in time. The sample stays in flight: it is sent again when the service returns, and a later
-    /// [`receive`](crate::Acquisition::receive) may still get its answer.
-    #[error("no answer from the service in time; `isotherm status` tells whether it runs")]
+    /// No answer in time. The sample stays in flight: it is sent again when a new service has started, and a later
+    /// [`receive`](crate::Acquisition::receive) may still return its answer.
+    #[error("no answer from the service in time; `isotherm status` shows whether it runs")]
     Timeout,
     /// The transport failed.
     #[error(transparent)]
     Receive(#[from] TransportError),
 }
 
-/// Samples of the old session are unanswered, this many.
+/// This many samples of the current session are unanswered.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("{0} samples of this session are unanswered; receive their answers first")]
 pub struct InFlight(pub usize);

@@ -1,14 +1,14 @@
-//! Which increments have been handed out already.
+//! Filters repeats: remembers which samples or increments have been returned to the caller already.
 
 use std::collections::VecDeque;
 
-/// How far back within a session a repeat is recognised; more than can ever be in flight.
+/// Length of the range of sequences within which a repeat is recognised; more than can ever be in flight.
 const WINDOW: u64 = 1024;
 const WORDS: usize = (WINDOW / 64) as usize;
-/// Sessions remembered: the running acquisition's and its predecessors', whose last samples may still be on their way.
+/// Number of remembered sessions: the running acquisition's, and its predecessors', whose last samples may still arrive.
 const SESSIONS: usize = 4;
 
-/// Remembers (session, sequence) pairs. Pure bookkeeping, bounded, no allocation while running.
+/// Remembers (session, sequence) pairs, in bounded memory and without allocation after construction.
 #[derive(Debug)]
 pub(crate) struct Once {
     sessions: VecDeque<Session>,
@@ -18,8 +18,8 @@ pub(crate) struct Once {
 struct Session {
     id: u64,
     highest: u64,
-    /// Bit `sequence % WINDOW` for the sequences (highest - WINDOW, highest].
-    seen: [u64; WORDS],
+    /// Bit `sequence % WINDOW` for each received sequence in (highest - WINDOW, highest].
+    received: [u64; WORDS],
 }
 
 impl Once {
@@ -27,7 +27,7 @@ impl Once {
         Self { sessions: VecDeque::with_capacity(SESSIONS) }
     }
 
-    /// Whether the pair comes for the first time. One further back than the window counts as known.
+    /// Whether this is the first time that the pair comes. A sequence that is older than the window counts as known.
     pub(crate) fn first_time(&mut self, session: u64, sequence: u64) -> bool {
         if let Some(known) = self.sessions.iter_mut().find(|known| known.id == session) {
             return known.first_time(sequence);
@@ -35,7 +35,7 @@ impl Once {
         if self.sessions.len() == SESSIONS {
             self.sessions.pop_front();
         }
-        let mut new = Session { id: session, highest: sequence, seen: [0; WORDS] };
+        let mut new = Session { id: session, highest: sequence, received: [0; WORDS] };
         new.mark(sequence);
         self.sessions.push_back(new);
         true
@@ -45,11 +45,11 @@ impl Once {
 impl Session {
     fn first_time(&mut self, sequence: u64) -> bool {
         if sequence > self.highest {
-            // What the window moves over has not been seen.
+            // The window moves: clear the bits of its new sequences, which still stand for old ones.
             let moved = (sequence - self.highest).min(WINDOW);
             for step in 0..moved {
-                let place = sequence.wrapping_sub(step) % WINDOW;
-                self.seen[(place / 64) as usize] &= !(1 << (place % 64));
+                let bit = sequence.wrapping_sub(step) % WINDOW;
+                self.received[(bit / 64) as usize] &= !(1 << (bit % 64));
             }
             self.highest = sequence;
         } else if self.highest - sequence >= WINDOW || self.is_marked(sequence) {
@@ -60,13 +60,13 @@ impl Session {
     }
 
     fn mark(&mut self, sequence: u64) {
-        let place = sequence % WINDOW;
-        self.seen[(place / 64) as usize] |= 1 << (place % 64);
+        let bit = sequence % WINDOW;
+        self.received[(bit / 64) as usize] |= 1 << (bit % 64);
     }
 
     fn is_marked(&self, sequence: u64) -> bool {
-        let place = sequence % WINDOW;
-        self.seen[(place / 64) as usize] & (1 << (place % 64)) != 0
+        let bit = sequence % WINDOW;
+        self.received[(bit / 64) as usize] & (1 << (bit % 64)) != 0
     }
 }
 

@@ -1,4 +1,4 @@
-//! Who is at the other end of a stream.
+//! The processes at the other end of a stream.
 
 use core::fmt;
 use iceoryx2::prelude::{CallbackProgression, IceoryxSend, PortFactory as _};
@@ -6,7 +6,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_shared::stream::{Ipc, RAW_DEPTH};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 
-/// The publisher of a stream that can have only one: its id, which no other ever has, and its process.
+/// The only publisher of a stream: its id, which is unique for ever, and its process id if known.
 pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
     stream: &PortFactory<Ipc, T, ()>,
 ) -> Option<(u128, Option<i32>)> {
@@ -31,7 +31,8 @@ pub fn subscribers_of<T: IceoryxSend + fmt::Debug + ?Sized>(stream: &PortFactory
     pids
 }
 
-/// The depth of the service's queue: the subscriber of `raw` that belongs to the node that publishes the increments.
+/// The depth of the service's queue of raw samples. The service's subscriber is the one of the node that publishes the
+/// increments.
 pub fn depth_of(
     raw: &PortFactory<Ipc, RawSample, ()>,
     increments: &PortFactory<Ipc, CompensatedIncrement, ()>,

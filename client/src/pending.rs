@@ -1,9 +1,10 @@
-//! What an acquisition has sent and not handed back to its user yet. Bounded; never allocates after construction.
+//! Samples that an acquisition has sent and whose answers its user has not received yet. Bounded; never allocates after
+//! construction.
 
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::collections::VecDeque;
 
-/// Samples in the order of their sequence, each with its answer once that has come.
+/// Samples in the order of their sequence, each with its answer if that has come.
 #[derive(Debug)]
 pub(crate) struct Pending {
     entries: VecDeque<(RawSample, Option<CompensatedIncrement>)>,
@@ -29,14 +30,15 @@ impl Pending {
         self.entries.len() >= self.depth
     }
 
-    /// Keeps a copy of a sample whose sequence is above all that are kept; the caller has checked [`is_full`](Self::is_full).
+    /// Keeps a copy of a sample. Its sequence must be above all that are kept, and the caller must have checked
+    /// [`is_full`](Self::is_full).
     #[inline]
     pub(crate) fn push(&mut self, sample: RawSample) {
         self.entries.push_back((sample, None));
     }
 
-    /// Takes an answer; repeated and unknown ones are ignored. Whether it is that of the oldest sample, which is then done
-    /// with: the caller may hand it out at once.
+    /// Takes an answer; repeated and unknown ones are ignored. If it answers the oldest sample, removes that sample and
+    /// returns true: the caller may return the answer to its user at once.
     #[inline]
     pub(crate) fn accept(&mut self, answer: &CompensatedIncrement) -> bool {
         if let Some((oldest, None)) = self.entries.front()
@@ -49,17 +51,18 @@ impl Pending {
         false
     }
 
-    /// Keeps an answer until those of the samples before it have come.
+    /// Keeps an answer until the answers to all earlier samples have come.
     fn keep(&mut self, answer: &CompensatedIncrement) {
-        let place = self.entries.binary_search_by_key(&answer.sequence, |(sample, _)| sample.sequence);
-        if let Some((_, slot)) = place.ok().and_then(|place| self.entries.get_mut(place))
-            && slot.is_none()
+        let index = self.entries.binary_search_by_key(&answer.sequence, |(sample, _)| sample.sequence);
+        if let Some((_, kept)) = index.ok().and_then(|index| self.entries.get_mut(index))
+            && kept.is_none()
         {
-            *slot = Some(*answer);
+            *kept = Some(*answer);
         }
     }
 
-    /// The oldest sample's answer, if it has been kept: answers leave in the order in which their samples were sent.
+    /// Removes the oldest sample if its answer has come, and returns that answer. So answers leave in the order in which their
+    /// samples were sent.
     #[inline]
     pub(crate) fn pop_answered(&mut self) -> Option<CompensatedIncrement> {
         let answer = self.entries.front()?.1?;
@@ -67,12 +70,12 @@ impl Pending {
         Some(answer)
     }
 
-    /// The samples that are still without an answer, oldest first; or all of them, those too whose answers wait for their turn.
+    /// The samples without an answer, oldest first. With `answered` also those whose answers wait for an earlier answer.
     pub(crate) fn samples(&self, answered: bool) -> impl Iterator<Item = &RawSample> {
         self.entries.iter().filter(move |(_, answer)| answered || answer.is_none()).map(|(sample, _)| sample)
     }
 
-    /// How many unanswered samples have an answered one behind them.
+    /// Number of unanswered samples that were sent before an answered one.
     pub(crate) fn overtaken(&self) -> usize {
         let last = self.entries.iter().rposition(|(_, answer)| answer.is_some()).unwrap_or(0);
         self.entries.iter().take(last).filter(|(_, answer)| answer.is_none()).count()

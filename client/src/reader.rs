@@ -1,6 +1,6 @@
-//! Reading a stream beside acquisition and service: navigation, loggers, recorders.
+//! Reading the streams of an IMU: for navigation, loggers and recorders.
 
-use crate::connect::{Options, absent, deadline, join_existing, until};
+use crate::connect::{Options, absent, deadline, join_existing, retry_until};
 use crate::error::{ConnectError, permission};
 use crate::once::Once;
 use crate::resources::reserve;
@@ -15,9 +15,9 @@ use std::time::{Duration, Instant};
 /// Pause between two attempts to find the service.
 const RETRY: Duration = Duration::from_millis(20);
 
-/// What a stream carries: [`RawSample`] or [`CompensatedIncrement`].
+/// The payload of a stream: [`RawSample`] or [`CompensatedIncrement`].
 pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
-    /// Its stream of an IMU.
+    /// Name of the IMU's stream that carries this payload.
     fn stream(imu: &ImuId) -> ServiceName;
     /// Session and sequence.
     fn key(&self) -> (u64, u64);
@@ -43,24 +43,24 @@ impl Streamed for CompensatedIncrement {
 
 /// Reads the increments of one IMU as they are published: for navigation and loggers.
 ///
-/// One that sleeps for more than the queue's depth ([`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH)) finds the
-/// newest there; the oldest have been overwritten.
+/// The queue holds [`INCREMENT_DEPTH`](isotherm_shared::stream::INCREMENT_DEPTH) increments. If the reader sleeps for longer,
+/// the oldest are overwritten.
 pub type IncrementReader = Reader<CompensatedIncrement>;
 
 /// Reads the raw samples of one IMU as the acquisition sends them: for recorders.
 ///
-/// One that sleeps for more than the queue's depth ([`RECORDER_DEPTH`](isotherm_shared::stream::RECORDER_DEPTH)) finds the oldest
-/// there; the queue took no more. Acquisition and service never notice.
+/// The queue holds [`RECORDER_DEPTH`](isotherm_shared::stream::RECORDER_DEPTH) samples. If the reader sleeps for longer, the
+/// newest are lost. Acquisition and service are not affected.
 pub type RawReader = Reader<RawSample>;
 
-/// Reads one stream of an IMU as it is published, from the moment it is connected on: [`IncrementReader`], [`RawReader`].
+/// Reads one stream of an IMU as it is published, beginning when it is connected: [`IncrementReader`], [`RawReader`].
 ///
-/// It may be created before or after the service, stays connected across restarts of service and acquisition, and hands
-/// each (session, sequence) out once, although a resend after a restart publishes some twice. It cannot disturb anyone:
-/// what a reader that sleeps has no room for is lost to it alone, and shows as a gap in `sequence`.
+/// It may be created before or after the service, and it stays connected across restarts of service and acquisition. It
+/// returns each (session, sequence) once, although a resend after a restart publishes some twice. It cannot disturb other
+/// processes: if its queue is full, only this reader loses samples, which is a gap in `sequence`.
 ///
-/// Sequences rise, but for one case: after a restart of the service a sample sent just then may come before those that are
-/// sent again.
+/// Sequences rise, with one exception: after a restart of the service a new sample may come before samples that are sent
+/// again.
 #[derive(Debug)]
 pub struct Reader<T: Streamed> {
     domain: Domain,
@@ -68,7 +68,7 @@ pub struct Reader<T: Streamed> {
     once: Once,
     repeats: u64,
     next_attempt: Instant,
-    // The subscriber before its node: fields are dropped in this order.
+    // The subscriber must be dropped before its node; fields are dropped in this order.
     subscriber: Option<Subscriber<Ipc, T, ()>>,
     node: Option<IpcNode>,
 }
@@ -88,13 +88,13 @@ impl<T: Streamed> Reader<T> {
         }
     }
 
-    /// A reader that is connected.
+    /// A connected reader; waits for the service up to the time-out of `options`.
     ///
     /// # Errors
-    /// If it could not connect within the time-out of `options`.
+    /// If it could not connect in that time.
     pub fn connect(imu: ImuId, options: &Options) -> Result<Self, ConnectError> {
         let mut reader = Self::new(imu, options);
-        until(deadline(options.timeout), || reader.attach())?;
+        retry_until(deadline(options.timeout), || reader.attach())?;
         Ok(reader)
     }
 
@@ -110,23 +110,23 @@ impl<T: Streamed> Reader<T> {
         &self.imu
     }
 
-    /// Those that came again after a resend and were not handed out.
+    /// Samples or increments that came again after a resend and were not returned.
     #[must_use]
     pub const fn repeats(&self) -> u64 {
         self.repeats
     }
 
-    /// The next one, or `None` if there is none now (or no service yet). Does not wait.
+    /// The next sample or increment, or `None` if there is none now (or no service yet). Does not wait.
     ///
     /// # Errors
-    /// [`ConnectError`] if connecting cannot succeed (another user's domain, no place left) or the connection is broken.
+    /// [`ConnectError`] if connecting cannot succeed (another user's domain, no reader place free) or reading fails.
     pub fn receive(&mut self) -> Result<Option<T>, ConnectError> {
         let Some(subscriber) = &self.subscriber else {
             return self.try_attach().map(|()| None);
         };
         loop {
             let sample = subscriber.receive().map_err(|error| ConnectError::transport("reading the stream", error))?;
-            // Copied out of shared memory once.
+            // Copy it out of shared memory once, then use the copy.
             let Some(received) = sample.map(|sample| *sample) else { return Ok(None) };
             let (session, sequence) = received.key();
             if self.once.first_time(session, sequence) {
@@ -136,7 +136,7 @@ impl<T: Streamed> Reader<T> {
         }
     }
 
-    /// As [`receive`](Self::receive), waiting up to `timeout`. Looks every 0.2 ms; spin on `receive` to be faster.
+    /// As [`receive`](Self::receive), but waits up to `timeout`. Polls every 0.2 ms; for less delay call `receive` in a loop.
     ///
     /// # Errors
     /// As [`receive`](Self::receive).

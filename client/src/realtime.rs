@@ -1,5 +1,4 @@
-//! What a thread that must not wait asks of the operating system: a core, a real-time priority, resident memory, sleeps that
-//! end when they should.
+//! Real-time settings of a thread: its core, its real-time priority, resident memory, and sleeps that end in time.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), isotherm_client::RealtimeError> {
@@ -9,8 +8,8 @@
 //! Realtime { core: Some(2), priority: Some(50), lock_memory: true, ..Realtime::default() }.apply()
 //! # }
 //! ```
-//! A thread that never sleeps and has a real-time priority is stopped by the kernel for some 50 ms of every second, unless its
-//! core is its own and the kernel's limit has been lifted: `docs/operations.md` tells how.
+//! The kernel stops a thread that never sleeps and has a real-time priority for about 50 ms of every second, unless it has a
+//! core of its own and the kernel's limit is switched off: see `docs/operations.md`.
 #![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding")]
 
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -20,24 +19,24 @@ use std::fs;
 use std::io;
 use std::num::NonZeroU64;
 
-/// Stack that is touched when memory is locked, so that no later call has to wait for a page of it.
+/// Size of the stack that is touched when memory is locked, so that no later call waits for one of its pages \[bytes\].
 const STACK: usize = 256 * 1024;
 
-/// Settings of a thread; whatever is not set stays as it is.
+/// Real-time settings of a thread. A setting that is not given stays unchanged.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Realtime {
     /// The core that the thread is bound to.
     pub core: Option<usize>,
     /// `SCHED_FIFO` priority, 1 to 99.
     pub priority: Option<i32>,
-    /// Keeps all memory of the process resident, what it gets later included, so that no access waits for a page.
+    /// Keeps all memory of the process resident, including memory that it gets later, so that no access waits for a page.
     pub lock_memory: bool,
-    /// How much later than asked a sleep may end, so that the kernel can join it with others \[ns\]; 50 000 unless set.
-    /// Means nothing under `SCHED_FIFO`, where sleeps are exact.
+    /// How much later than requested a sleep may end, so that the kernel can combine it with others \[ns\]; the default of the
+    /// kernel is 50 000. It has no effect under `SCHED_FIFO`, where sleeps are exact.
     pub timer_slack_ns: Option<NonZeroU64>,
 }
 
-/// Which setting failed, why, and what would help.
+/// A setting that failed, the cause, and a remedy.
 #[derive(Debug, thiserror::Error)]
 #[error("{setting}: {cause}; {remedy}")]
 pub struct RealtimeError {
@@ -51,7 +50,7 @@ impl Realtime {
     /// Applies the settings to the calling thread, and the memory lock to the process.
     ///
     /// # Errors
-    /// The first setting that fails; those before it, in the order of the fields, are in force.
+    /// The first setting that fails. The settings before it, in the order of the fields, are in force.
     pub fn apply(&self) -> Result<(), RealtimeError> {
         if let Some(core) = self.core {
             bind(core).map_err(|cause| RealtimeError {
@@ -95,7 +94,7 @@ impl Realtime {
     }
 }
 
-/// A figure of `/proc/self/status` in kB: `VmSize`, `VmLck`, `VmRSS`.
+/// The value of `name` (`VmSize`, `VmLck`, `VmRSS`) in `/proc/self/status` \[kB\].
 #[must_use]
 pub fn process_kb(name: &str) -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
@@ -124,7 +123,7 @@ fn limit(resource: Resource, unit: u64) -> String {
 
 fn set_fifo(priority: i32) -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority };
-    // SAFETY: a plain system call on the calling thread (0) that reads one structure, which lives through the call.
+    // SAFETY: a system call on the calling thread (0) that reads one structure, which is valid during the call.
     let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }

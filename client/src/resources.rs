@@ -1,7 +1,7 @@
-//! What a process needs of the machine before it joins a domain: room in shared memory, and descriptors.
+//! Checks and reservations before a process uses a domain: shared memory and file descriptors.
 //!
-//! Shared memory is given by the kernel page by page when it is first touched, and a process that touches a page when there is none left
-//! is ended by SIGBUS. So room is asked for before anything is created, and what has been created is reserved at once.
+//! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by SIGBUS.
+//! So the free space is checked before anything is created, and created objects get all their pages at once.
 
 use crate::error::ConnectError;
 use isotherm_shared::stream::Domain;
@@ -11,21 +11,23 @@ use rustix::process::{Resource, getrlimit};
 use std::fs::{self, DirBuilder, File};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 
-/// Where the transport's memory is.
+/// Folder of the transport's shared memory.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// What a client's streams and their connections take at most, and a service without IMUs \[bytes\].
+/// Shared memory that a client needs at most, for its streams and their connections \[bytes\].
 const ROOM_OF_A_CLIENT: u64 = 1 << 20;
+/// Shared memory that a service without IMUs needs at most \[bytes\].
 const ROOM: u64 = 1 << 20;
-/// What an IMU takes of a service at most, its connections included \[bytes\].
+/// Shared memory that a service needs at most for each IMU, with its connections \[bytes\].
 const ROOM_OF_AN_IMU: u64 = 1408 << 10;
-/// Descriptors that a client needs besides those it has open, or a service without IMUs, and what an IMU adds with its clients.
+/// Descriptors that a client or a service without IMUs needs, in addition to those that it has open.
 const DESCRIPTORS: usize = 24;
+/// Descriptors that a service needs for each IMU and its clients.
 const DESCRIPTORS_OF_AN_IMU: usize = 20;
 
-/// Whether there is room, and descriptors, for a service of `imus` IMUs, or for a client (0).
+/// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client (0).
 ///
 /// # Errors
-/// [`ConnectError::Exhausted`], with what is missing and where.
+/// [`ConnectError::Exhausted`], which names what is missing.
 pub fn check_room(imus: usize) -> Result<(), ConnectError> {
     check_descriptors(imus)?;
     let needed = if imus == 0 { ROOM_OF_A_CLIENT } else { ROOM + imus as u64 * ROOM_OF_AN_IMU };
@@ -33,10 +35,11 @@ pub fn check_room(imus: usize) -> Result<(), ConnectError> {
         ConnectError::Exhausted(format!("shared memory {SHARED_MEMORY} cannot be written ({error}); mount it writable"))
     };
     access(SHARED_MEMORY, Access::WRITE_OK).map_err(unwritable)?;
-    if free().is_some_and(|free| free < needed) { Err(full(needed)) } else { Ok(()) }
+    if free_shared_memory().is_some_and(|free| free < needed) { Err(shared_memory_full(needed)) } else { Ok(()) }
 }
 
-/// Whether the domain's folder, which is made if need be, can be written and has room for the small files of streams and processes.
+/// Creates the domain's folder if necessary, and checks that it is writable and has space for the small files of streams and
+/// processes.
 pub(crate) fn check_folder(domain: &Domain) -> Result<(), ConnectError> {
     const ROOM: u64 = 64 << 10;
     const FILES: u64 = 64;
@@ -57,7 +60,7 @@ pub(crate) fn check_folder(domain: &Domain) -> Result<(), ConnectError> {
     Ok(())
 }
 
-/// Has the kernel give this user's memory of `domain` its pages now, so that none is missing later.
+/// Makes the kernel allocate all pages of this user's shared memory of `domain` now, so that none can be missing later.
 ///
 /// # Errors
 /// [`ConnectError::Exhausted`] if there is not enough.
@@ -66,27 +69,27 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
         if !entry.file_name().as_encoded_bytes().starts_with(domain.prefix().as_bytes()) {
             continue;
         }
-        // One that has just been removed, or is being created, is another process's and not needed.
+        // Another process is just removing or creating the object; this process does not need it.
         let Ok(object) = File::options().write(true).open(entry.path()) else { continue };
         let Ok(metadata) = object.metadata() else { continue };
         let missing = metadata.size().saturating_sub(metadata.blocks() * 512);
         if missing > 0 && fallocate(&object, FallocateFlags::empty(), 0, metadata.size()) == Err(Errno::NOSPC) {
-            return Err(full(missing));
+            return Err(shared_memory_full(missing));
         }
     }
     Ok(())
 }
 
-fn free() -> Option<u64> {
+fn free_shared_memory() -> Option<u64> {
     statvfs(SHARED_MEMORY).ok().filter(|found| found.f_blocks > 0).map(|found| found.f_bavail * found.f_frsize)
 }
 
-fn full(needed: u64) -> ConnectError {
+fn shared_memory_full(needed: u64) -> ConnectError {
     let kb = |bytes: u64| bytes.div_ceil(1024);
     ConnectError::Exhausted(format!(
         "shared memory {SHARED_MEMORY} is full: {} kB free, {} kB needed; remove what is not needed there (`isotherm clean` what a domain \
          has left), or enlarge it (mount -o remount,size=..)",
-        kb(free().unwrap_or(0)),
+        kb(free_shared_memory().unwrap_or(0)),
         kb(needed)
     ))
 }

@@ -1,4 +1,4 @@
-//! Reading what the running service tells about itself.
+//! Reading the status of the running service.
 
 use crate::clock::monotonic_ns;
 use crate::connect::{Options, join_existing};
@@ -13,9 +13,9 @@ use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long a status may take to come: a running service publishes ten times a second.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// Pause between two looks for one.
+/// Time limit for a status; a running service publishes ten times a second.
+const STATUS_LIMIT: Duration = Duration::from_secs(2);
+/// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(2);
 
 /// Why there is no status.
@@ -27,16 +27,16 @@ pub enum StatusError {
     /// The transport failed.
     #[error("{phase} the status: {cause}")]
     Transport {
-        /// What was being done, as in "receiving".
+        /// The operation, for example "receiving".
         phase: &'static str,
-        /// What iceoryx2 says.
+        /// The message of iceoryx2.
         cause: String,
     },
-    /// A service of another version tells something else.
+    /// The status is of another version of the service, with another layout.
     #[error("reading the status: {0}; use the `isotherm` of the service's version")]
     Version(#[from] serde_json::Error),
-    /// A service is there, and silent.
-    #[error("the service{} does not tell its status; it is stopped, or hangs: continue or restart it", .0.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
+    /// A service exists, but publishes no status. Its process id, if known.
+    #[error("the service{} does not publish its status; it is stopped, or hangs: continue or restart it", .0.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
     Silent(Option<i32>),
 }
 
@@ -52,7 +52,7 @@ impl From<StatusError> for Failure {
 
 /// Reads the status of a domain's service.
 pub struct StatusReader {
-    // The subscriber before its node: fields are dropped in this order.
+    // The subscriber must be dropped before its node; fields are dropped in this order.
     subscriber: Subscriber<Ipc, [u8], ()>,
     stream: PortFactory<Ipc, [u8], ()>,
     _node: IpcNode,
@@ -62,7 +62,7 @@ impl StatusReader {
     /// Connects; does not wait.
     ///
     /// # Errors
-    /// If no service has been there, or it cannot be joined.
+    /// If no service has used the domain, or the domain cannot be joined.
     pub fn connect(domain: &Domain) -> Result<Self, StatusError> {
         let node = join_existing(domain)?;
         let stream = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
@@ -76,10 +76,10 @@ impl StatusReader {
         Ok(Self { subscriber, stream, _node: node })
     }
 
-    /// The newest status that has come since the last call.
+    /// The newest status since the last call, if one has come.
     ///
     /// # Errors
-    /// If the transport fails, or a service of another version tells something else.
+    /// If the transport fails, or the status has the layout of another version.
     pub fn latest(&self) -> Result<Option<ServiceStatus>, StatusError> {
         let mut latest = None;
         let failed = |cause: String| StatusError::Transport { phase: "receiving", cause };
@@ -90,17 +90,17 @@ impl StatusReader {
     }
 }
 
-/// Asks the running service of a domain for a status that is newer than this call.
+/// Waits for a status of the running service that is newer than this call.
 ///
 /// # Errors
 /// If no service answers within two seconds. The time-out of `options` is not used.
 pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
-    let asked_ns = monotonic_ns();
+    let called_ns = monotonic_ns();
     let reader = StatusReader::connect(&options.domain)?;
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + STATUS_LIMIT;
     while Instant::now() < deadline {
         match reader.latest()? {
-            Some(status) if status.taken_ns >= asked_ns => return Ok(status),
+            Some(status) if status.taken_ns >= called_ns => return Ok(status),
             _ => thread::sleep(PAUSE),
         }
     }

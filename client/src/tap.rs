@@ -1,4 +1,4 @@
-//! Taking samples off streams in a thread that does nothing else, for recorders and campaigns.
+//! Takes samples off streams in a thread of its own, for recorders and campaigns.
 
 use crate::clock::monotonic_ns;
 use crate::connect::Options;
@@ -14,23 +14,23 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Samples of a stream that are taken at a time.
+/// Samples that are taken from one stream before the next stream's turn.
 const BATCH: usize = 64;
-/// How often it is noted which streams have been found.
-const LOOK: Duration = Duration::from_millis(50);
+/// Pause between two updates of the list of connected streams.
+const CONNECTED_UPDATE: Duration = Duration::from_millis(50);
 
-/// How a tap works.
+/// Settings of a tap.
 #[derive(Clone, Debug)]
 pub struct TapSettings {
-    /// Samples that may wait to be popped; what finds no room is lost, counted, and shows as a gap in its sequence.
+    /// Samples that may wait to be popped. Further samples are lost and counted; each loss is a gap in the sequence.
     pub depth: usize,
-    /// Pause when no stream has anything.
+    /// Pause when no stream has a sample.
     pub pause: Duration,
     /// Real-time settings of the thread.
     pub realtime: Realtime,
 }
 
-/// A sample that was taken off a stream.
+/// A sample taken off a stream.
 #[derive(Clone, Copy, Debug)]
 pub struct TappedSample {
     /// Index of the stream in the list that the tap was started with.
@@ -43,14 +43,14 @@ pub struct TappedSample {
     pub sample: StreamSample,
 }
 
-/// Up to 64 streams that are read by a thread of their own. Dropping it ends the thread.
+/// Reads up to 64 streams in a thread of its own. Dropping it ends the thread.
 pub struct Tap {
     samples: Receiver<TappedSample>,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<Result<Vec<u64>, ConnectError>>>,
 }
 
-/// What both threads look at.
+/// State shared with the thread.
 #[derive(Debug, Default)]
 struct Shared {
     end: AtomicBool,
@@ -66,25 +66,25 @@ enum StreamReader {
 }
 
 impl Tap {
-    /// Begins to read `streams`.
+    /// Starts to read `streams`.
     ///
     /// # Errors
-    /// If the operating system gives no thread, or no such one.
+    /// If the operating system refuses the thread or its real-time settings.
     pub fn start(streams: &[(ImuId, StreamKind)], options: &Options, settings: TapSettings) -> io::Result<Self> {
         let (sender, samples) = sync_channel(settings.depth);
         let shared = Arc::<Shared>::default();
-        let (streams, options, both) = (streams.to_vec(), options.clone(), Arc::clone(&shared));
+        let (streams, options, state) = (streams.to_vec(), options.clone(), Arc::clone(&shared));
         let (applied, result) = mpsc::channel();
         let TapSettings { pause, realtime, .. } = settings;
-        // Readers stay in the thread that made them.
+        // Readers are not `Send`, so the thread creates them.
         let thread = thread::Builder::new().name("tap".to_owned()).spawn(move || {
-            // Fails only if nobody waits for it any more.
+            // Fails only if the receiver has been dropped.
             let _ = applied.send(realtime.apply());
             let readers = streams.into_iter().map(|(imu, kind)| match kind {
                 StreamKind::Raw => StreamReader::Raw(RawReader::new(imu, &options)),
                 StreamKind::Increment => StreamReader::Increment(IncrementReader::new(imu, &options)),
             });
-            drain(readers.collect(), &sender, pause, &both)
+            drain(readers.collect(), &sender, pause, &state)
         })?;
         if let Ok(Err(error)) = result.recv() {
             return Err(io::Error::other(error));
@@ -92,24 +92,24 @@ impl Tap {
         Ok(Self { samples, shared, thread: Some(thread) })
     }
 
-    /// The next sample, if there is one.
+    /// The next waiting sample.
     #[must_use]
     pub fn pop(&self) -> Option<TappedSample> {
         self.samples.try_recv().ok()
     }
 
-    /// Asks the thread to end. What is in the streams' queues is taken first.
+    /// Asks the thread to end. It first takes the samples that are in the streams' queues.
     pub fn end(&self) {
         self.shared.end.store(true, Relaxed);
     }
 
-    /// Whether the thread has ended: nothing comes any more but what waits to be popped.
+    /// Whether the thread has ended. Samples that wait to be popped remain.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Samples that found no room.
+    /// Samples that were lost because [`TapSettings::depth`] samples waited already.
     #[must_use]
     pub fn overflow(&self) -> u64 {
         self.shared.overflow.load(Relaxed)
@@ -121,16 +121,16 @@ impl Tap {
         self.shared.connected.load(Relaxed)
     }
 
-    /// What the transport has complained about since this was asked last. The thread goes on.
+    /// The last transport error since the previous call, if any. The thread continues after such an error.
     #[must_use]
     pub fn take_warning(&self) -> Option<String> {
         self.shared.warning.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Waits for the end of the thread; the repeats of each stream ([`Reader::repeats`](crate::Reader::repeats)).
+    /// Ends the thread and waits for it. Returns the repeats of each stream ([`Reader::repeats`](crate::Reader::repeats)).
     ///
     /// # Errors
-    /// Why the streams could not be read any longer.
+    /// The error that ended the thread.
     ///
     /// # Panics
     /// If the thread has panicked.
@@ -144,7 +144,7 @@ impl Tap {
 impl Drop for Tap {
     fn drop(&mut self) {
         self.end();
-        // A thread that has panicked has said so.
+        // A panic of the thread has been printed already.
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
@@ -155,33 +155,33 @@ fn drain(
     pause: Duration,
     shared: &Shared,
 ) -> Result<Vec<u64>, ConnectError> {
-    let mut looked = Instant::now();
-    // When the end is asked for, what is in the queues is taken, but no more of a stream that never pauses.
+    let mut updated = Instant::now();
+    // After `end` the queues are emptied, in a limited number of rounds: a stream that never pauses must not prevent the end.
     let mut last_rounds = INCREMENT_DEPTH.div_ceil(BATCH);
     loop {
-        let mut came = false;
+        let mut received = false;
         for (stream, reader) in readers.iter_mut().enumerate() {
             match take(stream, reader, samples, shared) {
-                Ok(some) => came |= some,
-                // A peer that dies at the wrong moment; the next attempt meets its successor.
+                Ok(any) => received |= any,
+                // For example, a peer died during the call. A later call reaches its successor.
                 Err(ConnectError::Transport { phase, cause }) => {
                     let warning = Some(format!("{phase}: {cause}"));
                     *shared.warning.lock().unwrap_or_else(PoisonError::into_inner) = warning;
                 }
-                Err(hopeless) => return Err(hopeless),
+                Err(permanent) => return Err(permanent),
             }
         }
         if shared.end.load(Relaxed) {
             last_rounds = last_rounds.saturating_sub(1);
-            if last_rounds == 0 || !came {
+            if last_rounds == 0 || !received {
                 break;
             }
         }
-        if !came {
+        if !received {
             thread::sleep(pause);
         }
-        if looked.elapsed() > LOOK {
-            looked = Instant::now();
+        if updated.elapsed() > CONNECTED_UPDATE {
+            updated = Instant::now();
             let bit = |(stream, reader): (usize, &StreamReader)| u64::from(reader.is_connected()) << stream;
             shared.connected.store(readers.iter().enumerate().map(bit).sum(), Relaxed);
         }
@@ -189,7 +189,7 @@ fn drain(
     Ok(readers.iter().map(StreamReader::repeats).collect())
 }
 
-/// Takes what a stream has, up to [`BATCH`] samples. Whether there was something.
+/// Takes up to [`BATCH`] samples off a stream. Returns whether there was one.
 fn take(
     stream: usize,
     reader: &mut StreamReader,

@@ -1,6 +1,6 @@
-//! The demonstration's acquisition process: sends the simulated IMU's samples, one at a time, and judges what returns.
+//! The demonstration's acquisition process: sends the samples of the simulated IMU one at a time and evaluates the increments.
 
-use super::imu::{DemoImu, INTERVAL_NS, SPECIFIC_FORCE, TemperatureRun};
+use super::imu::{DemoImu, INTERVAL_NS, RampPhase, SPECIFIC_FORCE};
 use isotherm_client::{Acquisition, ImuId, Options};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::table::CoefficientTable;
@@ -9,50 +9,50 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Write as _};
 use std::time::{Duration, Instant};
 
-/// MeanStability is judged by means over 10 s.
-const SAMPLES_A_MEAN: u32 = (10_000_000_000 / INTERVAL_NS) as u32;
-/// How long one answer may take.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// How long the new table may take to be in force.
-const RELOAD_PATIENCE: Duration = Duration::from_secs(5);
+/// The stability is calculated from means over 10 s.
+const SAMPLES_PER_MEAN: u32 = (10_000_000_000 / INTERVAL_NS) as u32;
+/// Longest time for one answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+/// Longest time until the service uses the new table.
+const RELOAD_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What the process tells its parent, a JSON line each.
+/// A message from the acquisition process to its parent, one JSON line on stdout.
 #[derive(Debug, Deserialize, Serialize)]
 pub enum Message {
-    /// Share of the run that is done.
+    /// Completed part of the run, 0 to 1.
     Progress(f64),
-    /// At the hot end, samples going on: time for the new table.
+    /// The hot end is reached, and samples continue: the parent installs the new table now.
     Turning,
-    /// The end.
-    Outcome(Box<Outcome>),
+    /// The run is finished.
+    RunOutcome(Box<RunOutcome>),
 }
 
-/// What came of the run.
+/// The results of the run.
 #[derive(Debug, Default, Deserialize, Serialize)]
-pub struct Outcome {
-    /// MeanStability while heating, under the first table.
+pub struct RunOutcome {
+    /// Stability while heating, with the first table.
     pub before: [MeanStability; AXES],
-    /// MeanStability while cooling, under the second.
+    /// Stability while cooling, with the second table.
     pub after: [MeanStability; AXES],
-    /// Tables that increments named, in order.
+    /// Identifiers of the tables that the increments name, in order.
     pub tables: Vec<u64>,
     /// Samples sent.
     pub sent: u64,
-    /// Increments that came back.
+    /// Increments received.
     pub answered: u64,
-    /// Increments whose sequence was not the one expected.
+    /// Increments with another sequence than the expected one.
     pub out_of_order: u64,
-    /// Increments with any sample flag or a gap.
+    /// Increments with any flag except `LATE`.
     pub flagged: u64,
-    /// Increments between asking for the reload and the first one under the new table.
+    /// Increments from the request of the reload to the first one with the new table.
     pub during_reload: u64,
-    /// From asking for the reload to the first increment under the new table \[ns\].
+    /// Time from the request of the reload to the first increment with the new table \[ns\].
     pub reload_ns: u64,
-    /// Round trips, sorted \[ns\].
+    /// Round-trip times, sorted \[ns\].
     pub round_trips_ns: Vec<u32>,
 }
 
-/// Output minus the specific force that the attitude asks for, 10 s means.
+/// Statistics of 10 s means of the output minus the specific force of the attitude.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
 pub struct MeanStability {
     /// Number of means.
@@ -63,78 +63,79 @@ pub struct MeanStability {
     pub rms: f64,
 }
 
-/// Runs the acquisition against the service of `options`.
+/// Runs the acquisition with the service that `options` select.
 ///
 /// # Errors
 /// If the service does not answer or does not take the new table.
 pub fn run(imu: &ImuId, truth: &CoefficientTable, options: &Options) -> Result<(), Failure> {
-    let mut bench = Bench {
+    let mut run = AcquisitionRun {
         acquisition: Acquisition::connect(imu, options)?,
         imu: DemoImu::new(truth, 1),
-        outcome: Outcome::default(),
+        outcome: RunOutcome::default(),
         gravity: truth.content().gravity,
     };
-    bench.outcome.before = bench.leg(TemperatureRun::Heating, 0.0)?;
-    bench.turn()?;
-    bench.outcome.after = bench.leg(TemperatureRun::Cooling, 0.5)?;
-    bench.outcome.round_trips_ns.sort_unstable();
-    tell(&Message::Outcome(Box::new(bench.outcome)))
+    run.outcome.before = run.ramp(RampPhase::Heating, 0.0)?;
+    run.hold_until_reload()?;
+    run.outcome.after = run.ramp(RampPhase::Cooling, 0.5)?;
+    run.outcome.round_trips_ns.sort_unstable();
+    send(&Message::RunOutcome(Box::new(run.outcome)))
 }
 
-struct Bench {
+struct AcquisitionRun {
     acquisition: Acquisition,
     imu: DemoImu,
-    outcome: Outcome,
+    outcome: RunOutcome,
     gravity: f64,
 }
 
-impl Bench {
-    /// Heats or cools until the IMU has arrived.
-    fn leg(&mut self, chamber: TemperatureRun, done: f64) -> Result<[MeanStability; AXES], Failure> {
+impl AcquisitionRun {
+    /// Sends samples while the chamber heats or cools, until the IMU has reached the end. `done` is the part of the run, 0 to 1,
+    /// that was completed before.
+    fn ramp(&mut self, phase: RampPhase, done: f64) -> Result<[MeanStability; AXES], Failure> {
         let mut means = [const { Vec::new() }; AXES];
-        // An hour's ramp; the head's lag makes it a little longer.
-        let expected = 3600.0 * 1.2 / 10.0;
-        while !self.imu.has_arrived(chamber) {
+        // Estimate: a ramp of one hour with 20 % for the lag of the head, in means of 10 s.
+        let expected_means = 3600.0 * 1.2 / 10.0;
+        while !self.imu.has_arrived(phase) {
             let mut sum = [0.0; AXES];
-            for _ in 0..SAMPLES_A_MEAN {
-                let increment = self.round_trip(chamber)?;
+            for _ in 0..SAMPLES_PER_MEAN {
+                let increment = self.round_trip(phase)?;
                 for (sum, dv) in sum.iter_mut().zip(increment.velocity_increment) {
                     *sum += dv;
                 }
             }
-            let time = f64::from(SAMPLES_A_MEAN) * INTERVAL_NS as f64 / 1e9;
+            let time = f64::from(SAMPLES_PER_MEAN) * INTERVAL_NS as f64 / 1e9;
             for ((means, sum), force) in means.iter_mut().zip(sum).zip(SPECIFIC_FORCE) {
                 means.push(sum / time / self.gravity - force);
             }
             if means[0].len() % 8 == 0 {
-                tell(&Message::Progress(done + 0.5 * (means[0].len() as f64 / expected).min(1.0)))?;
+                send(&Message::Progress(done + 0.5 * (means[0].len() as f64 / expected_means).min(1.0)))?;
             }
         }
         Ok(means.map(|means| MeanStability::of(&means)))
     }
 
-    /// Holds the temperature, samples going on, until the service uses another table.
-    fn turn(&mut self) -> Result<(), Failure> {
+    /// Holds the temperature and sends samples until the service uses another table.
+    fn hold_until_reload(&mut self) -> Result<(), Failure> {
         let old = self.outcome.tables.last().copied();
-        tell(&Message::Turning)?;
-        let asked = Instant::now();
+        send(&Message::Turning)?;
+        let requested = Instant::now();
         while self.outcome.tables.last().copied() == old {
-            self.round_trip(TemperatureRun::Holding)?;
+            self.round_trip(RampPhase::Holding)?;
             self.outcome.during_reload += 1;
-            if asked.elapsed() > RELOAD_PATIENCE {
+            if requested.elapsed() > RELOAD_TIMEOUT {
                 return Err(Failure::new(Exit::Failed, "the service did not take the new table"));
             }
         }
-        self.outcome.reload_ns = asked.elapsed().as_nanos() as u64;
+        self.outcome.reload_ns = requested.elapsed().as_nanos() as u64;
         Ok(())
     }
 
-    fn round_trip(&mut self, chamber: TemperatureRun) -> Result<CompensatedIncrement, Failure> {
+    fn round_trip(&mut self, phase: RampPhase) -> Result<CompensatedIncrement, Failure> {
         let mut raw = self.acquisition.loan()?;
-        self.imu.step(chamber, &mut raw);
+        self.imu.step(phase, &mut raw);
         self.outcome.sent += 1;
         let sent = Instant::now();
-        let increment = self.acquisition.compensate(raw, PATIENCE);
+        let increment = self.acquisition.compensate(raw, ANSWER_TIMEOUT);
         let round_trip = sent.elapsed();
         let increment = increment.map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
         let outcome = &mut self.outcome;
@@ -162,9 +163,9 @@ impl MeanStability {
     }
 }
 
-fn tell(message: &Message) -> Result<(), Failure> {
+fn send(message: &Message) -> Result<(), Failure> {
     let line = serde_json::to_string(message).unwrap_or_default();
     let mut stdout = io::stdout().lock();
-    let told = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
-    told.map_err(|error| Failure::new(Exit::Io, format!("telling the demonstration: {error}")))
+    let written = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+    written.map_err(|error| Failure::new(Exit::Io, format!("sending to the demonstration: {error}")))
 }

@@ -1,4 +1,4 @@
-//! The demonstration's IMU: simulated, at rest, and it obeys a coefficient table, plus noise.
+//! The demonstration's IMU: simulated, at rest, with the errors of a coefficient table plus noise.
 
 use isotherm_calibration::simulate::{self, Noise, Truth};
 use isotherm_shared::table::CoefficientTable;
@@ -9,50 +9,50 @@ pub const INTERVAL_NS: u64 = 100_000_000;
 /// Temperatures at the ends of the run \[degC\].
 const COLD: f64 = -25.0;
 const HOT: f64 = 45.0;
-/// TemperatureRun ramp \[degC/s\]: the range in one hour.
+/// Rate of the ramp \[degC/s\]: the whole range in one hour.
 const RAMP: f64 = (HOT - COLD) / 3600.0;
 
 /// Specific force along A1, A2, A3 \[g0\]: at rest, tilted so that every axis carries a part of gravity, A2 a negative one.
 pub const SPECIFIC_FORCE: [f64; AXES] = [0.6, -0.48, 0.64];
 
-/// What the demonstration says about the IMU.
+/// Description of the IMU in the report.
 pub const DESCRIPTION: &str = "simulated IMU at rest, specific force (0.60, -0.48, 0.64) g0 along A1, A2, A3; \
      -25..45 degC at 70 degC/h; sensor noise 10 ug0 a sample at 10 Hz, telemetry noise 0.1 mV, 16 bits, pulses quantised";
 
-/// Where the chamber is going.
+/// The current part of the temperature run.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum TemperatureRun {
+pub enum RampPhase {
     Heating,
     Holding,
     Cooling,
 }
 
-/// The IMU in its chamber.
+/// The simulated IMU in its chamber.
 pub struct DemoImu(simulate::SimulatedImu);
 
 impl DemoImu {
-    /// At the cold end, in equilibrium.
+    /// An IMU in equilibrium at the cold end of the run.
     pub fn new(truth: &CoefficientTable, seed: u64) -> Self {
-        // 10 ug0 in 0.1 s.
+        // 10 ug0 for a sample of 0.1 s; `sensor_g0` refers to 1 s.
         let noise = Noise { sensor_g0: 10e-6 * 0.1_f64.sqrt(), ..Noise::default() };
         Self(simulate::SimulatedImu::new(&Truth::of(truth.clone()), &chain(), &noise, COLD, seed))
     }
 
-    /// Whether the sensor head has come within 0.5 degC of the end that the chamber is going to.
-    pub fn has_arrived(&self, chamber: TemperatureRun) -> bool {
-        match chamber {
-            TemperatureRun::Heating => self.0.head_c() > HOT - 0.5,
-            TemperatureRun::Cooling => self.0.head_c() < COLD + 0.5,
-            TemperatureRun::Holding => true,
+    /// Whether the sensor head is within 0.5 degC of the end temperature of `phase`.
+    pub fn has_arrived(&self, phase: RampPhase) -> bool {
+        match phase {
+            RampPhase::Heating => self.0.head_c() > HOT - 0.5,
+            RampPhase::Cooling => self.0.head_c() < COLD + 0.5,
+            RampPhase::Holding => true,
         }
     }
 
-    /// Lets one control period pass and fills in what the acquisition would latch.
-    pub fn step(&mut self, chamber: TemperatureRun, raw: &mut RawSample) {
-        let target = match chamber {
-            TemperatureRun::Heating => HOT,
-            TemperatureRun::Holding => self.0.chamber_c(),
-            TemperatureRun::Cooling => COLD,
+    /// Advances by one control period and fills in the values that an acquisition would latch.
+    pub fn step(&mut self, phase: RampPhase, raw: &mut RawSample) {
+        let target = match phase {
+            RampPhase::Heating => HOT,
+            RampPhase::Holding => self.0.chamber_c(),
+            RampPhase::Cooling => COLD,
         };
         self.0.go_to(target, RAMP);
         let RawSample { session, sequence, sent_ns, .. } = *raw;
@@ -60,7 +60,8 @@ impl DemoImu {
     }
 }
 
-/// Faster than in a laboratory; all parts of the IMU have the same temperature, which is read once a second.
+/// Hardware with shorter time constants than the default, without temperature offsets of heads and boards. The telemetry is
+/// read once a second.
 fn chain() -> simulate::Chain {
     simulate::Chain {
         head_lag_s: 120.0,
@@ -73,7 +74,7 @@ fn chain() -> simulate::Chain {
     }
 }
 
-/// Telemetry in the middle of the run \[V\].
+/// Telemetry at the middle temperature of the run \[V\].
 pub fn middle() -> f64 {
     chain().telemetry((COLD + HOT) / 2.0)
 }

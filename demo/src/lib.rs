@@ -1,10 +1,10 @@
-//! The whole chain on embedded data: a service and an acquisition as processes of their own, real shared memory, a
-//! temperature run, and a table exchanged in flight.
+//! The demonstration: a service and an acquisition as separate processes with real shared memory. A simulated IMU goes through
+//! a temperature run, and the service reloads its table meanwhile.
 
 mod acquisition;
 mod imu;
 
-use acquisition::{MeanStability, Message, Outcome};
+use acquisition::{MeanStability, Message, RunOutcome};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use isotherm_client::{Domain, ImuId, Options, fetch_status};
@@ -27,8 +27,8 @@ use std::time::{Duration, Instant};
 /// The published tables of the source paper: the truth that the demonstration simulates.
 pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
 const IMU: &str = "imu-paper";
-/// How long the service may take to end.
-const STOP: Duration = Duration::from_secs(5);
+/// Longest time for the service to start, to answer and to stop.
+const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Show the whole chain on embedded data: service, acquisition, a temperature run, a hot reload in flight
 ///
@@ -48,24 +48,24 @@ impl Demo {
     /// Runs the demonstration.
     ///
     /// # Errors
-    /// What went wrong, with the service's log.
+    /// If a process fails (the message then contains the service's log), or if the increments are wrong.
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let truth = CoefficientTable::from_toml(TABLE, None);
         let truth = truth.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?;
         let imu: ImuId = IMU.parse().map_err(|error| Failure::new(Exit::Failed, format!("{error}")))?;
         if self.acquisition {
-            return acquisition::run(&imu, &truth, &Options { domain, timeout: STOP });
+            return acquisition::run(&imu, &truth, &Options { domain, timeout: SERVICE_TIMEOUT });
         }
-        let asked = self.report != Path::new("-");
-        let report = asked.then(|| StagedText::create(Some(&self.report))).transpose()?;
+        let has_report = self.report != Path::new("-");
+        let report = has_report.then(|| StagedText::create(Some(&self.report))).transpose()?;
         let interrupted = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            // Without a handler the signal ends us as usual, only without cleaning up.
+            // If the handler cannot be registered, the signal ends this program without cleaning up.
             let _ = signal_hook::flag::register(signal, Arc::clone(&interrupted));
         }
         let domain = isotherm_client::domain(Some(&format!("demo-{}", std::process::id())));
         let domain = domain.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-        let result = play(&domain, &imu, &truth);
+        let result = run_processes(&domain, &imu, &truth);
         let cleaned = clean(&domain);
         if interrupted.load(Ordering::Relaxed) {
             return Err(Failure::new(Exit::Failed, "interrupted"));
@@ -81,8 +81,8 @@ impl Demo {
     }
 }
 
-/// Runs the processes and tells the story.
-fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String, Failure> {
+/// Runs the processes and returns the report.
+fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String, Failure> {
     let started = Instant::now();
     let io = |phase: &'static str| move |error: io::Error| Failure::new(Exit::Io, format!("{phase}: {error}"));
     let folder =
@@ -103,9 +103,10 @@ fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String
     let feed = isotherm(&["demo", "--acquisition"])?.stdout(Stdio::piped()).spawn();
     let mut acquisition = ChildProcess(feed.map_err(io("starting the acquisition"))?);
 
-    let outcome = follow(&mut acquisition, || fs::rename(&next, &table).map_err(io("renaming the new table")));
+    let outcome =
+        wait_for_outcome(&mut acquisition, || fs::rename(&next, &table).map_err(io("renaming the new table")));
     let outcome = outcome.map_err(|failure| with_log(failure, &log))?;
-    let status = fetch_status(&Options { domain: domain.clone(), timeout: STOP })
+    let status = fetch_status(&Options { domain: domain.clone(), timeout: SERVICE_TIMEOUT })
         .map_err(|error| with_log(error.into(), &log))?;
     service.terminate().map_err(|failure| with_log(failure, &log))?;
 
@@ -122,15 +123,15 @@ fn play(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Result<String
             ),
         ));
     }
-    Ok(tell(&outcome, &status, &frozen, truth, started.elapsed()))
+    Ok(report(&outcome, &status, &frozen, truth, started.elapsed()))
 }
 
-/// Samples without an answer, as the acquisition counts, and samples that the service missed, as it counts.
-fn lost(outcome: &Outcome, status: &ServiceStatus) -> u64 {
+/// Samples without an answer, counted by the acquisition, plus missed samples, counted by the service.
+fn lost(outcome: &RunOutcome, status: &ServiceStatus) -> u64 {
     outcome.sent - outcome.answered + status.imus.iter().map(|imu| imu.missing).sum::<u64>()
 }
 
-/// The table that knows no temperature: every polynomial frozen at its value in the middle of the run.
+/// The table without temperature dependence: every polynomial is frozen at its value in the middle of the run.
 fn frozen(truth: &CoefficientTable) -> Result<CoefficientTable, Failure> {
     let freeze = |polynomial: &mut Polynomial| {
         let constant = Polynomial::new(&[polynomial.at(imu::middle())], 0.0, 1.0, polynomial.range());
@@ -146,24 +147,27 @@ fn frozen(truth: &CoefficientTable) -> Result<CoefficientTable, Failure> {
     table.ok_or_else(|| Failure::new(Exit::Failed, "freezing the embedded table"))
 }
 
-/// Follows the acquisition process to its end.
-fn follow(acquisition: &mut ChildProcess, reload: impl Fn() -> Result<(), Failure>) -> Result<Outcome, Failure> {
+/// Reads the messages of the acquisition process until it ends. `reload` installs the new table.
+fn wait_for_outcome(
+    acquisition: &mut ChildProcess,
+    reload: impl Fn() -> Result<(), Failure>,
+) -> Result<RunOutcome, Failure> {
     let failed = |cause: &str| Failure::new(Exit::Failed, format!("the demonstration's acquisition process {cause}"));
-    // Draws on stderr, and only if that is a terminal.
+    // The bar is drawn on stderr, and only if that is a terminal.
     let style =
         ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}").unwrap_or_else(|_| ProgressStyle::default_bar());
     let bar = ProgressBar::new(1000).with_style(style).with_message("heating, frozen table");
     let stdout = acquisition.0.stdout.take().ok_or_else(|| failed("has no output"))?;
     let mut outcome = None;
     for line in BufReader::new(stdout).lines() {
-        let line = line.map_err(|error| failed(&format!("cannot be heard: {error}")))?;
-        match serde_json::from_str(&line).map_err(|error| failed(&format!("is not understood: {error}")))? {
+        let line = line.map_err(|error| failed(&format!("has unreadable output: {error}")))?;
+        match serde_json::from_str(&line).map_err(|error| failed(&format!("sent an invalid message: {error}")))? {
             Message::Progress(share) => bar.set_position((share * 1000.0) as u64),
             Message::Turning => {
                 reload()?;
                 bar.set_message("cooling, full model");
             }
-            Message::Outcome(result) => outcome = Some(*result),
+            Message::RunOutcome(result) => outcome = Some(*result),
         }
     }
     bar.finish_and_clear();
@@ -176,16 +180,16 @@ fn with_log(failure: Failure, log: &Path) -> Failure {
     Failure::new(failure.exit, format!("{failure}\nthe service's log:\n{log}"))
 }
 
-/// A child process that does not outlive its guard.
+/// A child process that is killed when this is dropped.
 struct ChildProcess(Child);
 
 impl ChildProcess {
-    /// SIGTERM, and the exit code must be 0.
+    /// Sends SIGTERM and waits for the end; the exit code must be 0.
     fn terminate(&mut self) -> Result<(), Failure> {
         let failed = |cause: String| Failure::new(Exit::Failed, format!("stopping the service: {cause}"));
         let pid = Pid::from_child(&self.0);
         kill_process(pid, Signal::TERM).map_err(|error| failed(error.to_string()))?;
-        let deadline = Instant::now() + STOP;
+        let deadline = Instant::now() + SERVICE_TIMEOUT;
         while Instant::now() < deadline {
             match self.0.try_wait().map_err(|error| failed(error.to_string()))? {
                 Some(status) if status.success() => return Ok(()),
@@ -199,14 +203,14 @@ impl ChildProcess {
 
 impl Drop for ChildProcess {
     fn drop(&mut self) {
-        // Both fail if it has ended already, as it should have.
+        // Both calls fail if the process has already ended, which is the normal case.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-fn tell(
-    outcome: &Outcome,
+fn report(
+    outcome: &RunOutcome,
     status: &ServiceStatus,
     frozen: &CoefficientTable,
     truth: &CoefficientTable,
@@ -214,13 +218,13 @@ fn tell(
 ) -> String {
     let mut text = String::new();
     // Writing to a String cannot fail.
-    let _ = write_story(&mut text, outcome, status, frozen, truth, elapsed);
+    let _ = write_report(&mut text, outcome, status, frozen, truth, elapsed);
     text
 }
 
-fn write_story(
+fn write_report(
     text: &mut String,
-    outcome: &Outcome,
+    outcome: &RunOutcome,
     status: &ServiceStatus,
     frozen: &CoefficientTable,
     truth: &CoefficientTable,
@@ -247,7 +251,7 @@ fn write_story(
     }
     writeln!(
         text,
-        "  ({} and {} means. This IMU obeys its table but for the noise; a real one keeps what no",
+        "  ({} and {} means. This IMU follows its table except for the noise; a real one keeps what no",
         outcome.before[0].means, outcome.after[0].means
     )?;
     writeln!(text, "  polynomial knows: the source paper reports factors of 10 to 16.)")?;
@@ -294,6 +298,9 @@ fn write_story(
             us(latency.max)
         )?;
     }
-    writeln!(text, "  (this machine, as it is; `cargo run --release -p isotherm-benches --bin latency` compares)")?;
+    writeln!(
+        text,
+        "  (this machine, as it is; `cargo run --profile dist -p isotherm-benches --bin latency` compares)"
+    )?;
     writeln!(text, "\nDone in {:.1} s.", elapsed.as_secs_f64())
 }

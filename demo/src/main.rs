@@ -1,4 +1,4 @@
-//! The demonstration as a program of its own: it builds in a fraction of the time that `isotherm` takes.
+//! The demonstration as a separate program, which builds in a fraction of the time of `isotherm`.
 
 use clap::{Parser, Subcommand};
 use isotherm_demo::Demo;

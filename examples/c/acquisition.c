@@ -1,10 +1,10 @@
 /*
- * An acquisition process: takes samples from a recording, has them compensated, prints the increments as CSV.
+ * An acquisition process: reads samples from a recording, sends them to the service, and prints the increments as CSV.
  *
  *     acquisition IMU RECORDING.csv
  *
- * Several samples are in flight at once, and a service that is restarted meanwhile loses none. Your hardware takes the place of
- * next_sample(). The domain is that of the environment variable ISOTHERM_DOMAIN.
+ * Several samples are in flight at once. None is lost when the service is restarted meanwhile. Replace next_sample() by your
+ * hardware. The environment variable ISOTHERM_DOMAIN names the domain.
  */
 #include <inttypes.h>
 #include <isotherm.h>
@@ -16,7 +16,7 @@
     "sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_positive,a2_negative,a2_head,a2_board," \
     "a3_positive,a3_negative,a3_head,a3_board\n"
 
-/* Fills a sample in from the next row. 1 if there was one, 0 at the end, -1 for a row that is none. */
+/* Fills in a sample from the next row. Returns 1, 0 at the end of the recording, or -1 for an invalid row. */
 static int next_sample(FILE *recording, isotherm_raw_sample *sample)
 {
     char line[1024];
@@ -40,7 +40,7 @@ static void print(const isotherm_compensated_increment *increment)
     printf("%" PRIu64 ",%.17g,%.17g,%.17g,%016" PRIx64 ",%s\n", increment->sequence, dv[0], dv[1], dv[2], increment->table, flags);
 }
 
-/* Takes the next increment, waiting for it if need be. */
+/* Waits up to the time-out for the next increment, and prints it. */
 static isotherm_code take(isotherm_acquisition *acquisition, uint64_t timeout_ns)
 {
     isotherm_compensated_increment increment;
@@ -52,7 +52,7 @@ static isotherm_code take(isotherm_acquisition *acquisition, uint64_t timeout_ns
     return code;
 }
 
-/* Sends all samples and takes all increments. */
+/* Sends all samples and receives all increments. */
 static isotherm_code run(isotherm_acquisition *acquisition, FILE *recording, int *row)
 {
     isotherm_code code;
@@ -64,7 +64,7 @@ static isotherm_code run(isotherm_acquisition *acquisition, FILE *recording, int
             isotherm_discard(acquisition, sample);
             break;
         }
-        /* While the service's queue is full this sample is still ours: take an increment, and there is room. */
+        /* While the service's queue is full the sample stays on loan. Each increment that is received makes room in the queue. */
         while ((code = isotherm_send(acquisition, sample)) == ISOTHERM_FULL)
             if ((code = take(acquisition, 20ull * SECOND)) != ISOTHERM_OK)
                 return code;

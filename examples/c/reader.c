@@ -1,9 +1,9 @@
 /*
- * Navigation or a logger: prints the increments of an IMU as they are published, beside its acquisition.
+ * A reader, such as navigation or a logger: prints the increments of an IMU as they are published, beside its acquisition.
  *
  *     reader IMU [COUNT]
  *
- * It may be started before the service, and stays connected when service or acquisition are restarted.
+ * It may be started before the service. It continues when the service or the acquisition is restarted.
  */
 #include <inttypes.h>
 #include <isotherm.h>

@@ -1,8 +1,8 @@
-// An acquisition process: takes samples from a recording, one round trip each, and prints the increments as CSV.
+// An acquisition process: reads samples from a recording, makes one round trip for each, and prints the increments as CSV.
 //
 //     acquisition IMU RECORDING.csv
 //
-// Your hardware takes the place of next_sample(). The domain is that of the environment variable ISOTHERM_DOMAIN.
+// Replace next_sample() by your hardware. The environment variable ISOTHERM_DOMAIN names the domain.
 #include <cinttypes>
 #include <cstdio>
 #include <fstream>
@@ -12,7 +12,7 @@
 
 using namespace std::chrono_literals;
 
-// Fills a sample in from the next row: sequence, timestamp, interval, and for each axis pulses and telemetry. False at the end.
+// Fills in a sample from the next row: sequence, timestamp, interval, and pulses and telemetry of each axis. False at the end.
 static bool next_sample(std::istream &recording, isotherm::RawSample &sample)
 {
     std::string line;

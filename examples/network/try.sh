@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Tries docs/network.md for real, on one machine: two network namespaces are the hosts, with a domain each and a tunnel each. Prints what it measures.
-# Takes about 6 minutes. Needs root (ip netns), the tunnel's program and a Rust toolchain:
+# Tests docs/network.md on one machine: two network namespaces are the hosts, each with a domain and a tunnel. Prints the results.
+# It takes about 6 minutes. It needs root (ip netns), the tunnel's program and a Rust toolchain:
 #   cargo install iceoryx2-integrations-zenoh-link-tunnel-cli --version 0.10.0 --locked
 #   sudo --preserve-env=PATH examples/network/try.sh [PART..]        PART: steady breaks cost; all unless given
 set -euo pipefail
@@ -10,16 +10,16 @@ fail() { echo "try.sh: $1" >&2; exit 1; }
 [ "$(id -u)" = 0 ] || fail "network namespaces need root; run it with sudo"
 tunnel=$(command -v iox2-link-tunnel-zenoh) || fail "iox2-link-tunnel-zenoh is not in PATH; see the top of this file"
 command -v ip > /dev/null || fail "ip is missing; install iproute2"
-if [ -z "${ISOTHERM_BUILD:-}" ]; then # a folder with the programs isotherm and network
-  cargo build --release --locked --quiet -p isotherm-service
+if [ -z "${ISOTHERM_BUILD:-}" ]; then # ISOTHERM_BUILD: a folder with the programs isotherm and network
+  cargo build --release --locked --quiet -p isotherm-cli
   cargo build --release --locked --quiet -p isotherm-benches --bin network
   export ISOTHERM_BUILD=target/release
 fi
-# All of it goes before ordinary threads, so that what else runs here does not count. With PLAIN=1 it does.
+# Everything runs at a real-time priority, so that other processes do not disturb it. PLAIN=1 keeps the normal priority.
 if [ -z "${PLAIN:-}" ]; then PLAIN=0 exec chrt -r 10 "$here/${0##*/}" "$@"; fi
 isotherm=$PWD/$ISOTHERM_BUILD/isotherm network=$PWD/$ISOTHERM_BUILD/network
 
-# Shared memory and files are common to both namespaces; that is why the far host's domain has another name than the near host's here.
+# Both namespaces share memory and files. Therefore the far host's domain has another name here than the near host's.
 dir=$(mktemp -d /tmp/iso-XXXXXX)
 export ISOTHERM_ROOT=$dir
 prefix() { echo "isotherm_$(printf %s "$dir/$1" | sha256sum | cut -c1-8)_"; }
@@ -41,14 +41,14 @@ ip link add link0 netns $near type veth peer name link0 netns $far
 ip -n $near addr add 192.0.2.1/24 dev link0 && ip -n $far addr add 192.0.2.2/24 dev link0
 for host in $near $far; do ip -n $host link set lo up && ip -n $host link set link0 up; done
 
-# The shipped files, with this place instead of an installed system's.
+# The shipped configuration, with the root path and prefix of this test.
 for host in net far; do
   mkdir -p "$dir/etc-$host/config"
   sed "s|^root-path = .*|root-path = \"$dir/$host\"|; s|^prefix = .*|prefix = \"$(prefix $host)\"|" \
     "$here/config/iceoryx2.toml" > "$dir/etc-$host/config/iceoryx2.toml"
 done
 
-# start NAME COMMAND..: in the background, with its own log
+# start NAME COMMAND..: runs a command in the background, with its own log
 start() { local name=$1; shift; "$@" < /dev/null >> "$dir/$name.log" 2>&1 & pid[$name]=$!; }
 stop() { kill "-${2:-TERM}" "${pid[$1]}"; wait "${pid[$1]}" 2> /dev/null || true; unset "pid[$1]"; }
 service() { start service "$isotherm" --domain near serve --imu imu-paper=examples/tables/imu-paper.toml; }
@@ -56,17 +56,17 @@ relay() { start relay "$isotherm" --domain near relay --imu imu-paper --to net; 
 near_tunnel() { cd "$dir/etc-net"; start near-tunnel ip netns exec $near "$tunnel" -z "$here/near.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
 far_tunnel() { cd "$dir/etc-far"; start far-tunnel ip netns exec $far "$tunnel" -z "$here/far.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
 
-# feed HZ SECONDS: the recording, as often as it takes
+# feed HZ SECONDS: sends the recording, repeated as often as necessary
 feed() {
   awk -F, -v OFS=, -v rows="$(($1 * $2))" 'NR == 1 { print; next } { row[NR - 2] = $0; n = NR - 1 }
     END { for (i = 0; i < rows; i++) { $0 = row[i % n]; $1 = i; print } }' tests/data/run.csv > "$dir/run.csv"
   "$isotherm" --domain near feed --imu imu-paper --rate "$1" "$dir/run.csv" -o "$dir/fed.csv"
 }
 
-# cpu: processor time so far of relay and tunnels, in ticks
+# cpu: prints the processor time of relay and tunnels so far [ticks]
 cpu() { for name in relay near-tunnel far-tunnel; do awk -v name=$name '{ print name, $14 + $15 }' "/proc/${pid[$name]}/stat"; done; }
 
-# steady HZ SECONDS
+# steady HZ SECONDS: compares the increments on both hosts at a steady rate
 steady() {
   printf '\n%s Hz for %s s\n' "$1" "$2"
   cpu > "$dir/before"
@@ -76,7 +76,7 @@ steady() {
   wait $compare
 }
 
-# break WHAT BREAK REPAIR PAUSE: 25 s at 400 Hz, broken after 5 s, for PAUSE seconds
+# break_it TITLE BREAK REPAIR PAUSE: feeds 25 s at 400 Hz; runs BREAK after 5 s, and REPAIR after PAUSE more seconds
 break_it() {
   printf '\n%s\n' "$1"
   "$network" compare near far --idle 8 & local compare=$!
@@ -101,7 +101,7 @@ if [[ $parts == *breaks* ]]; then
   break_it "service killed, started 2 s later" "stop service 9" service 2
 fi
 if [[ $parts == *cost* ]]; then
-  # The far tunnel, which is another machine's in earnest, runs all the time. The service goes before the link, as it should.
+  # The far tunnel belongs to another machine, so it runs all the time. The service has a higher priority than relay and tunnel.
   for name in relay near-tunnel service; do stop $name; done
   { echo "#!/usr/bin/env bash"; echo "trap 'kill \$(jobs -p); wait; exit' TERM"; echo "chrt -r -p 10 \$\$"
     echo "dir=$dir here=$here near=$near isotherm=$isotherm tunnel=$tunnel; declare -A pid"

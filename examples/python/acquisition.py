@@ -9,7 +9,7 @@ import isotherm
 
 @dataclass
 class Latched:
-    """What the hardware latched with the edge of the interval."""
+    """The values that the hardware latches at the end of an interval."""
 
     timestamp_ns: int
     positive: tuple[int, int, int]
@@ -19,7 +19,7 @@ class Latched:
 
 
 def hardware(count: int) -> Iterator[Latched]:
-    """Stands for yours: an IMU at rest."""
+    """Replace this by your hardware. Here: an IMU at rest."""
     for number in range(1, count + 1):
         yield Latched(number * 2_500_000, (140, 0, 150), (0, 110, 0), (2.5, 2.5, 2.5), (2.5, 2.5, 2.5))
 
@@ -33,7 +33,7 @@ def main() -> None:
     # Waits up to 5 s for the service, in the domain that ISOTHERM_DOMAIN names.
     with isotherm.Acquisition(options.imu) as acquisition:
         for latched in hardware(options.count):
-            sample = acquisition.loan()  # lies in shared memory
+            sample = acquisition.loan()  # a sample in shared memory
             sample.timestamp_ns = latched.timestamp_ns  # end of the period, your clock
             sample.interval_ns = 2_500_000  # the measured gate length
             sample.positive_pulses = latched.positive

@@ -15,7 +15,7 @@ def main() -> None:
     options = arguments.parse_args()
     options.output.mkdir(exist_ok=True)
 
-    # Settings and samples may come from anywhere: here the file's, of which a dwell is left out.
+    # Settings and samples can come from any source. Here they come from the campaign's files, and one dwell is excluded.
     settings = tomllib.loads(options.campaign.read_text())
     samples = pd.read_csv(options.campaign.with_name(settings["samples"]))
     print(samples.groupby("set_point_c")["a1_head"].agg(["mean", "std"]).head(3))
@@ -31,7 +31,7 @@ def main() -> None:
     calibration.save(options.output / "table.toml")
     calibration.report(options.output / "calibration.html")
 
-    # The same samples through the new table.
+    # Compensate the same samples with the new table.
     table = isotherm.Table.load(options.output / "table.toml")
     increments = isotherm.replay(table, samples)
     samples["a1_g0"] = increments["a1_dv"] / (samples["interval_ns"] * 1e-9 * table.gravity)

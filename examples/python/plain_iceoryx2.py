@@ -10,7 +10,7 @@ import iceoryx2 as iox2
 
 
 class RawSample(ctypes.Structure):
-    """120 bytes; the fields are described in docs/method.md and shared/src/wire.rs."""
+    """120 bytes; the fields are described in docs/recordings.md and shared/src/wire.rs."""
 
     _fields_ = [
         ("session", ctypes.c_uint64),  # chosen at random each time that the acquisition starts

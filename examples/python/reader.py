@@ -11,15 +11,15 @@ def main() -> None:
     arguments.add_argument("--imu", default="imu-a")
     arguments.add_argument("--count", type=int, default=100, help="increments to read before it ends")
     options = arguments.parse_args()
-    # It may be started before the service: with timeout=None it connects when the service is there.
+    # The reader may be started before the service: with timeout=None it connects as soon as the service runs.
     with isotherm.IncrementReader(options.imu, timeout=None) as reader:
         while not reader.connected:
             reader.receive(timeout=0.1)
         print("connected", flush=True)
-        # One at a time, as soon as each comes.
+        # Read one increment, as soon as it arrives.
         first = next(reader)
         print(f"first: sequence {first.sequence}, {first.velocity_increment} m/s under table {first.table:016x}", flush=True)
-        # Or whatever has come, as one array.
+        # Or read all increments that have arrived, as one array.
         count = 1
         while count < options.count:
             increments = reader.read_available()

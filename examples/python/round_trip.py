@@ -15,7 +15,7 @@ TELEMETRY = (2.5, 2.5, 2.5)
 
 
 def timed(work: Callable[[int], object]) -> list[int]:
-    """Nanoseconds of each of a block's calls."""
+    """The durations of the calls of a block [ns]."""
     clock, times = time.perf_counter_ns, []
     for number in range(BLOCK):
         begun = clock()
@@ -49,7 +49,7 @@ def main() -> None:
 
         gc.freeze()
         for _ in range(options.blocks):
-            # The loan is taken before the clock is read: only 4 can be had at once, so these are timed one by one.
+            # Loan and fill in before the clock is read. Only 4 loans are allowed at once, so the calls are timed one by one.
             for number in range(BLOCK):
                 loan = filled(number)
                 begun = time.perf_counter_ns()

@@ -1,20 +1,21 @@
 //! How a program of Isotherm fails: its exit code, and a message with phase, cause and remedy.
 //!
-//! Every crate turns its own errors into a [`Failure`] where it declares them, so that one error has one exit code in every program.
+//! Each crate converts its own errors into a [`Failure`] where it declares them, so that an error has the same exit code in every
+//! program.
 
 use std::io;
 use std::path::Path;
 
-/// Exit codes, as in sysexits.h.
+/// Exit codes; those from 64 on are as in sysexits.h.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Exit {
-    /// The work could not be done.
+    /// The command failed for another reason.
     Failed = 1,
     /// The command line is wrong.
     Usage = 64,
-    /// A recording is wrong.
+    /// A recording or samples are wrong.
     Data = 65,
-    /// No service runs, or a stream is not there.
+    /// There is no service, stream or instrument.
     Unavailable = 69,
     /// A file could not be read or written.
     Io = 74,
@@ -44,7 +45,7 @@ impl Failure {
         Self::new(Exit::Io, format!("{phase} {}: {error}", path.display()))
     }
 
-    /// Several failures as one: all messages, and the highest exit code. `None` if there are none.
+    /// Joins failures into one, with all messages and the highest exit code; `None` if there are none.
     #[must_use]
     pub fn all(failures: Vec<Self>) -> Option<Self> {
         let exit = failures.iter().map(|failure| failure.exit).max_by_key(|exit| *exit as u8)?;

@@ -1,19 +1,20 @@
-//! Files of Isotherm's programs.
+//! How Isotherm's programs read and write files.
 //!
-//! Tables and configurations are read with care ([`load_table`], [`read_text`]): a pipe, a giant or a file that changes under the reader is
-//! refused. Results appear whole or not at all ([`Output`]): they are written under a temporary name and renamed when they are complete.
+//! Tables and configurations are checked while they are read ([`load_table`], [`read_text`]): a pipe, a file that is too large,
+//! or a file that changes during reading is refused. A result file appears whole or not at all ([`Output`]): it is written under
+//! a temporary name and renamed when it is complete.
 
 mod load;
 mod output;
 
-pub use load::{Guard, Identity, LoadError, load_table, read_text};
+pub use load::{Identity, LoadError, WorldWritable, load_table, read_text};
 pub use output::{Output, StagedText, check_written, print, refuse_overlap, remove_unfinished_on_signals, replace};
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Opens a recording to read; `-` is stdin.
+/// Opens a recording for reading; `-` is stdin.
 ///
 /// # Errors
 /// If it cannot be opened.

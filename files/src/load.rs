@@ -1,4 +1,5 @@
-//! Reading a table or configuration with care: what it may be, who may write it, and which state of the file was read.
+//! Reads a table or configuration. Checks the kind of file, its size and who may write it, and returns which state of the file
+//! was read.
 
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES};
@@ -10,7 +11,7 @@ use std::io::{self, Read as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
-/// One state of a file: differs as soon as the file is replaced or written to.
+/// Identifies one state of a file: it changes when the file is replaced or written.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct Identity {
     device: u64,
@@ -21,13 +22,13 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Of the file that `path` leads to, symbolic links followed; `None` if there is none.
+    /// The state of the file at `path`, through symbolic links; `None` if there is no file.
     #[must_use]
     pub fn of(path: &Path) -> Option<Self> {
         fs::metadata(path).ok().map(|metadata| Self::from(&metadata))
     }
 
-    /// When its content was changed, in seconds of Unix time.
+    /// When its content was last changed, Unix time \[s\].
     #[must_use]
     pub fn modified_unix_s(&self) -> f64 {
         self.modified.0 as f64 + self.modified.1 as f64 * 1e-9
@@ -53,19 +54,19 @@ pub enum LoadError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         cause: String,
     },
     /// It is not a valid file of its kind.
     Refused {
         /// The file.
         path: PathBuf,
-        /// All that is wrong with it.
+        /// All its faults.
         faults: Faults,
     },
 }
 
-/// One line a fault: `file:line: key: message`.
+/// One line for each fault: `file:line: key: message`.
 impl fmt::Display for LoadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -81,41 +82,41 @@ impl fmt::Display for LoadError {
     }
 }
 
-/// Whether a file that everybody may write to is refused.
+/// Whether to read a file that every user of the machine may write.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Guard {
-    /// Refused. For the service: it follows the file, and every user of the machine could change it.
-    Strict,
-    /// Taken. For a command that reads the file once: its user names it.
-    Lax,
+pub enum WorldWritable {
+    /// For the service: it reloads the file, so every user of the machine could change what it does.
+    Refuse,
+    /// For a command that reads the file once: its user has chosen the file.
+    Allow,
 }
 
-impl Guard {
-    /// [`Lax`](Self::Lax) with the option `--allow-world-writable`.
+impl WorldWritable {
+    /// [`Allow`](Self::Allow) if the option `--allow-world-writable` is given.
     #[must_use]
-    pub const fn allowing(world_writable: bool) -> Self {
-        if world_writable { Self::Lax } else { Self::Strict }
+    pub const fn allow_if(given: bool) -> Self {
+        if given { Self::Allow } else { Self::Refuse }
     }
 }
 
-/// The text of a table or configuration, and the state of the file that it was read from.
+/// Reads the text of a table or configuration. Returns also the state of the file from which it was read.
 ///
 /// # Errors
-/// If the file cannot be read, may be written by everybody ([`Guard::Strict`]), is no regular file, is over 1 MiB, is not UTF-8, or
-/// changes while it is read.
-pub fn read_text(path: &Path, guard: Guard) -> Result<(String, Identity), LoadError> {
+/// If the file cannot be read, may be written by everybody ([`WorldWritable::Refuse`]), is no regular file, is over 1 MiB, is not
+/// UTF-8, or changes while it is read.
+pub fn read_text(path: &Path, world_writable: WorldWritable) -> Result<(String, Identity), LoadError> {
     let io = |error: io::Error| LoadError::Io { path: path.to_owned(), cause: error.to_string() };
     let refused = |line, message: String| LoadError::Refused {
         path: path.to_owned(),
         faults: Faults(vec![Fault { line, key: String::new(), message }]),
     };
-    // Without blocking: opening a pipe in the place of a table would wait for a writer.
+    // Non-blocking: if the path is a pipe, opening it would wait for a writer.
     let mut file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path).map_err(io)?;
     let before = file.metadata().map_err(io)?;
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));
     }
-    if guard == Guard::Strict && before.mode() & 0o002 != 0 {
+    if world_writable == WorldWritable::Refuse && before.mode() & 0o002 != 0 {
         let path = path.display();
         return Err(refused(1, format!("everybody may write it; chmod o-w {path}, or give --allow-world-writable")));
     }
@@ -126,7 +127,7 @@ pub fn read_text(path: &Path, guard: Guard) -> Result<(String, Identity), LoadEr
     }
     let identity = Identity::from(&before);
     if identity != Identity::from(&file.metadata().map_err(io)?) {
-        return Err(refused(1, "changed while it was read; write it aside and rename it".to_owned()));
+        return Err(refused(1, "changed while it was read; write it under another name and rename it".to_owned()));
     }
     match String::from_utf8(bytes) {
         Ok(text) => Ok((text, identity)),
@@ -148,9 +149,9 @@ pub fn read_text(path: &Path, guard: Guard) -> Result<(String, Identity), LoadEr
 pub fn load_table(
     path: &Path,
     expected: Option<&ImuId>,
-    guard: Guard,
+    world_writable: WorldWritable,
 ) -> Result<(CoefficientTable, Identity), LoadError> {
-    let (text, identity) = read_text(path, guard)?;
+    let (text, identity) = read_text(path, world_writable)?;
     let table = CoefficientTable::from_toml(&text, expected);
     let table = table.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     Ok((table, identity))

@@ -1,4 +1,4 @@
-//! Results: a regular file appears whole or not at all; pipes, devices and stdout are written directly.
+//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly.
 
 use isotherm_failure::{Exit, Failure};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 
 /// Where a command writes its data.
 pub enum Output {
-    /// A file under a temporary name beside its place; renamed when it is complete.
+    /// A file with a temporary name in the target's folder; it is renamed when it is complete.
     Staged(BufWriter<NamedTempFile>, PathBuf),
     /// Stdout, a pipe or a device.
     Direct(BufWriter<Box<dyn Write>>),
@@ -38,23 +38,23 @@ impl Output {
     }
 
     fn stage(path: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
-        // Through a symbolic link the link's target is replaced, not the link.
+        // If the path is a symbolic link, its target is replaced, not the link.
         let target = fs::canonicalize(path)
             .or_else(|_| fs::read_link(path).map(|link| path.parent().unwrap_or(Path::new("")).join(link)));
         let target = target.unwrap_or_else(|_| path.to_owned());
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
-        // The permissions of the file that is replaced, else the usual ones; the umask still applies.
+        // The permissions of the file that is replaced, else 0666. The umask still applies.
         let permissions = existing.map_or_else(|| Permissions::from_mode(0o666), Metadata::permissions);
         let mut builder = tempfile::Builder::new();
         builder.prefix(".isotherm-").permissions(permissions);
-        // The lock is held until the file is listed, so that a signal in between removes it too.
+        // Hold the lock until the file is listed, so that a signal between creating and listing removes it too.
         let mut unfinished = unfinished();
-        // Only the kind of the error: its text would name the temporary file, which the user has not asked for.
+        // Keep only the kind of the error: its text names the temporary file, which the user does not know.
         let staged = builder.tempfile_in(folder.unwrap_or(Path::new(".")));
         let staged = staged.map_err(|error| io::Error::from(error.kind()))?;
         unfinished.push(staged.path().to_owned());
         if let Some(existing) = existing {
-            // The new file gets the owner of the old one, where this user may give it.
+            // The new file gets the owner of the old one, if this user may set it.
             let _ = fchown(staged.as_file(), Some(existing.uid()), Some(existing.gid()));
         }
         Ok(Self::Staged(BufWriter::new(staged), target))
@@ -63,7 +63,7 @@ impl Output {
     /// Makes the data visible and durable.
     ///
     /// # Errors
-    /// If the last bytes cannot be written or the file cannot be renamed; the old file is then whole.
+    /// If the last bytes cannot be written or the file cannot be renamed; the old file is then unchanged.
     pub fn finish(self) -> io::Result<()> {
         match self {
             Self::Staged(writer, path) => {
@@ -93,7 +93,7 @@ impl Write for Output {
     }
 }
 
-/// A text that is prepared first and becomes visible when everything else has succeeded.
+/// A text that is written first and becomes visible later, when everything else has succeeded.
 pub struct StagedText {
     path: Option<PathBuf>,
     output: Output,
@@ -129,10 +129,10 @@ impl StagedText {
     }
 }
 
-/// Writes `text` as the whole file `path`.
+/// Replaces the file `path` by one with this `text`.
 ///
 /// # Errors
-/// As the operating system gives them; the old file is then whole.
+/// The operating system's error; the old file is then unchanged.
 pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     let mut output = Output::create(Some(path))?;
     output.write_all(text.as_bytes())?;
@@ -148,10 +148,10 @@ pub fn print(text: &str) -> Result<(), Failure> {
     check_written(None, stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()))
 }
 
-/// Turns an error of writing results to `path`, or to stdout, into a failure.
+/// Converts an error of writing results to `path`, or to stdout, into a failure.
 ///
 /// # Errors
-/// `result`'s, but for a broken pipe: a reader that ends early, as in `isotherm replay .. | head`, is no failure.
+/// The error of `result`. A broken pipe is no failure: the reader may end early, as in `isotherm replay .. | head`.
 pub fn check_written(path: Option<&Path>, result: io::Result<()>) -> Result<(), Failure> {
     match result {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -160,19 +160,19 @@ pub fn check_written(path: Option<&Path>, result: io::Result<()>) -> Result<(), 
     }
 }
 
-/// Refuses to write over a file that a command reads, and to write two results into one file. Each input comes with the words for it, as
-/// in "the campaign file".
+/// Refuses to overwrite a file that a command reads, and to write two results to one file. Each input has its name for the
+/// message, as in "the campaign file".
 ///
 /// # Errors
-/// [`Exit::Usage`], naming the file.
+/// [`Exit::Usage`], with the name of the file.
 pub fn refuse_overlap(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Result<(), Failure> {
     let regular = |path: &Path| fs::canonicalize(path).ok().filter(|path| path.is_file());
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     for (index, output) in outputs.iter().enumerate() {
         let Some(output) = output else { continue };
         let same = |other: &Path| *output == other || regular(output).is_some_and(|path| regular(other) == Some(path));
-        if let Some((_, what)) = inputs.iter().find(|(input, _)| *input != Path::new("-") && same(input)) {
-            return usage(format!("{} is {what}; write to another file", output.display()));
+        if let Some((_, role)) = inputs.iter().find(|(input, _)| *input != Path::new("-") && same(input)) {
+            return usage(format!("{} is {role}; write to another file", output.display()));
         }
         if outputs[..index].iter().flatten().any(|other| same(other)) {
             return usage(format!("{} is named for two outputs; give each a file of its own", output.display()));
@@ -181,13 +181,13 @@ pub fn refuse_overlap(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Re
     Ok(())
 }
 
-/// Staged files that have been begun. A file that has been renamed is not there under this name any more.
+/// The temporary names of all staged files so far. A file that has been renamed no longer has its temporary name.
 fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
     static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// From now on SIGINT, SIGTERM and SIGHUP remove the staged files before they end the process. For commands that do not handle these
+/// Makes SIGINT, SIGTERM and SIGHUP remove the staged files before they end the process. For commands that do not handle these
 /// signals themselves.
 ///
 /// # Errors
@@ -198,7 +198,7 @@ pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
     let body = move || {
         for signal in signals.forever() {
             for path in unfinished().drain(..) {
-                // Fails if the file has been renamed into its place, as it should be.
+                // This fails if the file has already been renamed, which is right.
                 let _ = fs::remove_file(path);
             }
             // Ends the process as the signal would have.

@@ -1,6 +1,8 @@
-//! A campaign file and its samples, with a zero byte between them; without a campaign file, the example's. What is refused
-//! is refused with a line and a reason. What is accepted goes through checks and calibration, by both methods, without a panic
-//! and within the limits of time and memory, and a table that comes out is one that its file gives back.
+//! Input: a campaign file and its samples, with a zero byte between them. If the campaign file is empty, the example's is used.
+//!
+//! Every refusal must name a line and a reason. Accepted input must pass through the checks and through calibration by both
+//! methods without a panic and within the limits of time and memory. A resulting table that is written and read again must be the
+//! same table.
 #![no_main]
 
 use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
@@ -44,7 +46,8 @@ fuzz_target!(|bytes: &[u8]| {
         return;
     }
     for method in [Method::OneStage, Method::TwoStage] {
-        let options = CalibrationOptions { method, alignment: method == Method::TwoStage, ..CalibrationOptions::default() };
+        let options =
+            CalibrationOptions { method, alignment: method == Method::TwoStage, ..CalibrationOptions::default() };
         if let Ok(calibration) = calibrate(&campaign, dwells.clone(), options) {
             let table = calibration.table;
             let again = CoefficientTable::from_toml(&table.to_toml(), Some(&campaign.imu));

@@ -1,5 +1,5 @@
-//! Any text as the service's configuration. What is refused is refused with a line and a reason; what is accepted is within
-//! the documented limits.
+//! Input: any text as the service's configuration. Every refusal must name a line and a reason; an accepted configuration must be
+//! within the documented limits.
 #![no_main]
 
 use isotherm_fuzz::check_faults;
@@ -23,7 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
         assert!((1..=RAW_DEPTH).contains(&imu.depth));
         assert!(!imu.table.as_os_str().is_empty());
     }
-    // Every worker from 0 on has something to do.
+    // The workers are numbered from 0 without gaps, and each has an IMU.
     let workers: BTreeSet<_> = config.imus.iter().map(|imu| imu.worker).collect();
     assert!(workers.iter().copied().eq(0..config.workers()));
     assert!(config.budget_us > 0.0 && config.budget_us <= 1e6);

@@ -1,10 +1,10 @@
-//! Any bytes as a recording. The same rows and the same error come out wherever the source cuts its bytes. Accepted samples
-//! that are written and read again are the same to the bit, and so are the increments that they give.
+//! Input: any bytes as a recording. Rows and error must not depend on where the source splits its bytes. Accepted samples that
+//! are written and read again must be equal to the last bit, and so must their increments.
 #![no_main]
 
 use isotherm_fuzz::{checked, same};
-use isotherm_recording::{RecordingError, csv::Rows};
 use isotherm_recording::{IncrementCsvWriter, RawCsvReader, RawCsvWriter};
+use isotherm_recording::{RecordingError, csv::Rows};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{Flags, RawSample};
 use libfuzzer_sys::fuzz_target;
@@ -30,7 +30,7 @@ fn read(source: impl Read) -> (Vec<RawSample>, Option<String>) {
     (samples, result.err().map(|error| error.to_string()))
 }
 
-/// All of a sample; one NaN is written like another.
+/// All fields of a sample as bits; all NaNs are written alike, so they get the same bits.
 fn bits(raw: &RawSample) -> ([u64; 5], [[u32; 3]; 2], [[u64; 3]; 2]) {
     let bits = |value: f64| if value.is_nan() { f64::NAN.to_bits() } else { value.to_bits() };
     (
@@ -44,8 +44,8 @@ fuzz_target!(|bytes: &[u8]| {
     let (samples, error) = read(bytes);
     let all = |samples: &[RawSample]| samples.iter().map(bits).collect::<Vec<_>>();
     let (begin, end) = bytes.split_at(bytes.len() / 2);
-    let (parted, same_error) = read(begin.chain(end));
-    assert_eq!((all(&parted), same_error), (all(&samples), error));
+    let (from_parts, same_error) = read(begin.chain(end));
+    assert_eq!((all(&from_parts), same_error), (all(&samples), error));
 
     let mut raw = RawCsvWriter::new(Vec::new(), "session", true).expect("memory takes all");
     let mut increments = IncrementCsvWriter::new(Vec::new(), true).expect("memory takes all");

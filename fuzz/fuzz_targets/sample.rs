@@ -1,6 +1,6 @@
-//! Samples of any bits, one after the other as a peer may write them into shared memory. Each is answered by tables of every
-//! policy and by none as `checked` promises; the order of their sessions and sequences is what counting says; merging two sums
-//! them or changes nothing.
+//! Input: a series of samples with any bits, as a peer may write them into shared memory. `checked` must accept the answer to
+//! each sample with a table of every policy and without a table. The tracked order of sessions and sequence numbers must agree
+//! with direct counting. Merging two samples must add them or change nothing.
 #![no_main]
 
 use isotherm_fuzz::{SAMPLE, checked, sample};
@@ -10,7 +10,7 @@ use isotherm_shared::wire::MAX_INTERVAL_NS;
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
-/// Two tables, one of them with an alignment and limits, with each policy.
+/// Two tables with each policy; one of the two has an alignment and limits.
 static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
     let texts = [include_str!("../../tests/data/imu-a.toml"), include_str!("../../examples/tables/imu-b.toml")];
     let contents = texts.map(|text| CoefficientTable::from_toml(text, None).expect("a valid table").content().clone());
@@ -26,27 +26,27 @@ static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
 fuzz_target!(|bytes: &[u8]| {
     let (chunks, _) = bytes.as_chunks::<SAMPLE>();
     let samples: Vec<_> = chunks.iter().map(sample).collect();
-    let mut order = SequenceTracker::default();
-    // The sequences since the session began.
-    let (mut session, mut seen) = (None, Vec::new());
+    let mut tracker = SequenceTracker::default();
+    // The session, and its sequence numbers so far.
+    let (mut session, mut sequences) = (None, Vec::new());
     let (mut missing, mut new) = (0_u128, 0_u128);
     for raw in &samples {
         for table in TABLES.iter().map(Some).chain([None]) {
             checked(table, raw);
         }
         if session != Some(raw.session) {
-            (session, seen, missing, new) = (Some(raw.session), Vec::new(), 0, 0);
+            (session, sequences, missing, new) = (Some(raw.session), Vec::new(), 0, 0);
         }
-        let arrival = order.note(raw.session, raw.sequence);
-        let repeated = seen.iter().any(|sequence| *sequence >= raw.sequence);
-        assert_eq!(arrival, Arrival { missing: arrival.missing, repeated, begins: seen.is_empty() });
+        let arrival = tracker.note(raw.session, raw.sequence);
+        let repeated = sequences.iter().any(|sequence| *sequence >= raw.sequence);
+        assert_eq!(arrival, Arrival { missing: arrival.missing, repeated, begins: sequences.is_empty() });
         assert!(!repeated || arrival.missing == 0);
-        seen.push(raw.sequence);
+        sequences.push(raw.sequence);
         missing += u128::from(arrival.missing);
         new += u128::from(!repeated);
-        // From the first to the highest, each has come or is missing.
-        let highest = seen.iter().max().expect("not empty");
-        assert_eq!(missing + new, u128::from(highest - seen[0]) + 1);
+        // Every number from the first to the highest has come or counts as missing.
+        let highest = sequences.iter().max().expect("not empty");
+        assert_eq!(missing + new, u128::from(highest - sequences[0]) + 1);
     }
     for pair in samples.windows(2) {
         let (mut sum, later) = (pair[0], &pair[1]);

@@ -1,6 +1,6 @@
-//! Any text as a coefficient table. What is refused is refused with a line and a reason. What is accepted is written and
-//! read again as the same table with the same digest, and answers plausible samples and ones at the ends of its ranges
-//! as promised: see `checked`.
+//! Input: any text as a coefficient table. Every refusal must name a line and a reason. An accepted table that is written and
+//! read again must be the same table with the same digest. `checked` must accept its answers to a plausible sample and to samples
+//! within, at the ends of and outside its ranges.
 #![no_main]
 
 use isotherm_fuzz::{check_faults, checked};

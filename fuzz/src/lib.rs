@@ -1,4 +1,4 @@
-//! What the targets share: samples of any bits, and what must hold of every answer and every refusal.
+//! Code that the targets share: samples with any bits, and the checks of every answer and every refusal.
 
 use isotherm_shared::compensate::answer;
 use isotherm_shared::document::Faults;
@@ -6,10 +6,10 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample};
 
-/// Size of a sample in shared memory.
+/// Size of a sample in shared memory \[bytes\].
 pub const SAMPLE: usize = size_of::<RawSample>();
 
-/// Every fault has a line of the text and says something.
+/// Checks that each fault has a line number within the text and a message.
 pub fn check_faults(text: &str, faults: &Faults) {
     let lines = 1 + text.bytes().filter(|byte| *byte == b'\n').count();
     assert!((1..=101).contains(&faults.0.len()), "{} faults", faults.0.len());
@@ -40,13 +40,13 @@ pub fn sample(bytes: &[u8; SAMPLE]) -> RawSample {
     }
 }
 
-/// Equal to the last bit; one NaN is as good as another.
+/// Whether two numbers are equal to the last bit; all NaNs count as equal.
 #[must_use]
 pub fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan())
 }
 
-/// Compensates and checks all that is promised of the answer to any bits.
+/// Compensates a sample with any bits, and checks every guarantee about the answer.
 pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {
     let found = answer(table, raw);
     let bits = found.velocity_increment.map(f64::to_bits);
@@ -61,8 +61,8 @@ pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> Compensated
     let mut flag = |condition: bool, flag: Flags| flags |= if condition { flag } else { Flags::default() };
     flag(invalid, Flags::INTERVAL);
     flag(table.is_none(), Flags::NO_TABLE);
-    // What has no value, and what an extrapolation may have carried too far for one.
-    let (mut without, mut far) = ([invalid || table.is_none(); AXES], [false; AXES]);
+    // Axes that must have no increment, and axes whose extrapolation may overflow.
+    let (mut without, mut may_overflow) = ([invalid || table.is_none(); AXES], [false; AXES]);
     for index in 0..AXES {
         let (head, board) = (raw.head_temperature[index], raw.board_temperature[index]);
         let finite = head.is_finite() && board.is_finite();
@@ -82,7 +82,7 @@ pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> Compensated
         sides.iter().for_each(|side| flag(side.0, side.1));
         let outside = sides.iter().any(|side| side.0);
         without[index] |= outside && content.out_of_range == OutOfRange::Reject;
-        far[index] = outside && content.out_of_range == OutOfRange::Extrapolate;
+        may_overflow[index] = outside && content.out_of_range == OutOfRange::Extrapolate;
         let pulses = u64::from(raw.positive_pulses[index]) + u64::from(raw.negative_pulses[index]);
         let rate = pulses as f64 / (raw.interval_ns as f64 / 1e9);
         flag(!invalid && axis.max_rate.is_some_and(|limit| rate > limit), Flags::rate(index));
@@ -93,15 +93,19 @@ pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> Compensated
     assert_eq!(found.flags, flags.0, "{} instead of {flags}", Flags(found.flags));
     assert_eq!(flags.only(Flags::SAMPLE), flags);
 
-    // An alignment mixes the axes.
+    // An alignment combines the axes: what holds for one axis then holds for all.
     if table.is_some_and(|table| table.content().alignment.is_some()) {
         without = [without.contains(&true); AXES];
-        far = [far.contains(&true); AXES];
+        may_overflow = [may_overflow.contains(&true); AXES];
     }
     for (index, dv) in found.velocity_increment.iter().enumerate() {
         assert!(!dv.is_infinite());
         assert!(dv.is_nan() || !without[index], "{dv} with {flags}");
-        assert!(dv.is_finite() || without[index] || far[index], "no increment of A{}, {flags}: {raw:?}", index + 1);
+        assert!(
+            dv.is_finite() || without[index] || may_overflow[index],
+            "no increment of A{}, {flags}: {raw:?}",
+            index + 1
+        );
     }
     found
 }

@@ -10,18 +10,19 @@ use std::io::Read;
 /// One row of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CampaignRow {
-    /// Line in the file, from 1; in a recording of several pieces, or without lines, the row's place as its reader counts.
+    /// Line in the file, from 1. In a recording of several pieces it counts over all pieces; in a format without lines it is the
+    /// number of the row or message.
     pub line: u64,
-    /// What the chamber was set to \[degC\]: a label that tells set points apart.
+    /// Set point of the chamber \[degC\]: a label that identifies the set point, not a measured value.
     pub set_point_c: f64,
-    /// Number of the turntable's position; `None` while it moves.
+    /// Number of the turntable's position; `None` while the turntable moves.
     pub position: Option<u32>,
-    /// What the acquisition latched.
+    /// The sample that the acquisition latched.
     pub sample: RawSample,
 }
 
-/// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`, which is empty in rows that
-/// were taken while the table moved. An [`Iterator`] that ends at the first error.
+/// Reads the rows of a campaign: raw samples with the columns `set_point_c` and `position`. `position` is empty in rows that were
+/// taken while the turntable moved. An [`Iterator`] that ends at the first error.
 pub struct CampaignCsvReader<R> {
     samples: RawCsvReader<R>,
     set_point: CsvColumn,
@@ -32,7 +33,7 @@ impl<R: Read> CampaignCsvReader<R> {
     /// Reads the header row.
     ///
     /// # Errors
-    /// [`RecordingError::Data`] if a column is missing or there twice.
+    /// [`RecordingError::Data`] if a column is missing or occurs twice.
     pub fn new(source: R) -> Result<Self, RecordingError> {
         let samples = RawCsvReader::new(source)?;
         let hint = "a campaign's rows are raw samples with the set point and the number of the position";
@@ -44,15 +45,15 @@ impl<R: Read> CampaignCsvReader<R> {
         Ok(Self { samples, set_point, position })
     }
 
-    /// Goes on with the rule as it stands after the piece of the recording that came before.
-    pub const fn set_order(&mut self, order: SequenceRule) {
-        self.samples.set_order(order);
+    /// Sets the rule's state: that after the last sample of the previous piece of the recording.
+    pub const fn set_sequence_rule(&mut self, rule: SequenceRule) {
+        self.samples.set_sequence_rule(rule);
     }
 
-    /// The rule as it stands after the last sample.
+    /// The rule's state after the last sample.
     #[must_use]
-    pub const fn order(&self) -> SequenceRule {
-        self.samples.order()
+    pub const fn sequence_rule(&self) -> SequenceRule {
+        self.samples.sequence_rule()
     }
 
     /// Line of the last row, from 1.
@@ -61,10 +62,10 @@ impl<R: Read> CampaignCsvReader<R> {
         self.samples.line()
     }
 
-    /// As [`RawCsvReader::cut`].
+    /// As [`RawCsvReader::truncation`].
     #[must_use]
-    pub fn cut(&self) -> Option<String> {
-        self.samples.cut()
+    pub fn truncation(&self) -> Option<String> {
+        self.samples.truncation()
     }
 
     fn row(&self, sample: RawSample) -> Result<CampaignRow, RecordingError> {

@@ -5,11 +5,11 @@ use isotherm_shared::wire::{AXES, RawSample};
 /// A column's type.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum ColumnKind {
-    /// Whole number of 64 bits without a sign.
+    /// Unsigned integer of 64 bits.
     U64,
-    /// Whole number of 32 bits without a sign.
+    /// Unsigned integer of 32 bits.
     U32,
-    /// Double.
+    /// IEEE 754 double.
     F64,
     /// Text of a few characters.
     Text,
@@ -20,9 +20,9 @@ pub enum ColumnKind {
 pub struct Column {
     /// Its name in every format.
     pub name: &'static str,
-    /// Its type where the format has types.
+    /// Its type, in formats that have types.
     pub kind: ColumnKind,
-    /// Unit, or what the values are.
+    /// Unit, or meaning of the values.
     pub unit: &'static str,
 }
 
@@ -30,30 +30,31 @@ const fn column(name: &'static str, kind: ColumnKind, unit: &'static str) -> Col
     Column { name, kind, unit }
 }
 
-/// Column with the Unix time at which the recorder received the sample. Only `isotherm record` writes it, so it marks a file as the
-/// recorder's.
+/// Column with the Unix time at which the recorder received the sample. Only `isotherm record` writes it, so it identifies the
+/// files of the recorder.
 pub const RECORDED_NS: &str = "recorded_ns";
 
-/// Places in [`RAW`] of the columns that readers and writers name.
+/// Index of `session` in [`RAW`].
 pub const SESSION: usize = 1;
-/// Place of `sequence`.
+/// Index of `sequence` in [`RAW`].
 pub const SEQUENCE: usize = 2;
-/// Place of `timestamp_ns`.
+/// Index of `timestamp_ns` in [`RAW`].
 pub const TIMESTAMP_NS: usize = 3;
-/// Place of `interval_ns`.
+/// Index of `interval_ns` in [`RAW`].
 pub const INTERVAL_NS: usize = 4;
-/// Place of `telemetry_ns`.
+/// Index of `telemetry_ns` in [`RAW`].
 pub const TELEMETRY_NS: usize = 6;
-/// Place of the first axis' columns: positive and negative pulses, head and board telemetry. The other axes' follow.
+/// Index in [`RAW`] of the first axis' columns: positive and negative pulses, head and board telemetry. Those of the other axes
+/// follow.
 pub const FIRST_AXIS: usize = 7;
-/// Columns of an axis.
+/// Number of columns of an axis.
 pub const PER_AXIS: usize = 4;
 
-/// Columns of raw samples that a recording may do without.
+/// Columns of raw samples that may be missing in a recording.
 pub const OPTIONAL: [&str; 4] = [RECORDED_NS, "session", "sent_ns", "telemetry_ns"];
 
-/// Columns of a campaign's rows, before those of the raw sample: the chamber's set point and the number of the position, which is empty
-/// in rows that were taken while the table moved.
+/// Columns of a campaign's rows that come before those of the raw sample: the chamber's set point and the number of the position.
+/// The position is empty in rows that were taken while the turntable moved.
 pub const CAMPAIGN: [Column; 2] = [
     column("set_point_c", ColumnKind::F64, "degC, set point of the chamber"),
     column("position", ColumnKind::U32, "number of the position; empty while the table moves"),
@@ -63,7 +64,7 @@ pub const CAMPAIGN: [Column; 2] = [
 pub const PARQUET_MAGIC: &[u8] = b"PAR1";
 /// The first bytes of an MCAP file.
 pub const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
-/// Formats of recordings that are no text, by their first bytes.
+/// First bytes and names of the binary formats of recordings.
 pub const BINARY_FORMATS: [(&[u8], &str); 2] = [(PARQUET_MAGIC, "Parquet"), (MCAP_MAGIC, "MCAP")];
 
 const HEAD: [Column; 5] = [
@@ -74,7 +75,7 @@ const HEAD: [Column; 5] = [
     column("interval_ns", ColumnKind::U64, "ns, control period"),
 ];
 
-/// Columns of raw samples. What exists is never renumbered: a column's place is its field's number in MCAP.
+/// Columns of raw samples. Existing columns are never renumbered: the index plus 1 is the field number in MCAP files.
 pub const RAW: [Column; 19] = [
     HEAD[0],
     HEAD[1],
@@ -97,7 +98,7 @@ pub const RAW: [Column; 19] = [
     column("a3_board", ColumnKind::F64, "unit of the table's telemetry"),
 ];
 
-/// Columns of increments. What exists is never renumbered.
+/// Columns of increments. Existing columns are never renumbered, as in [`RAW`].
 pub const INCREMENT: [Column; 13] = [
     HEAD[0],
     HEAD[1],
@@ -114,18 +115,18 @@ pub const INCREMENT: [Column; 13] = [
     column("latency_ns", ColumnKind::U32, "ns, from sending the raw sample to publishing the increment"),
 ];
 
-/// Stores the value of the column at `place` of [`RAW`] in a sample: a whole number, or the bits of a double. What only the recorder
-/// knows (`recorded_ns`, `sent_ns`) is left out: it is no part of a sample that is read.
-pub fn store(raw: &mut RawSample, place: usize, value: u64) {
-    match place {
+/// Stores a value of the column with this index in [`RAW`] in a sample: an integer, or the bits of a double. `recorded_ns` and
+/// `sent_ns` are ignored: samples that are read from a recording do not have them.
+pub fn store(raw: &mut RawSample, index: usize, value: u64) {
+    match index {
         SESSION => raw.session = value,
         SEQUENCE => raw.sequence = value,
         TIMESTAMP_NS => raw.timestamp_ns = value,
         INTERVAL_NS => raw.interval_ns = value,
         TELEMETRY_NS => raw.telemetry_ns = value,
         FIRST_AXIS.. => {
-            let axis = (place - FIRST_AXIS) / PER_AXIS % AXES;
-            match (place - FIRST_AXIS) % PER_AXIS {
+            let axis = (index - FIRST_AXIS) / PER_AXIS % AXES;
+            match (index - FIRST_AXIS) % PER_AXIS {
                 0 => raw.positive_pulses[axis] = value as u32,
                 1 => raw.negative_pulses[axis] = value as u32,
                 2 => raw.head_temperature[axis] = f64::from_bits(value),

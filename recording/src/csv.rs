@@ -1,4 +1,4 @@
-//! Rows of a comma-separated text, each with its line number for messages.
+//! Rows of a comma-separated text, with line numbers for messages.
 
 use crate::columns::BINARY_FORMATS;
 use crate::error::RecordingError;
@@ -10,22 +10,22 @@ const BUFFER: usize = 1 << 16;
 /// Longest line \[bytes\].
 const MAX_LINE: u64 = 1 << 16;
 
-/// A column: its name and its place in a row.
+/// A column: its name and its index in a row.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct CsvColumn(String, usize);
 
-/// The rows of a CSV text, one a line, blank lines left out, with the number of their line.
+/// The rows of a CSV text, one per line, with their line numbers. Blank lines are skipped.
 pub struct Rows<R> {
     source: BufReader<R>,
     parser: csv_core::Reader,
     text: Vec<u8>,
     line: u64,
-    /// The fields of a row with quotation marks one after the other, as csv-core gives them, and where each ends.
+    /// The unquoted fields of a row with quotation marks, one after the other, and the end of each, as csv-core returns them.
     unquoted: Vec<u8>,
     ends: Vec<usize>,
-    /// Whether the current row has quotation marks; the fields of others stay in `text`.
+    /// Whether the current row has quotation marks. Fields are in `unquoted` then, otherwise in `text`.
     quoted: bool,
-    /// Where each field begins and ends.
+    /// Begin and end of each field of the current row.
     fields: Vec<(usize, usize)>,
 }
 
@@ -94,7 +94,7 @@ impl<R: Read> Rows<R> {
     }
 
     fn parse_quoted(&mut self) -> Result<bool, RecordingError> {
-        // No line needs more room than this, so that parsing it is one call.
+        // No line needs more room than this, so one call parses it.
         self.unquoted.resize(self.text.len() + 1, 0);
         self.ends.resize(self.text.len() + 1, 0);
         if !self.text.ends_with(b"\n") {
@@ -113,28 +113,28 @@ impl<R: Read> Rows<R> {
         }
     }
 
-    /// Number of fields of the row.
+    /// Number of fields of the current row.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.fields.len()
     }
 
-    /// Whether there is no row.
+    /// Whether there is no current row.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.fields.is_empty()
     }
 
-    /// Line of the row, from 1.
+    /// Line of the current row, from 1.
     #[must_use]
     pub const fn line(&self) -> u64 {
         self.line
     }
 
-    /// Finds the columns `names` in the header, which must be the current row; `hint` ends the message about missing ones.
+    /// Finds the columns `names` in the header, which must be the current row. `hint` ends the message about missing columns.
     ///
     /// # Errors
-    /// Naming every column that is missing and those that were found, or a column that is there twice.
+    /// If columns are missing, with the names of those and of all columns that were found, or if a column occurs twice.
     pub fn columns(&self, names: &[&str], hint: &str) -> Result<Vec<CsvColumn>, RecordingError> {
         let found = names.iter().map(|name| self.optional_column(name)).collect::<Result<Vec<_>, _>>()?;
         let missing: Vec<_> = names.iter().zip(&found).filter(|(_, c)| c.is_none()).map(|(name, _)| *name).collect();
@@ -146,7 +146,7 @@ impl<R: Read> Rows<R> {
         }
     }
 
-    /// The columns of the header, which must be the current row, for a message.
+    /// The names of the columns of the header, which must be the current row, for a message.
     fn names(&self) -> String {
         let names = (0..self.len()).map(|index| String::from_utf8_lossy(self.field(index)).into_owned());
         list_columns(names)
@@ -155,19 +155,19 @@ impl<R: Read> Rows<R> {
     /// Finds a column in the header, which must be the current row.
     ///
     /// # Errors
-    /// If it is there twice.
+    /// If it occurs twice.
     pub fn optional_column(&self, name: &str) -> Result<Option<CsvColumn>, RecordingError> {
-        let mut places = (0..self.len()).filter(|&index| self.field(index) == name.as_bytes());
-        match (places.next(), places.next()) {
+        let mut indices = (0..self.len()).filter(|&index| self.field(index) == name.as_bytes());
+        match (indices.next(), indices.next()) {
             (_, Some(_)) => Err(self.error(format!("the column {name} is there twice"))),
-            (place, None) => Ok(place.map(|place| CsvColumn(name.to_owned(), place))),
+            (index, None) => Ok(index.map(|index| CsvColumn(name.to_owned(), index))),
         }
     }
 
-    /// Refuses a row that has not `count` fields.
+    /// Checks that the current row has `count` fields.
     ///
     /// # Errors
-    /// Naming both numbers.
+    /// If it has another number of fields.
     pub fn expect_len(&self, count: usize) -> Result<(), RecordingError> {
         if self.len() == count {
             return Ok(());
@@ -181,7 +181,7 @@ impl<R: Read> Rows<R> {
         row[begin..end].trim_ascii()
     }
 
-    /// Whether the row's line has an end, as the last one of a text may not.
+    /// Whether the current line has a line end. Only the last line of a text can lack it.
     #[must_use]
     pub fn is_terminated(&self) -> bool {
         self.text.ends_with(b"\n")
@@ -193,54 +193,54 @@ impl<R: Read> Rows<R> {
         RecordingError::Data { line: self.line, message }
     }
 
-    /// The field of `column`, made into a value; `right` says what it should be.
+    /// Parses the field of `column`. `expected` describes a valid value in the message.
     ///
     /// # Errors
     /// If `parse` returns `None`.
     pub fn parse<T>(
         &self,
         column: &CsvColumn,
-        right: &str,
+        expected: &str,
         parse: impl Fn(&str) -> Option<T>,
     ) -> Result<T, RecordingError> {
-        self.parse_or(column, |text| parse(text).ok_or(right))
+        self.parse_or(column, |text| parse(text).ok_or(expected))
     }
 
-    /// The field of `column`, made into a value; an error of `parse` says what it should be.
+    /// Parses the field of `column`. An error of `parse` describes a valid value.
     ///
     /// # Errors
-    /// If `parse` returns one.
+    /// If `parse` returns an error, or the field is not UTF-8.
     pub fn parse_or<'r, T>(
         &self,
         CsvColumn(name, index): &CsvColumn,
         parse: impl Fn(&str) -> Result<T, &'r str>,
     ) -> Result<T, RecordingError> {
         let field = self.field(*index);
-        core::str::from_utf8(field).map_err(|_| "text in UTF-8").and_then(parse).map_err(|right| {
+        core::str::from_utf8(field).map_err(|_| "text in UTF-8").and_then(parse).map_err(|expected| {
             let shown: String = String::from_utf8_lossy(field).chars().take(40).collect();
-            self.error(format!("{name} is {shown:?}, give {right}"))
+            self.error(format!("{name} is {shown:?}, give {expected}"))
         })
     }
 
-    /// A whole number of 32 or 64 bits without a sign.
+    /// Parses an unsigned integer of 32 or 64 bits.
     ///
     /// # Errors
-    /// If the field is none.
+    /// If the field is not one.
     pub fn integer<T: FromStr + TryFrom<u64>>(&self, column: &CsvColumn) -> Result<T, RecordingError> {
-        const RIGHT: [&str; 2] =
+        const EXPECTED: [&str; 2] =
             ["a whole number from 0 to 4294967295", "a whole number from 0 to 18446744073709551615"];
         if let Some((0, mantissa, 0)) = digits(self.field(column.1))
             && let Ok(value) = T::try_from(mantissa)
         {
             return Ok(value);
         }
-        self.parse(column, RIGHT[size_of::<T>() / 8], |text| text.parse().ok())
+        self.parse(column, EXPECTED[size_of::<T>() / 8], |text| text.parse().ok())
     }
 
-    /// A number. NaN and infinities are telemetry too, if they are written as such; one that overflows is a slip.
+    /// Parses a number. Telemetry may be NaN or infinite if the text says so; a decimal number that overflows is an error.
     ///
     /// # Errors
-    /// If the field is none.
+    /// If the field is not a number.
     pub fn float(&self, column: &CsvColumn) -> Result<f64, RecordingError> {
         if let Some(value) = decimal(self.field(column.1)) {
             return Ok(value);
@@ -251,15 +251,15 @@ impl<R: Read> Rows<R> {
     }
 }
 
-/// Names of columns for a message: some of them, each cut if it is long, none with characters that a terminal obeys.
+/// Lists names of columns for a message: a limited number, each shortened if it is long, control characters escaped.
 pub fn list_columns(names: impl IntoIterator<Item = String>) -> String {
-    const MOST: usize = 40;
-    const LONGEST: usize = 40;
+    const MAX_NAMES: usize = 40;
+    const MAX_LENGTH: usize = 40;
     let mut names: Vec<_> = names.into_iter().collect();
-    let more = names.len().saturating_sub(MOST);
-    names.truncate(MOST);
+    let more = names.len().saturating_sub(MAX_NAMES);
+    names.truncate(MAX_NAMES);
     let shown = names.iter().map(|name| {
-        let cut: String = name.chars().take(LONGEST).collect();
+        let cut: String = name.chars().take(MAX_LENGTH).collect();
         let dots = if cut.len() < name.len() { ".." } else { "" };
         format!("{}{dots}", cut.escape_debug())
     });
@@ -271,8 +271,8 @@ pub fn list_columns(names: impl IntoIterator<Item = String>) -> String {
     }
 }
 
-/// The usual field, digits with at most one sign and one point: whether it is negative (1) or not (0), its digits as one number, and
-/// how many of them come after the point. `None` for anything else, which the standard library then reads; also for over 18 digits.
+/// Splits a plain decimal (at most one minus sign, at most one point, up to 18 digits): 1 if it is negative, else 0; its digits
+/// as one integer; the number of digits after the point. `None` for any other field, which the standard library then parses.
 #[inline]
 fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
     let (negative, unsigned) = match field.split_first() {
@@ -290,7 +290,7 @@ fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
             _ => return None,
         }
     }
-    // A point with nothing behind it is left to the standard library too, and 18 digits cannot overflow.
+    // A field that ends with the point is left to the standard library. 18 digits cannot overflow.
     let after = point.map_or(0, |point| unsigned.len() - point);
     ((1..=18).contains(&count) && (point.is_none() || after > 0)).then_some((negative, mantissa, after))
 }
@@ -301,7 +301,8 @@ const POWERS: [f64; 23] = [
     1e21, 1e22,
 ];
 
-/// A decimal whose digits and power of ten are exact doubles: then one division rounds once, as it must (Clinger, 1990).
+/// Parses a decimal whose digits and power of ten are exact doubles. One division then rounds only once, to the nearest double
+/// (Clinger, 1990).
 #[inline]
 fn decimal(field: &[u8]) -> Option<f64> {
     let (negative, mantissa, after) = digits(field)?;
@@ -322,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_plain_decimal_is_left_to_the_standard_library() {
+    fn other_fields_than_plain_decimals_are_left_to_the_standard_library() {
         for text in ["", "-", ".", "1.", "1e3", "+1", "--1", "1.2.3", "1,2", "nan", "inf", "0x1", "1234567890123456789"]
         {
             assert_eq!(digits(text.as_bytes()), None, "{text}");
@@ -353,20 +354,20 @@ mod tests {
     }
 
     proptest! {
-        /// Every decimal reads as the standard library reads it, to the last bit.
+        /// Every decimal gives the same bits as the standard library's parser.
         #[test]
         fn decimals_are_the_nearest_doubles(text in "-?[0-9]{0,12}(\\.[0-9]{0,12})?") {
-            let right = text.parse::<f64>().ok();
+            let expected = text.parse::<f64>().ok();
             if let Some(value) = decimal(text.as_bytes()) {
-                prop_assert_eq!(Some(value.to_bits()), right.map(f64::to_bits), "{}", text);
+                prop_assert_eq!(Some(value.to_bits()), expected.map(f64::to_bits), "{}", text);
             }
             let line = format!("{text},\n");
             let rows = row(&line);
             let read = rows.float(&CsvColumn(String::from("x"), 0)).ok();
-            prop_assert_eq!(read.map(f64::to_bits), right.map(f64::to_bits), "{}", text);
+            prop_assert_eq!(read.map(f64::to_bits), expected.map(f64::to_bits), "{}", text);
         }
 
-        /// Quotation marks change nothing but the way a row is read.
+        /// Rows with quotation marks are parsed by other code, with the same result.
         #[test]
         fn quoted_rows_are_the_same_rows(fields in prop::collection::vec("[a-z0-9 .]{0,8}", 2..6)) {
             let line = fields.join(",") + "\n";

@@ -1,4 +1,4 @@
-//! Why a recording cannot be read.
+//! The error of readers of recordings.
 
 use isotherm_failure::{Exit, Failure};
 use std::io;
@@ -7,20 +7,20 @@ use std::path::Path;
 /// Why a recording cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// Something in the data is wrong.
+    /// The data are wrong, in a format with lines.
     #[error("line {line}: {message}")]
     Data {
         /// Line, from 1.
         line: u64,
-        /// What is wrong and what would be right.
+        /// What is wrong, and what is expected.
         message: String,
     },
-    /// Something is wrong in a format that has no lines.
+    /// The data are wrong, in a format without lines.
     #[error("{place}: {message}")]
     Place {
-        /// Row, message or byte.
+        /// Number of the row, message or byte.
         place: String,
-        /// What is wrong and what would be right.
+        /// What is wrong, and what is expected.
         message: String,
     },
     /// The source could not be read.
@@ -29,7 +29,7 @@ pub enum RecordingError {
 }
 
 impl RecordingError {
-    /// The failure of a program that reads the recording `path`.
+    /// The failure of a program that reads the file `path`.
     #[must_use]
     pub fn failure(&self, path: &Path) -> Failure {
         match self {

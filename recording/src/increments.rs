@@ -3,17 +3,17 @@
 use isotherm_shared::wire::{CompensatedIncrement, Flags};
 use std::io::{self, Write};
 
-/// Writes increments as CSV, floats in the shortest form that reads back to the same double.
+/// Writes increments as CSV. Floats have the shortest form that reads back as the same double.
 pub struct IncrementCsvWriter<W> {
     sink: W,
     delivery: bool,
 }
 
 impl<W: Write> IncrementCsvWriter<W> {
-    /// Writes the header row, with a column for the delivery flags if asked.
+    /// Writes the header row; with `delivery`, the last column has the delivery flags.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn new(mut sink: W, delivery: bool) -> io::Result<Self> {
         let last = if delivery { ",delivery" } else { "" };
         writeln!(sink, "sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags{last}")?;
@@ -23,7 +23,7 @@ impl<W: Write> IncrementCsvWriter<W> {
     /// Writes one row.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn write(&mut self, increment: &CompensatedIncrement) -> io::Result<()> {
         let CompensatedIncrement { sequence, timestamp_ns, interval_ns, table, .. } = increment;
         let [a1, a2, a3] = increment.velocity_increment;
@@ -36,18 +36,18 @@ impl<W: Write> IncrementCsvWriter<W> {
         self.sink.write_all(b"\n")
     }
 
-    /// Hands on what has been written so far.
+    /// Flushes the sink.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn flush(&mut self) -> io::Result<()> {
         self.sink.flush()
     }
 
-    /// The sink, flushed.
+    /// Flushes the sink and returns it.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn finish(mut self) -> io::Result<W> {
         self.sink.flush()?;
         Ok(self.sink)

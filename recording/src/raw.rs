@@ -7,18 +7,19 @@ use core::fmt::Display;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::io::{self, Read, Write};
 
-/// Reads raw samples of a CSV recording one by one; an [`Iterator`] that ends at the first error.
+/// Reads the raw samples of a CSV recording. An [`Iterator`] that ends at the first error.
 pub struct RawCsvReader<R> {
     pub(crate) rows: Rows<R>,
     columns: RawColumns,
-    order: SequenceRule,
+    sequence_rule: SequenceRule,
     recorded_ns: Option<u64>,
-    /// Line of the row that was cut off.
-    cut: Option<u64>,
+    /// Line of a truncated last row.
+    truncated: Option<u64>,
     pub(crate) failed: bool,
 }
 
-/// The rule that holds for raw samples of a recording, in any format and over all its pieces: within a session the sequence rises.
+/// Rule for the raw samples of a recording, in every format and over all its pieces: within a session the sequence rises. Keeps
+/// the session and sequence of the last sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceRule(Option<(u64, u64)>);
 
@@ -26,7 +27,7 @@ impl SequenceRule {
     /// Checks the next sample.
     ///
     /// # Errors
-    /// What is wrong, if its sequence is not above that of the sample before.
+    /// If its sequence is not above that of the previous sample of the session.
     pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
         let previous = self.0.replace((sample.session, sample.sequence));
         match previous {
@@ -38,7 +39,7 @@ impl SequenceRule {
     }
 }
 
-/// Where the columns are in a row.
+/// The columns of raw samples in a CSV text.
 struct RawColumns {
     count: usize,
     sequence: CsvColumn,
@@ -48,7 +49,7 @@ struct RawColumns {
     axes: [[CsvColumn; columns::PER_AXIS]; AXES],
     session: Option<CsvColumn>,
     telemetry_ns: Option<CsvColumn>,
-    /// Only in a file of `isotherm record`.
+    /// Only in files of `isotherm record`.
     recorded_ns: Option<CsvColumn>,
 }
 
@@ -56,26 +57,27 @@ impl<R: Read> RawCsvReader<R> {
     /// Reads the header row.
     ///
     /// # Errors
-    /// [`RecordingError::Data`] if a column is missing or there twice.
+    /// [`RecordingError::Data`] if a column is missing or occurs twice.
     pub fn new(source: R) -> Result<Self, RecordingError> {
         let mut rows = Rows::new(source);
         rows.next_row()?;
         let columns = RawColumns::find(&rows)?;
-        Ok(Self { rows, columns, order: SequenceRule::default(), recorded_ns: None, cut: None, failed: false })
+        let sequence_rule = SequenceRule::default();
+        Ok(Self { rows, columns, sequence_rule, recorded_ns: None, truncated: None, failed: false })
     }
 
-    /// Goes on with the rule as it stands after the piece of the recording that came before.
-    pub const fn set_order(&mut self, order: SequenceRule) {
-        self.order = order;
+    /// Sets the rule's state: that after the last sample of the previous piece of the recording.
+    pub const fn set_sequence_rule(&mut self, rule: SequenceRule) {
+        self.sequence_rule = rule;
     }
 
-    /// The rule as it stands after the last sample.
+    /// The rule's state after the last sample.
     #[must_use]
-    pub const fn order(&self) -> SequenceRule {
-        self.order
+    pub const fn sequence_rule(&self) -> SequenceRule {
+        self.sequence_rule
     }
 
-    /// When the recorder received the last sample, Unix time \[ns\]; `None` if no recorder wrote the file.
+    /// When the recorder received the last sample, Unix time \[ns\]; `None` if the file has no column `recorded_ns`.
     #[must_use]
     pub const fn recorded_ns(&self) -> Option<u64> {
         self.recorded_ns
@@ -87,11 +89,11 @@ impl<R: Read> RawCsvReader<R> {
         self.rows.line()
     }
 
-    /// A warning about the end of the file, if there is one. `isotherm record` ends every line: a last line without an end was cut by a
-    /// crash, and is left out.
+    /// A warning if the last line was truncated. `isotherm record` ends every line, so a last line without an end was truncated
+    /// by a crash and is ignored.
     #[must_use]
-    pub fn cut(&self) -> Option<String> {
-        self.cut.map(|line| format!("the recording was not ended properly: line {line} is cut and left out"))
+    pub fn truncation(&self) -> Option<String> {
+        self.truncated.map(|line| format!("the recording was not ended properly: line {line} is cut and left out"))
     }
 
     fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
@@ -99,9 +101,9 @@ impl<R: Read> RawCsvReader<R> {
             return Ok(None);
         }
         let (row, columns) = (&self.rows, &self.columns);
-        // Even if it looks complete: its last number may have been longer.
+        // Ignored even if it looks complete: its last number may have been longer.
         if columns.recorded_ns.is_some() && !row.is_terminated() {
-            self.cut = Some(row.line());
+            self.truncated = Some(row.line());
             return Ok(None);
         }
         row.expect_len(columns.count)?;
@@ -121,7 +123,7 @@ impl<R: Read> RawCsvReader<R> {
             sample.board_temperature[axis] = row.float(board)?;
         }
         self.recorded_ns = optional(&columns.recorded_ns)?;
-        self.order.check(&sample).map_err(|message| self.rows.error(message))?;
+        self.sequence_rule.check(&sample).map_err(|message| self.rows.error(message))?;
         Ok(Some(sample))
     }
 }
@@ -145,18 +147,18 @@ impl RawColumns {
         let required = RAW.map(|column| column.name).into_iter().filter(|name| !columns::OPTIONAL.contains(name));
         let required: Vec<_> = required.collect();
         let found = header.columns(&required, hint)?;
-        let place = |place: usize| {
-            let index = required.iter().position(|name| *name == RAW[place].name);
-            // Every column that is not optional is among the required ones.
-            index.and_then(|index| found.get(index).cloned()).unwrap_or_default()
+        let column = |index: usize| {
+            let position = required.iter().position(|name| *name == RAW[index].name);
+            // Always found: it is called for required columns only.
+            position.and_then(|position| found.get(position).cloned()).unwrap_or_default()
         };
         let axis =
-            |axis: usize| core::array::from_fn(|part| place(columns::FIRST_AXIS + axis * columns::PER_AXIS + part));
+            |axis: usize| core::array::from_fn(|part| column(columns::FIRST_AXIS + axis * columns::PER_AXIS + part));
         Ok(Self {
             count: header.len(),
-            sequence: place(columns::SEQUENCE),
-            timestamp_ns: place(columns::TIMESTAMP_NS),
-            interval_ns: place(columns::INTERVAL_NS),
+            sequence: column(columns::SEQUENCE),
+            timestamp_ns: column(columns::TIMESTAMP_NS),
+            interval_ns: column(columns::INTERVAL_NS),
             axes: core::array::from_fn(axis),
             session: header.optional_column(RAW[columns::SESSION].name)?,
             telemetry_ns: header.optional_column(RAW[columns::TELEMETRY_NS].name)?,
@@ -165,7 +167,7 @@ impl RawColumns {
     }
 }
 
-/// Writes raw samples as CSV, floats in the shortest form that reads back to the same double. Sessions are not written.
+/// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are not written.
 pub struct RawCsvWriter<W> {
     sink: W,
     leading: bool,
@@ -174,11 +176,11 @@ pub struct RawCsvWriter<W> {
 }
 
 impl<W: Write> RawCsvWriter<W> {
-    /// Writes the header row: `leading` are the names of columns of the caller's own, comma-separated, which come first;
-    /// empty for none. With `telemetry_ns` the time of the telemetry is the last column.
+    /// Writes the header row. `leading` has the comma-separated names of the caller's own columns, which come first; it is empty
+    /// if there are none. With `telemetry_ns`, the time of the telemetry is the last column.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn new(mut sink: W, leading: &str, telemetry_ns: bool) -> io::Result<Self> {
         let comma = if leading.is_empty() { "" } else { "," };
         write!(sink, "{leading}{comma}{}", RAW[columns::SEQUENCE].name)?;
@@ -191,16 +193,16 @@ impl<W: Write> RawCsvWriter<W> {
         Ok(Self { sink, leading: !leading.is_empty(), telemetry_ns, row: Vec::new() })
     }
 
-    /// Appends rows to a file that has its header already; `leading` says whether the file has columns of the caller's own.
+    /// Appends rows to a file that already has a header. `leading` says whether the file has the caller's own columns.
     #[must_use]
     pub const fn resume(sink: W, leading: bool, telemetry_ns: bool) -> Self {
         Self { sink, leading, telemetry_ns, row: Vec::new() }
     }
 
-    /// Writes one row; `leading` are the values of the caller's columns, comma-separated.
+    /// Writes one row. `leading` has the comma-separated values of the caller's own columns.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn write(&mut self, leading: impl Display, raw: &RawSample) -> io::Result<()> {
         let row = &mut self.row;
         row.clear();
@@ -221,10 +223,10 @@ impl<W: Write> RawCsvWriter<W> {
         self.sink.write_all(row)
     }
 
-    /// The sink, flushed.
+    /// Flushes the sink and returns it.
     ///
     /// # Errors
-    /// As the sink gives them.
+    /// Those of the sink.
     pub fn finish(mut self) -> io::Result<W> {
         self.sink.flush()?;
         Ok(self.sink)
@@ -256,14 +258,14 @@ mod tests {
     }
 
     #[test]
-    fn a_recorders_last_line_without_end_is_left_out() {
+    fn a_recorders_last_line_without_end_is_ignored() {
         let row = "3.5,1,32,31,2.5,1,22,21,1.5,1,12,11,9,400,300,";
         for (extra, count) in [("extra", 2), ("recorded_ns", 1)] {
             let text = format!("{}\n{row}7\n{row}8", HEADER.replace("extra", extra));
             let mut reader = RawCsvReader::new(text.as_bytes()).unwrap();
             let samples: Vec<_> = (&mut reader).map(Result::unwrap).collect();
             assert_eq!(samples.len(), count, "{extra}");
-            assert_eq!(reader.cut().is_some_and(|cut| cut.contains("line 3 is cut")), count == 1);
+            assert_eq!(reader.truncation().is_some_and(|warning| warning.contains("line 3 is cut")), count == 1);
         }
     }
 
@@ -324,9 +326,9 @@ mod tests {
                 let text = String::from_utf8(writer.finish().unwrap()).unwrap();
                 assert_eq!(text.starts_with("set_point_c,position,sequence,"), !leading.is_empty());
                 assert_eq!(text.contains("\n-25,1,3,20,10,1,4,0.30000000000000004,1.0,2,5,"), !leading.is_empty());
-                let right =
+                let expected =
                     [first, second].map(|raw| RawSample { telemetry_ns: if telemetry_ns { 15 } else { 0 }, ..raw });
-                assert_eq!(read(&text).unwrap(), right);
+                assert_eq!(read(&text).unwrap(), expected);
             }
         }
     }

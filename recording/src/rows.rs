@@ -1,4 +1,4 @@
-//! Rows as a recorder has received them, and their form in CSV.
+//! Rows as a recorder receives them, and their form in CSV.
 
 use crate::columns::{Column, INCREMENT, RAW};
 use core::fmt::Display;
@@ -6,12 +6,12 @@ use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::{AXES, Flags, StreamSample};
 use std::io::Write as _;
 
-/// A sample as a recorder has received it.
+/// A sample as a recorder received it.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordedRow {
     /// Index into the recorder's list of IMUs.
     pub imu: usize,
-    /// Unix time \[ns\].
+    /// When the recorder received it, Unix time \[ns\].
     pub recorded_ns: u64,
     /// The sample.
     pub sample: StreamSample,
@@ -43,7 +43,7 @@ impl RecordedRow {
         }
     }
 
-    /// The acquisition's time \[ns\].
+    /// Time of the acquisition's clock \[ns\].
     pub const fn timestamp_ns(&self) -> u64 {
         match &self.sample {
             StreamSample::Raw(raw) => raw.timestamp_ns,
@@ -51,7 +51,7 @@ impl RecordedRow {
         }
     }
 
-    /// Gives the values to `values`, in the order of the columns.
+    /// Passes the values to `values`, in the order of the columns.
     pub fn visit(&self, values: &mut impl ValueVisitor) {
         let (session, sequence) = self.key();
         values.u64(self.recorded_ns);
@@ -84,15 +84,15 @@ impl RecordedRow {
     }
 }
 
-/// Receives the values of a row, column by column.
+/// Receives the values of a row, one column after the other.
 pub trait ValueVisitor {
-    /// A [`ColumnKind::U64`].
+    /// A value of a [`ColumnKind::U64`](crate::columns::ColumnKind::U64) column.
     fn u64(&mut self, value: u64);
-    /// A [`ColumnKind::U32`].
+    /// A value of a [`ColumnKind::U32`](crate::columns::ColumnKind::U32) column.
     fn u32(&mut self, value: u32);
-    /// A [`ColumnKind::F64`].
+    /// A value of a [`ColumnKind::F64`](crate::columns::ColumnKind::F64) column.
     fn f64(&mut self, value: f64);
-    /// A [`ColumnKind::Text`].
+    /// A value of a [`ColumnKind::Text`](crate::columns::ColumnKind::Text) column.
     fn text(&mut self, value: impl Display);
 }
 
@@ -102,10 +102,10 @@ pub fn header(columns: &[Column]) -> Vec<u8> {
     (names.join(",") + "\n").into_bytes()
 }
 
-/// Appends a row as a line of CSV; floats in the shortest form that reads back to the same double.
+/// Appends a row as a line of CSV. Floats have the shortest form that reads back as the same double.
 pub fn append(row: &RecordedRow, text: &mut Vec<u8>) {
     row.visit(&mut CsvLine(text));
-    // Replaces the comma behind the last value.
+    // Replaces the comma after the last value.
     if let Some(last) = text.last_mut() {
         *last = b'\n';
     }

@@ -1,4 +1,4 @@
-//! Removing what a domain leaves behind: a few small files that the transport keeps for the next start.
+//! Removing what a domain leaves behind: a few small files that the transport keeps for its next start.
 
 use iceoryx2::node::{NodeListFailure, NodeView as _};
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
@@ -9,10 +9,10 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-/// The folders that the transport makes in a domain's.
+/// The folders that the transport creates in a domain's folder.
 const FOLDERS: [&str; 2] = ["nodes", "services"];
 
-/// Removes everything of `domain` from shared memory and its folder. Says how many objects there were.
+/// Removes everything of `domain` from shared memory and from its folder. Returns how many objects were removed.
 ///
 /// # Errors
 /// If a process of the domain is alive, or something cannot be removed.
@@ -25,7 +25,7 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
     }
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
     let mut removed = remove_prefixed(Path::new("/dev/shm"), &prefix)?;
-    // Nothing but what the transport has made: the folder is one that a user has named.
+    // Remove only what the transport has created: a user may have named a folder that has other files.
     for folder in FOLDERS.map(|folder| root.join(folder)) {
         removed += remove_prefixed(&folder, &prefix)?;
         for inner in fs::read_dir(&folder).into_iter().flatten().flatten() {
@@ -41,7 +41,7 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
     Ok(removed)
 }
 
-/// A process that uses the domain: one that the transport knows, or one that has its memory mapped.
+/// A process that uses the domain, for messages: one that the transport lists, or one that has the domain's memory mapped.
 fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let config = domain.config().map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
     let mut user = None;
@@ -87,7 +87,7 @@ fn remove_prefixed(folder: &Path, prefix: &str) -> Result<usize, Failure> {
     Ok(removed)
 }
 
-/// Removes a folder that has become empty; one that has not stays.
+/// Removes a folder if it is empty.
 fn remove_empty(folder: &Path) -> Result<(), Failure> {
     match fs::remove_dir(folder) {
         Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => {

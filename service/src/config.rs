@@ -1,6 +1,6 @@
-//! The service's configuration: a file, the command line, or both.
+//! The service's configuration, from a file, the command line, or both.
 
-use isotherm_files::{Guard, LoadError, read_text};
+use isotherm_files::{LoadError, WorldWritable, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::{ImuId, RAW_DEPTH};
 use std::collections::BTreeSet;
@@ -14,12 +14,12 @@ pub const MAX_IMUS: usize = 32;
 /// How the worker waits for samples.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum Strategy {
-    /// Never sleeps: the lowest latency, a whole core.
+    /// Never sleeps: lowest latency, uses a whole core.
     Spin,
     /// Sleeps until shortly before the next sample is due, then spins.
     #[default]
     Anticipate,
-    /// Sleeps until it is woken: the least processor time, the latency of a wake-up.
+    /// Sleeps until it is notified: least processor time, but the latency includes a wake-up.
     Block,
 }
 
@@ -38,12 +38,12 @@ impl Strategy {
     }
 }
 
-/// One IMU and its table's file.
+/// The configuration of one IMU.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Imu {
-    /// The IMU.
+    /// Its name.
     pub id: ImuId,
-    /// Watched and reloaded.
+    /// The file of its table, which is watched and reloaded.
     pub table: PathBuf,
     /// Raw samples that may be unanswered at once, 1 to [`RAW_DEPTH`].
     pub depth: usize,
@@ -52,7 +52,7 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// With every default.
+    /// An IMU with the default depth and worker.
     pub const fn new(id: ImuId, table: PathBuf) -> Self {
         Self { id, table, depth: RAW_DEPTH, worker: 0 }
     }
@@ -61,28 +61,28 @@ impl Imu {
 /// A checked configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// One to [`MAX_IMUS`], each once.
+    /// One to [`MAX_IMUS`] different IMUs.
     pub imus: Vec<Imu>,
     /// How the worker waits.
     pub strategy: Strategy,
-    /// Increments that take longer are flagged late \[us\].
+    /// An increment with a longer latency is flagged late \[us\].
     pub budget_us: f64,
-    /// Real-time settings of the worker.
+    /// Real-time settings of the workers.
     pub realtime: WorkerRealtime,
-    /// Where metrics are served, if at all.
+    /// The address on which metrics are served; `None` for no metrics.
     pub metrics: Option<SocketAddr>,
 }
 
-/// Real-time settings, all off by default.
+/// Real-time settings. By default there is no core, no priority and no locked memory, and the timer slack is 1 ns.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct WorkerRealtime {
-    /// The core that each worker is bound to; empty for none.
+    /// The core to which each worker is bound; empty if they are not bound.
     pub cores: Vec<usize>,
     /// `SCHED_FIFO` priority of the workers, 1 to 99.
     pub priority: Option<i32>,
     /// Keeps all memory of the process resident.
     pub lock_memory: bool,
-    /// How much later than asked a worker's sleep may end \[ns\].
+    /// How much later than requested the kernel may end a worker's sleep \[ns\].
     pub timer_slack_ns: NonZeroU64,
 }
 
@@ -112,8 +112,8 @@ impl Config {
     ///
     /// # Errors
     /// Everything that is wrong with the file.
-    pub fn load(path: &Path, guard: Guard) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, guard)?;
+    pub fn load(path: &Path, world_writable: WorldWritable) -> Result<Self, LoadError> {
+        let (text, _) = read_text(path, world_writable)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::from_toml(&text, folder).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
@@ -123,7 +123,7 @@ impl Config {
         self.imus.iter().map(|imu| imu.worker + 1).max().unwrap_or(0)
     }
 
-    /// Reads a configuration's text; `folder` is where its relative paths begin.
+    /// Reads the text of a configuration. Paths in it are relative to `folder`.
     ///
     /// # Errors
     /// Everything that is wrong with it.
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn all_but_the_imus_has_a_default() {
+    fn every_key_except_the_imus_has_a_default() {
         let config = Config::from_toml("[[imu]]\nid = \"a\"\ntable = \"a.toml\"\n", Path::new("")).unwrap();
         assert_eq!(config, Config { imus: config.imus.clone(), ..Config::default() });
     }

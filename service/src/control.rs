@@ -1,7 +1,8 @@
-//! The control thread: start-up in order, then reloading, telling, housekeeping, and an orderly end.
+//! The control thread: it starts the service, then reloads tables, publishes the status and does the housekeeping, and stops the
+//! service.
 //!
-//! Start-up: tables (all faults at once, before anything is touched) -> node -> status stream, which keeps a second
-//! service out -> worker with the IMUs' streams -> file watch -> loop. The order of the end is the reverse.
+//! Start-up order: tables (all faults are reported together, before any stream is created) -> node -> status stream, which keeps
+//! a second service out -> workers with the IMUs' streams -> file watch -> loop. The service stops in the reverse order.
 
 use crate::config::{Config, Strategy};
 use crate::imu::{ImuState, PendingImu};
@@ -10,14 +11,14 @@ use crate::metrics::Metrics;
 use crate::reload::{self, FileChange, TICK, TableFile};
 use crate::sigbus;
 use crate::status::{StatusPublisher, imu_status};
-use crate::systemd::Manager;
+use crate::systemd::ServiceManager;
 use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
 use isotherm_client::{Realtime, check_room, join, monotonic_ns, process_kb, reserve, unix_s};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::Guard;
+use isotherm_files::WorldWritable;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::stream::{Domain, IpcNode};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -29,41 +30,46 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
 
-/// How often the status is published while somebody reads it; else with the housekeeping.
-const STATUS: Duration = Duration::from_millis(100);
-/// How often dead peers are cleaned away, counters and threads looked at.
-const HOUSEKEEPING: Duration = Duration::from_secs(1);
+/// How often the status is published while it has a reader; without one it is published with the housekeeping.
+const STATUS_INTERVAL: Duration = Duration::from_millis(100);
+/// How often dead peers are cleaned up, and counters and worker threads inspected.
+const HOUSEKEEPING_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What the control thread is woken for.
-enum Event {
+/// An event that wakes the control thread.
+enum ControlEvent {
     Signal(i32),
-    /// A table's file, by its name, was renamed or closed.
+    /// The file of a table, given by its name, was renamed or closed after writing.
     File(OsString),
 }
 
 /// Runs the service until SIGTERM or SIGINT.
 ///
 /// # Errors
-/// Why it could not start or go on.
-pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Guard) -> Result<(), Failure> {
+/// Why it could not start or continue.
+pub fn run(
+    domain: &Domain,
+    config: &Config,
+    allow_uncalibrated: bool,
+    world_writable: WorldWritable,
+) -> Result<(), Failure> {
     let started = Instant::now();
     let (events, inbox) = mpsc::channel();
     forward_signals(events.clone())?;
     raise_descriptor_limit();
-    let mut manager = Manager::from_environment();
+    let mut manager = ServiceManager::from_environment();
 
-    let (files, first_tables) = load_tables(config, allow_uncalibrated, guard)?;
+    let (files, first_tables) = load_tables(config, allow_uncalibrated, world_writable)?;
     let metrics = config.metrics.map(Metrics::start).transpose()?;
-    // Before the threads and the streams, so that all their memory is in.
+    // Before the threads and the streams are created, so that all their memory is locked.
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
-    leftovers::adopt_domain(domain);
+    leftovers::use_domain_config(domain);
     leftovers::make_room(domain, config.imus.len());
     check_room(config.imus.len())?;
     let node = join(domain)?;
     let publisher = StatusPublisher::create(&node, domain)?;
 
-    // The first tables are on their way before the streams exist, so that no sample meets an empty channel.
+    // The first tables are queued before the streams exist, so that no sample meets a channel without its table.
     let mut links: Vec<Vec<ChannelLink>> = (0..config.workers()).map(|_| Vec::new()).collect();
     let mut pending = Vec::new();
     for ((imu, file), change) in config.imus.iter().zip(files).zip(first_tables) {
@@ -71,7 +77,7 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
         links[imu.worker].push(link);
         pending.push(pending_imu);
     }
-    let stopped = || matches!(inbox.try_recv(), Ok(Event::Signal(SIGTERM | SIGINT)));
+    let stopped = || matches!(inbox.try_recv(), Ok(ControlEvent::Signal(SIGTERM | SIGINT)));
     let Some(workers) = start_workers(domain, config, links, stopped)? else {
         info!("stopped while starting");
         return Ok(());
@@ -81,11 +87,11 @@ pub fn run(domain: &Domain, config: &Config, allow_uncalibrated: bool, guard: Gu
     reserve(domain)?;
     let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
     let (_watcher, failures) = reload::watch(&paths, move |name| {
-        // The loop has ended when nobody listens any more.
-        let _ = events.send(Event::File(name));
+        // Sending fails only after the control loop has ended.
+        let _ = events.send(ControlEvent::File(name));
     });
     for cause in failures {
-        warn!("watching a table's folder: {cause}; its files are looked at every {} ms instead", TICK.as_millis());
+        warn!("watching a table's folder: {cause}; its files are checked every {} ms instead", TICK.as_millis());
     }
 
     let threads = threads_of(config, &workers);
@@ -125,17 +131,17 @@ struct Service<'a> {
     metrics: Option<Metrics>,
     workers: Vec<Worker>,
     threads: Vec<WorkerThread>,
-    manager: Manager,
+    manager: ServiceManager,
     leftovers: Leftovers,
 }
 
 impl Service<'_> {
-    fn run(mut self, imus: &mut [ImuState], inbox: &Receiver<Event>) -> Result<(), Failure> {
+    fn run(mut self, imus: &mut [ImuState], inbox: &Receiver<ControlEvent>) -> Result<(), Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
         let (mut unpublished, mut held_back) = (false, vec![false; self.workers.len()]);
         loop {
             match inbox.recv_timeout(next_tick.saturating_duration_since(Instant::now())) {
-                Ok(Event::Signal(SIGHUP)) => {
+                Ok(ControlEvent::Signal(SIGHUP)) => {
                     info!("SIGHUP: loading all tables");
                     self.manager.reloading();
                     for imu in imus.iter_mut() {
@@ -144,11 +150,11 @@ impl Service<'_> {
                     }
                     self.manager.ready();
                 }
-                Ok(Event::Signal(signal)) => {
+                Ok(ControlEvent::Signal(signal)) => {
                     info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
                     return self.stop(imus);
                 }
-                Ok(Event::File(name)) => {
+                Ok(ControlEvent::File(name)) => {
                     for imu in imus.iter_mut().filter(|imu| imu.file.path().file_name() == Some(&name)) {
                         let change = imu.file.load_complete(Instant::now());
                         imu.apply(change, false);
@@ -162,7 +168,7 @@ impl Service<'_> {
             let now = Instant::now();
             if now >= next_tick {
                 next_tick = now + TICK;
-                look_at_all(imus);
+                poll_tables(imus);
                 self.check_heartbeats(now);
             }
             if self.workers.iter().any(Worker::is_finished) {
@@ -170,7 +176,7 @@ impl Service<'_> {
             }
             let housekeeping = now >= next_housekeeping;
             if housekeeping {
-                next_housekeeping = now + HOUSEKEEPING;
+                next_housekeeping = now + HOUSEKEEPING_INTERVAL;
                 self.node.try_cleanup_dead_nodes();
                 let ports: Vec<_> = imus.iter().flat_map(ImuState::ports).collect();
                 self.leftovers.sweep(&self.node, &ports);
@@ -178,23 +184,23 @@ impl Service<'_> {
                     imu.windows.end_second(imu.counters.latency());
                     imu.log_losses(false);
                 }
-                for (index, (thread, told)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
-                    thread.look();
-                    if let Some(time) = thread.held_back().filter(|_| !*told) {
-                        *told = true;
+                for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
+                    thread.measure();
+                    if let Some(time) = thread.held_back().filter(|_| !*logged) {
+                        *logged = true;
                         warn!(
                             worker = index,
                             "held back for {} ms of the last second in spite of its real-time priority: another thread of at least its \
                              priority has its core, or the kernel's limit on real-time threads ({}); docs/operations.md tells what to do",
                             time.as_millis(),
-                            threads::kernels_limit()
+                            threads::kernel_limit()
                         );
                     }
                 }
                 self.manager.status(&summary(imus));
             }
             if housekeeping || (now >= next_status && self.publisher.has_readers()) {
-                next_status = now + STATUS;
+                next_status = now + STATUS_INTERVAL;
                 let status = Arc::new(self.status(imus));
                 let result = self.publisher.publish(&status);
                 if let Some(metrics) = &self.metrics {
@@ -210,7 +216,7 @@ impl Service<'_> {
         }
     }
 
-    /// Tells of workers that have come to stand still. While none does, the service manager is told that all is well.
+    /// Logs each worker that stops or resumes. While no worker stands still, feeds the service manager's watchdog.
     fn check_heartbeats(&mut self, now: Instant) {
         for (index, thread) in self.threads.iter_mut().enumerate() {
             match thread.check_heartbeat() {
@@ -219,12 +225,12 @@ impl Service<'_> {
                     imus = thread.imus(),
                     "stands still: its loop has not turned for a second, its IMUs are not served; if it stays so, restart the service"
                 ),
-                Some(HeartbeatChange::Resumed) => info!(worker = index, imus = thread.imus(), "moves again"),
+                Some(HeartbeatChange::Resumed) => info!(worker = index, imus = thread.imus(), "runs again"),
                 None => {}
             }
         }
         if !self.threads.iter().any(WorkerThread::stands_still) {
-            self.manager.alive(now);
+            self.manager.feed_watchdog(now);
         }
     }
 
@@ -257,7 +263,7 @@ impl Service<'_> {
     }
 }
 
-/// Starts every worker; `None` if `give_up` says so before the last is ready.
+/// Starts all workers. Returns `None` if `give_up` returns true before the last one is ready.
 fn start_workers(
     domain: &Domain,
     config: &Config,
@@ -269,7 +275,7 @@ fn start_workers(
         match Worker::start(domain, config, index, links, &mut give_up) {
             Ok(Some(worker)) => workers.push(worker),
             incomplete => {
-                // Those that run already leave their streams in order; what kept the next from starting is what counts.
+                // Stop the workers that already run. Only the reason why this one did not start is reported.
                 let _ = stop_all(workers);
                 return incomplete.map(|_| None);
             }
@@ -281,33 +287,34 @@ fn start_workers(
         warn!(
             "realtime.priority = {priority} and spin: unless the cores are isolated and the kernel's limit is lifted, it stops a worker \
              for some 50 ms of every second ({}); docs/operations.md tells how, status shows it as held back",
-            threads::kernels_limit()
+            threads::kernel_limit()
         );
     }
     Ok(Some(workers))
 }
 
 fn stop_all(workers: Vec<Worker>) -> Result<(), Failure> {
-    workers.iter().for_each(Worker::tell_to_stop);
+    workers.iter().for_each(Worker::request_stop);
     workers.into_iter().map(Worker::join).fold(Ok(()), Result::and)
 }
 
 fn threads_of(config: &Config, workers: &[Worker]) -> Vec<WorkerThread> {
-    let of = |(index, worker): (usize, &Worker)| {
+    let thread_of = |(index, worker): (usize, &Worker)| {
         let imus = config.imus.iter().filter(|imu| imu.worker == index).map(|imu| imu.id.to_string());
         WorkerThread::new(worker.thread_id, imus.collect(), worker.heartbeat.clone())
     };
-    workers.iter().enumerate().map(of).collect()
+    workers.iter().enumerate().map(thread_of).collect()
 }
 
-/// A service needs some 16 descriptors an IMU, and a few for each client: more than the usual soft limit with many of them.
+/// A service needs about 16 descriptors for each IMU and a few for each client. With many of them that is over the usual soft
+/// limit.
 fn raise_descriptor_limit() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
-    // If it stays, so be it: what is missing then says so itself.
+    // If this fails, the limit stays, and whatever runs out of descriptors reports it.
     let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }
 
-/// One line for the service manager.
+/// The status line for the service manager.
 fn summary(imus: &[ImuState]) -> String {
     let sum = |count: fn(&CounterReader) -> u64| imus.iter().map(|imu| count(&imu.counters)).sum::<u64>();
     let (compensated, missing) = (sum(CounterReader::compensated), sum(CounterReader::missing));
@@ -315,21 +322,21 @@ fn summary(imus: &[ImuState]) -> String {
     format!("{} IMUs, {compensated} increments, {missing} samples missing, {refused} table files refused", imus.len())
 }
 
-fn look_at_all(imus: &mut [ImuState]) {
+fn poll_tables(imus: &mut [ImuState]) {
     for imu in imus {
-        let change = imu.file.look(Instant::now());
+        let change = imu.file.poll(Instant::now());
         imu.apply(change, false);
         imu.flush();
     }
 }
 
-fn forward_signals(events: mpsc::Sender<Event>) -> Result<(), Failure> {
+fn forward_signals(events: mpsc::Sender<ControlEvent>) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
-    sigbus::explain().map_err(failed)?;
+    sigbus::install_handler().map_err(failed)?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
     let body = move || {
         for signal in signals.forever() {
-            if events.send(Event::Signal(signal)).is_err() {
+            if events.send(ControlEvent::Signal(signal)).is_err() {
                 return;
             }
         }
@@ -337,14 +344,14 @@ fn forward_signals(events: mpsc::Sender<Event>) -> Result<(), Failure> {
     std::thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
 }
 
-/// Loads every table, and reports the faults of all of them together.
+/// Loads all tables, and reports the faults of all of them together.
 fn load_tables(
     config: &Config,
     allow_uncalibrated: bool,
-    guard: Guard,
+    world_writable: WorldWritable,
 ) -> Result<(Vec<TableFile>, Vec<FileChange>), Failure> {
     let mut files: Vec<_> =
-        config.imus.iter().map(|imu| TableFile::new(imu.id.clone(), imu.table.clone(), guard)).collect();
+        config.imus.iter().map(|imu| TableFile::new(imu.id.clone(), imu.table.clone(), world_writable)).collect();
     let changes: Vec<_> = files.iter_mut().map(TableFile::load).collect();
     let mut failures = Vec::new();
     for (imu, change) in config.imus.iter().zip(&changes) {

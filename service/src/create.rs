@@ -1,8 +1,8 @@
-//! Creating streams in spite of what a killed process may have left behind.
+//! Creating streams, even if a killed process has left some half-created.
 //!
-//! Only the service creates streams. A process that is killed in the middle of creating one leaves it half-created, and
-//! the transport never clears that away by itself. What is older than twice the transport's creation time-out and still
-//! half-created is removed here; everything else is retried for a bounded time.
+//! Only the service creates streams. A process that is killed while it creates one leaves it half-created, and the transport
+//! never removes it. This module removes a stream that is still half-created after twice the transport's creation time-out. After
+//! any other temporary error it tries again for a bounded time.
 
 use crate::leftovers::{self, Port, ports_of};
 use iceoryx2::port::publisher::PublisherCreateError;
@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::in_mode;
+use isotherm_client::files_with_mode;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -23,20 +23,20 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// How long creating one stream may take.
-const LIMIT: Duration = Duration::from_secs(3);
-/// How long a place that a dead process holds may take to be freed.
-const PLACE: Duration = Duration::from_secs(1);
+const CREATE_TIMEOUT: Duration = Duration::from_secs(3);
+/// How long freeing the place of a dead process may take.
+const PLACE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Why an attempt to create a stream or port has failed.
 pub enum CreateError {
-    /// A file of it has been half-created, by a process that is still at it or dead.
+    /// One of its files is half-created. The process that creates it may still be at work or may be dead.
     HalfCreated,
-    /// Other processes create or remove it just now, or died doing so.
+    /// Other processes are creating or removing it, or died while they did.
     InFlux,
-    /// Every place is taken, by these.
+    /// All places are taken, by these ports.
     Taken(Vec<Port>),
-    /// It exists with other settings or another payload.
-    Foreign(String),
+    /// It exists with other settings or with another payload.
+    Incompatible(String),
     /// Anything else.
     Other(String),
 }
@@ -48,15 +48,15 @@ pub struct Creator<'a> {
 }
 
 impl<'a> Creator<'a> {
-    /// Of the process with this node.
+    /// For the process with this node.
     pub const fn new(node: &'a IpcNode, domain: &'a Domain) -> Self {
         Self { node, domain }
     }
 
-    /// Creates a stream; `name` is for the operator, `stream` what the transport calls it.
+    /// Creates a stream. `name` is its name for the operator, `stream` its name in the transport.
     ///
     /// # Errors
-    /// What still stands in the way after [`LIMIT`].
+    /// What still prevents it after `CREATE_TIMEOUT`.
     pub fn stream<T>(
         &self,
         name: &str,
@@ -66,10 +66,11 @@ impl<'a> Creator<'a> {
         self.create(name, Some(stream), &|| "its places are taken".to_owned(), attempt)
     }
 
-    /// Creates a port of a stream; `name` is for the operator.
+    /// Creates a port of a stream. `name` is its name for the operator. `taken` makes the message for a place that stays taken:
+    /// cause and remedy.
     ///
     /// # Errors
-    /// What still stands in the way after [`LIMIT`], or `taken` if its place is taken for good: what that means, and what to do.
+    /// What still prevents it after `CREATE_TIMEOUT`; after `PLACE_TIMEOUT` if its place is taken.
     pub fn port<T>(
         &self,
         name: &str,
@@ -79,7 +80,7 @@ impl<'a> Creator<'a> {
         self.create(name, None, &taken, attempt)
     }
 
-    /// Tries until it works, nothing more can be done, or the time is over.
+    /// Tries until it succeeds, the error is permanent, or the time is over.
     fn create<T>(
         &self,
         name: &str,
@@ -97,26 +98,26 @@ impl<'a> Creator<'a> {
             };
             let waited = started.elapsed();
             match error {
-                CreateError::HalfCreated if waited < LIMIT => remove_half_created(domain),
-                CreateError::InFlux if waited < LIMIT => {
+                CreateError::HalfCreated if waited < CREATE_TIMEOUT => remove_half_created(domain),
+                CreateError::InFlux if waited < CREATE_TIMEOUT => {
                     node.blocking_cleanup_dead_nodes(Duration::from_millis(100));
                     if waited > 2 * CREATION_TIMEOUT
                         && let Some(stream) = stream
                     {
-                        remove_remains(domain, stream);
+                        remove_half_removed(domain, stream);
                     }
                 }
                 CreateError::Taken(ports) => {
-                    if waited > PLACE {
+                    if waited > PLACE_TIMEOUT {
                         return Err(Failure::new(Exit::Failed, taken()));
                     }
                     node.try_cleanup_dead_nodes();
-                    // The transport has had its turn.
-                    if waited > PLACE / 4 {
+                    // First the transport gets the chance to free the place by itself.
+                    if waited > PLACE_TIMEOUT / 4 {
                         leftovers::remove_dead(domain, node, &ports);
                     }
                 }
-                CreateError::Foreign(cause) => {
+                CreateError::Incompatible(cause) => {
                     let name_of_domain = domain.name();
                     let message = format!(
                         "creating {name}: another process has created it with other settings ({cause}); stop all processes of domain \
@@ -144,39 +145,40 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     )
 }
 
-/// Removes the files of services that are still not readable long after they were begun, and of those whose memory is gone: a process that removes
-/// a service removes that first, and was killed in between. The transport has waited for it in vain before this is called.
+/// Removes the files of two kinds of services: those that are still unreadable long after their creation began, and those whose
+/// shared memory is gone. A process that removes a service removes its memory first; it was killed before it removed the file.
+/// The transport has already waited for its time-out when this is called.
 fn remove_half_created(domain: &Domain) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
-    let unfinished = in_mode(&folder, &prefix, 0o600);
+    let unfinished = files_with_mode(&folder, &prefix, 0o600);
     let unfinished = unfinished.into_iter().filter(|(_, age)| age.is_none_or(|age| age > 2 * CREATION_TIMEOUT));
-    let finished = in_mode(&folder, &prefix, 0o400);
+    let finished = files_with_mode(&folder, &prefix, 0o400);
     let without_memory = finished
         .into_iter()
-        .filter(|(path, _)| Remains::read(path).is_some_and(|remains| remains.memory(&prefix).is_none()));
+        .filter(|(path, _)| ServiceFile::read(path).is_some_and(|file| file.memory(&prefix).is_none()));
     for (path, _) in unfinished.chain(without_memory) {
         tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
         let _ = fs::remove_file(path);
     }
 }
 
-/// Removes what is there of a stream that is neither usable nor goes away: a process was killed after it had marked it for destruction, which only
-/// the last one that uses it does.
-fn remove_remains(domain: &Domain, stream: &ServiceName) {
+/// Removes what is left of a stream that is unusable and stays: its last user was killed after it had marked the stream for
+/// destruction.
+fn remove_half_removed(domain: &Domain, stream: &ServiceName) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
-    for (path, _) in in_mode(&folder, &prefix, 0o400) {
-        let Some(remains) = Remains::read(&path).filter(|remains| remains.service_name == stream.as_str()) else {
+    for (path, _) in files_with_mode(&folder, &prefix, 0o400) {
+        let Some(file) = ServiceFile::read(&path).filter(|file| file.service_name == stream.as_str()) else {
             continue;
         };
         tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-removed");
-        // In this order, as the transport does.
-        remains.memory(&prefix).into_iter().chain([path]).for_each(|path| drop(fs::remove_file(path)));
+        // The memory first, as the transport does it.
+        file.memory(&prefix).into_iter().chain([path]).for_each(|path| drop(fs::remove_file(path)));
     }
 }
 
-/// What is read of the file that the transport writes for a service.
+/// The fields that are read from the file that the transport writes for a service.
 #[derive(Deserialize)]
-struct Remains {
+struct ServiceFile {
     service_name: String,
     unique_service_id: ServiceId,
 }
@@ -187,12 +189,12 @@ struct ServiceId {
     unique_value: u64,
 }
 
-impl Remains {
+impl ServiceFile {
     fn read(path: &Path) -> Option<Self> {
         toml::from_str(&fs::read_to_string(path).ok()?).ok()
     }
 
-    /// The object in shared memory that belongs to it.
+    /// The service's object in shared memory.
     fn memory(&self, prefix: &str) -> Option<PathBuf> {
         let ServiceId { payload_value, unique_value } = self.unique_service_id;
         let ending = format!("_{}.dynamic", (u128::from(unique_value) << 64) | u128::from(payload_value));
@@ -230,7 +232,7 @@ impl From<PublishSubscribeOpenOrCreateError> for CreateError {
                 | Open::DoesNotSupportRequestedAmountOfSubscribers
                 | Open::DoesNotSupportRequestedAmountOfNodes
                 | Open::VersionMismatch),
-            ) => Self::Foreign(format!("{cause:?}")),
+            ) => Self::Incompatible(format!("{cause:?}")),
             other => Self::Other(other.to_string()),
         }
     }
@@ -256,14 +258,14 @@ impl From<EventOpenOrCreateError> for CreateError {
                 | Open::DoesNotSupportRequestedAmountOfNotifiers
                 | Open::DoesNotSupportRequestedAmountOfNodes
                 | Open::VersionMismatch),
-            ) => Self::Foreign(format!("{cause:?}")),
+            ) => Self::Incompatible(format!("{cause:?}")),
             other => Self::Other(other.to_string()),
         }
     }
 }
 
 impl CreateError {
-    /// Why a publisher of `stream` was not created.
+    /// The reason why a publisher of `stream` was not created.
     pub fn of_publisher<T: IceoryxSend + fmt::Debug + ?Sized>(
         error: PublisherCreateError,
         stream: &publish_subscribe::PortFactory<Ipc, T, ()>,

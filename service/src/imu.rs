@@ -1,4 +1,4 @@
-//! One IMU as the control thread sees it: its table's file, the tables on their way to the worker, what has been logged.
+//! One IMU in the control thread: the file of its table, the tables sent to the worker, and the losses that were logged.
 
 use crate::config::Imu;
 use crate::leftovers::{Port, ports_of, ports_of_event};
@@ -18,11 +18,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tracing::{error, info, warn};
 
-/// Tables on their way to the worker. It takes them at least every few milliseconds; one that finds no room waits for
-/// the next tick.
-const TABLES: usize = 16;
-/// How long losses that go on are not logged again.
-const AGAIN: Duration = Duration::from_secs(60);
+/// Room for tables in the queue to the worker. The worker takes them at least every [`BOUND_NS`](crate::worker::wait::BOUND_NS).
+/// If the queue is full, a table waits for the next tick.
+const TABLE_QUEUE_DEPTH: usize = 16;
+/// Further losses are logged at most once in this time.
+const LOSS_LOG_INTERVAL: Duration = Duration::from_secs(60);
 
 /// One IMU before its streams exist.
 pub struct PendingImu {
@@ -34,16 +34,16 @@ pub struct PendingImu {
 }
 
 impl PendingImu {
-    /// Sends the first table on its way; the worker's end comes along.
+    /// Queues the first table for the worker. The result contains the worker's link to this IMU.
     pub fn new(imu: &Imu, file: TableFile, first: FileChange) -> (Self, ChannelLink) {
-        let (queue, taken) = RingBuffer::new(TABLES);
+        let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
         let last_error = match first {
             FileChange::Loaded(table) => {
                 tables.send(Arc::from(table), file.modified_unix_s());
                 None
             }
-            FileChange::Refused(error) => Some(Refused::now(cut(error.to_string()))),
+            FileChange::Refused(error) => Some(Refused::now(truncate(error.to_string()))),
             FileChange::Unchanged => None,
         };
         let (writer, counters) = counters();
@@ -51,7 +51,7 @@ impl PendingImu {
         (Self { imu: imu.clone(), file, counters, last_error, tables }, link)
     }
 
-    /// Once the worker has created the streams.
+    /// Opens the streams, which the worker must have created before.
     ///
     /// # Errors
     /// If they cannot be opened.
@@ -81,33 +81,33 @@ impl PendingImu {
     }
 }
 
-/// One IMU as the control thread sees it.
+/// One IMU with its streams, in the control thread.
 pub struct ImuState {
-    /// Name and file.
+    /// Its configuration.
     pub imu: Imu,
-    /// The watched file.
+    /// The watched file of its table.
     pub file: TableFile,
-    /// Filled by the worker.
+    /// Written by the worker.
     pub counters: CounterReader,
-    /// Tables taken over after the first.
+    /// Tables sent to the worker after the first.
     pub reloads: u64,
-    /// Files refused, one that is away included.
+    /// Refused files; a missing file counts too.
     pub refusals: u64,
-    /// Why the file as it is now is not in force.
+    /// Why the current file is not in force.
     pub last_error: Option<Refused>,
     /// For counting who is connected.
     pub raw: PortFactory<Ipc, RawSample, ()>,
     /// For counting who is connected.
     pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
-    /// For finding those that have died.
+    /// For finding the ports of dead processes.
     pub wake: event::PortFactory<Ipc>,
-    /// Latency of late.
+    /// Latency in the last second and in the last minute.
     pub windows: Windows,
     tables: TableQueue,
     logged: LoggedLosses,
 }
 
-/// Why a file is not in force, and since when.
+/// Why a file was refused, and when.
 #[derive(Clone, Debug)]
 pub struct Refused {
     /// What is wrong with it.
@@ -126,20 +126,21 @@ impl Refused {
 pub struct SentTable {
     /// The table.
     pub table: Arc<CoefficientTable>,
-    /// When it was taken over, Unix time \[s\].
+    /// When it was sent to the worker, Unix time \[s\].
     pub taken_unix_s: f64,
-    /// When its file was changed, Unix time \[s\].
+    /// When its file was last changed, Unix time \[s\].
     pub modified_unix_s: Option<f64>,
 }
 
-/// Every table that the worker may still hold, the newest last. They are freed here, never by the worker.
+/// The queue to the worker, and all tables that the worker may still hold, the newest last. They are freed here, never by the
+/// worker.
 struct TableQueue {
     alive: Vec<SentTable>,
     unsent: Option<Arc<CoefficientTable>>,
     queue: Producer<Arc<CoefficientTable>>,
 }
 
-/// Counter values that have been logged, and when.
+/// The counter values that were last logged, and when.
 #[derive(Default)]
 struct LoggedLosses {
     missing: u64,
@@ -160,7 +161,7 @@ impl TableQueue {
         {
             self.unsent = Some(table);
         }
-        // The newest is in force, or will be; older ones go when the worker has let go of them.
+        // Keep the newest: it is in force or will be. Free an older one when the worker no longer holds it.
         let mut left = self.alive.len();
         self.alive.retain(|sent| {
             left -= 1;
@@ -170,7 +171,7 @@ impl TableQueue {
 }
 
 impl ImuState {
-    /// Hands over what the worker's queue had no room for, and frees what it has let go of.
+    /// Sends the table for which the queue had no room, and frees the tables that the worker no longer holds.
     pub fn flush(&mut self) {
         self.tables.flush();
     }
@@ -180,13 +181,13 @@ impl ImuState {
         [ports_of(&self.raw), ports_of(&self.increments), ports_of_event(&self.wake)].concat()
     }
 
-    /// The table that the worker used last or would use now.
+    /// The table that the worker uses now.
     pub fn in_force(&self) -> Option<&SentTable> {
         let id = self.counters.table();
         self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
     }
 
-    /// Applies what was found at the table's file; with `forced`, even if it is the table in force.
+    /// Applies a change of the table's file. With `forced`, a table or an error that is already known is applied again.
     pub fn apply(&mut self, change: FileChange, forced: bool) {
         let id = &self.imu.id;
         match change {
@@ -206,7 +207,7 @@ impl ImuState {
                 self.tables.send(Arc::from(table), self.file.modified_unix_s());
             }
             FileChange::Refused(error) => {
-                let error = cut(error.to_string());
+                let error = truncate(error.to_string());
                 if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
                     warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
                     self.refusals += 1;
@@ -216,9 +217,10 @@ impl ImuState {
         }
     }
 
-    /// Logs what has been lost since the last time; at once, but then for a minute not again, unless this is the `last` time.
+    /// Logs the losses since the last log line. After a log line there is none for [`LOSS_LOG_INTERVAL`], except at the `last`
+    /// call.
     pub fn log_losses(&mut self, last: bool) {
-        if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < AGAIN) {
+        if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < LOSS_LOG_INTERVAL) {
             return;
         }
         let missing = self.counters.missing();
@@ -234,8 +236,8 @@ impl ImuState {
     }
 }
 
-/// What the status has room for; a file can be wrong in many places.
-fn cut(mut text: String) -> String {
+/// Shortens a message to 4096 bytes, to keep the status small: a file can have many faults.
+fn truncate(mut text: String) -> String {
     const MAX: usize = 4096;
     if text.len() > MAX {
         let end = (0..=MAX).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);

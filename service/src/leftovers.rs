@@ -1,8 +1,9 @@
-//! What killed clients leave behind and the transport does not clear away.
+//! Removing what killed clients leave behind and the transport does not remove.
 //!
-//! The transport cleans up after a dead process as long as it finds what that one was doing. Killed while it joined, a process leaves files that
-//! say nothing; killed while it made a port, it can leave that port listed for ever, with its place taken. Both are looked for once a second, and
-//! removed when their process has been dead for [`PASSES`] such looks, which leaves the transport its turn.
+//! The transport cleans up after a dead process as long as it finds a record of what the process was doing. A process that is
+//! killed while it joins leaves files without such a record. A process that is killed while it creates a port can leave the port
+//! listed for ever, with its place taken. The control thread searches for both once a second. It removes them when [`PASSES`]
+//! searches in a row have found the process dead, so that the transport can remove them first.
 
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
@@ -12,7 +13,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
-use isotherm_client::{check_room, in_mode};
+use isotherm_client::{check_room, files_with_mode};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
@@ -26,28 +27,28 @@ use std::thread;
 use std::time::Duration;
 use tracing::{debug, error, info};
 
-/// Looks in a row that must have found a process dead before what it left is removed.
+/// So many searches in a row must find a process dead before its leftovers are removed.
 const PASSES: u32 = 3;
 
-/// Has the transport take the domain's configuration for that of dead processes that have left none. It would read one from the current
-/// directory otherwise, look in another domain, and leave what is there.
-pub fn adopt_domain(domain: &Domain) {
-    let adopt = || -> Option<()> {
+/// Makes the transport use the domain's configuration for dead processes that have left none. Otherwise it would read a
+/// configuration from the current directory, search another domain, and not remove what they have left in this one.
+pub fn use_domain_config(domain: &Domain) {
+    let set = || -> Option<()> {
         let text = toml::to_string(&domain.config().ok()?).ok()?;
-        // A file, since nothing else is taken, but one that nobody else sees.
+        // The transport only accepts a file; an anonymous one in memory is visible to this process only.
         let mut file = File::from(memfd_create("isotherm", MemfdFlags::CLOEXEC).ok()?);
         file.write_all(text.as_bytes()).ok()?;
         let path = format!("/proc/self/fd/{}", file.as_raw_fd());
         Config::setup_global_config_from_file(&FilePath::new(path.as_bytes()).ok()?).ok()?;
         Some(())
     };
-    if adopt().is_none() {
+    if set().is_none() {
         debug!("the transport keeps its own configuration for dead processes that have left none");
     }
 }
 
-/// Where there is no room for a service of `imus` IMUs, has what its predecessor has left cleared away. That is not gone at the first try: its
-/// nodes go one after the other.
+/// If there is no room for a service of `imus` IMUs, removes what dead processes, such as a previous service, have left. This
+/// needs several tries: their nodes are removed one after the other.
 pub fn make_room(domain: &Domain, imus: usize) {
     for _ in 0..10 {
         if check_room(imus).is_ok() {
@@ -58,12 +59,12 @@ pub fn make_room(domain: &Domain, imus: usize) {
     }
 }
 
-/// Has the transport clear away what dead processes have left, without joining the domain.
+/// Makes the transport remove what dead processes have left, without joining the domain.
 fn clear_dead(domain: &Domain) {
     let Ok(config) = domain.config() else { return };
     let listed = Node::<Ipc>::list(&config, |node| {
         if let NodeState::Dead(view) = node {
-            // Another process may be at it.
+            // This fails if another process is already removing them.
             let _ = view.try_remove_stale_resources();
         }
         CallbackProgression::Continue
@@ -73,58 +74,60 @@ fn clear_dead(domain: &Domain) {
     }
 }
 
-/// What has been found so far.
+/// The state of the search for leftovers.
 #[derive(Debug)]
 pub struct Leftovers {
     nodes: PathBuf,
     prefix: String,
-    own: u32,
-    told_of_removal: bool,
-    /// Dead nodes by number, with the looks that have found them.
+    own_pid: u32,
+    removal_logged: bool,
+    /// Dead nodes by number, with how many searches in a row have found them dead.
     dead: HashMap<u128, u32>,
 }
 
 impl Leftovers {
-    /// Of the domain that `node` is in.
+    /// For the domain of `node`.
     pub fn new(domain: &Domain, node: &IpcNode) -> Self {
         let nodes = Path::new(domain.root_path()).join("nodes");
         Self {
             nodes,
             prefix: domain.prefix(),
-            own: pid(node.id().value()),
-            told_of_removal: false,
+            own_pid: pid(node.id().value()),
+            removal_logged: false,
             dead: HashMap::new(),
         }
     }
 
-    /// Looks once, and removes what has been dead for long enough; `ports` are those of all streams.
+    /// Searches once, and removes the leftovers of processes that have been dead for long enough. `ports` are the ports of all
+    /// streams.
     pub fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
         let removed = !self.nodes.exists();
-        if removed && !self.told_of_removal {
+        if removed && !self.removal_logged {
             error!(
                 "{} has been removed under the running service: clients that are connected go on, no other can connect; restart the service, and \
-                 keep domains in /run/isotherm, where nobody tidies up",
+                 keep domains in /run/isotherm, which no clean-up program empties",
                 self.nodes.display()
             );
         }
-        self.told_of_removal = removed;
-        for (path, age) in in_mode("/dev/shm", &self.prefix, 0o200) {
+        self.removal_logged = removed;
+        for (path, age) in files_with_mode("/dev/shm", &self.prefix, 0o200) {
             if age.is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
                 let _ = fs::remove_file(path);
             }
         }
-        // Should the numbers ever be made otherwise, nothing more is done.
-        if self.own != std::process::id() {
+        // A node's number must contain its process id. If a later version of the transport makes numbers in another way, stop
+        // here.
+        if self.own_pid != std::process::id() {
             return;
         }
-        let mut numbers = self.numbers();
+        let mut numbers = self.node_numbers();
         numbers.extend(ports.iter().map(|(node, _)| node.value()));
-        numbers.retain(|number| !self.lives(*number));
+        numbers.retain(|number| !self.may_be_alive(*number));
         self.dead.retain(|number, _| numbers.contains(number));
         for number in numbers {
-            let looks = self.dead.entry(number).or_default();
-            *looks += 1;
-            if *looks < PASSES {
+            let passes = self.dead.entry(number).or_default();
+            *passes += 1;
+            if *passes < PASSES {
                 continue;
             }
             let mut removed = true;
@@ -141,8 +144,8 @@ impl Leftovers {
         }
     }
 
-    /// The nodes that have a folder or a file.
-    fn numbers(&self) -> BTreeSet<u128> {
+    /// The numbers of the nodes that have a folder or a file.
+    fn node_numbers(&self) -> BTreeSet<u128> {
         let names = fs::read_dir(&self.nodes).into_iter().flatten().flatten();
         let names = names.filter_map(|entry| entry.file_name().into_string().ok());
         names
@@ -150,10 +153,10 @@ impl Leftovers {
             .collect()
     }
 
-    /// Whether the process of a node may be alive. One that cannot be seen from here still holds its lock.
-    fn lives(&self, number: u128) -> bool {
+    /// Whether the process of a node may be alive. A live process that is not visible in `/proc` still holds its lock.
+    fn may_be_alive(&self, number: u128) -> bool {
         let pid = pid(number);
-        if pid == self.own || Path::new(&format!("/proc/{pid}")).exists() {
+        if pid == self.own_pid || Path::new(&format!("/proc/{pid}")).exists() {
             return true;
         }
         let monitor = self.nodes.join(format!("{}{number}.node_monitor", self.prefix));
@@ -168,19 +171,19 @@ impl Leftovers {
         let outer = ["node_monitor", "node_monitor_context", "node_monitor_owner_lock"];
         let outer = outer.map(|name| self.nodes.join(format!("{}{number}.{name}", self.prefix)));
         for path in inner.chain(outer) {
-            // Most are not there.
+            // Most of these files do not exist.
             let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir(folder);
     }
 }
 
-/// The process of a node, which is part of its number.
+/// The process id of a node, which is part of its number.
 const fn pid(number: u128) -> u32 {
     (number >> 64) as u32
 }
 
-/// A port that is listed: its node, and the service that lists it.
+/// A listed port: its node, and the service that lists it.
 pub type Port = (UniqueNodeId, ServiceHash);
 
 /// The ports of a stream.
@@ -209,10 +212,10 @@ pub fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
     ports
 }
 
-/// Removes those ports whose process is dead.
+/// Removes the ports whose process is dead.
 pub fn remove_dead(domain: &Domain, node: &IpcNode, ports: &[Port]) {
-    let dead = Leftovers::new(domain, node);
-    for (port, service) in ports.iter().filter(|(port, _)| !dead.lives(port.value())) {
+    let leftovers = Leftovers::new(domain, node);
+    for (port, service) in ports.iter().filter(|(port, _)| !leftovers.may_be_alive(port.value())) {
         let result = Ipc::__internal_remove_node_from_service(port, service, node.config());
         debug!("removing a port of dead process {}: {result:?}", pid(port.value()));
     }

@@ -1,7 +1,7 @@
 //! The Isotherm daemon: receives raw samples over shared memory, compensates them, publishes increments.
 //!
-//! The program `isothermd` is [`main`]. `isotherm serve`, `check` and `status` are the same [`commands`]. Besides, this library has what
-//! other programs do about a domain: [`create`] streams in it, and [`clean`] it.
+//! The program `isothermd` calls [`main`]. `isotherm serve`, `check` and `status` are the same [`commands`]. Other programs use
+//! this library to [`create`] streams in a domain and to [`clean`] it.
 
 pub mod clean;
 pub mod commands;
@@ -48,11 +48,11 @@ struct Daemon {
     #[arg(long, global = true, value_name = "NAME")]
     domain: Option<String>,
     #[command(subcommand)]
-    command: Command,
+    command: DaemonCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum DaemonCommand {
     Serve(Serve),
     Check(Check),
     Status(Status),
@@ -62,14 +62,14 @@ impl Daemon {
     fn run(self) -> Result<(), Failure> {
         let domain = commands::domain(self.domain.as_deref())?;
         match self.command {
-            Command::Serve(serve) => serve.run(&domain),
-            Command::Check(check) => check.run(&[LABORATORY_FILE]),
-            Command::Status(status) => status.run(domain),
+            DaemonCommand::Serve(serve) => serve.run(&domain),
+            DaemonCommand::Check(check) => check.run(&[LABORATORY_FILE]),
+            DaemonCommand::Status(status) => status.run(domain),
         }
     }
 }
 
-/// Files of the laboratory, which this program recognises and does not read.
+/// Files of the laboratory. This program recognises them but does not read them.
 const LABORATORY_FILE: FileKind = FileKind {
     name: "a campaign file or a campaign plan",
     mark: "[chamber] or [[position]]",
@@ -82,7 +82,7 @@ const LABORATORY_FILE: FileKind = FileKind {
     },
 };
 
-/// The program `isothermd`: does what the process's command line asks for. `long_version` is what `--version` prints behind its name.
+/// The program `isothermd`: runs the command of the process's command line. `--version` prints `long_version` after the name.
 #[must_use]
 pub fn main(long_version: &'static str) -> ExitCode {
     let command = commands::hide_domain(Daemon::command().long_version(long_version), &["check"]);

@@ -1,11 +1,13 @@
-//! Watching table files and deciding when one is to be loaded.
+//! Watches table files and decides when to load one.
 //!
-//! The folder of each table is watched, which sees a file renamed over it, written in place, removed and created again,
-//! or a symbolic link switched; a look at the file every [`TICK`] sees the rest (a folder further up exchanged, a link's
-//! target written, a file system that does not notify). A file that was renamed or closed is loaded at once; one that is
-//! just seen to differ, or that is not good, must have stayed the same for [`SETTLE`] first: its writer may not be done.
+//! The folder of each table is watched. The watch reports a file that is renamed over the table, written in place, or removed and
+//! created again, and a symbolic link that is switched. Polling the file every [`TICK`] finds the other changes: an exchanged
+//! parent folder, a written link target, a file system without notifications.
+//!
+//! A file that was renamed or closed after writing is loaded at once. A file that only differs, or that is not valid, must first
+//! stay unchanged for [`SETTLE`]: its writer may not have finished.
 
-use isotherm_files::{Guard, Identity, LoadError, load_table};
+use isotherm_files::{Identity, LoadError, WorldWritable, load_table};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use notify::event::{AccessKind, AccessMode, EventKind, ModifyKind};
@@ -15,15 +17,16 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How often every table file is looked at.
+/// How often every table file is polled.
 pub const TICK: Duration = Duration::from_millis(50);
-/// How long a file that was not closed or renamed must stay the same.
+/// How long a file that was not closed or renamed must stay unchanged.
 pub const SETTLE: Duration = Duration::from_millis(150);
-/// How long a file may be away before that is reported.
+/// How long a file may be missing before that is reported.
 pub const ABSENCE: Duration = Duration::from_secs(1);
 
-/// Watches the folders of `paths` and tells `on_complete` the name of every file of theirs that was renamed or closed after
-/// writing. The second part of the result says which folders could not be watched; the look every [`TICK`] still works.
+/// Watches the folders of `paths`. Calls `on_complete` with the name of each of these files that was renamed or closed after
+/// writing. The second part of the result names the folders that could not be watched; their files are still polled every
+/// [`TICK`].
 pub fn watch(
     paths: &[PathBuf],
     on_complete: impl Fn(OsString) + Send + 'static,
@@ -61,71 +64,71 @@ pub fn watch(
 pub struct TableFile {
     imu: ImuId,
     path: PathBuf,
-    guard: Guard,
-    /// The state that was loaded or refused last.
-    seen: Option<Identity>,
-    /// A new state and since when it has been seen.
+    world_writable: WorldWritable,
+    /// The state that was last loaded or refused.
+    handled: Option<Identity>,
+    /// A new state, and when it was first found.
     candidate: Option<(Option<Identity>, Instant)>,
 }
 
-/// What was found at a table's file.
+/// The result of checking a table's file.
 #[derive(Debug)]
 pub enum FileChange {
-    /// Nothing new, or not yet complete.
+    /// No new state, or a new one that may not be complete.
     Unchanged,
     /// A valid table.
     Loaded(Box<CoefficientTable>),
-    /// Something that is no table for this IMU, or nothing.
+    /// The file is not a valid table for this IMU, or is missing.
     Refused(LoadError),
 }
 
 impl TableFile {
-    /// The file of `imu`'s table, not looked at yet.
-    pub const fn new(imu: ImuId, path: PathBuf, guard: Guard) -> Self {
-        Self { imu, path, guard, seen: None, candidate: None }
+    /// The file of `imu`'s table; it is not read yet.
+    pub const fn new(imu: ImuId, path: PathBuf, world_writable: WorldWritable) -> Self {
+        Self { imu, path, world_writable, handled: None, candidate: None }
     }
 
-    /// Where it is.
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// When the file that was loaded or refused last was changed, in seconds of Unix time.
+    /// When the file that was last loaded or refused was changed, Unix time \[s\].
     pub fn modified_unix_s(&self) -> Option<f64> {
-        self.seen.map(|seen| seen.modified_unix_s())
+        self.handled.map(|state| state.modified_unix_s())
     }
 
-    /// Loads the file as it is.
+    /// Loads the file as it is now.
     pub fn load(&mut self) -> FileChange {
         self.candidate = None;
-        self.seen = Identity::of(&self.path);
-        match load_table(&self.path, Some(&self.imu), self.guard) {
+        self.handled = Identity::of(&self.path);
+        match load_table(&self.path, Some(&self.imu), self.world_writable) {
             Ok((table, identity)) => {
-                self.seen = Some(identity);
+                self.handled = Some(identity);
                 FileChange::Loaded(Box::new(table))
             }
             Err(error) => FileChange::Refused(error),
         }
     }
 
-    /// Loads the file because it is said to be complete. If it is not good after all, another writer may be at it: that is
-    /// for [`look`](Self::look) to find out.
+    /// Loads the file after an event that says that it is complete. If it is not valid, another process may be writing it: then
+    /// [`poll`](Self::poll) decides later.
     pub fn load_complete(&mut self, now: Instant) -> FileChange {
-        let (seen, current) = (self.seen, Identity::of(&self.path));
+        let (handled, current) = (self.handled, Identity::of(&self.path));
         match self.load() {
             FileChange::Refused(_) => {
-                self.seen = seen;
+                self.handled = handled;
                 self.candidate = Some((current, now));
                 FileChange::Unchanged
             }
-            look => look,
+            change => change,
         }
     }
 
-    /// Looks whether the file has changed, and loads it if it has and is at rest.
-    pub fn look(&mut self, now: Instant) -> FileChange {
+    /// Checks whether the file has changed, and loads it if it has changed and then stayed unchanged for long enough.
+    pub fn poll(&mut self, now: Instant) -> FileChange {
         let current = Identity::of(&self.path);
-        if current == self.seen {
+        if current == self.handled {
             self.candidate = None;
             return FileChange::Unchanged;
         }
@@ -134,8 +137,8 @@ impl TableFile {
             _ => now,
         };
         self.candidate = Some((current, since));
-        let patience = if current.is_none() { ABSENCE } else { SETTLE };
-        if now.duration_since(since) < patience { FileChange::Unchanged } else { self.load() }
+        let settle = if current.is_none() { ABSENCE } else { SETTLE };
+        if now.duration_since(since) < settle { FileChange::Unchanged } else { self.load() }
     }
 }
 
@@ -149,7 +152,7 @@ mod tests {
     fn file(folder: &tempfile::TempDir) -> TableFile {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
-        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, Guard::Strict);
+        let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, WorldWritable::Refuse);
         assert!(matches!(file.load(), FileChange::Loaded(_)));
         file
     }
@@ -159,14 +162,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut file = file(&folder);
         let start = Instant::now();
-        assert!(matches!(file.look(start), FileChange::Unchanged));
+        assert!(matches!(file.poll(start), FileChange::Unchanged));
         fs::write(file.path(), TABLE.replace("9.8015", "9.8016")).unwrap();
-        assert!(matches!(file.look(start), FileChange::Unchanged));
+        assert!(matches!(file.poll(start), FileChange::Unchanged));
         fs::write(file.path(), TABLE.replace("9.8015", "9.80171")).unwrap();
-        assert!(matches!(file.look(start + SETTLE), FileChange::Unchanged), "it has changed again");
-        let FileChange::Loaded(table) = file.look(start + 2 * SETTLE) else { panic!("settled") };
+        assert!(matches!(file.poll(start + SETTLE), FileChange::Unchanged), "it has changed again");
+        let FileChange::Loaded(table) = file.poll(start + 2 * SETTLE) else { panic!("settled") };
         assert_eq!(table.content().gravity, 9.80171);
-        assert!(matches!(file.look(start + 9 * SETTLE), FileChange::Unchanged));
+        assert!(matches!(file.poll(start + 9 * SETTLE), FileChange::Unchanged));
     }
 
     #[test]
@@ -177,12 +180,12 @@ mod tests {
         fs::write(folder.path().join("new"), "format = 2\n").unwrap();
         fs::rename(folder.path().join("new"), file.path()).unwrap();
         assert!(matches!(file.load_complete(now), FileChange::Unchanged), "somebody may still be writing");
-        assert!(matches!(file.look(now + SETTLE), FileChange::Refused(_)));
-        assert!(matches!(file.look(now + 9 * SETTLE), FileChange::Unchanged));
+        assert!(matches!(file.poll(now + SETTLE), FileChange::Refused(_)));
+        assert!(matches!(file.poll(now + 9 * SETTLE), FileChange::Unchanged));
         fs::remove_file(file.path()).unwrap();
-        assert!(matches!(file.look(now), FileChange::Unchanged), "it may come back");
-        assert!(matches!(file.look(now + ABSENCE), FileChange::Refused(LoadError::Io { .. })));
-        assert!(matches!(file.look(now + 2 * ABSENCE), FileChange::Unchanged));
+        assert!(matches!(file.poll(now), FileChange::Unchanged), "it may come back");
+        assert!(matches!(file.poll(now + ABSENCE), FileChange::Refused(LoadError::Io { .. })));
+        assert!(matches!(file.poll(now + 2 * ABSENCE), FileChange::Unchanged));
         fs::write(file.path(), TABLE).unwrap();
         assert!(matches!(file.load_complete(now), FileChange::Loaded(_)));
     }
@@ -191,7 +194,7 @@ mod tests {
     fn only_a_tables_own_file_is_said_to_be_complete() {
         let folder = tempfile::tempdir().unwrap();
         let table = folder.path().join("imu-a.toml");
-        let (sender, told) = std::sync::mpsc::channel();
+        let (sender, names) = std::sync::mpsc::channel();
         let absent = folder.path().join("absent").join("imu-b.toml");
         let (_watcher, failures) = watch(&[absent, table.clone()], move |name| sender.send(name).unwrap());
         assert_eq!(failures.len(), 1, "one folder is missing, the other is watched all the same: {failures:?}");
@@ -202,8 +205,8 @@ mod tests {
         let marker = folder.path().join("marker");
         fs::write(&marker, TABLE).unwrap();
         fs::rename(&marker, &table).unwrap();
-        // Events come in order: had another file's been passed on, it would be first.
-        assert_eq!(told.recv_timeout(Duration::from_secs(20)).unwrap(), "imu-a.toml");
+        // Events come in order: if the event of another file were passed on, it would come first.
+        assert_eq!(names.recv_timeout(Duration::from_secs(20)).unwrap(), "imu-a.toml");
         drop(half);
     }
 }

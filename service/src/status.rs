@@ -1,4 +1,4 @@
-//! Making the status document, and publishing it ten times a second on `isotherm/status`.
+//! Builds the status document and publishes it on `isotherm/status`.
 
 use crate::create::{CreateError, Creator};
 use crate::imu::ImuState;
@@ -11,10 +11,10 @@ use isotherm_shared::status::{ImuStatus, Ranges, ServiceStatus};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
 use isotherm_shared::wire::Flags;
 
-/// Room for the document before its memory has to grow.
+/// Room for the document before its shared memory must grow \[bytes\].
 const INITIAL_BYTES: usize = 16 * 1024;
 
-/// The status of one IMU, from what is counted and known.
+/// The status of one IMU.
 pub fn imu_status(imu: &ImuState) -> ImuStatus {
     let counters = &imu.counters;
     let in_force = imu.in_force();
@@ -52,17 +52,17 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
     }
 }
 
-/// The status stream's publisher. There can be only one: it is what keeps a second service out of a domain.
+/// The publisher of the status stream. There can be only one: this keeps a second service out of a domain.
 pub struct StatusPublisher {
     stream: PortFactory<Ipc, [u8], ()>,
     publisher: Publisher<Ipc, [u8], ()>,
 }
 
 impl StatusPublisher {
-    /// Takes the place.
+    /// Creates the stream and takes the place of its publisher.
     ///
     /// # Errors
-    /// If another service has it, or the stream cannot be created.
+    /// If another service has the place, or the stream cannot be created.
     pub fn create(node: &IpcNode, domain: &Domain) -> Result<Self, Failure> {
         let (name, creator) = ("the status stream", Creator::new(node, domain));
         let service = creator.stream(name, &stream::status_name(), || Ok(stream::status(node).open_or_create()?))?;
@@ -88,7 +88,7 @@ impl StatusPublisher {
     /// Publishes a status.
     ///
     /// # Errors
-    /// What the transport says.
+    /// The transport's error.
     pub fn publish(&self, status: &ServiceStatus) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
         let sample = self.publisher.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;

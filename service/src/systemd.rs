@@ -1,4 +1,4 @@
-//! Telling a service manager how the service does, as sd_notify(3) describes it. Without one nothing is told.
+//! Notifies the service manager of the service's state, as in sd_notify(3). Without a service manager nothing is sent.
 
 use sd_notify::NotifyState;
 use std::env;
@@ -9,32 +9,32 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 use tracing::{info, warn};
 
-/// The service manager's end.
+/// The connection to the service manager.
 #[derive(Debug)]
-pub struct Manager {
-    /// How often it wants a sign of life; none if it does not watch.
+pub struct ServiceManager {
+    /// How often its watchdog is fed; `None` if it has no watchdog for this service.
     period: Option<Duration>,
     next: Instant,
     reported_failure: bool,
 }
 
-impl Manager {
-    /// Whoever started this process, as its environment says.
+impl ServiceManager {
+    /// The service manager that the environment of this process names.
     pub fn from_environment() -> Self {
-        // Twice as often as asked, as the manual page advises.
+        // Twice as often as required, as sd_watchdog_enabled(3) recommends.
         let period = sd_notify::watchdog_enabled().filter(|timeout| !timeout.is_zero()).map(|timeout| timeout / 2);
         if let Some(period) = period {
-            info!("the service manager's watchdog is fed every {} ms while all workers move", period.as_millis());
+            info!("the service manager's watchdog is fed every {} ms while all workers run", period.as_millis());
         }
         Self { period, next: Instant::now(), reported_failure: false }
     }
 
-    /// Everything is served.
+    /// Reports that all IMUs are served.
     pub fn ready(&mut self) {
         self.notify(&[NotifyState::Ready]);
     }
 
-    /// Tables are being loaded because it was asked for; [`ready`](Self::ready) follows.
+    /// Reports that tables are reloaded on request; [`ready`](Self::ready) follows.
     pub fn reloading(&mut self) {
         match NotifyState::monotonic_usec_now() {
             Ok(now) => self.notify(&[NotifyState::Reloading, now]),
@@ -42,18 +42,18 @@ impl Manager {
         }
     }
 
-    /// The end has begun.
+    /// Reports that the service is stopping.
     pub fn stopping(&mut self) {
         self.notify(&[NotifyState::Stopping]);
     }
 
-    /// One line for people.
+    /// Sends one line of status text for people.
     pub fn status(&mut self, line: &str) {
         self.notify(&[NotifyState::Status(line)]);
     }
 
-    /// A sign of life, when one is due.
-    pub fn alive(&mut self, now: Instant) {
+    /// Feeds the watchdog, if that is due.
+    pub fn feed_watchdog(&mut self, now: Instant) {
         if let Some(period) = self.period
             && now >= self.next
         {
@@ -67,12 +67,13 @@ impl Manager {
             && !self.reported_failure
         {
             self.reported_failure = true;
-            warn!("telling the service manager: {error}; NOTIFY_SOCKET names its socket");
+            warn!("notifying the service manager: {error}; NOTIFY_SOCKET names its socket");
         }
     }
 }
 
-/// Sends without waiting: a manager that does not read its socket must not stop the control thread, so what finds no room is lost.
+/// Sends without waiting: a manager that does not read its socket must not block the control thread. A message for which the
+/// socket has no room is lost.
 fn send(states: &[NotifyState<'_>]) -> io::Result<()> {
     let Some(name) = env::var_os("NOTIFY_SOCKET").filter(|name| !name.is_empty()) else { return Ok(()) };
     let address = match name.as_bytes().strip_prefix(b"@") {

@@ -1,4 +1,4 @@
-//! What the operating system says of the worker threads: settings in force, processor time, and time held back.
+//! What the operating system reports about the worker threads: settings in force, processor time, and time held back.
 
 use crate::reload::TICK;
 use crate::worker::counters::HeartbeatReader;
@@ -6,14 +6,14 @@ use isotherm_shared::status::WorkerStatus;
 use std::fs;
 use std::time::{Duration, Instant};
 
-/// `SCHED_FIFO` in `/proc`.
+/// The number of `SCHED_FIFO` in `/proc`.
 const FIFO: &str = "1";
-/// A thread with a real-time priority that has been held back for longer within a second has met the kernel's limit.
+/// If a real-time thread was held back for longer than this within a second, the kernel's limit or another thread stopped it.
 const HELD_BACK: Duration = Duration::from_millis(10);
-/// A worker that has not moved for so many looks in a row, the control loop's, stands still: a second.
-const STILL: u32 = (1_000 / TICK.as_millis()) as u32;
+/// After so many checks in a row without a heartbeat, which is one second, a worker counts as standing still.
+const STILL_CHECKS: u32 = (1_000 / TICK.as_millis()) as u32;
 
-/// One thread of this process, looked at once in a while.
+/// One worker thread, as it is measured and checked from time to time.
 #[derive(Debug)]
 pub struct WorkerThread {
     id: i32,
@@ -23,10 +23,10 @@ pub struct WorkerThread {
     held_back: Duration,
     heartbeat: HeartbeatReader,
     last_count: u64,
-    looks_without: u32,
+    checks_without_beat: u32,
 }
 
-/// What [`WorkerThread::check_heartbeat`] tells.
+/// The result of [`WorkerThread::check_heartbeat`].
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum HeartbeatChange {
     /// The loop has not turned for a second.
@@ -35,37 +35,48 @@ pub enum HeartbeatChange {
     Resumed,
 }
 
-/// Since the thread began.
+/// Times since the thread began.
 #[derive(Clone, Copy, Debug, Default)]
 struct Times {
+    /// On a core.
     ran: Duration,
+    /// In a run queue.
     waited: Duration,
 }
 
 impl WorkerThread {
     /// The thread with this id, which serves these IMUs.
     pub const fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
-        let (last_count, looks_without) = (0, 0);
-        Self { id, imus, last: None, cpu_percent: 0.0, held_back: Duration::ZERO, heartbeat, last_count, looks_without }
+        let (last_count, checks_without_beat) = (0, 0);
+        Self {
+            id,
+            imus,
+            last: None,
+            cpu_percent: 0.0,
+            held_back: Duration::ZERO,
+            heartbeat,
+            last_count,
+            checks_without_beat,
+        }
     }
 
-    /// Checks whether its loop has turned since the last check. Checks are counted, not time: none are made while the whole process is
-    /// stopped. Tells when the loop has stopped, and when it turns again.
+    /// Checks whether its loop has turned since the last check. Returns a change: the loop has stopped, or turns again. Checks
+    /// are counted and not time, since there are no checks while the whole process is stopped.
     pub fn check_heartbeat(&mut self) -> Option<HeartbeatChange> {
         let count = self.heartbeat.count();
         if count == self.last_count {
-            self.looks_without = self.looks_without.saturating_add(1);
-            (self.looks_without == STILL).then_some(HeartbeatChange::Stopped)
+            self.checks_without_beat = self.checks_without_beat.saturating_add(1);
+            (self.checks_without_beat == STILL_CHECKS).then_some(HeartbeatChange::Stopped)
         } else {
             let stood_still = self.stands_still();
-            (self.last_count, self.looks_without) = (count, 0);
+            (self.last_count, self.checks_without_beat) = (count, 0);
             stood_still.then_some(HeartbeatChange::Resumed)
         }
     }
 
     /// Whether its loop has not turned for a second.
     pub const fn stands_still(&self) -> bool {
-        self.looks_without >= STILL
+        self.checks_without_beat >= STILL_CHECKS
     }
 
     /// The IMUs that it serves, for messages.
@@ -73,8 +84,8 @@ impl WorkerThread {
         self.imus.join(", ")
     }
 
-    /// Looks at what it has done since the last look.
-    pub fn look(&mut self) {
+    /// Measures processor time and time held back since the last measurement.
+    pub fn measure(&mut self) {
         let now = (Instant::now(), self.times());
         if let Some((then, times)) = self.last.replace(now) {
             let passed = now.0.duration_since(then).as_secs_f64();
@@ -83,16 +94,16 @@ impl WorkerThread {
         }
     }
 
-    /// How long it has been held back between the last two looks, if that is more than a real-time thread should meet.
+    /// How long it was held back between the last two measurements, if it has a real-time priority and this is over the limit.
     pub fn held_back(&self) -> Option<Duration> {
         (self.priority().is_some() && self.held_back > HELD_BACK).then_some(self.held_back)
     }
 
-    /// For the status.
+    /// Its part of the status document.
     pub fn status(&self) -> WorkerStatus {
         let status = self.read("status");
         let cores = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
-        // The slack of a thread is in the folder of a process of that number.
+        // The kernel shows the slack of a thread in `/proc/<thread id>`, not in the thread's folder.
         let slack = fs::read_to_string(format!("/proc/{}/timerslack_ns", self.id));
         let times = self.last.map(|(_, times)| times).unwrap_or_default();
         WorkerStatus {
@@ -113,14 +124,15 @@ impl WorkerThread {
         fs::read_to_string(format!("/proc/self/task/{}/{name}", self.id)).unwrap_or_default()
     }
 
-    /// proc_pid_stat(5): behind the name in brackets, field 40 is the priority and 41 the policy.
+    /// The real-time priority, if it has one. proc_pid_stat(5): field 40 is the priority and field 41 the policy; the fields
+    /// after the name in brackets start at 3.
     fn priority(&self) -> Option<u32> {
         let stat = self.read("stat");
         let fields: Vec<_> = stat.rsplit(") ").next()?.split(' ').collect();
         (*fields.get(41 - 3)? == FIFO).then(|| fields.get(40 - 3)?.parse().ok())?
     }
 
-    /// Nanoseconds on a core and in a run queue.
+    /// The first two numbers of `schedstat`: time on a core and time in a run queue \[ns\].
     fn times(&self) -> Times {
         let text = self.read("schedstat");
         let mut numbers = text.split(' ').map(|number| Duration::from_nanos(number.parse().unwrap_or(0)));
@@ -128,8 +140,8 @@ impl WorkerThread {
     }
 }
 
-/// What the kernel allows real-time threads, as far as it says so.
-pub fn kernels_limit() -> String {
+/// The kernel's limit on real-time threads, as far as this process may read it.
+pub fn kernel_limit() -> String {
     let number = |path: &str| fs::read_to_string(path).ok().and_then(|text| text.trim().parse::<i64>().ok());
     let runtime = number("/proc/sys/kernel/sched_rt_runtime_us");
     let period = number("/proc/sys/kernel/sched_rt_period_us");

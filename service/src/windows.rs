@@ -1,37 +1,36 @@
-//! Latency in the last second and in the last minute: how much the histogram has grown, second by second.
+//! Latency in the last second and in the last minute, from the growth of the histogram in each second.
 
 use crate::worker::histogram::{BucketCounts, Growth};
 use isotherm_shared::status::LatencySummary;
 use std::collections::VecDeque;
 
-/// Seconds in a minute.
-const MINUTE: usize = 60;
+const MINUTE_S: usize = 60;
 
 /// How much one histogram has grown in each of the last seconds.
 #[derive(Debug, Default)]
 pub struct Windows {
-    /// All counts when the last second ended.
-    seen: BucketCounts,
-    /// The newest last.
+    /// The counts at the end of the last second.
+    previous: BucketCounts,
+    /// Growth in each second, the newest last.
     seconds: VecDeque<Growth>,
 }
 
 impl Windows {
-    /// Ends a second, with the counts as they are now.
+    /// Ends a second with the current counts.
     pub fn end_second(&mut self, counts: BucketCounts) {
-        self.seconds.push_back(counts.since(&self.seen));
-        if self.seconds.len() > MINUTE {
+        self.seconds.push_back(counts.since(&self.previous));
+        if self.seconds.len() > MINUTE_S {
             self.seconds.pop_front();
         }
-        self.seen = counts;
+        self.previous = counts;
     }
 
-    /// The last second that has ended; `None` if nothing came in it.
+    /// Latency in the last complete second; `None` if no sample came in it.
     pub fn second(&self) -> Option<LatencySummary> {
         BucketCounts::sum(self.seconds.back()).summary()
     }
 
-    /// The last sixty of them; `None` if nothing came in them.
+    /// Latency in the last 60 complete seconds; `None` if no sample came in them.
     pub fn minute(&self) -> Option<LatencySummary> {
         BucketCounts::sum(&self.seconds).summary()
     }
@@ -45,7 +44,7 @@ mod tests {
     use isotherm_shared::wire::{Flags, RawSample};
 
     #[test]
-    fn each_window_knows_its_own_time_only() {
+    fn each_window_covers_its_own_time_only() {
         let ((mut writer, reader), mut windows) = (counters(), Windows::default());
         let mut record = |latency_ns| {
             writer.answered(&RawSample::default(), Arrival::default(), Flags(0), latency_ns, true);

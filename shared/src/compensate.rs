@@ -13,10 +13,10 @@
 //! telemetry drives the bias, the board's both scale factors.
 //!
 //! # Arithmetic
-//! One exact expression in IEEE double, in the order written below, without fused multiply-add, so that the service, the
-//! replay and any other implementation agree bit for bit. A pure function of sample and table: no filter, no state, no
-//! clock, no allocation, no panic for any bit pattern. What is not finite, which only an extrapolation far outside can make
-//! it, becomes NaN.
+//! The kernel is one expression in IEEE double, evaluated in the order written below without fused multiply-add, so that
+//! the service, the replay and any other implementation agree bit for bit. It is a pure function of sample and table: no
+//! filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN; only an
+//! extrapolation far outside a range can give one.
 
 use crate::lanes::LaneValues;
 use crate::polynomial::{Polynomial, Side};
@@ -24,7 +24,7 @@ use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{Bias, NegativeScaleFactor, PositiveScaleFactor};
 use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample};
 
-/// What the kernel makes of a raw sample.
+/// The result of the kernel for one raw sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Compensation {
     /// Velocity increment over Ts \[m/s\], NaN where it could not be computed.
@@ -40,9 +40,9 @@ pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
     let content = table.content();
     let ts = raw.interval_ns as f64 / 1e9;
     let valid_interval = has_valid_interval(raw);
-    let (mut dv, mut flags) = match table.lanes().inside(&raw.head_temperature, &raw.board_temperature) {
-        Some(values) if valid_interval => (usual(&values, raw, ts, content.gravity), Flags::default()),
-        _ => unusual(content, *raw, ts),
+    let (mut dv, mut flags) = match table.lanes().evaluate_inside(&raw.head_temperature, &raw.board_temperature) {
+        Some(values) if valid_interval => (fast_path(&values, raw, ts, content.gravity), Flags::default()),
+        _ => slow_path(content, *raw, ts),
     };
     for (index, axis) in content.axes.iter().enumerate() {
         if let Some(limit) = axis.max_rate
@@ -68,9 +68,9 @@ pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
     Compensation { velocity_increment: dv, flags }
 }
 
-/// All telemetry inside its ranges and a valid interval: the increments of the three axes \[m/s\].
+/// Increments of the three axes \[m/s\] if all telemetry is inside its ranges and the interval is valid.
 #[inline(always)]
-fn usual(values: &LaneValues, raw: &RawSample, ts: f64, gravity: f64) -> [f64; AXES] {
+fn fast_path(values: &LaneValues, raw: &RawSample, ts: f64, gravity: f64) -> [f64; AXES] {
     let mut dv = [0.0; AXES];
     for (index, dv) in dv.iter_mut().enumerate() {
         *dv = increment(
@@ -84,10 +84,10 @@ fn usual(values: &LaneValues, raw: &RawSample, ts: f64, gravity: f64) -> [f64; A
     dv
 }
 
-/// Anything else: increments where the policy gives them, and why it was unusual.
+/// All other samples: the increments that the policy allows \[m/s\], and the flags that say why the sample took this path.
 #[cold]
 #[inline(never)]
-fn unusual(table: &Content, raw: RawSample, ts: f64) -> ([f64; AXES], Flags) {
+fn slow_path(table: &Content, raw: RawSample, ts: f64) -> ([f64; AXES], Flags) {
     let mut flags = flags_without_table(&raw);
     let mut dv = [f64::NAN; AXES];
     for (index, axis) in table.axes.iter().enumerate() {
@@ -114,7 +114,7 @@ fn unusual(table: &Content, raw: RawSample, ts: f64) -> ([f64; AXES], Flags) {
     (dv, flags)
 }
 
-/// What is said of a sample while its IMU has no table yet: NaN, flagged [`Flags::NO_TABLE`].
+/// The result for a sample whose IMU has no table: NaN, flagged [`Flags::NO_TABLE`].
 #[must_use]
 #[cold]
 pub fn uncompensated(raw: &RawSample) -> Compensation {
@@ -136,7 +136,7 @@ fn increment(
     finite(gravity * ((f64::from(positive) / k_plus.0 + f64::from(negative) / k_minus.0) - bias.0 * ts))
 }
 
-/// Infinity, which only an extrapolation far outside can give, is no velocity.
+/// Replaces infinity by NaN.
 #[inline(always)]
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::NAN }
@@ -147,7 +147,7 @@ const fn has_valid_interval(raw: &RawSample) -> bool {
     raw.interval_ns != 0 && raw.interval_ns <= MAX_INTERVAL_NS
 }
 
-/// The flags that need no table.
+/// The sample flags that do not depend on a table.
 fn flags_without_table(raw: &RawSample) -> Flags {
     let mut flags = Flags::default();
     if !has_valid_interval(raw) {
@@ -161,7 +161,7 @@ fn flags_without_table(raw: &RawSample) -> Flags {
     flags
 }
 
-/// The flags of telemetry outside its range; telemetry that is not finite is on no side.
+/// The flags of telemetry outside its range; telemetry that is not finite gets none of them.
 fn range_flags(index: usize, axis: &Axis, head: f64, board: f64) -> Flags {
     let mut flags = Flags::default();
     if head.is_finite() {
@@ -183,7 +183,7 @@ fn range_flags(index: usize, axis: &Axis, head: f64, board: f64) -> Flags {
     flags
 }
 
-/// The answer to a raw sample, all but its delivery: `latency_ns` is 0 and no delivery flag is set.
+/// The answer to a raw sample without the delivery part: `latency_ns` is 0 and no delivery flag is set.
 #[must_use]
 #[inline(always)]
 pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {

@@ -1,7 +1,10 @@
-//! Reading a TOML file so strictly that nothing in it goes unnoticed, and reporting everything at once.
+//! Strict reading of TOML files: unknown keys are faults, and all faults of a file are reported together.
 //!
-//! A [`Document`] hands out [`Section`]s; whatever is missing, of the wrong type or never asked for becomes a
-//! [`Fault`] with line and key, and reading goes on. Coefficient tables and service configurations are read by it.
+//! A [`Document`] hands out [`Section`]s. A key that is missing, has the wrong type or is never asked for becomes a
+//! [`Fault`] with line and key, and reading goes on. Coefficient tables, service configurations and campaign files are read
+//! this way.
+//!
+//! Over 400 lines: one reader method for each type of value; together they are the vocabulary of all file formats.
 
 use crate::stream::{ImuId, NAME_RULE};
 use core::cell::RefCell;
@@ -13,19 +16,19 @@ use toml::de::{DeTable, DeValue};
 /// Largest file that is read: 1 MiB.
 pub const MAX_BYTES: u64 = 1 << 20;
 
-/// A file that is no TOML at all has an error on every line; this many are reported.
+/// Limit of reported syntax errors: a file that is not TOML has one on every line.
 const MAX_SYNTAX_FAULTS: usize = 8;
-/// More faults than this are not collected: nobody reads them, and a file can hold a hundred thousand.
+/// Limit of collected faults: a file can have a hundred thousand.
 const MAX_FAULTS: usize = 100;
 
-/// One thing that is wrong with a file, and what would be right.
+/// One fault of a file.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Fault {
     /// Line, from 1.
     pub line: usize,
-    /// The key as a path, for example `axis.A1.bias.c2`; empty where none is concerned.
+    /// The key as a path, for example `axis.A1.bias.c2`; empty if the fault concerns no key.
     pub key: String,
-    /// What is wrong and what would be right.
+    /// What is wrong, and what to write instead.
     pub message: String,
 }
 
@@ -56,7 +59,7 @@ impl fmt::Display for Faults {
 
 /// A parsed TOML file that collects faults while it is read.
 pub struct Document<'a> {
-    /// Where the lines end. A file can have a hundred thousand sections, and each asks for its line.
+    /// Offsets of the line ends, for a binary search: a file can have a hundred thousand sections, and each looks up its line.
     line_ends: Vec<usize>,
     root: Spanned<DeTable<'a>>,
     faults: RefCell<Vec<Fault>>,
@@ -66,7 +69,7 @@ impl<'a> Document<'a> {
     /// Parses `text`.
     ///
     /// # Errors
-    /// All syntax errors that the parser could find, duplicate keys among them.
+    /// All syntax errors that the parser finds, duplicate keys included.
     pub fn parse(text: &'a str) -> Result<Self, Faults> {
         let (root, errors) = DeTable::parse_recoverable(text);
         if errors.is_empty() {
@@ -83,7 +86,7 @@ impl<'a> Document<'a> {
             Fault { line, key: String::new(), message: format!("not TOML: {}", error.message().replace('\n', ", ")) }
         };
         let mut faults: Vec<_> = places.into_iter().map(located).collect();
-        // A slip makes the parser stumble on; the first error of a line is the one that helps.
+        // After an error the parser often reports follow-up errors on the same line; the first one is the useful one.
         faults.dedup_by_key(|fault| fault.line);
         if let Some(rest) = faults.len().checked_sub(MAX_SYNTAX_FAULTS).filter(|rest| *rest > 0) {
             faults.truncate(MAX_SYNTAX_FAULTS);
@@ -93,8 +96,8 @@ impl<'a> Document<'a> {
         Err(Faults(faults))
     }
 
-    /// As [`parse`](Self::parse), but a recording in CSV is recognised as one; `wanted` says what to give instead, as in "give the coefficient
-    /// table".
+    /// As [`parse`](Self::parse), with one clear fault if `text` is CSV. `wanted` says what to give instead, for example
+    /// "give the coefficient table".
     ///
     /// # Errors
     /// As [`parse`](Self::parse).
@@ -113,7 +116,7 @@ impl<'a> Document<'a> {
         Section { document: self, table: self.root.get_ref(), path: String::new(), line: 1, asked: RefCell::default() }
     }
 
-    /// Whether the top level has `key`, for telling kinds of files apart.
+    /// Whether the top level has `key`; distinguishes kinds of files.
     #[must_use]
     pub fn has(&self, key: &str) -> bool {
         self.root.get_ref().contains_key(key)
@@ -133,10 +136,10 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// `value`, if no fault was found on the way to it.
+    /// Returns `value` if reading found no fault.
     ///
     /// # Errors
-    /// Every fault that reading has found.
+    /// All faults, in the order of their lines.
     pub fn finish<T>(self, value: Option<T>) -> Result<T, Faults> {
         let mut faults = self.faults.into_inner();
         faults.sort_by_key(|fault| fault.line);
@@ -146,7 +149,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// Where the value of a top-level key stands in the text, for replacing it.
+    /// Byte range of the value of a top-level key in the text, for replacing it.
     #[must_use]
     pub fn span(&self, key: &str) -> Option<Range<usize>> {
         self.root.get_ref().get(key).map(Spanned::span)
@@ -161,7 +164,7 @@ fn newlines(text: &str, range: Range<usize>) -> usize {
     text.as_bytes().get(range).unwrap_or_default().iter().filter(|&&byte| byte == b'\n').count()
 }
 
-/// One table of a [`Document`]. Every key that is never asked for is reported by [`finish`](Self::finish).
+/// One table of a [`Document`]. [`finish`](Self::finish) reports every key that was never asked for.
 pub struct Section<'d, 'a> {
     document: &'d Document<'a>,
     table: &'d DeTable<'a>,
@@ -177,32 +180,32 @@ impl<'d, 'a> Section<'d, 'a> {
         self.line
     }
 
-    /// Full name of one of its keys.
+    /// Full path of one of its keys.
     #[must_use]
     pub fn key(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 
-    /// Renames the section in later messages, for example from `axis.1` to `axis.A1`.
+    /// Changes the section's path in later messages, for example from `axis.1` to `axis.A1`.
     pub fn rename(&mut self, path: impl Into<String>) {
         self.path = path.into();
     }
 
-    /// Reports `message` about `key`, at its line if it is there.
+    /// Reports `message` about `key`: at the key's line if it is present, else at the section's.
     pub fn fault(&self, key: &str, message: impl Into<String>) {
         let line = self.table.get(key).map_or(self.line, |value| self.document.line(&value.span()));
         let key = if key.is_empty() { self.path.clone() } else { self.key(key) };
         self.document.fault(line, key, message);
     }
 
-    /// As [`fault`](Self::fault), if there is one.
+    /// As [`fault`](Self::fault) if `message` is `Some`; else does nothing.
     pub fn refuse(&self, key: &str, message: Option<String>) {
         if let Some(message) = message {
             self.fault(key, message);
         }
     }
 
-    /// Whether `key` is there, whatever it holds.
+    /// Whether `key` is present, with a value of any type.
     #[must_use]
     pub fn has(&self, key: &str) -> bool {
         self.table.contains_key(key)
@@ -213,18 +216,18 @@ impl<'d, 'a> Section<'d, 'a> {
         self.table.get(key)
     }
 
-    fn required<T>(&self, key: &'static str, value: Option<T>, right: &str) -> Option<T> {
+    fn required<T>(&self, key: &'static str, value: Option<T>, expected: &str) -> Option<T> {
         if value.is_none() && !self.table.contains_key(key) {
-            self.fault(key, format!("missing; give {right}"));
+            self.fault(key, format!("missing; give {expected}"));
         }
         value
     }
 
-    fn wrong(&self, key: &str, value: &DeValue<'_>, right: &str) {
-        self.fault(key, format!("is {}, give {right}", describe(value)));
+    fn wrong(&self, key: &str, value: &DeValue<'_>, expected: &str) {
+        self.fault(key, format!("is {}, give {expected}", describe(value)));
     }
 
-    /// A finite number, integers included.
+    /// A finite number; an integer is accepted too.
     pub fn optional_number(&self, key: &'static str) -> Option<f64> {
         let value = self.get(key)?.get_ref();
         let number = number_of(value);
@@ -234,10 +237,10 @@ impl<'d, 'a> Section<'d, 'a> {
         number
     }
 
-    /// A finite number that must be there; `right` says what it means.
-    pub fn number(&self, key: &'static str, right: &str) -> Option<f64> {
+    /// A finite number, required; `expected` says in messages what to give.
+    pub fn number(&self, key: &'static str, expected: &str) -> Option<f64> {
         let number = self.optional_number(key);
-        self.required(key, number, right)
+        self.required(key, number, expected)
     }
 
     /// A whole number from `range`.
@@ -259,8 +262,8 @@ impl<'d, 'a> Section<'d, 'a> {
         };
         let integers = integers.filter(|integers| integers.iter().all(|integer| range.contains(integer)));
         if integers.is_none() {
-            let right = format!("a whole number from {} to {}, or a list of them", range.start(), range.end());
-            self.wrong(key, value, &right);
+            let expected = format!("a whole number from {} to {}, or a list of them", range.start(), range.end());
+            self.wrong(key, value, &expected);
         }
         integers
     }
@@ -283,14 +286,14 @@ impl<'d, 'a> Section<'d, 'a> {
         value.as_str()
     }
 
-    /// A string that must be there; `right` says what it means.
-    pub fn string(&self, key: &'static str, right: &str) -> Option<&'d str> {
+    /// A string, required; `expected` says in messages what to give.
+    pub fn string(&self, key: &'static str, expected: &str) -> Option<&'d str> {
         let string = self.optional_string(key);
-        self.required(key, string, right)
+        self.required(key, string, expected)
     }
 
-    /// A string or a list of strings, none empty, which must be there; `right` says what it means.
-    pub fn strings(&self, key: &'static str, right: &str) -> Option<Vec<&'d str>> {
+    /// A string or a non-empty list of strings, required; no string may be empty. `expected` says in messages what to give.
+    pub fn strings(&self, key: &'static str, expected: &str) -> Option<Vec<&'d str>> {
         let strings = self.get(key).and_then(|value| {
             let strings: Option<Vec<_>> = match value.get_ref().as_array() {
                 Some(list) => list.iter().map(|item| item.get_ref().as_str()).collect(),
@@ -298,14 +301,14 @@ impl<'d, 'a> Section<'d, 'a> {
             };
             let strings = strings.filter(|strings| !strings.is_empty() && strings.iter().all(|text| !text.is_empty()));
             if strings.is_none() {
-                self.wrong(key, value.get_ref(), right);
+                self.wrong(key, value.get_ref(), expected);
             }
             strings
         });
-        self.required(key, strings, right)
+        self.required(key, strings, expected)
     }
 
-    /// The name of an IMU, which must be there.
+    /// The name of an IMU, required.
     pub fn imu_id(&self, key: &'static str) -> Option<ImuId> {
         let name = self.string(key, &format!("the IMU's name, {NAME_RULE}"))?;
         let id = ImuId::new(name);
@@ -324,38 +327,38 @@ impl<'d, 'a> Section<'d, 'a> {
         choice
     }
 
-    /// One of the named values; it must be there.
+    /// One of the named values, required.
     pub fn choice<T: Copy>(&self, key: &'static str, choices: &[(T, &str)]) -> Option<T> {
         let choice = self.optional_choice(key, choices);
         let names: Vec<_> = choices.iter().map(|(_, name)| format!("\"{name}\"")).collect();
         self.required(key, choice, &names.join(" or "))
     }
 
-    /// A list of finite numbers; `right` says how many and what they mean. The count is the caller's to check.
-    pub fn numbers(&self, key: &'static str, right: &str) -> Option<Vec<f64>> {
+    /// A list of finite numbers, required; `expected` says in messages what to give. The caller checks the count.
+    pub fn numbers(&self, key: &'static str, expected: &str) -> Option<Vec<f64>> {
         let numbers = self.get(key).and_then(|value| {
             let list = numbers_of(value.get_ref());
             if list.is_none() {
-                self.wrong(key, value.get_ref(), right);
+                self.wrong(key, value.get_ref(), expected);
             }
             list
         });
-        self.required(key, numbers, right)
+        self.required(key, numbers, expected)
     }
 
-    /// A list of lists of finite numbers.
-    pub fn matrix(&self, key: &'static str, right: &str) -> Option<Vec<Vec<f64>>> {
+    /// A list of lists of finite numbers, required.
+    pub fn matrix(&self, key: &'static str, expected: &str) -> Option<Vec<Vec<f64>>> {
         let rows = self.get(key).and_then(|value| {
             let rows = value
                 .get_ref()
                 .as_array()
                 .and_then(|rows| rows.iter().map(|row| numbers_of(row.get_ref())).collect::<Option<Vec<_>>>());
             if rows.is_none() {
-                self.wrong(key, value.get_ref(), right);
+                self.wrong(key, value.get_ref(), expected);
             }
             rows
         });
-        self.required(key, rows, right)
+        self.required(key, rows, expected)
     }
 
     /// A sub-table, `[key]` or `key = { ... }`.
@@ -374,10 +377,10 @@ impl<'d, 'a> Section<'d, 'a> {
         })
     }
 
-    /// A sub-table that must be there.
-    pub fn section(&self, key: &'static str, right: &str) -> Option<Section<'d, 'a>> {
+    /// A sub-table, required.
+    pub fn section(&self, key: &'static str, expected: &str) -> Option<Section<'d, 'a>> {
         let section = self.optional_section(key);
-        self.required(key, section, right)
+        self.required(key, section, expected)
     }
 
     /// The tables of `[[key]]`; none if it is missing.
@@ -401,7 +404,7 @@ impl<'d, 'a> Section<'d, 'a> {
         tables.into_iter().enumerate().map(section).collect()
     }
 
-    /// Accepts `key` whatever it holds.
+    /// Accepts `key` with any value, or its absence.
     pub fn ignore(&self, key: &'static str) {
         self.asked.borrow_mut().push(key);
     }
@@ -450,7 +453,8 @@ fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
 }
 
-/// Whether a text that is no TOML looks like CSV with a header row: names with commas between them, and as many values below.
+/// Whether a text that is not TOML looks like CSV with a header row: names separated by commas, and a next row with as many
+/// values.
 fn is_csv(text: &str) -> bool {
     let mut lines = text.trim_start_matches('\u{feff}').lines().filter(|line| !line.trim().is_empty());
     let name = |field: &str| {

@@ -1,17 +1,18 @@
-//! The nine polynomials of a table side by side, evaluated in one pass.
+//! The nine polynomials of a table in parallel lanes, evaluated in one pass.
 //!
-//! A compensation needs the bias, K+ and K- of three axes. One after the other they cost most of a sample's time; side by side
-//! the compiler makes vector instructions of them. Every lane does what [`Polynomial::at`] does, operation by operation, so the
-//! values are the same to the last bit: orders that differ are filled up with zeros in front, and `0 * x + c` is `c` for
-//! the finite `x` inside a range. (The sign of a bias that is 0 may differ; no increment can tell.)
+//! A compensation needs the bias, K+ and K- of three axes. Evaluated one after the other they take most of a sample's time;
+//! in parallel lanes the compiler uses vector instructions for them. Every lane does the same operations as
+//! [`Polynomial::at`], so the values are the same to the last bit: a polynomial of lower order has zeros as its highest
+//! coefficients, and `0 * x + c` is `c` for the finite `x` inside a range. (The sign of a bias that is 0 may differ; this
+//! does not change any increment.)
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::wire::AXES;
 
-/// Nine, and one that makes their number even.
+/// Nine polynomials and one unused lane, so that the number is even.
 const LANES: usize = 10;
 
-/// Values of the nine polynomials, one array for the three axes each.
+/// Values of the nine polynomials, by quantity and axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaneValues {
     /// Bias \[g0\].
@@ -22,25 +23,25 @@ pub struct LaneValues {
     pub negative_scale_factor: [f64; AXES],
 }
 
-/// What it takes to evaluate them. Biases come first, then K+, then K-.
+/// The nine polynomials by lane: three biases, then three K+, then three K-.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lanes {
-    /// c0 of every lane, then c1 ..
+    /// c0 of every lane, then c1 of every lane, and so on.
     coefficients: [[f64; LANES]; MAX_ORDER + 1],
     /// The highest order of any lane.
     order: usize,
-    /// Whether no lane has a centre or a scale.
+    /// Whether every lane has centre 0 and scale 1.
     plain: bool,
     center: [f64; LANES],
     scale: [f64; LANES],
     low: [f64; LANES],
     high: [f64; LANES],
-    /// From the biases' units to g0.
+    /// Factors from the units of the biases to g0.
     bias_unit: [f64; AXES],
 }
 
 impl Lanes {
-    /// Puts the polynomials side by side: bias, K+ and K- of each axis, and the factor from each bias's unit to g0.
+    /// `polynomials` are bias, K+ and K- of each axis; `bias_unit` is the factor from each bias's unit to g0.
     #[must_use]
     pub fn new(polynomials: [[&Polynomial; 3]; AXES], bias_unit: [f64; AXES]) -> Self {
         let mut lanes = Self {
@@ -67,7 +68,7 @@ impl Lanes {
             row[lane] = *coefficient;
         }
         self.order = self.order.max(coefficients.len() - 1);
-        // A constant has no use for centre and scale, which might make its x infinite.
+        // A constant does not depend on x. Its centre and scale could make x infinite, and 0 * x would be NaN then.
         if coefficients.len() > 1 {
             self.center[lane] = polynomial.center();
             self.scale[lane] = polynomial.scale();
@@ -76,10 +77,11 @@ impl Lanes {
         [self.low[lane], self.high[lane]] = polynomial.range();
     }
 
-    /// The values, if every telemetry lies inside the range of every polynomial that it drives (and so is finite).
+    /// The values of all polynomials; `None` unless every telemetry is inside the range of every polynomial that it drives
+    /// (and therefore finite).
     #[must_use]
     #[inline(always)]
-    pub fn inside(&self, head: &[f64; AXES], board: &[f64; AXES]) -> Option<LaneValues> {
+    pub fn evaluate_inside(&self, head: &[f64; AXES], board: &[f64; AXES]) -> Option<LaneValues> {
         let ([h1, h2, h3], [b1, b2, b3]) = (*head, *board);
         let mut x = [h1, h2, h3, b1, b2, b3, b1, b2, b3, 0.0];
         let mut inside = true;

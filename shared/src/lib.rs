@@ -1,21 +1,21 @@
 //! What the Isotherm service, its clients and its offline tools share.
 //!
 //! # Primer
-//! An IMU carries three quartz flexure accelerometers, A1, A2, A3. Each delivers **pulses** on two channels, one for each
-//! sign, and two temperature **telemetries**: of the sensor head, which drives the **bias** A \[g0\], and of the converter
-//! board, which drives the **scale factors** K+ > 0 and K- < 0 \[pulse/(s*g0)\]. All three are polynomials of the
+//! An IMU has three quartz flexure accelerometers, A1, A2, A3. Each delivers **pulses** on two channels, one for each sign,
+//! and two temperature **telemetries**. The telemetry of the sensor head drives the **bias** A \[g0\]; the telemetry of the
+//! converter board drives the **scale factors** K+ > 0 and K- < 0 \[pulse/(s*g0)\]. All three are polynomials of the
 //! telemetry, kept in a [`CoefficientTable`](table::CoefficientTable). Over a control period Ts \[s\]
 //!
 //! ```text
 //! dv = |g0| * ( N+/K+(U_board) + N-/K-(U_board) - A(U_head) * Ts )                 [m/s]
 //! ```
 //! is the **velocity increment** along the sensor's input axis (at rest, an axis that points up gives +|g| * Ts); with an
-//! alignment matrix it is along the body's axes. [`compensate`](mod@compensate) is this equation and the only place that has it: the
-//! service, the replay and the tests all call it, so they cannot disagree.
+//! alignment matrix it is along the body's axes. Only [`compensate`](mod@compensate) implements this equation: the service, the
+//! replay and the tests all call it, so they cannot disagree.
 //!
-//! An acquisition process sends [`RawSample`](wire::RawSample)s, the service answers with
-//! [`CompensatedIncrement`](wire::CompensatedIncrement)s; [`stream`] says over which streams, [`document`] how files are
-//! read, [`status`] what the service tells about itself.
+//! An acquisition process sends [`RawSample`](wire::RawSample)s, and the service answers with
+//! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`stream`] defines the streams, [`document`] reads files, and
+//! [`status`] is the document that describes the running service.
 //!
 //! This crate opens no file, reads no clock and starts no thread.
 
@@ -30,5 +30,5 @@ pub mod table;
 pub mod units;
 pub mod wire;
 
-/// The transport, in the version that all parts use.
+/// The transport, in the one version that all crates use.
 pub use iceoryx2;

@@ -1,17 +1,17 @@
-//! A polynomial of temperature telemetry with the range in which it was calibrated.
+//! A polynomial of temperature telemetry, with the range in which it was calibrated.
 //!
 //! ```text
 //! x = (U - center) / scale          p(x) = c0 + c1 x + ... + cn x^n,   n <= 7
 //! ```
-//! evaluated by Horner's rule in IEEE double without fused multiply-add, so that every implementation agrees to the
-//! last bit. Whether a polynomial keeps to one side of a limit over its whole range is decided by its Bernstein
-//! coefficients, which enclose it, and not by sampling.
+//! It is evaluated by Horner's rule in IEEE double without fused multiply-add, so that every implementation gives the same
+//! bits. Whether a polynomial stays on one side of a limit over its whole range is decided by its Bernstein coefficients,
+//! which enclose it, not by sampling.
 
 /// Highest order of a table's polynomial.
 pub const MAX_ORDER: usize = 7;
 
-/// A polynomial of order 0 to [`MAX_ORDER`] over a range of telemetry. Coefficients, centre, scale and range are finite,
-/// the scale is not 0 and the range not empty: nothing else can be built.
+/// A polynomial of order 0 to [`MAX_ORDER`] over a range of telemetry. Coefficients, centre, scale and range are always
+/// finite, the scale is never 0, and the range is never empty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Polynomial {
     coefficients: [f64; MAX_ORDER + 1],
@@ -32,17 +32,17 @@ pub enum Side {
     Above,
 }
 
-/// A place where a polynomial is not on the demanded side of a limit.
+/// A point where a polynomial is on the wrong side of a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Violation {
-    /// Telemetry.
+    /// Telemetry at that point.
     pub at: f64,
     /// The polynomial's value there.
     pub value: f64,
 }
 
 impl Polynomial {
-    /// `coefficients` ascending, c0 first.
+    /// `coefficients` are in ascending order, c0 first.
     ///
     /// Returns `None` unless there are 1 to 8 of them, every number is finite, `scale` is not 0 and
     /// `range[0] < range[1]`.
@@ -61,25 +61,25 @@ impl Polynomial {
         })
     }
 
-    /// c0 first.
+    /// The coefficients, c0 first.
     #[must_use]
     pub fn coefficients(&self) -> &[f64] {
         &self.coefficients[..self.len]
     }
 
-    /// Subtracted from the telemetry, in its unit.
+    /// Centre, which is subtracted from the telemetry; in the telemetry's unit.
     #[must_use]
     pub const fn center(&self) -> f64 {
         self.center
     }
 
-    /// Divides the centred telemetry, in its unit; never 0.
+    /// Scale, which divides the centred telemetry; in the telemetry's unit, never 0.
     #[must_use]
     pub const fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// Lower and upper end of the calibrated telemetry.
+    /// Lower and upper end of the calibrated range of telemetry.
     #[must_use]
     pub const fn range(&self) -> [f64; 2] {
         self.range
@@ -109,18 +109,19 @@ impl Polynomial {
     #[must_use]
     #[inline]
     pub fn at(&self, telemetry: f64) -> f64 {
-        // (U - 0) / 1 is U to the last bit; the test spares the hot loop nine divisions.
+        // (U - 0) / 1 is U to the last bit; this test saves nine divisions a sample.
         let x =
             if self.center == 0.0 && self.scale == 1.0 { telemetry } else { (telemetry - self.center) / self.scale };
         let (last, lower) = self.coefficients().split_last().unwrap_or((&0.0, &[]));
         lower.iter().rev().fold(*last, |r, c| r * x + c)
     }
 
-    /// Looks for telemetry within the range where the polynomial is below `limit`; `None` if there is none.
+    /// Searches the range for telemetry where the polynomial is below `limit`; `None` if there is none.
     ///
-    /// The Bernstein coefficients over an interval enclose the polynomial there: all of them at or above the limit
-    /// prove it, one at an end of the interval disproves it, and anything else halves the interval. A polynomial that
-    /// touches the limit within 2^-48 of the range counts as below it.
+    /// The Bernstein coefficients over an interval enclose the polynomial there, and the first and the last one are its
+    /// values at the ends. If all are at or above the limit, the interval has no violation. If the first or the last is
+    /// below it, that end is a violation. Otherwise the interval is halved. An interval that is still
+    /// undecided below 2^-48 of the range counts as a violation.
     #[must_use]
     pub fn below(&self, limit: f64) -> Option<Violation> {
         self.violation(1.0, limit)
@@ -137,11 +138,11 @@ impl Polynomial {
         for b in &mut bernstein[..self.len] {
             *b *= sign;
         }
-        // (coefficients, start, width) in units of the range; depth first, the lower half first.
-        let mut open = vec![(bernstein, 0.0, 1.0)];
-        while let Some((b, start, width)) = open.pop() {
+        // Undecided intervals: (coefficients, start, width), the last two as fractions of the range. The lower half comes first.
+        let mut undecided = vec![(bernstein, 0.0, 1.0)];
+        while let Some((b, start, width)) = undecided.pop() {
             let b = &b[..self.len];
-            // What has overflowed is not clear either.
+            // A coefficient that has overflowed proves nothing.
             let clear = |v: f64| v >= limit && v.is_finite();
             if b.iter().copied().all(clear) {
                 continue;
@@ -161,8 +162,8 @@ impl Polynomial {
                 return Some(Violation { at, value: self.at(at) });
             }
             let (left, right) = halve(b);
-            open.push((right, start + width / 2.0, width / 2.0));
-            open.push((left, start, width / 2.0));
+            undecided.push((right, start + width / 2.0, width / 2.0));
+            undecided.push((left, start, width / 2.0));
         }
         None
     }
@@ -172,7 +173,7 @@ impl Polynomial {
         let n = self.len - 1;
         let x0 = (self.range[0] - self.center) / self.scale;
         let width = (self.range[1] - self.center) / self.scale - x0;
-        // Taylor coefficients at x0 by repeated synthetic division, then t = (x - x0)/width.
+        // Taylor coefficients at x0 by repeated synthetic division, then scaled to t = (x - x0)/width.
         let mut taylor = self.coefficients;
         for low in 0..n {
             for k in (low..n).rev() {
@@ -197,7 +198,7 @@ impl Polynomial {
     }
 }
 
-/// De Casteljau: the Bernstein coefficients over the two halves.
+/// Bernstein coefficients over the two halves of the interval, by De Casteljau's algorithm.
 fn halve(b: &[f64]) -> ([f64; MAX_ORDER + 1], [f64; MAX_ORDER + 1]) {
     let n = b.len() - 1;
     let mut left = [0.0; MAX_ORDER + 1];
@@ -244,7 +245,7 @@ mod tests {
 
     #[test]
     fn finds_a_dip_that_no_coarse_sampling_sees() {
-        // 1e6 (U-a)^2 is below 1 only for |U-a| < 1e-3, a range of 4: one part in two thousand.
+        // 1e6 (U-a)^2 is below 1 only for |U-a| < 1e-3: 1/2000 of the range.
         for a in [1.234_567, 0.0, 4.0, 3.999_5, 2.0] {
             let p = polynomial(&[1e6 * a * a, -2e6 * a, 1e6], [0.0, 4.0]);
             let violation = p.below(1.0).unwrap();
@@ -255,7 +256,7 @@ mod tests {
 
     #[test]
     fn finds_a_zero_for_every_order() {
-        // (2t - 1)^n for even n has its only zero in the middle; + 2 keeps it clear of 1.
+        // x^n for even n has its only zero in the middle of the range; adding 2 keeps it above 1.
         for order in [2, 4, 6] {
             let mut coefficients = vec![0.0; order + 1];
             coefficients[order] = 1000.0;
@@ -282,7 +283,7 @@ mod tests {
     }
 
     proptest! {
-        /// A limit that clears the enclosure clears every sampled point, and a reported place is a real one.
+        /// Without a reported violation every sampled point is at or above the limit, and a reported violation is a real one.
         #[test]
         fn the_verdict_agrees_with_dense_sampling(
             coefficients in prop::collection::vec(-5.0..5.0f64, 1..=8),

@@ -1,10 +1,10 @@
-//! A reference-counted value whose memory is used again by the next one.
+//! A reference-counted value whose memory the next value reuses.
 //!
-//! The transport keeps what it knows of a loaned sample behind a reference count, one for each loan. With
-//! [`Rc`](std::rc::Rc) that is one allocation a sample for as long as samples flow; here the memory of the sample that
-//! was sent last serves the one that is loaned next, so that a running system allocates nothing.
+//! The transport keeps its state of a loaned sample behind a reference count, one for each loan. With [`Rc`](std::rc::Rc)
+//! that is one allocation for each sample. Here the memory of a sample that was sent is reused for the next loan, so that a
+//! running system allocates nothing.
 //!
-//! Not `Send`, not `Sync`, like `Rc`. The freed blocks are a list of the thread's own, at most 64 of them.
+//! Like `Rc` it is neither `Send` nor `Sync`. Each thread has its own list of at most 64 free blocks.
 #![expect(unsafe_code, reason = "no safe reference count lets its memory be chosen")]
 
 use core::cell::{Cell, RefCell};
@@ -16,63 +16,64 @@ use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_cal::arc_sync_policy::{ArcSyncPolicy, ArcSyncPolicyCreationError, LockGuard};
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 
-/// Blocks that a thread keeps for later; more than samples are ever loaned at once.
-const KEPT: usize = 64;
+/// Free blocks that a thread keeps at most; more than the samples that are ever loaned at once.
+const MAX_FREE: usize = 64;
 
-/// What fits into this is recycled: the state of a loaned sample (5 words). Anything else, a port's state, is made once.
+/// Layout of a recycled block. The state of a loaned sample fits (5 words). A larger value, such as a port's state, is not
+/// recycled: it is made once.
 const BLOCK: Layout = Layout::new::<[u64; 8]>();
 
 /// A value shared by its holders within one thread.
 pub struct Recycled<T> {
-    place: NonNull<Place<T>>,
-    _owns: PhantomData<Place<T>>,
+    counted: NonNull<CountedValue<T>>,
+    _owns: PhantomData<CountedValue<T>>,
 }
 
-struct Place<T> {
+struct CountedValue<T> {
     holders: Cell<usize>,
     value: T,
 }
 
 impl<T> Recycled<T> {
-    /// Takes `value` in.
+    /// The first holder of `value`.
     pub fn new(value: T) -> Self {
-        let place: NonNull<Place<T>> = take(Layout::new::<Place<T>>()).cast();
-        // SAFETY: `take` gave memory of this layout that nothing else uses.
-        unsafe { place.write(Place { holders: Cell::new(1), value }) };
-        Self { place, _owns: PhantomData }
+        let counted: NonNull<CountedValue<T>> = allocate(Layout::new::<CountedValue<T>>()).cast();
+        // SAFETY: `allocate` gave memory of this layout that nothing else uses.
+        unsafe { counted.write(CountedValue { holders: Cell::new(1), value }) };
+        Self { counted, _owns: PhantomData }
     }
 
-    fn place(&self) -> &Place<T> {
-        // SAFETY: initialized by `new` and given back only by the last holder's drop; `self` is a holder.
-        unsafe { self.place.as_ref() }
+    fn counted(&self) -> &CountedValue<T> {
+        // SAFETY: initialized by `new` and released only by the last holder's drop; `self` is a holder.
+        unsafe { self.counted.as_ref() }
     }
 }
 
 impl<T> Deref for Recycled<T> {
     type Target = T;
     fn deref(&self) -> &T {
-        &self.place().value
+        &self.counted().value
     }
 }
 
 impl<T> Clone for Recycled<T> {
     fn clone(&self) -> Self {
-        let holders = &self.place().holders;
-        // Every holder takes memory, so the count cannot wrap unless holders are leaked; then it stops at the top, and
-        // the value is never dropped.
+        let holders = &self.counted().holders;
+        // Every holder takes memory, so the count can reach its maximum only if holders are leaked. It stays there, and the
+        // value is never dropped.
         holders.set(holders.get().saturating_add(1));
-        Self { place: self.place, _owns: PhantomData }
+        Self { counted: self.counted, _owns: PhantomData }
     }
 }
 
 impl<T> Drop for Recycled<T> {
     fn drop(&mut self) {
-        let holders = &self.place().holders;
+        let holders = &self.counted().holders;
         match holders.get() {
             1 => {
-                // SAFETY: the last holder; nobody uses value or memory any more.
-                unsafe { self.place.drop_in_place() };
-                give(self.place.cast(), Layout::new::<Place<T>>());
+                // SAFETY: this is the last holder, so nothing else uses the value or its memory.
+                unsafe { self.counted.drop_in_place() };
+                release(self.counted.cast(), Layout::new::<CountedValue<T>>());
             }
             usize::MAX => {}
             more => holders.set(more - 1),
@@ -86,21 +87,21 @@ impl<T: fmt::Debug> fmt::Debug for Recycled<T> {
     }
 }
 
-/// Access for as long as the holder is borrowed; there is nothing to lock within one thread.
-pub struct Guard<'a, T>(&'a T);
+/// Access to the value while a holder is borrowed. Nothing is locked, because all holders are in one thread.
+pub struct RecycledGuard<'a, T>(&'a T);
 
-impl<T> Deref for Guard<'_, T> {
+impl<T> Deref for RecycledGuard<'_, T> {
     type Target = T;
     fn deref(&self) -> &T {
         self.0
     }
 }
 
-impl<'a, T: Send + fmt::Debug + Abandonable> LockGuard<'a, T> for Guard<'a, T> {}
+impl<'a, T: Send + fmt::Debug + Abandonable> LockGuard<'a, T> for RecycledGuard<'a, T> {}
 
 impl<T: Send + fmt::Debug + Abandonable> ArcSyncPolicy<T> for Recycled<T> {
     type LockGuard<'a>
-        = Guard<'a, T>
+        = RecycledGuard<'a, T>
     where
         Self: 'a,
         T: 'a;
@@ -109,69 +110,69 @@ impl<T: Send + fmt::Debug + Abandonable> ArcSyncPolicy<T> for Recycled<T> {
         Ok(Self::new(value))
     }
 
-    fn lock(&self) -> Guard<'_, T> {
-        Guard(self)
+    fn lock(&self) -> RecycledGuard<'_, T> {
+        RecycledGuard(self)
     }
 }
 
 impl<T: Abandonable> Abandonable for Recycled<T> {
-    // For the transport's own crash tests: as if the process had died, the value's drop does not run.
+    // Used by the transport's own crash tests, which simulate the death of a process: the value's drop does not run.
     unsafe fn abandon_in_place(mut this: NonNull<Self>) {
         // SAFETY: by the caller's contract `this` is a live holder that nobody uses afterwards.
         let this = unsafe { this.as_mut() };
-        let holders = &this.place().holders;
+        let holders = &this.counted().holders;
         if holders.get() == 1 {
-            // SAFETY: the last holder; the value is abandoned once and its memory stays where it is.
-            unsafe { T::abandon_in_place(NonNull::from(&mut this.place.as_mut().value)) };
+            // SAFETY: this is the last holder; the value is abandoned once, and its memory stays allocated.
+            unsafe { T::abandon_in_place(NonNull::from(&mut this.counted.as_mut().value)) };
         } else {
             holders.set(holders.get().saturating_sub(1));
         }
     }
 }
 
-/// The blocks that the thread has freed; all of [`BLOCK`]'s layout.
-struct Free(Vec<NonNull<u8>>);
+/// The free blocks of a thread, all with [`BLOCK`]'s layout.
+struct FreeBlocks(Vec<NonNull<u8>>);
 
-impl Drop for Free {
+impl Drop for FreeBlocks {
     fn drop(&mut self) {
         for block in self.0.drain(..) {
-            // SAFETY: allocated by `take` with this layout, and in the list, so not in use.
+            // SAFETY: `allocate` allocated it with this layout, and a block in the list is not in use.
             unsafe { dealloc(block.as_ptr(), BLOCK) };
         }
     }
 }
 
 thread_local! {
-    static FREE: RefCell<Free> = RefCell::new(Free(Vec::with_capacity(KEPT)));
+    static FREE: RefCell<FreeBlocks> = RefCell::new(FreeBlocks(Vec::with_capacity(MAX_FREE)));
 }
 
-/// The layout that is really asked for.
+/// The layout to allocate: [`BLOCK`] where `layout` fits into it.
 const fn rounded(layout: Layout) -> Layout {
     if layout.size() <= BLOCK.size() && layout.align() <= BLOCK.align() { BLOCK } else { layout }
 }
 
-fn take(layout: Layout) -> NonNull<u8> {
+fn allocate(layout: Layout) -> NonNull<u8> {
     let layout = rounded(layout);
-    // While a thread ends there is no list any more.
-    let kept = if layout == BLOCK { FREE.try_with(|free| free.borrow_mut().0.pop()).ok().flatten() } else { None };
-    kept.unwrap_or_else(|| {
-        // SAFETY: no layout here is empty: each holds at least a count.
+    // The list may have been destroyed already while the thread ends.
+    let free = if layout == BLOCK { FREE.try_with(|free| free.borrow_mut().0.pop()).ok().flatten() } else { None };
+    free.unwrap_or_else(|| {
+        // SAFETY: the layout is not empty: it has room for a count at least.
         NonNull::new(unsafe { alloc(layout) }).unwrap_or_else(|| handle_alloc_error(layout))
     })
 }
 
-fn give(block: NonNull<u8>, layout: Layout) {
+fn release(block: NonNull<u8>, layout: Layout) {
     let layout = rounded(layout);
-    let keep = |free: &RefCell<Free>| {
+    let keep = |free: &RefCell<FreeBlocks>| {
         let free = &mut free.borrow_mut().0;
-        let room = free.len() < KEPT;
+        let room = free.len() < MAX_FREE;
         if room {
             free.push(block);
         }
         room
     };
     if layout != BLOCK || !FREE.try_with(keep).unwrap_or(false) {
-        // SAFETY: allocated by `take` with the same layout, and its last user is done.
+        // SAFETY: `allocate` allocated it with the same layout, and nothing uses it any more.
         unsafe { dealloc(block.as_ptr(), layout) };
     }
 }
@@ -181,11 +182,11 @@ mod tests {
     use super::*;
     use std::rc::Rc;
 
-    /// Tells when it is dropped.
+    /// Counts its drops.
     #[derive(Debug)]
-    struct Told(Rc<Cell<u32>>, [u64; 2]);
+    struct DropCounter(Rc<Cell<u32>>, [u64; 2]);
 
-    impl Drop for Told {
+    impl Drop for DropCounter {
         fn drop(&mut self) {
             self.0.set(self.0.get() + 1);
         }
@@ -194,7 +195,7 @@ mod tests {
     #[test]
     fn dropped_once_by_the_last_holder() {
         let drops = Rc::new(Cell::new(0));
-        let first = Recycled::new(Told(Rc::clone(&drops), [1, 2]));
+        let first = Recycled::new(DropCounter(Rc::clone(&drops), [1, 2]));
         let second = first.clone();
         drop(first);
         assert_eq!((drops.get(), second.1), (0, [1, 2]));
@@ -205,22 +206,23 @@ mod tests {
     #[test]
     fn memory_is_used_again_but_never_twice_at_once() {
         let first = Recycled::new([7_u64; 4]);
-        let address = first.place.as_ptr().cast::<u8>();
+        let address = first.counted.as_ptr().cast::<u8>();
         drop(first);
         let (again, other) = (Recycled::new([8_u64; 2]), Recycled::new([9_u64; 2]));
-        assert_eq!(again.place.as_ptr().cast::<u8>(), address);
-        assert_ne!(other.place.as_ptr().cast::<u8>(), address);
+        assert_eq!(again.counted.as_ptr().cast::<u8>(), address);
+        assert_ne!(other.counted.as_ptr().cast::<u8>(), address);
         assert_eq!((*again, *other), ([8; 2], [9; 2]));
     }
 
     #[test]
     fn large_and_many_values_work_too() {
         let drops = Rc::new(Cell::new(0));
-        let many: Vec<_> = (0..3 * KEPT as u64).map(|k| Recycled::new(Told(Rc::clone(&drops), [k, !k]))).collect();
+        let many: Vec<_> =
+            (0..3 * MAX_FREE as u64).map(|k| Recycled::new(DropCounter(Rc::clone(&drops), [k, !k]))).collect();
         assert!(many.iter().zip(0..).all(|(held, k)| held.1 == [k, !k]));
         drop(many);
-        assert_eq!(drops.get(), 3 * KEPT as u32);
-        assert!(FREE.with(|free| free.borrow().0.len()) <= KEPT);
+        assert_eq!(drops.get(), 3 * MAX_FREE as u32);
+        assert!(FREE.with(|free| free.borrow().0.len()) <= MAX_FREE);
         let large = Recycled::new([5_u8; 4096]);
         assert!(large.clone().iter().all(|byte| *byte == 5));
     }
@@ -230,7 +232,7 @@ mod tests {
         thread_local! {
             static LATE: RefCell<Option<Recycled<u64>>> = const { RefCell::new(None) };
         }
-        // Whichever of the two is destroyed first, nothing is freed twice or used after.
+        // Either thread-local may be destroyed first; nothing is freed twice or used after it was freed.
         for order in [true, false] {
             std::thread::spawn(move || {
                 if order {

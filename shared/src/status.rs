@@ -1,4 +1,4 @@
-//! What the service tells about itself: the document that it publishes as JSON on the stream `isotherm/status`.
+//! The status document, which the service publishes as JSON on the stream `isotherm/status`.
 
 use crate::stream::Domain;
 use crate::table::CoefficientTable;
@@ -6,12 +6,12 @@ use crate::wire::AXES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The running service.
+/// Status of the running service.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct ServiceStatus {
-    /// What another process needs to join.
+    /// The domain, with all that another process needs to join it.
     pub domain: DomainStatus,
-    /// Process of the service.
+    /// Process id of the service.
     pub pid: u32,
     /// Version of the service.
     pub version: String,
@@ -27,38 +27,39 @@ pub struct ServiceStatus {
     pub budget_us: f64,
     /// The worker threads.
     pub workers: Vec<WorkerStatus>,
-    /// Memory that is kept resident \[kB\].
+    /// Memory of the process that is locked, and so kept resident \[kB\].
     pub memory_locked_kb: u64,
-    /// Every IMU served.
+    /// The IMUs that are served.
     pub imus: Vec<ImuStatus>,
 }
 
-/// One worker thread, as the operating system sees it.
+/// One worker thread; the figures are the operating system's.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct WorkerStatus {
-    /// Its thread's id.
+    /// Thread id.
     pub thread: i32,
     /// The IMUs that it serves.
     pub imus: Vec<String>,
-    /// The cores that it may use, as in `0-1`.
+    /// The cores that it may use, for example `0-1`.
     pub cores: String,
     /// `SCHED_FIFO` priority; null without one.
     pub priority: Option<u32>,
-    /// How much later than asked a sleep may end \[ns\]; null where the kernel does not tell.
+    /// Timer slack: how much later than requested a sleep may end \[ns\]; null if the kernel does not report it.
     pub timer_slack_ns: Option<u64>,
-    /// Processor time in the last second, of one core \[%\].
+    /// Processor time in the last second, in percent of one core \[%\].
     pub cpu_percent: f64,
-    /// Processor time since it began \[s\].
+    /// Processor time since the thread's start \[s\].
     pub cpu_s: f64,
-    /// Time since it began in which it could have run and did not \[s\].
+    /// Time since the thread's start in which it was ready to run but did not run \[s\].
     pub held_back_s: f64,
-    /// Time in the last second in which it could have run and did not, since others did or the kernel held it back \[ms\].
+    /// Time in the last second in which it was ready to run but did not run, because other threads ran or the kernel
+    /// throttled it \[ms\].
     pub held_back_ms: f64,
-    /// Whether its loop has not turned for a second: its IMUs are not served.
+    /// Whether its loop has made no turn for a second, so that its IMUs are not served.
     pub stands_still: bool,
 }
 
-/// A domain, as iceoryx2's configuration wants it.
+/// A domain, in the terms of iceoryx2's configuration.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct DomainStatus {
     /// Name, as for `--domain`.
@@ -69,52 +70,52 @@ pub struct DomainStatus {
     pub root_path: String,
 }
 
-/// One IMU.
+/// Status of one IMU.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct ImuStatus {
     /// Name.
     pub id: String,
     /// Digest of the table in force; null without one.
     pub table: Option<String>,
-    /// The watched file.
+    /// The watched table file.
     pub table_file: String,
-    /// When the table in force was taken over, Unix time \[s\]; null without one.
+    /// When the service began to use the table in force, Unix time \[s\]; null without one.
     pub table_taken_unix_s: Option<f64>,
-    /// When its file was changed, Unix time \[s\].
+    /// When the table's file was last changed, Unix time \[s\].
     pub table_modified_unix_s: Option<f64>,
-    /// What its polynomials were calibrated over; null without a table.
+    /// The telemetry that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
-    /// Head telemetry of the last sample, A1 to A3, in the table's unit; null where it is not finite or none has come.
+    /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first sample.
     pub head_temperature: [Option<f64>; AXES],
-    /// Board telemetry of the last sample, as the heads'.
+    /// Board telemetry of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
     /// Raw samples received.
     pub received: u64,
     /// Increments published.
     pub compensated: u64,
-    /// Samples before which others of their session were missing.
+    /// Samples with missing samples of the same session directly before them.
     pub gaps: u64,
-    /// Samples missing in all.
+    /// Missing samples in total.
     pub missing: u64,
-    /// Samples that came again.
+    /// Samples received again.
     pub repeats: u64,
-    /// Acquisition sessions seen.
+    /// Acquisition sessions that have sent samples.
     pub sessions: u64,
     /// Failures of the transport.
     pub transport_errors: u64,
-    /// Increments that carried each flag.
+    /// Increments with each flag, by the flag's name.
     pub flagged: BTreeMap<String, u64>,
-    /// Tables taken over after the first.
+    /// Tables loaded after the first.
     pub reloads: u64,
-    /// Files refused, one that is away included.
+    /// Refused table files; a missing file counts as refused.
     pub refusals: u64,
-    /// Why the file as it is now is not in force; null if it is.
+    /// Why the table file in its present state is not in force; null if it is in force.
     pub last_reload_error: Option<String>,
-    /// Since when it is not, Unix time \[s\].
+    /// Since when the table file has not been in force, Unix time \[s\]; null if it is in force.
     pub refused_unix_s: Option<f64>,
     /// Latency since the start; null before the first sample.
     pub latency_ns: Option<LatencySummary>,
-    /// Latency in the last second; null if nothing came in it.
+    /// Latency in the last second; null without a sample in it.
     pub latency_second_ns: Option<LatencySummary>,
     /// Latency in the last minute.
     pub latency_minute_ns: Option<LatencySummary>,
@@ -122,7 +123,7 @@ pub struct ImuStatus {
     pub latency_distribution: LatencyDistribution,
     /// Whether an acquisition process is connected.
     pub acquisition_connected: bool,
-    /// Processes that read the increments, the acquisition among them.
+    /// Processes that read the increments, the acquisition included.
     pub readers: usize,
 }
 
@@ -131,9 +132,9 @@ pub struct ImuStatus {
 pub struct Ranges {
     /// Unit of the telemetry, a label.
     pub unit: String,
-    /// Ends of the bias's range of head telemetry, A1 to A3.
+    /// Lower and upper end of the bias's range of head telemetry, A1 to A3.
     pub head: [[f64; 2]; AXES],
-    /// Ends of what the ranges of K+ and K- have in common, board telemetry, A1 to A3.
+    /// Lower and upper end of the board telemetry that is in the ranges of both K+ and K-, A1 to A3.
     pub board: [[f64; 2]; AXES],
 }
 
@@ -157,7 +158,7 @@ impl From<&Domain> for DomainStatus {
     }
 }
 
-/// Percentiles in nanoseconds.
+/// Percentiles of the latency \[ns\].
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Deserialize, Serialize)]
 pub struct LatencySummary {
     /// Number of values.
@@ -172,7 +173,7 @@ pub struct LatencySummary {
     pub max: u64,
 }
 
-/// Upper ends of the buckets of a [`LatencyDistribution`] \[ns\]; one more bucket holds what is above.
+/// Upper bounds of the buckets of a [`LatencyDistribution`] \[ns\]; one more bucket has the values above the last bound.
 pub const LATENCY_BOUNDS_NS: [u64; 21] = {
     let mut bounds = [0; 21];
     let mut index = 0;
@@ -192,10 +193,10 @@ const _: () = {
     }
 };
 
-/// A histogram in few buckets.
+/// Histogram of the latency.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct LatencyDistribution {
-    /// Values up to each of [`LATENCY_BOUNDS_NS`] and over the one before, then those over the last.
+    /// Number of values in each bucket: above the bound before and up to each of [`LATENCY_BOUNDS_NS`]; then above the last.
     pub counts: Vec<u64>,
     /// Sum of the values \[s\], to within 1.6 %.
     pub sum_s: f64,

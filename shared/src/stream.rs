@@ -1,5 +1,5 @@
-//! The streams: their names, who may be on them, how deep their queues are, and the domain that they live in. The one
-//! place that says how a stream is opened or created.
+//! The streams: names, limits of publishers and subscribers, queue depths, and the domain that they belong to. Streams are
+//! opened and created with the settings of this module only.
 //!
 //! | service name | payload | publishers | subscribers |
 //! |---|---|---|---|
@@ -8,7 +8,7 @@
 //! | `isotherm/<imu>/wake` | event | senders of raw samples | the service |
 //! | `isotherm/status` | UTF-8 JSON, `[u8]`, history 1 | 1, the service | anybody |
 //!
-//! Only the service creates them, so that depths and limits are its own; everybody else opens them.
+//! Only the service creates them, so that it decides depths and limits; all other processes open them.
 
 use crate::recycled::Recycled;
 use crate::wire::{CompensatedIncrement, RawSample};
@@ -21,18 +21,18 @@ use iceoryx2::service::internal::ServiceInternal;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use sha2::{Digest as _, Sha256};
 
-/// Raw samples that the service's queue holds at most. A full queue discards the newest; an acquisition keeps at most this many
-/// unanswered, so that it cannot overflow.
+/// Raw samples that the service's queue holds at most. A full queue discards the newest. An acquisition has at most this many
+/// samples unanswered, so the queue cannot overflow.
 pub const RAW_DEPTH: usize = 64;
-/// Raw samples that a recorder's queue holds: it may sleep for as long as they take, 51 ms at 10 kHz.
+/// Raw samples that a recorder's queue holds. A recorder may sleep until it is full: 51 ms at 10 kHz.
 pub const RECORDER_DEPTH: usize = 512;
 /// Subscribers of a raw stream: the service and recorders.
 pub const RAW_SUBSCRIBERS: usize = 8;
-/// Increments that a reader's queue holds; the oldest are overwritten.
+/// Increments that a reader's queue holds; a full queue overwrites the oldest.
 pub const INCREMENT_DEPTH: usize = 512;
 /// Subscribers of an increment stream.
 pub const INCREMENT_SUBSCRIBERS: usize = 16;
-/// Samples that a subscriber may hold on to at once.
+/// Samples that a subscriber may hold at once.
 pub const BORROWED: usize = 2;
 /// Processes that may have one stream open at once.
 pub const NODES: usize = 64;
@@ -44,15 +44,16 @@ pub const STATUS_SUBSCRIBERS: usize = 16;
 /// Name of the status stream.
 pub const STATUS: &str = "isotherm/status";
 
-/// How long an object of the transport may take to be created before it counts as left behind by a dead process.
+/// Time limit for creating an object of the transport; one that takes longer counts as left behind by a dead process.
 pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Length limit of IMU and domain names.
 pub const MAX_NAME: usize = 32;
 
-/// iceoryx2's inter-process variant, but for the bookkeeping of loans, which is [`Recycled`] instead of allocated for each.
+/// iceoryx2's inter-process variant with one difference: the bookkeeping of a loan uses [`Recycled`] memory instead of a new
+/// allocation for each loan.
 ///
-/// Everything that other processes see is that of [`ipc::Service`], and the two meet on the same streams.
+/// Other processes see no difference to [`ipc::Service`]; both variants can use the same streams.
 #[derive(Clone, Debug)]
 pub struct Ipc;
 
@@ -80,7 +81,7 @@ impl Service for Ipc {
 
 impl ServiceInternal<Self> for Ipc {}
 
-/// A process's place in a domain.
+/// The node that makes a process a member of a domain.
 pub type IpcNode = Node<Ipc>;
 type PublishSubscribe<T> = publish_subscribe::Builder<T, (), Ipc>;
 
@@ -112,8 +113,8 @@ pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedInc
         .enable_safe_overflow(true)
 }
 
-/// The increment stream of a domain that increments are handed on into. A tunnel to another machine takes a place as publisher, as subscriber and as
-/// node on each stream that it carries, whichever way samples go, so that there are two publishers: the relay and the tunnel.
+/// The increment stream in a domain that a relay copies increments into. It has two publishers, the relay and the tunnel to
+/// another machine: a tunnel registers as publisher, subscriber and node on each stream that it carries, whatever the direction.
 #[must_use]
 pub fn relayed(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
     increment(node, imu).max_publishers(2)
@@ -162,15 +163,15 @@ impl StreamKind {
     }
 }
 
-/// What the name of an IMU or a domain must be, for messages.
+/// Rule for the names of IMUs and domains, as text for messages.
 pub const NAME_RULE: &str = "1 to 32 of a-z 0-9 - _";
 
-/// The name of an IMU: [`NAME_RULE`].
+/// The name of an IMU; follows [`NAME_RULE`].
 #[derive(Clone, Debug, Eq, Hash, Ord, PartialEq, PartialOrd)]
 pub struct ImuId(String);
 
 impl ImuId {
-    /// `None` unless `name` keeps to [`NAME_RULE`].
+    /// `None` unless `name` follows [`NAME_RULE`].
     #[must_use]
     pub fn new(name: &str) -> Option<Self> {
         is_name(name).then(|| Self(name.to_owned()))
@@ -225,7 +226,7 @@ fn service_name(name: &str) -> ServiceName {
     ServiceName::new(name).expect("a short name")
 }
 
-/// A name that does not keep to [`NAME_RULE`].
+/// A name that does not follow [`NAME_RULE`].
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("{0:?} is no valid name; give {NAME_RULE}")]
 pub struct InvalidName(pub String);
@@ -235,24 +236,24 @@ fn is_name(name: &str) -> bool {
     (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(valid)
 }
 
-/// A world of its own for a service and its clients: they meet only within one domain.
+/// Separates one service and its clients from others: processes communicate only within one domain.
 ///
-/// A domain is a prefix of all shared memory objects plus a folder for what the transport keeps in files. A peer that
-/// does not use this crate sets both in its iceoryx2 configuration; `isotherm status --json` tells them.
+/// A domain is a name prefix for all shared memory objects, and a folder for the transport's files. A peer that does not use
+/// this crate sets both in its iceoryx2 configuration; `isotherm status --json` prints them.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Domain {
     name: String,
     root: String,
 }
 
-/// Longest root folder: the paths of sockets in it are bounded by the operating system.
+/// Longest path of the root folder \[bytes\]: the operating system limits the paths of the sockets in it.
 pub const MAX_ROOT: usize = 52;
 
 impl Domain {
-    /// The domain's name unless another is asked for.
+    /// Name of the domain if none is given.
     pub const DEFAULT: &'static str = "default";
 
-    /// `name` as for an IMU, `root` the folder for its files alone.
+    /// `name` follows [`NAME_RULE`]; `root` is the folder for the files of this domain only.
     ///
     /// # Errors
     /// [`DomainError`] for an invalid name, or a folder that is not absolute or longer than [`MAX_ROOT`].
@@ -272,8 +273,8 @@ impl Domain {
         &self.name
     }
 
-    /// Prefix of everything of this domain in shared memory: `isotherm_` and 8 hexadecimal digits, the beginning of the
-    /// SHA-256 of the folder's path. Short whatever the name, no beginning of another domain's, and another one for the
+    /// Prefix of all shared memory objects of this domain: `isotherm_`, the first 8 hexadecimal digits of the SHA-256 of the
+    /// folder's path, and `_`. So it is short for every name, is not a prefix of another domain's prefix, and differs for the
     /// same name under another folder.
     #[must_use]
     pub fn prefix(&self) -> String {
@@ -282,13 +283,13 @@ impl Domain {
         format!("isotherm_{digits}_")
     }
 
-    /// Folder of everything of this domain in the file system.
+    /// Folder of all files of this domain.
     #[must_use]
     pub fn root_path(&self) -> &str {
         &self.root
     }
 
-    /// The transport's configuration: explicit, so that no configuration file of iceoryx2 has a say.
+    /// The transport's configuration. It is explicit, so that no configuration file of iceoryx2 has an effect.
     ///
     /// # Errors
     /// Never for a valid domain.
@@ -305,7 +306,7 @@ impl Domain {
 /// Why a domain cannot be used.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum DomainError {
-    /// The name does not keep to [`NAME_RULE`].
+    /// The name does not follow [`NAME_RULE`].
     #[error("domain: {0}")]
     Name(InvalidName),
     /// The folder cannot be used.

@@ -1,5 +1,5 @@
-//! The coefficient table of one IMU. Only valid tables can exist: the one way to get one is [`CoefficientTable::new`],
-//! directly or through a file's text.
+//! The coefficient table of one IMU. Only valid tables can exist: every one is made by [`CoefficientTable::new`], directly
+//! or from a file's text.
 
 mod toml;
 
@@ -17,32 +17,32 @@ use sha2::{Digest as _, Sha256};
 /// Names of the accelerometers, in order.
 pub const AXIS_NAMES: [&str; AXES] = ["A1", "A2", "A3"];
 
-/// Values of 1 g0 that are accepted \[m/s2\].
+/// Accepted range of the value of 1 g0 \[m/s2\].
 pub const GRAVITY_RANGE: [f64; 2] = [9.7, 9.9];
 
-/// Smallest size of a scale factor anywhere in its range \[pulse/(s*g0)\].
+/// Smallest absolute value of a scale factor within its range \[pulse/(s*g0)\].
 pub const MIN_SCALE_FACTOR: f64 = 1.0;
 
-/// Largest size of a bias anywhere in its range \[g0\].
+/// Largest absolute value of a bias within its range \[g0\].
 pub const MAX_BIAS_G0: f64 = 1.0;
 
-/// What happens with telemetry outside a polynomial's range. It is flagged under every policy.
+/// Policy for telemetry outside a polynomial's range. Every policy flags the sample.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum OutOfRange {
-    /// The range's nearest end is used.
+    /// The polynomial is evaluated at the nearest end of the range.
     Clamp,
-    /// The polynomial is evaluated where the telemetry is.
+    /// The polynomial is evaluated at the telemetry.
     Extrapolate,
-    /// The axis becomes NaN.
+    /// The increment of the axis is NaN.
     Reject,
 }
 
 impl OutOfRange {
-    /// Every policy with the name that tables use.
+    /// Every policy with its name in table files.
     pub const NAMES: [(Self, &'static str); 3] =
         [(Self::Clamp, "clamp"), (Self::Extrapolate, "extrapolate"), (Self::Reject, "reject")];
 
-    /// The name that tables use.
+    /// The name in table files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -64,7 +64,7 @@ pub struct Axis {
     pub positive_scale_factor: Polynomial,
     /// K- against board telemetry \[pulse/(s*g0)\]; at most -1 over its range.
     pub negative_scale_factor: Polynomial,
-    /// Plausibility limit on the pulses of both channels together \[pulse/s\]; more are flagged.
+    /// Plausibility limit of the pulse rate of both channels together \[pulse/s\]; a higher rate is flagged.
     pub max_rate: Option<f64>,
 }
 
@@ -91,10 +91,10 @@ impl Axis {
     }
 }
 
-/// Everything that a table says, before it has been checked.
+/// The content of a table, not checked yet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Content {
-    /// Whose coefficients these are.
+    /// The IMU that the coefficients belong to.
     pub imu: ImuId,
     /// Serial number, free text.
     pub serial: Option<String>,
@@ -121,12 +121,12 @@ pub struct CoefficientTable {
     id: u64,
 }
 
-/// Something in a [`Content`] that cannot be.
+/// An invalid part of a [`Content`].
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Refusal {
-    /// The key as in a table file, with `axis.A1.`.. for an axis.
+    /// The key as in a table file; for an axis it begins with `axis.A1.`, `axis.A2.` or `axis.A3.`.
     pub key: String,
-    /// What is wrong and what would be right.
+    /// What is wrong, and what to write instead.
     pub message: String,
 }
 
@@ -137,10 +137,10 @@ impl fmt::Display for Refusal {
 }
 
 impl CoefficientTable {
-    /// Checks `content` and seals it.
+    /// Checks `content` and computes its digest.
     ///
     /// # Errors
-    /// Every reason why it cannot be a table.
+    /// All invalid parts of `content`.
     pub fn new(content: Content) -> Result<Self, Vec<Refusal>> {
         let refusals = content.refusals();
         if refusals.is_empty() {
@@ -151,27 +151,27 @@ impl CoefficientTable {
         }
     }
 
-    /// What the table says.
+    /// The content of the table.
     #[must_use]
     #[inline]
     pub const fn content(&self) -> &Content {
         &self.content
     }
 
-    /// All polynomials, for evaluating them at once.
+    /// All polynomials, for evaluating them in one pass.
     #[must_use]
     #[inline]
     pub const fn lanes(&self) -> &Lanes {
         &self.lanes
     }
 
-    /// SHA-256 over what matters to the numbers and to whom they belong; see [`Content::canonical`].
+    /// SHA-256 over everything that affects the numbers or names their IMU; see [`Content::canonical`].
     #[must_use]
     pub const fn digest(&self) -> &Digest {
         &self.digest
     }
 
-    /// The first 8 bytes of the digest, big-endian: what an increment carries.
+    /// The first 8 bytes of the digest, big-endian; every increment carries this number.
     #[must_use]
     #[inline]
     pub const fn id(&self) -> u64 {
@@ -180,7 +180,7 @@ impl CoefficientTable {
 }
 
 impl Content {
-    /// All polynomials side by side.
+    /// All polynomials, for evaluating them in one pass.
     fn lanes(&self) -> Lanes {
         let polynomials =
             self.axes.each_ref().map(|axis| [&axis.bias, &axis.positive_scale_factor, &axis.negative_scale_factor]);
@@ -210,11 +210,11 @@ impl Content {
         refusals
     }
 
-    /// The bytes that the digest is taken over.
+    /// The text whose bytes the digest is computed over.
     ///
-    /// UTF-8 text, lines that end with one LF, each `KEY VALUE`. A number is the 16 lower-case hexadecimal digits of its
-    /// IEEE 754 double, most significant first, with -0 as 0; a text is its UTF-8 bytes in lower-case hexadecimal. In
-    /// this order:
+    /// It is UTF-8; each line is `KEY VALUE` and ends with one LF. A NUMBER is the 16 lower-case hexadecimal digits of its
+    /// IEEE 754 double, most significant first, with -0 as 0. A TEXT is its UTF-8 bytes in lower-case hexadecimal. The
+    /// lines, in this order:
     ///
     /// ```text
     /// isotherm-table 1
@@ -276,7 +276,7 @@ impl Content {
 }
 
 impl Axis {
-    /// The three polynomials with the names and units that tables use.
+    /// The three polynomials with their names and units in table files.
     fn polynomials(&self) -> [(&'static str, &Polynomial, &'static str); 3] {
         [
             ("bias", &self.bias, self.bias_unit.name()),
@@ -286,7 +286,7 @@ impl Axis {
     }
 }
 
-// What each part of a table must satisfy; `Some` says what is wrong and what would be right.
+// Checks of the parts of a table. `Some` says what is wrong, and what to write instead.
 
 fn gravity_fault(gravity: f64) -> Option<String> {
     let [low, high] = GRAVITY_RANGE;
@@ -319,7 +319,7 @@ fn negative_scale_factor_fault(polynomial: &Polynomial) -> Option<String> {
 
 fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {
     let sizes = matrix.singular_values();
-    // Written so that NaN, from entries that overflow, counts as singular.
+    // Entries that overflow give NaN; both comparisons are false then, so the matrix counts as singular.
     let invertible = sizes.max().is_finite() && sizes.min() > 1e-9 * sizes.max();
     (!invertible).then(|| "is singular; give an invertible 3x3 matrix, close to a rotation".to_owned())
 }

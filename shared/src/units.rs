@@ -1,4 +1,4 @@
-//! Quantities that are all `f64` and that a swap would silently mix up.
+//! Types for quantities that are all `f64`, so that the compiler finds a swap.
 
 /// Bias of an accelerometer \[g0\].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +15,7 @@ pub struct NegativeScaleFactor(pub f64);
 /// The unit in which a table gives the bias coefficients.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum BiasUnit {
-    /// Standard gravity as the table defines it.
+    /// The table's value of 1 g0.
     G0,
     /// 1e-3 g0.
     MilliG0,
@@ -24,7 +24,7 @@ pub enum BiasUnit {
 }
 
 impl BiasUnit {
-    /// Every unit with the name that tables use.
+    /// Every unit with its name in table files.
     pub const NAMES: [(Self, &'static str); 3] = [(Self::G0, "g0"), (Self::MilliG0, "mg0"), (Self::MicroG0, "ug0")];
 
     /// The factor from this unit to g0.
@@ -37,7 +37,7 @@ impl BiasUnit {
         }
     }
 
-    /// The name that tables use: `g0`, `mg0` or `ug0`.
+    /// The name in table files: `g0`, `mg0` or `ug0`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -48,5 +48,5 @@ impl BiasUnit {
     }
 }
 
-/// The only unit of a scale factor.
+/// The unit of every scale factor.
 pub const SCALE_FACTOR_UNIT: &str = "pulse/(s*g0)";

@@ -1,8 +1,8 @@
 //! The two payloads that travel through shared memory, and the flags of an increment.
 //!
 //! Both are plain C structures of integers and doubles, native-endian, without padding, so that a process in any
-//! language that speaks iceoryx2 can join. **Every bit pattern is a valid value**, and a raw sample's is treated as
-//! hostile input: nothing here may panic or be trusted because of its type.
+//! language that has iceoryx2 can join. **Every bit pattern is a valid value.** A raw sample is treated as hostile input:
+//! no value of it may cause a panic, and none is trusted because of its type.
 
 use core::mem::{align_of, offset_of, size_of};
 use iceoryx2::prelude::ZeroCopySend;
@@ -10,7 +10,7 @@ use iceoryx2::prelude::ZeroCopySend;
 /// Number of accelerometers of an IMU: A1, A2, A3, in this order wherever an array has three elements.
 pub const AXES: usize = 3;
 
-/// Longest control period that can be compensated: one hour. Longer ones, and 0, are flagged [`Flags::INTERVAL`].
+/// Longest control period that can be compensated: one hour. A longer one, or 0, is flagged [`Flags::INTERVAL`].
 pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
 
 /// One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
@@ -18,9 +18,9 @@ pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
 #[repr(C)]
 #[type_name("isotherm.RawSample.v1")]
 pub struct RawSample {
-    /// Chosen at random by the acquisition each time it starts; a resend keeps it.
+    /// Random number that the acquisition chooses each time it starts; a resent sample keeps it.
     pub session: u64,
-    /// Rises by one with each sample of a session, from any start.
+    /// Rises by one with each sample of a session; the first may be any number.
     pub sequence: u64,
     /// End of the control period on the acquisition's clock \[ns\].
     pub timestamp_ns: u64,
@@ -59,12 +59,12 @@ pub struct CompensatedIncrement {
     pub table: u64,
     /// See [`Flags`].
     pub flags: u32,
-    /// From the raw sample's `sent_ns` (from the service seeing it, where that is unknown) to just before publishing
-    /// \[ns\], saturating.
+    /// Time from the raw sample's `sent_ns` to just before publishing \[ns\], saturating. If `sent_ns` is unknown, the time
+    /// counts from when the service found the sample.
     pub latency_ns: u32,
 }
 
-// The contract with every peer that does not use this crate.
+// Peers that do not use this crate depend on this layout.
 const _: () = {
     assert!(size_of::<RawSample>() == 120 && align_of::<RawSample>() == 8);
     assert!(offset_of!(RawSample, session) == 0);
@@ -103,8 +103,8 @@ impl RawSample {
     /// Adds the next control period to this one: pulses and intervals are summed, timestamp and telemetry become the
     /// later ones, session, sequence and `sent_ns` stay.
     ///
-    /// The velocity increment is linear in pulses and interval, so no velocity is lost as long as the temperature has
-    /// not moved between the two. Use it for a sample that the service had no room for.
+    /// The velocity increment is linear in pulses and interval, so no velocity is lost if the temperature is the same in
+    /// both periods. Use it when the service had no room for a sample.
     ///
     /// # Errors
     /// [`MergeError`] when a sum would overflow; `self` is then unchanged.
@@ -134,9 +134,9 @@ impl RawSample {
     }
 }
 
-/// What was unusual about a sample or its delivery: the bits of [`CompensatedIncrement::flags`].
+/// Flags of a sample and of its delivery: the bits of [`CompensatedIncrement::flags`].
 ///
-/// Bits 0 to 20 are **sample flags**, a pure function of raw sample and table; bits 24 and up are **delivery flags**,
+/// Bits 0 to 20 are **sample flags**, a pure function of raw sample and table. Bits from 24 up are **delivery flags**,
 /// which the service adds.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 #[repr(transparent)]
@@ -159,7 +159,7 @@ impl Flags {
     /// All delivery flags.
     pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0);
 
-    /// Every flag that exists with its name, lowest bit first.
+    /// Bit and name of every flag, lowest bit first.
     pub const NAMES: [(u32, &'static str); 23] = [
         (0, "a1-head-below"),
         (1, "a2-head-below"),

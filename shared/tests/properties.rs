@@ -1,4 +1,4 @@
-//! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, policies.
+//! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, and policies.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_shared::compensate::{answer, compensate, uncompensated};
@@ -12,12 +12,12 @@ use num_rational::BigRational;
 use num_traits::{Signed as _, ToPrimitive as _, Zero as _};
 use proptest::prelude::*;
 
-/// A polynomial near `size` over its range: order 0 to 7, centred, scaled, or of the telemetry as it is.
+/// A polynomial near `size` over its range: order 0 to 7, and with centre and scale, with scale only, or with neither.
 fn polynomial(size: f64) -> impl Strategy<Value = Polynomial> {
     let part = size.abs() * 0.02;
     let higher = prop::collection::vec(-part..part, 0..=7);
     (higher, 0..3, 0.5..1.5f64, 3.0..4.5f64, 0.6..0.9f64).prop_map(move |(higher, kind, low, high, scale)| {
-        // |x| stays at or below 1 or so, or the coefficients fall, so that the first keeps its sign.
+        // Either |x| is about 1 at most, or the coefficients decrease with the power: the value keeps the sign of `size`.
         let (center, scale, fall) = match kind {
             0 => (2.5, 2.5 / scale, 1.0),
             1 => (0.0, 5.0, 1.0),
@@ -65,7 +65,7 @@ prop_compose! {
 }
 
 prop_compose! {
-    /// Every other one inside the ranges of all polynomials, as nearly every real one is.
+    /// Half of the samples are inside the ranges of all polynomials, as nearly all real samples are.
     fn sample()(telemetry in prop::sample::select(vec![0.0..5.0f64, 1.5..3.0]))(
         interval_ns in 1..=MAX_INTERVAL_NS,
         positive_pulses in prop::array::uniform3(any::<u32>()),
@@ -85,7 +85,7 @@ fn whole(value: u32) -> BigRational {
     BigRational::from_integer(value.into())
 }
 
-/// The polynomial and the sum of its terms' sizes, without any rounding.
+/// The polynomial and the sum of the absolute values of its terms, without any rounding.
 fn exact_polynomial(polynomial: &Polynomial, telemetry: f64) -> (BigRational, BigRational) {
     let x = (exact(telemetry) - exact(polynomial.center())) / exact(polynomial.scale());
     let (mut sum, mut size, mut power) = (BigRational::zero(), BigRational::zero(), whole(1));
@@ -98,8 +98,8 @@ fn exact_polynomial(polynomial: &Polynomial, telemetry: f64) -> (BigRational, Bi
     (sum, size)
 }
 
-/// Equation (17) for one axis in rational arithmetic, and a bound on what rounding may have done to it: a few units in
-/// the last place of every term, the terms of the polynomials included (Horner's rule errs by at most 2n of them).
+/// Equation (17) for one axis in rational arithmetic, and a bound on the kernel's rounding error: a few units in the last
+/// place of every term, including the terms of the polynomials (at most 2n of them by Horner's rule).
 fn exact_increment(table: &Content, raw: &RawSample, index: usize) -> (f64, f64) {
     let axis = &table.axes[index];
     let used = |polynomial: &Polynomial, telemetry: f64| match table.out_of_range {
@@ -147,7 +147,7 @@ proptest! {
         }
     }
 
-    /// The expression of the specification written out a second time; to the bit.
+    /// The kernel equals the expression of the specification, implemented here a second time, bit for bit.
     #[test]
     fn the_kernel_is_the_one_expression(table in table(), raw in sample()) {
         let content = table.content();
@@ -186,7 +186,7 @@ proptest! {
         }
     }
 
-    /// At the end of a range the clamped value is met without a step, and beyond it nothing moves.
+    /// A clamped bias has no step at the end of its range and is constant beyond it.
     #[test]
     fn clamping_is_continuous(table in table(), raw in sample(), upper in any::<bool>(), beyond in 0.0..10.0f64) {
         let content = Content { out_of_range: OutOfRange::Clamp, alignment: None, ..table.content().clone() };
@@ -201,13 +201,13 @@ proptest! {
             let (there, raw_there) = at(end);
             let (outside, inside) = if upper { (end + beyond, end.next_down()) } else { (end - beyond, end.next_up()) };
             prop_assert_eq!(at(outside).0.to_bits(), there.to_bits());
-            // One step of the telemetry moves the bias by its slope times 1e-15: less than the rounding of the terms.
+            // The smallest step of the telemetry changes the bias by its slope times 1e-15: less than the rounding of the terms.
             let (_, bound) = exact_increment(&content, &raw_there, index);
             prop_assert!((at(inside).0 - there).abs() <= 2.0 * bound);
         }
     }
 
-    /// No bit pattern makes the kernel panic or give anything but a finite number or NaN.
+    /// For every bit pattern the kernel gives a finite number or NaN, and does not panic.
     #[test]
     fn any_bit_pattern_gives_a_finite_number_or_nan(table in table(), words in prop::array::uniform16(any::<u64>())) {
         let raw = RawSample {
@@ -245,7 +245,7 @@ fn the_digest_is_the_documented_one() {
     assert_eq!(lines[1], "imu.id 696d752d62");
     assert_eq!(lines[3], format!("imu.gravity {:016x}", 9.80665_f64.to_bits()));
     assert_eq!(lines.len(), 7 + 3 * 16 + 1);
-    // Recomputed from the description in docs/table.md by docs/digest.py.
+    // Computed independently by docs/digest.py from the description in docs/table.md.
     assert_eq!(table.digest().to_string(), "sha256:7bea61de3e0c1e9eea47b5e77e0715ba18c15b89b17d2514ff07e2637d419b61");
     assert_eq!(format!("{:016x}", table.id()), "7bea61de3e0c1e9e");
 }

@@ -1,5 +1,5 @@
 /*
- * Everything that a caller can do wrong, and what it is told: abuse IMU SERVICE_PID. Exits 0 if all answers are as documented.
+ * Calls the C interface in every wrong way and checks the answers: abuse IMU SERVICE_PID. Exits with 0 if all are as documented.
  */
 #define _POSIX_C_SOURCE 200809L
 #include <isotherm.h>
@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #define SECOND 1000000000ull
-#define PATIENCE (20 * SECOND)
+#define TIMEOUT_NS (20 * SECOND)
 
 #define CHECK(condition)                                                                        \
     do {                                                                                        \
@@ -22,7 +22,7 @@
             exit(1);                                                                            \
         }                                                                                       \
     } while (0)
-/* A code, with a message that has the word in it. */
+/* Checks the returned code, and that the error message contains the word. */
 #define GIVES(call, expected, word) CHECK((call) == (expected) && strstr(isotherm_error_message(), (word)) != NULL)
 
 static const char *imu;
@@ -44,10 +44,10 @@ static void null_everywhere(isotherm_acquisition *acquisition)
     CHECK(isotherm_discard(NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_discard(acquisition, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_receive(NULL, &increment) == ISOTHERM_ERROR_NULL && isotherm_receive(acquisition, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
-    CHECK(isotherm_receive_timeout(acquisition, PATIENCE, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_compensate(NULL, &copy, 1, &increment) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_compensate(acquisition, NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
-    /* Without a place for the increment nothing is sent. */
+    /* Without a place for the increment the sample is not sent: it is still on loan. */
     CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
     CHECK(isotherm_compensate(acquisition, sample, 1, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_discard(acquisition, sample) == ISOTHERM_OK);
@@ -67,8 +67,8 @@ static void wrong_names(void)
     isotherm_reader *no_reader;
     const char *names[] = {"", "IMU", "a b", "\xff\xfe", "0123456789abcdefghijklmnopqrstuvwxyz"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-        GIVES(isotherm_acquisition_connect(names[i], NULL, PATIENCE, &none), ISOTHERM_ERROR_NAME, "no valid name");
-        GIVES(isotherm_acquisition_connect(imu, names[i], PATIENCE, &none), ISOTHERM_ERROR_NAME, "domain");
+        GIVES(isotherm_acquisition_connect(names[i], NULL, TIMEOUT_NS, &none), ISOTHERM_ERROR_NAME, "no valid name");
+        GIVES(isotherm_acquisition_connect(imu, names[i], TIMEOUT_NS, &none), ISOTHERM_ERROR_NAME, "domain");
         GIVES(isotherm_reader_new(names[i], NULL, &no_reader), ISOTHERM_ERROR_NAME, "no valid name");
         CHECK(none == NULL && no_reader == NULL);
     }
@@ -78,17 +78,17 @@ static void wrong_names(void)
     GIVES(isotherm_acquisition_connect(imu, NULL, 0, &none), ISOTHERM_ERROR_OCCUPIED, "pid");
 }
 
-/* A sample is its caller's once. */
+/* A loan can be sent or discarded once. */
 static void samples(isotherm_acquisition *acquisition)
 {
     isotherm_raw_sample *sample, *loans[ISOTHERM_LOANS], own = {0};
     isotherm_compensated_increment increment;
     CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
     sample->interval_ns = 2500000;
-    CHECK(isotherm_compensate(acquisition, sample, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     CHECK(increment.interval_ns == 2500000 && increment.session == isotherm_session(acquisition));
     GIVES(isotherm_send(acquisition, sample), ISOTHERM_ERROR_NOT_ON_LOAN, "not on loan");
-    CHECK(isotherm_compensate(acquisition, sample, PATIENCE, &increment) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment) == ISOTHERM_ERROR_NOT_ON_LOAN);
     CHECK(isotherm_discard(acquisition, sample) == ISOTHERM_ERROR_NOT_ON_LOAN);
     CHECK(isotherm_send(acquisition, &own) == ISOTHERM_ERROR_NOT_ON_LOAN);
     CHECK(isotherm_send(acquisition, (isotherm_raw_sample *)1) == ISOTHERM_ERROR_NOT_ON_LOAN);
@@ -97,7 +97,7 @@ static void samples(isotherm_acquisition *acquisition)
         CHECK(isotherm_loan(acquisition, &loans[i]) == ISOTHERM_OK);
     GIVES(isotherm_loan(acquisition, &sample), ISOTHERM_ERROR_LOANS, "4 samples");
     CHECK(isotherm_send(acquisition, loans[2]) == ISOTHERM_OK);
-    /* The others have the same sequence. */
+    /* All four loans have the same sequence. */
     GIVES(isotherm_send(acquisition, loans[0]), ISOTHERM_ERROR_SEQUENCE, "sequence");
     loans[0]->sequence++;
     CHECK(isotherm_send(acquisition, loans[0]) == ISOTHERM_OK);
@@ -105,7 +105,7 @@ static void samples(isotherm_acquisition *acquisition)
     CHECK(isotherm_discard(acquisition, loans[1]) == ISOTHERM_OK && isotherm_discard(acquisition, loans[3]) == ISOTHERM_OK);
     GIVES(isotherm_begin_session(acquisition), ISOTHERM_ERROR_IN_FLIGHT, "2 samples");
     for (int i = 0; i < 2; i++)
-        CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+        CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     uint64_t before = isotherm_session(acquisition);
     CHECK(isotherm_begin_session(acquisition) == ISOTHERM_OK && isotherm_session(acquisition) != before);
     CHECK(isotherm_receive(acquisition, &increment) == ISOTHERM_NONE);
@@ -125,7 +125,7 @@ static void full_queue(isotherm_acquisition *acquisition)
     } while ((code = isotherm_send(acquisition, sample)) == ISOTHERM_OK);
     GIVES(code, ISOTHERM_FULL, "full");
     CHECK(isotherm_in_flight(acquisition) == isotherm_depth(acquisition) && isotherm_depth(acquisition) > 1);
-    /* It is still ours, and as it was; the next one is summed into it. */
+    /* The sample is still on loan and unchanged; the next sample is merged into it. */
     CHECK(sample->sequence == sequence && sample->interval_ns == 1000);
     CHECK(isotherm_loan(acquisition, &later) == ISOTHERM_OK);
     later->interval_ns = 500;
@@ -139,14 +139,14 @@ static void full_queue(isotherm_acquisition *acquisition)
     CHECK(sample->positive_pulses[0] == 10);
     CHECK(isotherm_merge(&largest, &largest) == ISOTHERM_ERROR_MERGE);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_FULL);
-    CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_OK);
     while (isotherm_in_flight(acquisition) > 0)
-        CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+        CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     CHECK(increment.sequence == sequence && increment.interval_ns == 1500 && increment.timestamp_ns == 42);
 }
 
-/* A service that does not answer. */
+/* Round trips time out while the service is stopped. */
 static void time_out(isotherm_acquisition *acquisition, pid_t service)
 {
     isotherm_raw_sample *sample;
@@ -161,7 +161,7 @@ static void time_out(isotherm_acquisition *acquisition, pid_t service)
     CHECK(isotherm_in_flight(acquisition) == 1 && isotherm_receive(acquisition, &increment) == ISOTHERM_NONE);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_ERROR_NOT_ON_LOAN);
     CHECK(kill(service, SIGCONT) == 0);
-    CHECK(isotherm_receive_timeout(acquisition, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
 }
 
 static atomic_bool over;
@@ -183,10 +183,10 @@ static void *round_trip(void *acquisition)
     isotherm_compensated_increment increment;
     if (isotherm_loan(acquisition, &sample) != ISOTHERM_OK)
         return NULL;
-    return isotherm_compensate(acquisition, sample, PATIENCE, &increment) == ISOTHERM_OK ? acquisition : NULL;
+    return isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment) == ISOTHERM_OK ? acquisition : NULL;
 }
 
-/* One thread at a time, whichever it is. */
+/* Any thread may call, but only one at a time. */
 static void threads(isotherm_acquisition *acquisition)
 {
     pthread_t thread;
@@ -209,7 +209,7 @@ static void threads(isotherm_acquisition *acquisition)
     }
 }
 
-/* A child cannot use, nor harm, what its parent has. */
+/* A forked child can neither use nor damage its parent's handles. */
 static void fork_it(isotherm_acquisition *acquisition, isotherm_reader *reader)
 {
     isotherm_compensated_increment increment;
@@ -221,14 +221,14 @@ static void fork_it(isotherm_acquisition *acquisition, isotherm_reader *reader)
         CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_depth(acquisition) == 0);
         CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_ERROR_FORKED && isotherm_reader_close(reader) == ISOTHERM_ERROR_FORKED);
-        CHECK(isotherm_reader_connect(imu, NULL, PATIENCE, &own) == ISOTHERM_OK);
+        CHECK(isotherm_reader_connect(imu, NULL, TIMEOUT_NS, &own) == ISOTHERM_OK);
         isotherm_reader_close(own);
         exit(0);
     }
     int status;
     CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
     CHECK(round_trip(acquisition) == acquisition);
-    CHECK(isotherm_reader_receive_timeout(reader, PATIENCE, &increment) == ISOTHERM_OK);
+    CHECK(isotherm_reader_receive_timeout(reader, TIMEOUT_NS, &increment) == ISOTHERM_OK);
 }
 
 static void values(void)
@@ -255,7 +255,7 @@ int main(int count, char **words)
     isotherm_acquisition *acquisition;
     isotherm_reader *reader;
     CHECK(isotherm_reader_new(imu, NULL, &reader) == ISOTHERM_OK && !isotherm_reader_is_connected(reader));
-    CHECK(isotherm_acquisition_connect(imu, NULL, PATIENCE, &acquisition) == ISOTHERM_OK);
+    CHECK(isotherm_acquisition_connect(imu, NULL, TIMEOUT_NS, &acquisition) == ISOTHERM_OK);
     null_everywhere(acquisition);
     wrong_names();
     samples(acquisition);
@@ -269,7 +269,7 @@ int main(int count, char **words)
         ;
     fork_it(acquisition, reader);
     values();
-    /* A sample on loan goes with its acquisition. */
+    /* Closing the acquisition releases its loans. */
     isotherm_raw_sample *sample;
     CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
     CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_OK && isotherm_reader_close(reader) == ISOTHERM_OK);

@@ -1,21 +1,21 @@
 /*
- * Counts what round trips allocate and free: allocations IMU TRIPS. Prints the count, which should be 0.
+ * Counts how often round trips allocate or free memory: allocations IMU TRIPS. Prints the count, which should be 0.
  *
- * A sample that is not answered for milliseconds, since one of the two was not allowed to run, does not count: the library
- * then looks whether the service is another one, and asking the transport allocates.
+ * Samples that take longer than 4 ms, because the kernel suspended one of the processes, are not counted: the library then
+ * checks whether the service has been replaced, and that query of the transport allocates.
  */
 #include <isotherm.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-#define FLOWING_NS 4000000u
+#define UNINTERRUPTED_NS 4000000u
 
 extern void *__libc_malloc(size_t size);
 extern void *__libc_calloc(size_t count, size_t size);
 extern void *__libc_realloc(void *block, size_t size);
 extern void __libc_free(void *block);
 
-/* This program has one thread. */
+/* Not atomic: this program has one thread. */
 static unsigned long counted;
 
 void *malloc(size_t size) { counted++; return __libc_malloc(size); }
@@ -31,7 +31,7 @@ int main(int count, char **words)
     if (count != 3 || isotherm_acquisition_connect(words[1], NULL, 20000000000ull, &acquisition) != ISOTHERM_OK)
         return 1;
     unsigned long connecting = counted, allocations = 0, trips = strtoul(words[2], NULL, 10);
-    /* Connections are made with the first ones, and queues grow to their size. */
+    /* The first 1000 trips make the connections and let the queues grow to their final size. */
     for (unsigned long trip = 0; trip < 1000 + trips; trip++) {
         unsigned long before = counted;
         uint64_t started = isotherm_monotonic_ns();
@@ -44,11 +44,11 @@ int main(int count, char **words)
             ;
         if (code != ISOTHERM_OK)
             return 1;
-        if (trip >= 1000 && isotherm_monotonic_ns() - started < FLOWING_NS)
+        if (trip >= 1000 && isotherm_monotonic_ns() - started < UNINTERRUPTED_NS)
             allocations += counted - before;
     }
     isotherm_acquisition_close(acquisition);
-    /* That counting works at all. */
+    /* Check of the method: connecting allocates. */
     if (connecting == 0)
         return 1;
     printf("%lu\n", allocations);

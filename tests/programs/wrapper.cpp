@@ -1,4 +1,4 @@
-// What the C++ wrapper promises: wrapper IMU. Exits 0 if it keeps it.
+// Checks that the C++ wrapper behaves as documented: wrapper IMU. Exits with 0 if it does.
 #include <cstdlib>
 #include <iostream>
 #include <isotherm.hpp>
@@ -47,13 +47,13 @@ int main(int, char **words)
     CHECK(thrown([&] { Acquisition("no name"); }) == ISOTHERM_ERROR_NAME);
     auto early = IncrementReader::unconnected(imu);
     CHECK(!early.is_connected());
-    // Left and entered again: the first has been closed.
+    // The first acquisition is closed at the end of its scope, so a second one can connect.
     connected(imu);
     auto acquisition = connected(imu);
     IncrementReader reader(imu, {std::nullopt, 20s});
     CHECK(reader.is_connected() && !reader.receive());
 
-    // Samples that nobody sends go back by themselves.
+    // A sample that is not sent is returned when it goes out of scope.
     for (int i = 0; i < 10; i++)
         CHECK(acquisition.loan()->sequence == 0);
     auto sample = acquisition.loan();
@@ -61,7 +61,7 @@ int main(int, char **words)
     const auto answer = acquisition.compensate(sample, 20s);
     CHECK(answer && !answer.is_full() && !answer.is_late() && !sample && answer->interval_ns == 1000 && &answer.value() == &*answer);
     CHECK(reader.receive(20s)->sequence == answer->sequence && reader.repeats() == 0);
-    // One that has been sent cannot be sent again.
+    // A sample cannot be sent twice.
     CHECK(thrown([&] { (void)acquisition.send(sample); }) == ISOTHERM_ERROR_NULL);
 
     do {

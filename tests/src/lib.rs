@@ -1,5 +1,7 @@
-//! The harness of the end-to-end tests: a world of its own for each test, with real processes in it, a watchdog, and
-//! nothing left behind.
+//! The harness of the end-to-end tests. Each test gets a domain and a folder of its own, starts real processes in them, is
+//! ended by a watchdog if it hangs, and leaves nothing behind.
+//!
+//! Over 400 lines: every test uses both types, and they share the list of processes.
 #![allow(
     clippy::expect_used,
     clippy::missing_panics_doc,
@@ -30,74 +32,76 @@ use tempfile::TempDir;
 pub const TABLE: &str = include_str!("../data/imu-a.toml");
 /// The recording.
 pub const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.csv");
-/// The exact increments of the recording under the table.
+/// The exact increments of the recording, computed with the table.
 pub const RUN_EXPECTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.expected.csv");
 
-/// How long anything that must happen may take. Generous: it bounds a failure, it is no expectation.
-pub const PATIENCE: Duration = Duration::from_secs(20);
-/// No test runs longer.
-const WATCHDOG: Duration = Duration::from_secs(150);
+/// Time limit of every wait. It is generous: it only bounds a failing test.
+pub const TIMEOUT: Duration = Duration::from_secs(20);
+/// Time limit of a test; the watchdog aborts it then.
+const WATCHDOG_TIMEOUT: Duration = Duration::from_secs(150);
 
-/// One test's domain and folder. Dropping it ends its processes and removes everything.
-pub struct World {
+/// The domain and the folder of one test. Dropping it ends its processes and removes its files and shared memory.
+pub struct TestDomain {
     folder: TempDir,
     domain: Domain,
-    alive: Arc<Mutex<Vec<u32>>>,
+    /// Process ids to kill at the end.
+    pids: Arc<Mutex<Vec<u32>>>,
+    /// Dropping it stops the watchdog.
     _watchdog: mpsc::Sender<()>,
 }
 
-impl Default for World {
+impl Default for TestDomain {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl World {
-    /// A world that nothing else is in.
+impl TestDomain {
+    /// A new domain in a new temporary folder.
     pub fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::Builder::new().prefix("iso-").tempdir().unwrap();
         let name = format!("t{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
         let domain = Domain::new(&name, &format!("{}/{name}", folder.path().display())).unwrap();
-        let alive = Arc::<Mutex<Vec<u32>>>::default();
-        let (watchdog, bell) = mpsc::channel();
-        let (pids, prefix) = (Arc::clone(&alive), domain.prefix());
+        let pids = Arc::<Mutex<Vec<u32>>>::default();
+        let (watchdog, end_of_test) = mpsc::channel();
+        let (pids_to_kill, prefix) = (Arc::clone(&pids), domain.prefix());
         thread::spawn(move || {
-            if bell.recv_timeout(WATCHDOG) == Err(RecvTimeoutError::Timeout) {
-                eprintln!("watchdog: a test has hung for {} s", WATCHDOG.as_secs());
-                pids.lock().unwrap().iter().for_each(|pid| kill(*pid, Signal::KILL));
+            if end_of_test.recv_timeout(WATCHDOG_TIMEOUT) == Err(RecvTimeoutError::Timeout) {
+                eprintln!("watchdog: a test has hung for {} s", WATCHDOG_TIMEOUT.as_secs());
+                pids_to_kill.lock().unwrap().iter().for_each(|pid| kill(*pid, Signal::KILL));
                 remove_shared_memory(&prefix);
                 std::process::abort();
             }
         });
-        Self { folder, domain, alive, _watchdog: watchdog }
+        Self { folder, domain, pids, _watchdog: watchdog }
     }
 
-    /// The domain.
-    pub fn domain(&self) -> &Domain {
+    /// The domain as the client library names it.
+    pub fn client_domain(&self) -> &Domain {
         &self.domain
     }
 
-    /// A path in the world's folder.
+    /// A path in the test's folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// Writes a file into the world's folder.
+    /// Writes a file into the test's folder.
     pub fn write(&self, name: &str, text: &str) -> PathBuf {
         let path = self.path(name);
         fs::write(&path, text).unwrap();
         path
     }
 
-    /// Writes a file aside and renames it into place, as a careful editor does.
+    /// Writes a file under a temporary name and renames it over the old one, as most editors do.
     pub fn replace(&self, name: &str, text: &str) {
         fs::rename(self.write(&format!("{name}.new"), text), self.path(name)).unwrap();
     }
 
-    /// How the library's clients reach this world.
+    /// Client options for this domain.
     pub fn options(&self) -> Options {
-        Options { domain: self.domain.clone(), timeout: PATIENCE }
+        Options { domain: self.domain.clone(), timeout: TIMEOUT }
     }
 
     /// An acquisition in this process.
@@ -110,12 +114,12 @@ impl World {
         IncrementReader::connect(id(imu), &self.options()).unwrap()
     }
 
-    /// `isotherm` with arguments, in this world.
+    /// A command that runs `isotherm` with these arguments in this domain and folder.
     pub fn isotherm(&self, arguments: &[&str]) -> Command {
         self.program("isotherm", arguments)
     }
 
-    /// A program of this build with arguments, in this world.
+    /// A command that runs a program of this build with these arguments in this domain and folder.
     pub fn program(&self, name: &str, arguments: &[&str]) -> Command {
         let mut command = Command::new(binary(name));
         command.args(arguments).stdin(Stdio::null()).current_dir(self.folder.path());
@@ -124,23 +128,23 @@ impl World {
         command
     }
 
-    /// Runs `isotherm` to its end.
+    /// Runs `isotherm` and waits for its end.
     pub fn run(&self, arguments: &[&str]) -> Output {
         self.finish(self.isotherm(arguments))
     }
 
-    /// Runs a command to its end.
+    /// Runs a command and waits for its end.
     pub fn finish(&self, mut command: Command) -> Output {
         let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        self.alive.lock().unwrap().push(child.id());
         let pid = child.id();
+        self.pids.lock().unwrap().push(pid);
         let output = child.wait_with_output().unwrap();
-        self.alive.lock().unwrap().retain(|alive| *alive != pid);
+        self.pids.lock().unwrap().retain(|other| *other != pid);
         output
     }
 
-    /// Runs `isotherm`, which must exit 0, and gives what it printed.
-    pub fn run_well(&self, arguments: &[&str]) -> String {
+    /// Runs `isotherm`, asserts that it exits with 0, and returns its standard output.
+    pub fn run_ok(&self, arguments: &[&str]) -> String {
         let output = self.run(arguments);
         assert!(output.status.success(), "{arguments:?}: {}\n{}", output.status, text(&output.stderr));
         text(&output.stdout)
@@ -164,7 +168,8 @@ impl World {
         self.start(self.isotherm(arguments))
     }
 
-    /// As [`isotherm`](Self::isotherm), started by a shell that has done something before, `unshare` of its mounts included.
+    /// As [`isotherm`](Self::isotherm), but a shell runs the commands in `preparation` first. With options for `unshare`, the
+    /// shell runs in new namespaces.
     pub fn isotherm_after(&self, unshare: &[&str], preparation: &str, arguments: &[&str]) -> Command {
         let plain = self.isotherm(arguments);
         let mut command = match unshare {
@@ -187,8 +192,8 @@ impl World {
     /// Starts a command in the background.
     pub fn start(&self, mut command: Command) -> Process {
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-        self.alive.lock().unwrap().push(child.id());
-        let alive = Arc::clone(&self.alive);
+        self.pids.lock().unwrap().push(child.id());
+        let pids = Arc::clone(&self.pids);
         let log = Arc::<(Mutex<Vec<String>>, Condvar)>::default();
         let (sink, stderr) = (Arc::clone(&log), BufReader::new(child.stderr.take().unwrap()));
         let reader = thread::spawn(move || {
@@ -197,17 +202,17 @@ impl World {
                 sink.1.notify_all();
             }
         });
-        Process { child, log, reader: Some(reader), alive }
+        Process { child, log, reader: Some(reader), pids }
     }
 
-    /// Has a process that this world did not start ended with it, and by its watchdog.
-    pub fn watch(&self, pid: u32) {
-        self.alive.lock().unwrap().push(pid);
+    /// Registers a process that was started elsewhere: it is killed when this is dropped, and by the watchdog.
+    pub fn register_process(&self, pid: u32) {
+        self.pids.lock().unwrap().push(pid);
     }
 
-    /// `isotherm status --json`.
+    /// The output of `isotherm status --json`.
     pub fn status(&self) -> Value {
-        serde_json::from_str(&self.run_well(&["status", "--json"])).unwrap()
+        serde_json::from_str(&self.run_ok(&["status", "--json"])).unwrap()
     }
 
     /// The status of the only IMU, or of the first.
@@ -216,9 +221,9 @@ impl World {
     }
 }
 
-impl Drop for World {
+impl Drop for TestDomain {
     fn drop(&mut self) {
-        for pid in self.alive.lock().unwrap().drain(..) {
+        for pid in self.pids.lock().unwrap().drain(..) {
             kill(pid, Signal::KILL);
         }
         remove_shared_memory(&self.domain.prefix());
@@ -230,7 +235,7 @@ pub struct Process {
     child: Child,
     log: Arc<(Mutex<Vec<String>>, Condvar)>,
     reader: Option<JoinHandle<()>>,
-    alive: Arc<Mutex<Vec<u32>>>,
+    pids: Arc<Mutex<Vec<u32>>>,
 }
 
 impl Process {
@@ -244,22 +249,22 @@ impl Process {
         self.log.0.lock().unwrap().join("\n")
     }
 
-    /// Log lines so far with `text` in them.
+    /// The number of log lines so far that contain `text`.
     pub fn count_in_log(&self, text: &str) -> usize {
         self.log.0.lock().unwrap().iter().filter(|line| line.contains(text)).count()
     }
 
-    /// Waits until a log line has `text` in it.
+    /// Waits until a log line contains `text`.
     pub fn wait_for_log(&self, text: &str) {
         self.wait_for_log_lines(text, 1);
     }
 
-    /// Waits until `count` log lines have `text` in them.
+    /// Waits until `count` log lines contain `text`.
     pub fn wait_for_log_lines(&self, text: &str, count: usize) {
-        let (lines, bell) = &*self.log;
-        let enough = |lines: &mut Vec<String>| lines.iter().filter(|line| line.contains(text)).count() < count;
-        let (lines, waited) = bell.wait_timeout_while(lines.lock().unwrap(), PATIENCE, enough).unwrap();
-        assert!(!waited.timed_out(), "{count} x {text:?} did not come into the log:\n{}", lines.join("\n"));
+        let (lines, line_added) = &*self.log;
+        let too_few = |lines: &mut Vec<String>| lines.iter().filter(|line| line.contains(text)).count() < count;
+        let (lines, waited) = line_added.wait_timeout_while(lines.lock().unwrap(), TIMEOUT, too_few).unwrap();
+        assert!(!waited.timed_out(), "{count} x {text:?} did not appear in the log:\n{}", lines.join("\n"));
     }
 
     /// Whether it has ended.
@@ -273,7 +278,7 @@ impl Process {
         kill(self.child.id(), signal);
     }
 
-    /// SIGSTOP, and waits until every thread has stopped.
+    /// Sends SIGSTOP and waits until every thread has stopped.
     pub fn stop(&self) {
         self.signal(Signal::STOP);
         wait_until("the stop", || {
@@ -285,27 +290,27 @@ impl Process {
         });
     }
 
-    /// SIGCONT.
-    pub fn go_on(&self) {
+    /// Sends SIGCONT.
+    pub fn resume(&self) {
         self.signal(Signal::CONT);
     }
 
-    /// Kills it without notice, and waits until it is gone.
+    /// Sends SIGKILL and waits for the end.
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
     }
 
-    /// SIGTERM; it must exit 0.
+    /// Sends SIGTERM and asserts that the process exits with 0.
     pub fn terminate(self) {
         self.signal(Signal::TERM);
         let (status, log) = self.wait();
         assert!(status.success(), "{status}\n{log}");
     }
 
-    /// Waits for its end; the exit status and all of its log.
+    /// Waits for the end. Returns the exit status and the whole log.
     pub fn wait(mut self) -> (ExitStatus, String) {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;
@@ -313,7 +318,7 @@ impl Process {
             assert!(Instant::now() < deadline, "it does not end:\n{}", self.log());
             thread::sleep(Duration::from_millis(2));
         };
-        // Its last lines may still be on their way.
+        // The reader thread may not have read the last lines yet.
         self.reader.take().unwrap().join().unwrap();
         (status, self.log())
     }
@@ -321,17 +326,17 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // Fails if it has ended, as most have.
+        // Fails if the process has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
-        self.alive.lock().unwrap().retain(|alive| *alive != self.child.id());
+        self.pids.lock().unwrap().retain(|pid| *pid != self.child.id());
     }
 }
 
-/// A process that is not ours to wait for, ended or signalled by its id.
+/// Sends a signal to a process by its id.
 pub fn kill(pid: u32, signal: Signal) {
     let pid = Pid::from_raw(pid.cast_signed()).unwrap();
-    // Fails if it has ended already.
+    // Fails if the process has ended already.
     let _ = kill_process(pid, signal);
 }
 
@@ -343,7 +348,7 @@ fn remove_shared_memory(prefix: &str) {
     }
 }
 
-/// A program of this build.
+/// The path of a program of this build.
 pub fn binary(name: &str) -> PathBuf {
     let test = env::current_exe().unwrap();
     let binary = test.parent().and_then(Path::parent).unwrap().join(name);
@@ -351,24 +356,24 @@ pub fn binary(name: &str) -> PathBuf {
     binary
 }
 
-/// An IMU's id.
+/// The id of an IMU.
 pub fn id(name: &str) -> ImuId {
     name.parse().unwrap()
 }
 
-/// What a test needs that is not there.
+/// Why a test cannot run: what kind of thing is missing.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Needs {
-    /// A program, which can be installed: CI has it.
+    /// A program that can be installed. CI has it.
     Program,
-    /// A right or a property of the machine, which CI cannot provide where it has none.
+    /// A permission or a property of the machine. CI cannot install it.
     Machine,
 }
 
-/// Says that the running test, or a part of it, is not done here, and why; then it should return.
+/// Reports that the running test, or a part of it, is skipped, and why. The caller then returns.
 ///
-/// With `ISOTHERM_TESTS_STRICT=1`, as in CI, that is a failure if a program is missing; what the machine lacks is added to the list in the file that
-/// `ISOTHERM_TESTS_SKIPPED` names, which CI prints at its end.
+/// With `ISOTHERM_TESTS_STRICT=1`, as in CI, a missing program fails the test. What the machine lacks is added to the file that
+/// `ISOTHERM_TESTS_SKIPPED` names; CI prints that file at its end.
 pub fn skip(why: &str, needs: Needs) {
     let name = thread::current().name().unwrap_or("?").to_owned();
     eprintln!("not tested: {why}");
@@ -382,7 +387,7 @@ pub fn skip(why: &str, needs: Needs) {
     writeln!(list, "{name}: {why}").unwrap();
 }
 
-/// Whether this user may have mounts of its own.
+/// Whether this user may mount file systems in a mount namespace. If not, the test is reported as skipped.
 pub fn may_mount() -> bool {
     let tried = Command::new("unshare").args(["-m", "mount", "-t", "tmpfs", "tmpfs", "/dev/shm"]).output();
     let may = tried.is_ok_and(|output| output.status.success());
@@ -392,41 +397,41 @@ pub fn may_mount() -> bool {
     may
 }
 
-/// The thread of a process that has this name.
+/// The id of the thread of a process that has this name.
 pub fn thread_of(pid: u32, name: &str) -> i32 {
     let tasks = fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten();
     let mut named = tasks.filter(|task| fs::read_to_string(task.path().join("comm")).unwrap().trim() == name);
     named.next().unwrap().file_name().into_string().unwrap().parse().unwrap()
 }
 
-/// Bytes as text.
+/// Bytes as text; invalid UTF-8 is replaced.
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// A valid table.
+/// Parses a valid coefficient table.
 pub fn table(text: &str) -> CoefficientTable {
     CoefficientTable::from_toml(text, None).unwrap()
 }
 
-/// The recording's samples.
+/// The samples of the recording.
 pub fn recording() -> Vec<RawSample> {
     RawCsvReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
 }
 
-/// The table of the recording with another gravity, and so with another digest and other increments.
+/// The table of the recording with another gravity. It has another digest and gives other increments.
 pub fn variant(number: u32) -> String {
     TABLE.replace("9.8015", &format!("{:.4}", 9.8 + f64::from(number) * 1e-4))
 }
 
-/// Sends a sample, in the acquisition's own session and sequence, and waits for its increment.
+/// Sends a sample with the acquisition's own session and sequence, and waits for its increment.
 pub fn round_trip(acquisition: &mut Acquisition, sample: &RawSample) -> CompensatedIncrement {
     let mut loan = acquisition.loan().unwrap();
     *loan = RawSample { session: loan.session, sequence: loan.sequence, ..*sample };
-    acquisition.compensate(loan, PATIENCE).unwrap()
+    acquisition.compensate(loan, TIMEOUT).unwrap()
 }
 
-/// Whether two increments are the same to the bit, but for their delivery.
+/// Whether two increments are equal bit by bit, apart from the delivery flags and the latency.
 pub fn same(a: &CompensatedIncrement, b: &CompensatedIncrement) -> bool {
     let sample_flags = |increment: &CompensatedIncrement| increment.flags & Flags::SAMPLE.0;
     let bits = |increment: &CompensatedIncrement| increment.velocity_increment.map(f64::to_bits);
@@ -436,9 +441,9 @@ pub fn same(a: &CompensatedIncrement, b: &CompensatedIncrement) -> bool {
 
 /// Waits until `condition` holds.
 pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     while !condition() {
-        assert!(Instant::now() < deadline, "{what} did not come to be");
+        assert!(Instant::now() < deadline, "{what} did not happen");
         thread::sleep(Duration::from_micros(500));
     }
 }

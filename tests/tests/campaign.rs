@@ -1,9 +1,11 @@
-//! The automatic campaign, with a real service and the processes of a simulated station, a thousand times faster than a laboratory.
+//! The automatic campaign, with a real service and the processes of a simulated station, 1000 times as fast as in a laboratory.
+//!
+//! Over 400 lines: all tests share one set-up of service, station and plan.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_tests::{PATIENCE, Process, TABLE, World, text, wait_until};
+use isotherm_tests::{Process, TABLE, TIMEOUT, TestDomain, text, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;
@@ -13,33 +15,33 @@ use std::time::{Duration, Instant};
 const SPEED: &str = "1000";
 
 /// A station in `DIR/station` with a service for its IMU, and a plan for both.
-struct Laboratory {
-    world: World,
+struct TestLaboratory {
+    domain: TestDomain,
     _service: Process,
     station: Process,
 }
 
-/// As short as the physics allows.
-const SHORT: [(&str, &str); 7] = [
+/// Replacements in the station's plan that make the campaign as short as the simulated physics allows.
+const SHORTER_PLAN: [(&str, &str); 7] = [
     ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
     ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
     ("time_s = 300", "time_s = 60"),
     ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 23]"),
     ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
-    // A machine that has other things to do is slow in laboratory time.
+    // Long time limits: on a loaded machine the simulated time runs ahead of the processes.
     ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
     ("\n[verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n", ""),
 ];
 
-impl Laboratory {
-    /// With the station's plan shortened and then changed.
+impl TestLaboratory {
+    /// Starts service and station, and applies [`SHORTER_PLAN`] and then `changes` to the station's plan.
     fn new(changes: &[(&str, &str)]) -> Self {
-        let world = World::new();
-        // Linear, so that a few set points tell the order.
+        let domain = TestDomain::new();
+        // A linear truth, so that a few set points are enough to choose the order.
         let truth: String = TABLE.lines().map(linear).collect();
-        world.write("truth-table.toml", &truth);
-        let service = world.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
-        let station = world.spawn(&[
+        domain.write("truth-table.toml", &truth);
+        let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
+        let station = domain.spawn(&[
             "simulate",
             "station",
             "-o",
@@ -58,41 +60,41 @@ impl Laboratory {
             "0",
         ]);
         wait_until("the station", || {
-            world.path("station/chamber").exists()
-                && world.path("station/table").exists()
-                && world.path("station/plan.toml").exists()
+            domain.path("station/chamber").exists()
+                && domain.path("station/table").exists()
+                && domain.path("station/plan.toml").exists()
         });
-        let mut plan = fs::read_to_string(world.path("station/plan.toml")).unwrap();
-        for (from, to) in SHORT.iter().chain(changes) {
+        let mut plan = fs::read_to_string(domain.path("station/plan.toml")).unwrap();
+        for (from, to) in SHORTER_PLAN.iter().chain(changes) {
             assert!(plan.contains(from), "{from}\n{plan}");
             plan = plan.replacen(from, to, 1);
         }
         plan = plan.replace("install = \"imu-a.toml\"", "install = \"../imu-a.toml\"");
-        // Drifts of a telemetry in so short a soak.
+        // The telemetry still drifts after such a short soak: without this key its drift is not checked.
         plan =
             plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
-        world.write("station/plan.toml", &plan);
-        Self { world, _service: service, station }
+        domain.write("station/plan.toml", &plan);
+        Self { domain, _service: service, station }
     }
 
     fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
         [&["campaign", "run", "station/plan.toml", "--speed", SPEED], more].concat()
     }
 
-    /// Runs the campaign to its end, which may take a while.
+    /// Runs the campaign to its end.
     fn run(&self, more: &[&str]) -> Output {
-        self.world.run(&Self::arguments(more))
+        self.domain.run(&Self::arguments(more))
     }
 
     fn spawn(&self) -> Process {
-        self.world.spawn(&Self::arguments(&[]))
+        self.domain.spawn(&Self::arguments(&[]))
     }
 
     fn file(&self, name: &str) -> Vec<u8> {
-        fs::read(self.world.path("station/campaign").join(name)).unwrap_or_default()
+        fs::read(self.domain.path("station/campaign").join(name)).unwrap_or_default()
     }
 
-    /// The journal's whole lines of an event.
+    /// The journal's lines with this event; an incomplete last line is left out.
     fn events(&self, event: &str) -> Vec<Value> {
         let text = text(&self.file("journal.jsonl"));
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
@@ -104,7 +106,7 @@ impl Laboratory {
         let before = self.events("safe").len();
         wait_long(event, || {
             let safe = self.events("safe");
-            assert_eq!(safe.len(), before, "it has ended before {event}: {safe:?}");
+            assert_eq!(safe.len(), before, "the campaign has ended before {event}: {safe:?}");
             self.events(event).len() >= count
         });
     }
@@ -115,11 +117,11 @@ impl Laboratory {
     }
 
     fn faults(&self, lines: &str) {
-        self.world.replace("station/faults", lines);
+        self.domain.replace("station/faults", lines);
     }
 
-    /// Every unit is there exactly once, in order, and its bytes are in the file.
-    fn complete(&self, units: usize) {
+    /// Asserts that the journal has every unit exactly once, in order, and that the file has exactly the bytes of the dwells.
+    fn assert_complete(&self, units: usize) {
         let kept = self.events("kept");
         let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
         assert_eq!(numbers, (0..units).collect::<Vec<_>>());
@@ -134,7 +136,8 @@ impl Laboratory {
         assert_eq!(text(&samples).lines().count(), 1 + 6 * dwells.len());
     }
 
-    fn in_standby(&self) {
+    /// Asserts that the last safe state was reached: the chamber is in standby and the turntable is stopped.
+    fn assert_in_standby(&self) {
         let safe = self.events("safe");
         let last = safe.last().unwrap();
         assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
@@ -142,16 +145,16 @@ impl Laboratory {
     }
 }
 
-/// A campaign takes a while, and much longer on a machine that has other things to do.
+/// As [`wait_until`], with five times its time limit: a campaign takes long, on a loaded machine even more so.
 fn wait_long(what: &str, mut condition: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !condition() {
-        assert!(begun.elapsed() < 5 * PATIENCE, "{what} did not come to be");
+        assert!(begun.elapsed() < 5 * TIMEOUT, "{what} did not happen");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
 
-/// A line of the table without its higher coefficients.
+/// A line of the table without coefficients of the second and third order, and without the digest.
 fn linear(line: &str) -> String {
     let parts = line.split_inclusive(", ").filter(|part| !part.starts_with("c2 =") && !part.starts_with("c3 ="));
     let line: String = parts.collect();
@@ -164,7 +167,7 @@ fn linear(line: &str) -> String {
     }
 }
 
-fn succeeded(output: &Output) -> String {
+fn stdout_of_success(output: &Output) -> String {
     assert!(output.status.success(), "{}\n{}", output.status, text(&output.stderr));
     text(&output.stdout)
 }
@@ -172,40 +175,40 @@ fn succeeded(output: &Output) -> String {
 #[test]
 fn from_a_plan_to_an_installed_table() {
     let verify = "\n[verify]\nruns = 1\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 60\nhold_s = 60\n";
-    let laboratory = Laboratory::new(&[
+    let laboratory = TestLaboratory::new(&[
         ("list_c = [20, 23]", "list_c = [10, 18, 26, 34]"),
         ("[safe]", &format!("{verify}\n[safe]")),
     ]);
-    let world = &laboratory.world;
-    assert_eq!(world.imu_status()["table"], Value::Null);
-    let checked = world.run_well(&["campaign", "check", "station/plan.toml"]);
+    let domain = &laboratory.domain;
+    assert_eq!(domain.imu_status()["table"], Value::Null);
+    let checked = domain.run_ok(&["campaign", "check", "station/plan.toml"]);
     assert!(checked.contains("4 set points x 12 positions, 1 verification runs; about "), "{checked}");
     let output = laboratory.run(&["--calibrate", "--alignment", "--require", "10"]);
-    let table4 = succeeded(&output);
+    let table4 = stdout_of_success(&output);
     assert!(table4.contains("Output stability"), "{table4}");
-    laboratory.complete(49);
-    laboratory.in_standby();
-    // What the service has in force is what was fitted, and that is the truth but for the noise of short dwells.
-    let table = CoefficientTable::from_toml(&fs::read_to_string(world.path("imu-a.toml")).unwrap(), None).unwrap();
-    assert_eq!(world.imu_status()["table"], table.digest().to_string());
-    let truth = fs::read_to_string(world.path("station/truth.toml")).unwrap();
+    laboratory.assert_complete(49);
+    laboratory.assert_in_standby();
+    // The fitted table is in force, and it equals the truth within the noise of the short dwells.
+    let table = CoefficientTable::from_toml(&fs::read_to_string(domain.path("imu-a.toml")).unwrap(), None).unwrap();
+    assert_eq!(domain.imu_status()["table"], table.digest().to_string());
+    let truth = fs::read_to_string(domain.path("station/truth.toml")).unwrap();
     let [bias, scale_factor] = worst_errors(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
     assert!(bias < 1.5 && scale_factor < 4.0, "{bias} ug0, {scale_factor} ppm");
-    // A set point that was left is not taken for reached after a crash.
+    // The journal has an event for a set point that is left: after a crash it does not count as reached.
     let [reached, left] = ["reached", "left"].map(|event| laboratory.events(event).len());
     assert!(reached >= 5 && left >= reached - 1, "{reached} {left}");
     assert!(text(&laboratory.file("readbacks.csv")).lines().count() > 100);
     let page = text(&laboratory.file("live.html"));
     assert!(page.contains("all data are taken") && page.contains("</svg>") && !page.contains("http-equiv=\"refresh\""));
-    // Nothing is left to do, and nothing is done to the instruments.
+    // A second run has nothing to do and does not touch the instruments.
     let before = laboratory.file("campaign.csv");
-    succeeded(&laboratory.run(&[]));
+    stdout_of_success(&laboratory.run(&[]));
     assert!(laboratory.file("campaign.csv") == before && laboratory.events("started").len() == 1);
 }
 
 #[test]
-fn killed_twice_it_goes_on_with_the_first_dwell_that_is_missing() {
-    let laboratory = Laboratory::new(&[]);
+fn killed_twice_it_continues_with_the_first_missing_dwell() {
+    let laboratory = TestLaboratory::new(&[]);
     let mut before = Vec::new();
     for count in [5, 15] {
         let runner = laboratory.spawn();
@@ -216,22 +219,22 @@ fn killed_twice_it_goes_on_with_the_first_dwell_that_is_missing() {
         let samples = laboratory.file("campaign.csv");
         assert!(samples.starts_with(&before) && samples.len() >= end);
         before = samples[..end].to_vec();
-        let status = laboratory.world.run(&["campaign", "status", "station/plan.toml"]);
+        let status = laboratory.domain.run(&["campaign", "status", "station/plan.toml"]);
         assert_eq!(status.status.code(), Some(1));
         assert!(text(&status.stdout).starts_with("NOT RUNNING"), "{}", text(&status.stdout));
     }
-    succeeded(&laboratory.run(&[]));
-    // Completed dwells are the same to the byte, and every dwell is there once.
+    stdout_of_success(&laboratory.run(&[]));
+    // Completed dwells are unchanged to the byte, and every dwell is present once.
     assert!(laboratory.file("campaign.csv").starts_with(&before));
-    laboratory.complete(24);
-    laboratory.in_standby();
+    laboratory.assert_complete(24);
+    laboratory.assert_in_standby();
 }
 
 #[test]
-fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
-    let laboratory = Laboratory::new(&[]);
-    let world = &laboratory.world;
-    let stop = || world.run(&["campaign", "stop", "station/plan.toml"]);
+fn stop_ends_it_in_the_safe_state_and_a_changed_plan_or_recording_is_refused() {
+    let laboratory = TestLaboratory::new(&[]);
+    let domain = &laboratory.domain;
+    let stop = || domain.run(&["campaign", "stop", "station/plan.toml"]);
     assert_eq!(stop().status.code(), Some(69), "nobody runs it");
     let runner = laboratory.spawn();
     laboratory.wait_for("kept", 2);
@@ -243,33 +246,33 @@ fn stop_ends_it_in_the_safe_state_and_what_has_changed_is_refused() {
         text(&second.stderr)
     );
     let status: Value =
-        serde_json::from_str(&world.run_well(&["campaign", "status", "station/plan.toml", "--json"])).unwrap();
+        serde_json::from_str(&domain.run_ok(&["campaign", "status", "station/plan.toml", "--json"])).unwrap();
     assert_eq!((status["pid"].as_u64(), status["campaign"]["units"].as_u64()), (Some(runner.pid().into()), Some(24)));
     let stopped = stop();
-    assert!(succeeded(&stopped).contains("safe state: table stopped"), "{}", text(&stopped.stdout));
+    assert!(stdout_of_success(&stopped).contains("safe state: table stopped"), "{}", text(&stopped.stdout));
     let (ended, log) = runner.wait();
     assert_eq!(ended.code(), Some(1), "{log}");
     assert!(log.contains("stopped by SIG") && log.contains("goes on with the next"), "{log}");
-    laboratory.in_standby();
+    laboratory.assert_in_standby();
 
-    let plan = fs::read_to_string(world.path("station/plan.toml")).unwrap();
-    world.write("station/plan.toml", &plan.replace("time_s = 60\n", "time_s = 70\n"));
+    let plan = fs::read_to_string(domain.path("station/plan.toml")).unwrap();
+    domain.write("station/plan.toml", &plan.replace("time_s = 60\n", "time_s = 70\n"));
     let changed = laboratory.run(&[]);
     assert_eq!(changed.status.code(), Some(78));
     assert!(text(&changed.stderr).contains("dwell.time_s: was 60.0, is 70.0"), "{}", text(&changed.stderr));
-    world.write("station/plan.toml", &plan);
+    domain.write("station/plan.toml", &plan);
     let mut samples = laboratory.file("campaign.csv");
     samples[500] ^= 1;
-    fs::write(world.path("station/campaign/campaign.csv"), samples).unwrap();
+    fs::write(domain.path("station/campaign/campaign.csv"), samples).unwrap();
     let damaged = laboratory.run(&[]);
     assert_eq!(damaged.status.code(), Some(65), "{}", text(&damaged.stderr));
 }
 
 #[test]
-fn an_instrument_that_goes_away_pauses_the_campaign_until_it_is_back() {
-    // So slow that every way can be interrupted.
+fn an_instrument_that_disconnects_pauses_the_campaign_until_it_is_back() {
+    // The turntable is so slow that every travel can be interrupted.
     let laboratory =
-        Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("rate_deg_s = 10", "rate_deg_s = 0.5")]);
+        TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("rate_deg_s = 10", "rate_deg_s = 0.5")]);
     let runner = laboratory.spawn();
     for (count, phase, fault) in [
         (0, "soak", "port-loss:chamber"),
@@ -286,13 +289,13 @@ fn an_instrument_that_goes_away_pauses_the_campaign_until_it_is_back() {
         laboratory.faults("");
         laboratory.wait_for("resumed", pauses + 1);
     }
-    let (well, log) = wait(runner);
-    assert!(well, "{log}");
-    laboratory.complete(12);
+    let (success, log) = wait_for_end(runner);
+    assert!(success, "{log}");
+    laboratory.assert_complete(12);
 }
 
-/// Whether it has ended well, within a time that a campaign may take; and its log.
-fn wait(runner: Process) -> (bool, String) {
+/// Waits for the end of a campaign; whether it succeeded, and its log.
+fn wait_for_end(runner: Process) -> (bool, String) {
     wait_long("the end", || runner.has_ended());
     let (status, log) = runner.wait();
     (status.success(), log)
@@ -300,35 +303,35 @@ fn wait(runner: Process) -> (bool, String) {
 
 #[test]
 fn an_alarm_ends_it_in_the_safe_state_at_once() {
-    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
+    let laboratory = TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]")]);
     let runner = laboratory.spawn();
     laboratory.wait_for("reached", 1);
     laboratory.faults("alarm:chamber");
-    let (ended, log) = wait(runner);
+    let (ended, log) = wait_for_end(runner);
     assert!(!ended && log.contains("alarm"), "{log}");
     assert!(laboratory.events("paused").is_empty());
-    laboratory.in_standby();
+    laboratory.assert_in_standby();
     laboratory.faults("");
-    // Whoever has cleared the alarm starts it again; a signal ends it as well.
+    // After the alarm is cleared the campaign can be started again. A signal ends it in the safe state too.
     let runner = laboratory.spawn();
     laboratory.wait_for("kept", 1);
     runner.signal(Signal::INT);
-    let (ended, log) = wait(runner);
+    let (ended, log) = wait_for_end(runner);
     assert!(!ended && log.contains("stopped by SIG"), "{log}");
-    laboratory.in_standby();
+    laboratory.assert_in_standby();
 }
 
-/// A campaign of one set point, for what happens within it.
-fn one_set_point() -> Laboratory {
-    Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]")])
+/// A campaign with a single set point.
+fn one_set_point() -> TestLaboratory {
+    TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]")])
 }
 
-fn stop(laboratory: &Laboratory) -> Output {
-    laboratory.world.run(&["campaign", "stop", "station/plan.toml"])
+fn stop(laboratory: &TestLaboratory) -> Output {
+    laboratory.domain.run(&["campaign", "stop", "station/plan.toml"])
 }
 
 #[test]
-fn an_alarm_is_heard_while_the_other_instrument_is_away() {
+fn an_alarm_ends_the_campaign_while_the_other_instrument_is_disconnected() {
     let laboratory = one_set_point();
     let runner = laboratory.spawn();
     laboratory.wait_for("reached", 1);
@@ -337,52 +340,53 @@ fn an_alarm_is_heard_while_the_other_instrument_is_away() {
     laboratory.faults("port-loss:table\nalarm:chamber");
     wait_long("the end", || runner.has_ended());
     let (status, log) = runner.wait();
-    // The table is away, so that it cannot be stopped.
+    // The turntable is disconnected and cannot be stopped.
     assert_eq!(status.code(), Some(69), "{log}");
     assert!(log.contains("the chamber has an alarm") && log.contains("table NOT known to be stopped"), "{log}");
     assert!(log.contains("GO THERE AND LOOK"), "{log}");
     laboratory.faults("");
-    wait_until("the table", || laboratory.world.path("station/table").exists());
-    assert!(succeeded(&stop(&laboratory)).contains("table stopped at"));
-    laboratory.in_standby();
+    wait_until("the table", || laboratory.domain.path("station/table").exists());
+    assert!(stdout_of_success(&stop(&laboratory)).contains("table stopped at"));
+    laboratory.assert_in_standby();
     assert_eq!(stop(&laboratory).status.code(), Some(69), "nothing is left to do");
 }
 
 #[test]
-fn a_fault_that_came_while_the_table_was_away_is_not_reset_by_connecting_it() {
+fn reconnecting_the_turntable_does_not_reset_a_fault_that_came_meanwhile() {
     let laboratory = one_set_point();
     let runner = laboratory.spawn();
     laboratory.wait_for("kept", 1);
     laboratory.faults("port-loss:table\nalarm:table");
     laboratory.wait_for("paused", 1);
     laboratory.faults("");
-    let (ended, log) = wait(runner);
+    let (ended, log) = wait_for_end(runner);
     assert!(!ended && log.contains("the table has a fault: interlock of axis 1: Fault"), "{log}");
-    laboratory.in_standby();
+    laboratory.assert_in_standby();
 }
 
 #[test]
-fn a_runner_that_cannot_go_on_says_how_to_reach_the_safe_state_that_a_dead_one_has_left_out() {
+fn a_runner_that_cannot_continue_names_the_command_for_the_safe_state() {
     let laboratory = one_set_point();
     let runner = laboratory.spawn();
     laboratory.wait_for("kept", 1);
     runner.kill();
     let mut samples = laboratory.file("campaign.csv");
     samples[200] ^= 1;
-    fs::write(laboratory.world.path("station/campaign/campaign.csv"), samples).unwrap();
+    fs::write(laboratory.domain.path("station/campaign/campaign.csv"), samples).unwrap();
     let refused = laboratory.run(&[]);
     assert_eq!(refused.status.code(), Some(65));
     assert!(text(&refused.stderr).contains("`isotherm campaign stop` brings them into the safe state"));
-    assert!(succeeded(&stop(&laboratory)).contains("after its runner had ended without"));
-    laboratory.in_standby();
-    let status = laboratory.world.run_well(&["campaign", "status", "station/plan.toml"]);
-    assert!(status.starts_with("ended: asked for after its runner had ended without"), "{status}");
+    assert!(stdout_of_success(&stop(&laboratory)).contains("after its runner had ended without"));
+    laboratory.assert_in_standby();
+    let status = laboratory.domain.run_ok(&["campaign", "status", "station/plan.toml"]);
+    assert!(status.starts_with("ended: requested after its runner had ended without"), "{status}");
     assert_eq!(stop(&laboratory).status.code(), Some(69));
 }
 
 #[test]
 fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
-    let laboratory = Laboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("stream_s = 30000", "stream_s = 60")]);
+    let laboratory =
+        TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("stream_s = 30000", "stream_s = 60")]);
     let station = laboratory.station.pid();
     let children = fs::read_to_string(format!("/proc/{station}/task/{station}/children")).unwrap();
     let imu = children.split_whitespace().find(|pid| {
@@ -394,7 +398,7 @@ fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
         let status: Value = serde_json::from_slice(&laboratory.file("status.json")).unwrap_or_default();
         status["paused"].is_string()
     };
-    // At the beginning, before there is any sample.
+    // At the start, before the first sample.
     kill_process(imu, Signal::STOP).unwrap();
     let runner = laboratory.spawn();
     wait_long("the wait for samples", paused);
@@ -406,7 +410,7 @@ fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
     let cause = laboratory.events("paused")[0]["cause"].as_str().unwrap().to_owned();
     assert!(cause.contains("no usable sample of imu-a for "), "{cause}");
     kill_process(imu, Signal::CONT).unwrap();
-    let (well, log) = wait(runner);
-    assert!(well, "{log}");
-    laboratory.complete(12);
+    let (success, log) = wait_for_end(runner);
+    assert!(success, "{log}");
+    laboratory.assert_complete(12);
 }

@@ -1,7 +1,7 @@
-//! `isothermd`: what a vehicle runs. It links nothing else, and its commands are those of `isotherm`.
+//! `isothermd`, the program for a vehicle: it links only the listed crates, and its commands behave as those of `isotherm`.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{RUN, TABLE, World, recording, round_trip, text};
+use isotherm_tests::{RUN, TABLE, TestDomain, recording, round_trip, text};
 use std::collections::BTreeSet;
 use std::env;
 use std::fs;
@@ -9,7 +9,7 @@ use std::process::Command;
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
-/// A crate more is a decision: who makes it adds its name here.
+/// Adding a crate is a decision: add its name to the list.
 #[test]
 fn it_links_the_crates_of_this_list_and_no_other() {
     let list = include_str!("../data/isothermd-crates.txt");
@@ -30,16 +30,16 @@ fn it_links_the_crates_of_this_list_and_no_other() {
 
 #[test]
 fn serve_check_and_status_are_those_of_isotherm() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
-    let service = world.start(world.program("isothermd", &["serve", "--imu", "imu-a=imu-a.toml"]));
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let service = domain.start(domain.program("isothermd", &["serve", "--imu", "imu-a=imu-a.toml"]));
     service.wait_for_log("ready");
-    let mut acquisition = world.acquisition("imu-a");
+    let mut acquisition = domain.acquisition("imu-a");
     round_trip(&mut acquisition, &recording()[0]);
     drop(acquisition);
-    let replayed = world.run_well(&["replay", "--table", "imu-a.toml", RUN]);
-    assert_eq!(world.run_well(&["feed", "--imu", "imu-a", RUN]), replayed);
-    world.write("bad.toml", &TABLE.replace("gravity_reference", "gravity"));
+    let replayed = domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
+    assert_eq!(domain.run_ok(&["feed", "--imu", "imu-a", RUN]), replayed);
+    domain.write("bad.toml", &TABLE.replace("gravity_reference", "gravity"));
     for arguments in [
         &["status"][..],
         &["status", "--iceoryx2"],
@@ -53,8 +53,8 @@ fn serve_check_and_status_are_those_of_isotherm() {
         &["check", "--help"],
     ] {
         let [daemon, isotherm] = ["isothermd", "isotherm"].map(|program| {
-            let output = world.finish(world.program(program, arguments));
-            // The name of the program, and the time of `status`, are all that may differ.
+            let output = domain.finish(domain.program(program, arguments));
+            // Only the program's name and the uptime in `status` may differ.
             let said = [output.stdout, output.stderr].map(|printed| text(&printed).replace("isothermd", "isotherm"));
             let lines = said.iter().flat_map(|printed| printed.lines()).filter(|line| !line.contains(", up "));
             let words: Vec<_> = lines.flat_map(str::split_whitespace).map(str::to_owned).collect();
@@ -66,17 +66,17 @@ fn serve_check_and_status_are_those_of_isotherm() {
     service.terminate();
 }
 
-/// The first status of a new user has late increments: it says what they are.
+/// A new user's first status often shows late increments, so it explains them.
 #[test]
 fn status_explains_late_increments() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
     let config = "[latency]\nbudget_us = 0.001\n[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
-    world.write("service.toml", config);
-    let service = world.serve(&["--config", "service.toml"]);
-    assert!(!world.run_well(&["status"]).contains("late:"), "nothing was late so far");
-    world.run_well(&["feed", "--imu", "imu-a", RUN]);
-    let status = world.run_well(&["status"]);
+    domain.write("service.toml", config);
+    let service = domain.serve(&["--config", "service.toml"]);
+    assert!(!domain.run_ok(&["status"]).contains("late:"), "nothing was late so far");
+    domain.run_ok(&["feed", "--imu", "imu-a", RUN]);
+    let status = domain.run_ok(&["status"]);
     assert!(status.contains("flagged      late 4000"), "{status}");
     assert!(
         status.contains("late: the increment is right, but it took longer than the budget of 0.001 us"),
@@ -86,17 +86,17 @@ fn status_explains_late_increments() {
 }
 
 #[test]
-fn files_of_the_laboratory_are_left_to_isotherm() {
-    let world = World::new();
+fn laboratory_files_are_refused_with_a_hint_to_isotherm() {
+    let domain = TestDomain::new();
     for name in ["campaign/campaign.toml", "plan.toml"] {
         let path = format!("{EXAMPLES}/{name}");
-        let output = world.finish(world.program("isothermd", &["check", &path]));
+        let output = domain.finish(domain.program("isothermd", &["check", &path]));
         assert_eq!(output.status.code(), Some(64), "{name}");
         assert!(text(&output.stderr).contains("`isotherm check` reads it"), "{}", text(&output.stderr));
     }
-    // What it does not have is a usage error with the commands that it has.
-    let output = world.finish(world.program("isothermd", &["calibrate"]));
+    // An unknown command is a usage error.
+    let output = domain.finish(domain.program("isothermd", &["calibrate"]));
     assert_eq!(output.status.code(), Some(64));
     assert!(text(&output.stderr).contains("unrecognized subcommand"), "{}", text(&output.stderr));
-    assert!(fs::read_dir(world.path("")).unwrap().next().is_none(), "nothing is left");
+    assert!(fs::read_dir(domain.path("")).unwrap().next().is_none(), "nothing is left");
 }

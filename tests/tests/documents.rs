@@ -1,7 +1,7 @@
-//! What the documents and the program's own help say is so.
+//! The documents and the program's help are correct: links, commands, options and the quick start.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{World, binary, text};
+use isotherm_tests::{TestDomain, binary, text};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ fn documents() -> Vec<(PathBuf, String)> {
     paths.into_iter().map(|path| (path.clone(), fs::read_to_string(&path).unwrap())).collect()
 }
 
-/// As a heading's link is made: letters, digits, `-`, `_` and spaces, which become `-`.
+/// The link target of a heading: letters, digits, `-` and `_` are kept, spaces become `-`, everything else is removed.
 fn anchor(heading: &str) -> String {
     let heading = heading.trim_start_matches('#').trim().to_lowercase();
     let kept = heading.chars().filter(|letter| letter.is_alphanumeric() || "-_ ".contains(*letter));
@@ -29,7 +29,7 @@ fn anchor(heading: &str) -> String {
 }
 
 #[test]
-fn links_lead_somewhere() {
+fn links_have_existing_targets() {
     let mut links = 0;
     let mut dead = Vec::new();
     for (path, document) in documents() {
@@ -53,14 +53,14 @@ fn links_lead_somewhere() {
     assert!(dead.is_empty(), "{}", dead.join("\n"));
 }
 
-/// The command lines in a document: in blocks, and in running text between back quotes.
+/// The command lines in a document: those in code blocks, and those between back quotes in the text.
 fn command_lines(document: &str) -> impl Iterator<Item = &str> {
     let blocks = document.lines().map(|line| line.trim().trim_start_matches("$ "));
     let quoted = document.split('`').skip(1).step_by(2);
     blocks.chain(quoted).filter(|line| line.starts_with("isotherm ") && !line.contains('\n'))
 }
 
-/// The help of a command; nothing if there is none.
+/// The help of a command; `None` if there is no such command.
 fn help(command: &[&str]) -> Option<String> {
     let output = Command::new(binary("isotherm")).args(command).arg("--help").output().unwrap();
     output.status.success().then(|| text(&output.stdout))
@@ -77,7 +77,7 @@ fn commands_and_options_in_the_documents_exist() {
             let words: Vec<_> = line[..line_end].split_whitespace().skip(1).collect();
             let command: Vec<_> =
                 words.iter().take_while(|word| is_name(word)).map(|word| (*word).to_owned()).collect();
-            // The longest beginning that is a command: the rest are its arguments.
+            // The first one or two words are the command, the rest are its arguments.
             let help_of = |command: &[String]| help(&command.iter().map(String::as_str).collect::<Vec<_>>());
             let depth =
                 if matches!(command.first().map(String::as_str), Some("simulate" | "campaign")) { 2 } else { 1 };
@@ -107,12 +107,12 @@ fn is_name(word: &str) -> bool {
     word.chars().all(|letter| letter.is_ascii_lowercase() || letter == '-') && !word.starts_with('-')
 }
 
-/// The blocks of the quick start, in one shell.
+/// Runs all blocks of the quick start in one shell.
 #[test]
 fn the_quick_start_works_as_it_stands() {
-    let world = World::new();
+    let domain = TestDomain::new();
     for folder in ["tests/data", "examples"] {
-        let made = Command::new("cp").args(["-r", "--parents", folder]).arg(world.path("")).current_dir(ROOT).status();
+        let made = Command::new("cp").args(["-r", "--parents", folder]).arg(domain.path("")).current_dir(ROOT).status();
         assert!(made.unwrap().success());
     }
     let document = fs::read_to_string(Path::new(ROOT).join("docs/quickstart.md")).unwrap();
@@ -123,18 +123,18 @@ fn the_quick_start_works_as_it_stands() {
     );
     let mut shell = Command::new("bash");
     let path = format!("{}:{}", binary("isotherm").parent().unwrap().display(), std::env::var("PATH").unwrap());
-    shell.args(["-m", "-c", &script]).env("PATH", path).current_dir(world.path("")).stdin(Stdio::null());
-    shell.env("ISOTHERM_DOMAIN", world.domain().name()).env("ISOTHERM_ROOT", world.path(""));
+    shell.args(["-m", "-c", &script]).env("PATH", path).current_dir(domain.path("")).stdin(Stdio::null());
+    shell.env("ISOTHERM_DOMAIN", domain.client_domain().name()).env("ISOTHERM_ROOT", domain.path(""));
     let output = shell.output().unwrap();
-    let (printed, said) = (text(&output.stdout), text(&output.stderr));
-    assert!(output.status.success(), "{script}\n--\n{printed}\n--\n{said}");
+    let (printed, stderr) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{script}\n--\n{printed}\n--\n{stderr}");
     assert!(printed.contains("\"reloads\": 1"), "{printed}");
 }
 
 #[test]
-fn the_version_tells_commit_and_profile() {
-    let world = World::new();
-    let version = world.run_well(&["--version"]);
+fn the_version_names_commit_and_profile() {
+    let domain = TestDomain::new();
+    let version = domain.run_ok(&["--version"]);
     assert!(version.starts_with(&format!("isotherm {}\n", env!("CARGO_PKG_VERSION"))), "{version}");
     let line = |name: &str| version.lines().find_map(|line| line.strip_prefix(name).map(str::to_owned)).unwrap();
     let repository = Command::new("git").args(["rev-parse", "HEAD"]).current_dir(ROOT).output();
@@ -150,7 +150,7 @@ fn the_version_tells_commit_and_profile() {
 
 #[test]
 fn manual_pages_completions_and_examples_are_there_for_every_command() {
-    let world = World::new();
+    let domain = TestDomain::new();
     let commands: Vec<_> = help(&[])
         .unwrap()
         .split("Commands:")
@@ -160,21 +160,21 @@ fn manual_pages_completions_and_examples_are_there_for_every_command() {
         .next()
         .unwrap()
         .lines()
-        // Four and more spaces begin the second line of a description.
+        // Lines with more than two leading spaces continue a description.
         .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
         .map(|line| line.split_whitespace().next().unwrap().to_owned())
         .filter(|name| name != "help")
         .collect();
     assert!(commands.len() > 10, "{commands:?}");
-    world.run_well(&["man", "-o", "man"]);
-    let completions = world.run_well(&["completions", "bash"]);
+    domain.run_ok(&["man", "-o", "man"]);
+    let completions = domain.run_ok(&["completions", "bash"]);
     for command in &commands {
         assert!(help(&[command]).unwrap().contains("Examples:"), "isotherm {command} --help has no examples");
-        let page = fs::read_to_string(world.path(&format!("man/isotherm-{command}.1"))).unwrap();
+        let page = fs::read_to_string(domain.path(&format!("man/isotherm-{command}.1"))).unwrap();
         assert!(page.contains(".SH DESCRIPTION") && page.contains("Examples:"), "{page}");
         assert!(completions.contains(command.as_str()), "{command}");
     }
-    let script = world.write("completions", &completions);
+    let script = domain.write("completions", &completions);
     let mut shell = Command::new("bash");
     shell.arg("-c").arg(format!(
         "source {} && COMP_WORDS=(isotherm stat) COMP_CWORD=1 && _isotherm isotherm stat isotherm && echo \"${{COMPREPLY[*]}}\"",

@@ -1,9 +1,9 @@
 //! One recording in every format and in pieces: each command that reads recordings gives the same result.
 //!
-//! The files are written here by the format's own library, as a laboratory's programs write them.
+//! The tests write the files with the library of each format, as other programs do.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{RUN, TABLE, World, text};
+use isotherm_tests::{RUN, TABLE, TestDomain, text};
 use mcap::records::MessageHeader;
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
@@ -16,25 +16,25 @@ use std::sync::Arc;
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
-/// The columns of a CSV file.
-struct Columns {
+/// The column names and rows of a CSV file.
+struct CsvContent {
     names: Vec<String>,
     rows: Vec<Vec<String>>,
 }
 
-impl Columns {
+impl CsvContent {
     fn of(csv: &str) -> Self {
         let mut rows = csv.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
         Self { names: rows.next().unwrap(), rows: rows.collect() }
     }
 
-    /// The rows of a part of it.
+    /// A range of the rows.
     fn part(&self, from: usize, to: usize) -> Self {
         Self { names: self.names.clone(), rows: self.rows[from..to].to_vec() }
     }
 
     /// Whether all values of a column are whole numbers.
-    fn whole(&self, column: usize) -> bool {
+    fn is_integer(&self, column: usize) -> bool {
         self.rows.iter().all(|row| row[column].is_empty() || row[column].parse::<i64>().is_ok())
     }
 
@@ -52,11 +52,11 @@ impl Columns {
         fs::write(path, lines.map(|fields| fields.join(",") + "\n").collect::<String>()).unwrap();
     }
 
-    /// Whole numbers as INT64, the others as DOUBLE, and what is empty somewhere as OPTIONAL.
+    /// A column is INT64 if all its values are whole numbers, else DOUBLE, and OPTIONAL if it has empty values.
     fn write_parquet(&self, path: &Path) {
         let optional = |column: usize| self.rows.iter().any(|row| row[column].is_empty());
         let field = |column: usize| {
-            let physical = if self.whole(column) { Physical::INT64 } else { Physical::DOUBLE };
+            let physical = if self.is_integer(column) { Physical::INT64 } else { Physical::DOUBLE };
             let repetition = if optional(column) { Repetition::OPTIONAL } else { Repetition::REQUIRED };
             let field = Type::primitive_type_builder(&self.names[column], physical).with_repetition(repetition);
             Arc::new(field.build().unwrap())
@@ -72,7 +72,7 @@ impl Columns {
             let levels: Vec<_> = values.iter().map(|value| i16::from(!value.is_empty())).collect();
             let levels = optional(column).then_some(&levels[..]);
             let mut open = group.next_column().unwrap().unwrap();
-            if self.whole(column) {
+            if self.is_integer(column) {
                 let numbers: Vec<i64> = present.map(|value| value.parse().unwrap()).collect();
                 open.typed::<Int64Type>().write_batch(&numbers, levels, None).unwrap();
             } else {
@@ -85,11 +85,11 @@ impl Columns {
         writer.close().unwrap();
     }
 
-    /// The message of a row has int64 for whole numbers, double for the others, and no field where nothing is.
+    /// Each row is a protobuf message: int64 for columns of whole numbers, else double, and no field for an empty value.
     fn write_mcap(&self, path: &Path) {
         let (mut fields, mut descriptor) = (Vec::new(), Vec::new());
         for (name, number) in self.names.iter().zip(1..) {
-            let kind = if self.whole(number as usize - 1) { 3 } else { 1 };
+            let kind = if self.is_integer(number as usize - 1) { 3 } else { 1 };
             let mut field = Vec::new();
             bytes(&mut field, 1, name.as_bytes());
             for (key, value) in [(3, number), (4, 1), (5, kind)] {
@@ -114,7 +114,7 @@ impl Columns {
             let mut message = Vec::new();
             for (column, value) in row.iter().enumerate().filter(|(_, value)| !value.is_empty()) {
                 let number = column as u64 + 1;
-                if self.whole(column) {
+                if self.is_integer(column) {
                     varint(&mut message, number << 3);
                     varint(&mut message, value.parse::<i64>().unwrap().cast_unsigned());
                 } else {
@@ -143,16 +143,16 @@ fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
     out.extend_from_slice(value);
 }
 
-/// A world with a recording whole in each format, and in three pieces that have three formats. Gives the ways to name it.
-fn ways(world: &World, csv: &str) -> Vec<Vec<&'static str>> {
-    let all = Columns::of(csv);
+/// Writes a recording as a whole in each format, and in three pieces of three formats. Returns the equivalent lists of files.
+fn variants(domain: &TestDomain, csv: &str) -> Vec<Vec<&'static str>> {
+    let all = CsvContent::of(csv);
     for name in ["whole.csv", "whole.parquet", "whole.mcap"] {
-        all.write(&world.path(name));
+        all.write(&domain.path(name));
     }
     let third = all.rows.len() / 3;
     let pieces = [("b.parquet", 0, third), ("c.mcap", third, 2 * third), ("a.csv", 2 * third, all.rows.len())];
     for (name, from, to) in pieces {
-        all.part(from, to).write(&world.path(name));
+        all.part(from, to).write(&domain.path(name));
     }
     vec![
         vec!["whole.csv"],
@@ -164,74 +164,74 @@ fn ways(world: &World, csv: &str) -> Vec<Vec<&'static str>> {
     ]
 }
 
-/// Asserts that a command prints the same, however the recording is named.
-fn assert_alike(world: &World, ways: &[Vec<&str>], command: &[&str]) {
-    let printed: Vec<_> = ways.iter().map(|files| world.run_well(&[command, files].concat())).collect();
+/// Asserts that a command prints the same for all these lists of files.
+fn assert_alike(domain: &TestDomain, variants: &[Vec<&str>], command: &[&str]) {
+    let printed: Vec<_> = variants.iter().map(|files| domain.run_ok(&[command, files].concat())).collect();
     assert!(printed[0].lines().count() > 3, "{}", printed[0]);
-    for (files, printed_now) in ways.iter().zip(&printed) {
+    for (files, printed_now) in variants.iter().zip(&printed) {
         assert!(*printed_now == printed[0], "{command:?} {files:?}:\n{}\n{printed_now}", printed[0]);
     }
 }
 
 #[test]
 fn replay_verify_and_feed_read_every_format_and_pieces_in_any_order() {
-    let world = World::new();
+    let domain = TestDomain::new();
     let run = fs::read_to_string(RUN).unwrap();
-    let ways = ways(&world, &run.lines().take(1201).map(|line| format!("{line}\n")).collect::<String>());
-    let service = world.serve_recording();
-    assert_alike(&world, &ways, &["replay", "--table", "imu-a.toml"]);
-    assert_alike(&world, &ways, &["verify", "--table", "imu-a.toml", "--window", "1"]);
-    assert_alike(&world, &ways, &["feed", "--imu", "imu-a"]);
+    let variants = variants(&domain, &run.lines().take(1201).map(|line| format!("{line}\n")).collect::<String>());
+    let service = domain.serve_recording();
+    assert_alike(&domain, &variants, &["replay", "--table", "imu-a.toml"]);
+    assert_alike(&domain, &variants, &["verify", "--table", "imu-a.toml", "--window", "1"]);
+    assert_alike(&domain, &variants, &["feed", "--imu", "imu-a"]);
     service.terminate();
 }
 
 #[test]
 fn calibrate_reads_every_format_and_pieces_in_any_order() {
-    let world = World::new();
+    let domain = TestDomain::new();
     let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
     let campaign = campaign.replace("imu-paper", "imu-a");
-    let ways = ways(&world, &fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap());
+    let variants = variants(&domain, &fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap());
     let mut tables = Vec::new();
-    for files in &ways {
-        // Named by the campaign file, and by the command.
-        world.write("campaign.toml", &campaign.replace("\"samples.csv\"", &format!("{files:?}")));
-        let named = world.run_well(&["calibrate", "campaign.toml", "-o", "-"]);
-        world.write("campaign.toml", &campaign);
-        let given = world.run_well(&[&["calibrate", "campaign.toml", "-o", "-"], &files[..]].concat());
+    for files in &variants {
+        // The files are named in the campaign file, then on the command line.
+        domain.write("campaign.toml", &campaign.replace("\"samples.csv\"", &format!("{files:?}")));
+        let named = domain.run_ok(&["calibrate", "campaign.toml", "-o", "-"]);
+        domain.write("campaign.toml", &campaign);
+        let given = domain.run_ok(&[&["calibrate", "campaign.toml", "-o", "-"], &files[..]].concat());
         let content =
             |table: &str| table[table.find("[[axis]]").unwrap()..table.find("[provenance]").unwrap()].to_owned();
         assert_eq!(content(&named), content(&given), "{files:?}");
         tables.push(content(&given));
     }
     assert!(tables[0].matches("[[axis]]").count() == 3, "{}", tables[0]);
-    for (files, table) in ways.iter().zip(&tables) {
+    for (files, table) in variants.iter().zip(&tables) {
         assert!(*table == tables[0], "{files:?}:\n{}\n{table}", tables[0]);
     }
 }
 
 #[test]
 fn regress_reads_every_format_and_pieces_in_any_order() {
-    let world = World::new();
-    let ways = ways(&world, &fs::read_to_string(format!("{EXAMPLES}/cubic.csv")).unwrap());
-    // Without a time, pieces are taken as they are named; the fit does not depend on it.
-    assert_alike(&world, &ways, &["regress", "--x", "x", "--y", "y"]);
+    let domain = TestDomain::new();
+    let variants = variants(&domain, &fs::read_to_string(format!("{EXAMPLES}/cubic.csv")).unwrap());
+    // Rows without a time are read in the order of the arguments. The fit does not depend on it.
+    assert_alike(&domain, &variants, &["regress", "--x", "x", "--y", "y"]);
 }
 
 #[test]
-fn what_is_wrong_is_found_in_the_piece_where_it_is() {
-    let world = World::new();
-    let run = Columns::of(&fs::read_to_string(RUN).unwrap());
-    world.write("imu-a.toml", TABLE);
-    run.part(0, 500).write(&world.path("one.parquet"));
-    run.part(500, 1000).write(&world.path("two.csv"));
-    run.part(900, 1400).write(&world.path("over.csv"));
+fn a_fault_is_reported_with_the_piece_that_has_it() {
+    let domain = TestDomain::new();
+    let run = CsvContent::of(&fs::read_to_string(RUN).unwrap());
+    domain.write("imu-a.toml", TABLE);
+    run.part(0, 500).write(&domain.path("one.parquet"));
+    run.part(500, 1000).write(&domain.path("two.csv"));
+    run.part(900, 1400).write(&domain.path("over.csv"));
     let mut bad = run.part(1000, 1500);
     bad.rows[7][1] = "soon".to_owned();
-    bad.write(&world.path("bad.csv"));
+    bad.write(&domain.path("bad.csv"));
     let mut lacking = run.part(1000, 1500);
     lacking.names[2] = "interval".to_owned();
     for name in ["lacking.csv", "lacking.parquet", "lacking.mcap"] {
-        lacking.write(&world.path(name));
+        lacking.write(&domain.path(name));
     }
     let columns = "missing columns: interval_ns; found: sequence, timestamp_ns, interval, a1_positive";
     for (files, code, cause) in [
@@ -245,35 +245,35 @@ fn what_is_wrong_is_found_in_the_piece_where_it_is() {
         (&["lacking.mcap"], 65, "missing columns: interval_ns; found: "),
     ] {
         for command in [&["replay", "--table", "imu-a.toml"][..], &["verify", "--table", "imu-a.toml"]] {
-            let output = world.run(&[command, files].concat());
-            let said = text(&output.stderr);
-            assert_eq!(output.status.code(), Some(code), "{command:?} {files:?}: {said}");
-            assert!(said.contains(cause), "{command:?} {files:?}: {said}, not {cause}");
+            let output = domain.run(&[command, files].concat());
+            let stderr = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(code), "{command:?} {files:?}: {stderr}");
+            assert!(stderr.contains(cause), "{command:?} {files:?}: {stderr}, not {cause}");
         }
     }
 }
 
 #[test]
 fn telemetry_in_whole_numbers_is_read() {
-    let world = World::new();
-    let mut run = Columns::of(&fs::read_to_string(RUN).unwrap()).part(0, 100);
+    let domain = TestDomain::new();
+    let mut run = CsvContent::of(&fs::read_to_string(RUN).unwrap()).part(0, 100);
     let head = run.names.iter().position(|name| name == "a2_head").unwrap();
     run.rows.iter_mut().for_each(|row| row[head] = "1".to_owned());
-    world.write("imu-a.toml", TABLE);
-    let ways = ["r.csv", "r.parquet", "r.mcap"].map(|name| {
-        run.write(&world.path(name));
+    domain.write("imu-a.toml", TABLE);
+    let variants = ["r.csv", "r.parquet", "r.mcap"].map(|name| {
+        run.write(&domain.path(name));
         vec![name]
     });
-    assert_alike(&world, &ways, &["replay", "--table", "imu-a.toml"]);
+    assert_alike(&domain, &variants, &["replay", "--table", "imu-a.toml"]);
 }
 
-/// Text in a column of numbers, in the formats that have types.
+/// Text in a column of numbers, in a format that has types.
 #[test]
 fn a_column_of_another_type_is_refused() {
-    let world = World::new();
+    let domain = TestDomain::new();
     let field = |name: &str| Arc::new(Type::primitive_type_builder(name, Physical::BYTE_ARRAY).build().unwrap());
     let schema = Type::group_type_builder("schema").with_fields(vec![field("x"), field("y")]).build().unwrap();
-    let file = File::create(world.path("text.parquet")).unwrap();
+    let file = File::create(domain.path("text.parquet")).unwrap();
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::default()).unwrap();
     let mut group = writer.next_row_group().unwrap();
     while let Some(mut column) = group.next_column().unwrap() {
@@ -282,7 +282,7 @@ fn a_column_of_another_type_is_refused() {
     }
     group.close().unwrap();
     writer.close().unwrap();
-    let output = world.run(&["regress", "text.parquet", "--x", "x", "--y", "y"]);
+    let output = domain.run(&["regress", "text.parquet", "--x", "x", "--y", "y"]);
     assert_eq!(output.status.code(), Some(65), "{}", text(&output.stdout));
     assert!(text(&output.stderr).contains("x is of type BYTE_ARRAY, give numbers"), "{}", text(&output.stderr));
 }

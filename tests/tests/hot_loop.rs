@@ -1,7 +1,8 @@
-//! What the hot loop and the client do not do while samples flow: allocate, and, when spinning, call the system. Seen from outside.
+//! While samples flow, worker and client do not allocate and, with the spin strategy, make no system calls. The tests measure
+//! this with a counting allocator and with ptrace.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{Needs, PATIENCE, TABLE, World, skip, thread_of, wait_until};
+use isotherm_tests::{Needs, TABLE, TIMEOUT, TestDomain, skip, thread_of, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
@@ -15,7 +16,7 @@ use std::time::{Duration, Instant};
 /// Waiting strategies.
 const STRATEGIES: [&str; 3] = ["spin", "anticipate", "block"];
 
-/// `counted` in a world, and the lines that it prints.
+/// A running `counted` in the test's domain, with its input and output.
 struct Counted {
     child: Child,
     input: ChildStdin,
@@ -23,23 +24,23 @@ struct Counted {
 }
 
 impl Counted {
-    fn start(world: &World, arguments: &[&str]) -> Self {
+    fn start(domain: &TestDomain, arguments: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_counted"));
-        command.args(arguments).current_dir(world.path(""));
-        command.env("ISOTHERM_DOMAIN", world.domain().name()).env("ISOTHERM_ROOT", world.path(""));
+        command.args(arguments).current_dir(domain.path(""));
+        command.env("ISOTHERM_DOMAIN", domain.client_domain().name()).env("ISOTHERM_ROOT", domain.path(""));
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
-        world.watch(child.id());
+        domain.register_process(child.id());
         let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         Self { child, input, lines: BufReader::new(output).lines() }
     }
 
-    /// Gives it a line.
-    fn go_on(&mut self) {
+    /// Sends a line to its input.
+    fn send_line(&mut self) {
         writeln!(self.input).unwrap();
     }
 
-    /// The next number that it prints.
+    /// Waits for the next number that it prints.
     fn number(&mut self) -> u64 {
         self.lines.next().unwrap().unwrap().parse().unwrap()
     }
@@ -52,34 +53,34 @@ impl Drop for Counted {
     }
 }
 
-/// Four threads that spin at once get in each other's way on two cores.
-fn alone() -> MutexGuard<'static, ()> {
+/// The tests of this file run one after the other: two tests have four spinning threads, too many for two cores.
+fn exclusive() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
     ONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn configure(world: &World, strategy: &str) {
-    world.write("imu-a.toml", TABLE);
+fn configure(domain: &TestDomain, strategy: &str) {
+    domain.write("imu-a.toml", TABLE);
     let imu = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
-    world.write("service.toml", &format!("{imu}[wait]\nstrategy = \"{strategy}\"\n"));
+    domain.write("service.toml", &format!("{imu}[wait]\nstrategy = \"{strategy}\"\n"));
 }
 
 #[test]
 fn neither_side_allocates_for_a_sample() {
-    let _alone = alone();
+    let _exclusive = exclusive();
     for strategy in STRATEGIES {
-        let world = World::new();
-        configure(&world, strategy);
-        let mut service = Counted::start(&world, &["serve", "--config", "service.toml"]);
-        let mut client = Counted::start(&world, &["send", "imu-a", "20000"]);
+        let domain = TestDomain::new();
+        configure(&domain, strategy);
+        let mut service = Counted::start(&domain, &["serve", "--config", "service.toml"]);
+        let mut client = Counted::start(&domain, &["send", "imu-a", "20000"]);
         client.number();
         let mut workers = || {
-            service.go_on();
+            service.send_line();
             service.number()
         };
         let before = workers();
         assert!(before > 0, "nothing is counted");
-        client.go_on();
+        client.send_line();
         assert_eq!(client.number(), 0, "allocations of the client, {strategy}");
         assert_eq!(workers() - before, 0, "allocations of the worker, {strategy}");
     }
@@ -92,21 +93,21 @@ fn spinning_makes_no_system_call_on_either_side() {
         skip(&format!("on this machine reading the clock is a system call ({source:?})"), Needs::Machine);
         return;
     }
-    let _alone = alone();
-    for (strategy, none) in [("spin", true), ("block", false)] {
-        let world = World::new();
-        configure(&world, strategy);
-        let service = world.serve(&["--config", "service.toml"]);
-        // More than it can send while it is watched.
-        let mut client = Counted::start(&world, &["send", "imu-a", "1000000000000"]);
-        client.go_on();
-        let received = || world.imu_status()["received"].as_u64().unwrap();
+    let _exclusive = exclusive();
+    for (strategy, without_calls) in [("spin", true), ("block", false)] {
+        let domain = TestDomain::new();
+        configure(&domain, strategy);
+        let service = domain.serve(&["--config", "service.toml"]);
+        // More samples than it can send during the test.
+        let mut client = Counted::start(&domain, &["send", "imu-a", "1000000000000"]);
+        client.send_line();
+        let received = || domain.imu_status()["received"].as_u64().unwrap();
         wait_until("samples", || received() > 5_000);
         let worker = Pid::from_raw(thread_of(service.pid(), "worker-0"));
         let main = Pid::from_raw(client.child.id().cast_signed());
         for thread in [worker, main] {
             let (mut calls, before) = (0, received());
-            // Watched until enough has come, however little a machine that is busy with other things lets through.
+            // Trace until enough samples have arrived, however long this takes on a loaded machine.
             let samples = loop {
                 let Some(more) = system_calls(thread, Duration::from_millis(500)) else {
                     skip("this user may not trace a process", Needs::Machine);
@@ -118,37 +119,37 @@ fn spinning_makes_no_system_call_on_either_side() {
                     break samples;
                 }
             };
-            if none {
+            if without_calls {
                 assert_eq!(calls, 0, "in {samples} samples");
             } else if thread == worker {
-                // The counting counts: a worker that sleeps calls the system, while it is watched for every sample.
+                // Check of the method: a blocking worker makes system calls, while it is traced for every sample.
                 assert!(calls > 10, "{calls} calls in {samples} samples");
             }
         }
     }
 }
 
-/// System calls of a thread within a time; `None` if it may not be traced.
+/// The number of a thread's system calls within a time; `None` if it may not be traced.
 fn system_calls(thread: Pid, time: Duration) -> Option<u64> {
     ptrace::seize(thread, ptrace::Options::PTRACE_O_TRACESYSGOOD).ok()?;
     // Only a stopped thread can be told to stop at every system call.
     ptrace::interrupt(thread).unwrap();
     let (started, mut since, mut stops) = (Instant::now(), None::<Instant>, 0);
-    let mut over = false;
+    let mut detaching = false;
     loop {
         match waitpid(thread, Some(WaitPidFlag::WNOHANG | WaitPidFlag::__WALL)).unwrap() {
             WaitStatus::StillAlive => {
-                assert!(started.elapsed() < time + PATIENCE, "the traced thread does not stop");
-                if since.is_some_and(|since| since.elapsed() > time) && !over {
-                    over = true;
+                assert!(started.elapsed() < time + TIMEOUT, "the traced thread does not stop");
+                if since.is_some_and(|since| since.elapsed() > time) && !detaching {
+                    detaching = true;
                     ptrace::interrupt(thread).unwrap();
                 }
                 thread::sleep(Duration::from_micros(200));
             }
-            // Either kind of stop will do for letting go.
-            WaitStatus::PtraceSyscall(_) | WaitStatus::PtraceEvent(..) | WaitStatus::Stopped(..) if over => {
+            // The thread can be detached at any stop.
+            WaitStatus::PtraceSyscall(_) | WaitStatus::PtraceEvent(..) | WaitStatus::Stopped(..) if detaching => {
                 ptrace::detach(thread, None).unwrap();
-                // One stop at the beginning and one at the end of each.
+                // Each system call stops the thread twice: on entry and on exit.
                 return Some(stops / 2);
             }
             WaitStatus::PtraceSyscall(_) => {

@@ -1,24 +1,26 @@
-//! The drivers of chambers and tables, against the simulated station's processes on pseudo-terminals and TCP, and against scripted
-//! peers that say what public drivers expect.
+//! The drivers of chambers and turntables, tested against the processes of the simulated station on pseudo-terminals and TCP,
+//! and against scripted peers whose requests and replies are taken from public drivers.
+//!
+//! Over 400 lines: all drivers pass the same tests, with the same helpers.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_instruments::{
-    self as instruments, Chamber, ChamberConfig, ChamberReading, Fault, FaultKind, Turntable, TurntableConfig,
-    TurntableReading, turn_deg,
+    self as instruments, Chamber, ChamberConfig, ChamberReading, FaultKind, InstrumentFault, Turntable,
+    TurntableConfig, TurntableReading, turn_deg,
 };
 use isotherm_shared::document::{Document, Faults};
-use isotherm_tests::{Process, World, text, wait_until};
+use isotherm_tests::{Process, TestDomain, text, wait_until};
 use rustix::process::Signal;
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
 use std::thread::{self, JoinHandle};
 
-/// A machine under load may answer late without a fault.
-const PATIENT: &str = "timeout_s = 20\nquiet_s = 0.05\nretries = 0\n";
+/// Settings of the line with a long time-out: on a loaded machine a reply may be late without a fault.
+const LONG_TIMEOUT: &str = "timeout_s = 20\nquiet_s = 0.05\nretries = 0\n";
 
-/// What a chamber or table speaks, and the keys that its simulation needs.
+/// The drivers, each with the configuration keys that match its simulated instrument.
 const CHAMBERS: [(&str, &str); 3] = [("espec", ""), ("watlow-f4t", "pause_s = 0\n"), ("ascii2", "alarm_bit = 2\n")];
-const TABLES: [(&str, &str); 2] = [("acutrol", "gap_s = 0.05\n"), ("aerosmith", "fault_mask = 4\n")];
+const TURNTABLES: [(&str, &str); 2] = [("acutrol", "gap_s = 0.05\n"), ("aerosmith", "fault_mask = 4\n")];
 
 fn chamber_config(toml: &str) -> Result<ChamberConfig, Faults> {
     let document = Document::parse(toml)?;
@@ -28,7 +30,7 @@ fn chamber_config(toml: &str) -> Result<ChamberConfig, Faults> {
     document.finish(config)
 }
 
-fn table_config(toml: &str) -> Result<TurntableConfig, Faults> {
+fn turntable_config(toml: &str) -> Result<TurntableConfig, Faults> {
     let document = Document::parse(toml)?;
     let root = document.root();
     let config = TurntableConfig::read(&root);
@@ -36,24 +38,24 @@ fn table_config(toml: &str) -> Result<TurntableConfig, Faults> {
     document.finish(config)
 }
 
-/// A running station.
-struct TestStation<'w> {
-    world: &'w World,
+/// A running simulated station.
+struct TestStation<'d> {
+    domain: &'d TestDomain,
     process: Process,
 }
 
-impl<'w> TestStation<'w> {
-    fn start(world: &'w World, arguments: &[&str]) -> Self {
+impl<'d> TestStation<'d> {
+    fn start(domain: &'d TestDomain, arguments: &[&str]) -> Self {
         let given = [&["simulate", "station", "-o", "station", "--imu", "imu-a"], arguments].concat();
-        let process = world.spawn(&given);
-        Self { world, process }
+        let process = domain.spawn(&given);
+        Self { domain, process }
     }
 
-    /// The port of `who`, once the station has said it.
+    /// The port of an instrument. Waits until the station has written it to its description.
     fn port(&self, who: &str) -> String {
         let mut port = String::new();
         wait_until("the station's description", || {
-            let json = std::fs::read_to_string(self.world.path("station/station.json")).unwrap_or_default();
+            let json = std::fs::read_to_string(self.domain.path("station/station.json")).unwrap_or_default();
             let station: serde_json::Value = serde_json::from_str(&json).unwrap_or_default();
             port = station[format!("{who}_port")].as_str().unwrap_or_default().to_owned();
             !port.is_empty()
@@ -63,22 +65,22 @@ impl<'w> TestStation<'w> {
 
     fn chamber(&self, keys: &str) -> Box<dyn Chamber> {
         let config = chamber_config(&format!("port = {:?}\n{keys}", self.port("chamber"))).unwrap();
-        opened(|| instruments::chamber(&config))
+        open_when_ready(|| instruments::chamber(&config))
     }
 
-    fn table(&self, keys: &str) -> Box<dyn Turntable> {
-        let config = table_config(&format!("port = {:?}\n{keys}", self.port("table"))).unwrap();
-        opened(|| instruments::turntable(&config))
+    fn turntable(&self, keys: &str) -> Box<dyn Turntable> {
+        let config = turntable_config(&format!("port = {:?}\n{keys}", self.port("table"))).unwrap();
+        open_when_ready(|| instruments::turntable(&config))
     }
 
-    /// From now on these faults, one a line.
+    /// Sets the faults that are simulated from now on, one per line.
     fn faults(&self, lines: &str) {
-        self.world.replace("station/faults", lines);
+        self.domain.replace("station/faults", lines);
     }
 }
 
-/// Opens as soon as the port is there.
-fn opened<T>(open: impl Fn() -> Result<T, Fault>) -> T {
+/// Waits until the port exists, and opens it.
+fn open_when_ready<T>(open: impl Fn() -> Result<T, InstrumentFault>) -> T {
     let mut opened = None;
     wait_until("the port", || {
         opened = open().ok();
@@ -91,12 +93,12 @@ fn keys(driver: &str, own: &str, line: &str) -> String {
     format!("driver = \"{driver}\"\n{own}{line}")
 }
 
-fn kind<T: std::fmt::Debug>(result: Result<T, Fault>) -> FaultKind {
+fn fault_kind<T: std::fmt::Debug>(result: Result<T, InstrumentFault>) -> FaultKind {
     result.unwrap_err().kind
 }
 
-/// All at the same time: most of it is waiting.
-fn each<const N: usize>(drivers: [(&'static str, &'static str); N], test: impl Fn(&str, &str) + Sync) {
+/// Runs a test for all drivers at the same time: it mostly waits.
+fn for_each_driver<const N: usize>(drivers: [(&'static str, &'static str); N], test: impl Fn(&str, &str) + Sync) {
     thread::scope(|scope| {
         for (driver, own) in drivers {
             scope.spawn(|| test(driver, own));
@@ -104,19 +106,20 @@ fn each<const N: usize>(drivers: [(&'static str, &'static str); N], test: impl F
     });
 }
 
-/// Both ways of reaching an instrument.
-fn ways(check: impl Fn(&[&str])) {
+/// Runs a test on pseudo-terminals and on TCP.
+fn over_serial_and_tcp(check: impl Fn(&[&str])) {
     check(&[]);
     check(&["--tcp"]);
 }
 
 #[test]
 fn every_chamber_goes_where_it_is_sent_and_into_standby() {
-    each(CHAMBERS, |driver, own| {
-        ways(|way| {
-            let world = World::new();
-            let station = TestStation::start(&world, &[&["--speed", "2000", "--chamber", driver], way].concat());
-            let mut chamber = station.chamber(&keys(driver, own, PATIENT));
+    for_each_driver(CHAMBERS, |driver, own| {
+        over_serial_and_tcp(|connection| {
+            let domain = TestDomain::new();
+            let station =
+                TestStation::start(&domain, &[&["--speed", "2000", "--chamber", driver], connection].concat());
+            let mut chamber = station.chamber(&keys(driver, own, LONG_TIMEOUT));
             let name = chamber.identify().unwrap();
             assert!(
                 ["ESPEC P300", "Watlow F4T, address 1, loop 1, unit C", "ASCII-2, 4 values, 16 digital outputs"]
@@ -129,8 +132,8 @@ fn every_chamber_goes_where_it_is_sent_and_into_standby() {
             assert!(chamber.read().unwrap().running);
             wait_until("the set point", || (chamber.read().unwrap().air_c + 5.5).abs() < 0.2);
             assert_eq!(chamber.read().unwrap().set_point_c, -5.5);
-            let refused = kind(chamber.set_point(900.0));
-            // ASCII-2 has no refusal: the set point that is read back is the old one.
+            let refused = fault_kind(chamber.set_point(900.0));
+            // ASCII-2 has no reply for a refusal: the driver reads the old set point back.
             assert_eq!(refused, if driver == "ascii2" { FaultKind::Mismatch } else { FaultKind::Refused });
             assert_eq!(chamber.read().unwrap().set_point_c, -5.5);
             chamber.standby().unwrap();
@@ -141,53 +144,53 @@ fn every_chamber_goes_where_it_is_sent_and_into_standby() {
 }
 
 #[test]
-fn every_table_goes_where_it_is_sent_and_stops() {
-    each(TABLES, |driver, own| {
-        ways(|way| {
-            let world = World::new();
-            let station = TestStation::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
-            let mut table = station.table(&keys(driver, own, PATIENT));
-            let name = table.identify().unwrap();
+fn every_turntable_goes_where_it_is_sent_and_stops() {
+    for_each_driver(TURNTABLES, |driver, own| {
+        over_serial_and_tcp(|connection| {
+            let domain = TestDomain::new();
+            let station = TestStation::start(&domain, &[&["--speed", "20", "--table", driver], connection].concat());
+            let mut turntable = station.turntable(&keys(driver, own, LONG_TIMEOUT));
+            let name = turntable.identify().unwrap();
             assert!(
                 ["ACUTRONIC,ACUTROL3000,SIMULATED,0", "Aerosmith Table Language, axes 1 and 2"]
                     .contains(&name.as_str())
             );
-            table.engage().unwrap();
-            assert_eq!(table.read().unwrap(), TurntableReading::default());
-            table.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
-            wait_until("the position", || table.read().unwrap().angles_deg == [90.0, -30.5]);
-            // The last digit of the angle is there before the rate's.
-            wait_until("the rest", || table.read().unwrap().rates_deg_s == [0.0; 2]);
-            assert_eq!(table.read().unwrap().angles_deg, [90.0, -30.5]);
-            // A way of hours, so that it is still on it when it is stopped, however slow the machine.
-            table.engage().unwrap();
-            table.move_to([700.0, 0.0], 0.05, 5.0).unwrap();
-            wait_until("the turn", || table.read().unwrap().angles_deg[0] > 90.01);
-            table.stop().unwrap();
-            wait_until("the stop", || table.read().unwrap().rates_deg_s == [0.0; 2]);
-            assert!(table.read().unwrap().angles_deg[0] < 690.0);
+            turntable.engage().unwrap();
+            assert_eq!(turntable.read().unwrap(), TurntableReading::default());
+            turntable.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
+            wait_until("the position", || turntable.read().unwrap().angles_deg == [90.0, -30.5]);
+            // The angle reaches its last digit before the rate is zero.
+            wait_until("the rest", || turntable.read().unwrap().rates_deg_s == [0.0; 2]);
+            assert_eq!(turntable.read().unwrap().angles_deg, [90.0, -30.5]);
+            // This move takes hours, so it is not finished when it is stopped, even on a slow machine.
+            turntable.engage().unwrap();
+            turntable.move_to([700.0, 0.0], 0.05, 5.0).unwrap();
+            wait_until("the turn", || turntable.read().unwrap().angles_deg[0] > 90.01);
+            turntable.stop().unwrap();
+            wait_until("the stop", || turntable.read().unwrap().rates_deg_s == [0.0; 2]);
+            assert!(turntable.read().unwrap().angles_deg[0] < 690.0);
         });
     });
 }
 
 #[test]
-fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
-    each(CHAMBERS, |driver, own| {
-        ways(|way| {
-            let world = World::new();
-            let station = TestStation::start(&world, &[&["--chamber", driver], way].concat());
-            let mut chamber = station.chamber(&keys(driver, own, PATIENT));
+fn each_fault_of_a_chambers_line_is_reported_and_the_next_request_is_answered() {
+    for_each_driver(CHAMBERS, |driver, own| {
+        over_serial_and_tcp(|connection| {
+            let domain = TestDomain::new();
+            let station = TestStation::start(&domain, &[&["--chamber", driver], connection].concat());
+            let mut chamber = station.chamber(&keys(driver, own, LONG_TIMEOUT));
             chamber.set_point(23.5).unwrap();
             station.faults("garbled:chamber\n");
-            // A frame whose function is destroyed ends with the time-out only.
+            // A Modbus frame with a garbled function code never counts as complete: the driver waits for the time-out.
             drop(chamber);
             let mut chamber = station.chamber(&keys(driver, own, "timeout_s = 0.5\nretries = 0\n"));
-            // A machine under load may answer too late as well.
-            wait_until("what is garbled", || kind(chamber.read()) == FaultKind::Garbled);
+            // On a loaded machine some replies are late, which is another fault.
+            wait_until("the garbled reply", || fault_kind(chamber.read()) == FaultKind::Garbled);
             station.faults("missing:chamber\n");
-            wait_until("silence", || kind(chamber.read()) == FaultKind::NoReply);
+            wait_until("silence", || fault_kind(chamber.read()) == FaultKind::NoReply);
             drop(chamber);
-            let mut chamber = station.chamber(&keys(driver, own, PATIENT));
+            let mut chamber = station.chamber(&keys(driver, own, LONG_TIMEOUT));
             station.faults("duplicated:chamber\n");
             for set_point_c in [24.0, 25.0] {
                 chamber.set_point(set_point_c).unwrap();
@@ -195,7 +198,7 @@ fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
             }
             station.faults("alarm:chamber\n");
             assert_eq!(chamber.read().unwrap().alarms.len(), 1);
-            assert_eq!(kind(chamber.run()), FaultKind::Alarm, "{driver}");
+            assert_eq!(fault_kind(chamber.run()), FaultKind::Alarm, "{driver}");
             assert!(!chamber.read().unwrap().running);
             station.faults("port-loss:chamber\n");
             wait_until("the loss", || chamber.read().is_err_and(|fault| fault.kind == FaultKind::Line));
@@ -208,90 +211,90 @@ fn each_fault_of_a_chambers_line_is_told_and_the_next_request_is_answered() {
 }
 
 #[test]
-fn each_fault_of_a_tables_line_is_told_and_the_next_request_is_answered() {
-    each(TABLES, |driver, own| {
-        ways(|way| {
-            let world = World::new();
-            let station = TestStation::start(&world, &[&["--speed", "20", "--table", driver], way].concat());
-            let mut table = station.table(&keys(driver, own, PATIENT));
-            table.engage().unwrap();
+fn each_fault_of_a_turntables_line_is_reported_and_the_next_request_is_answered() {
+    for_each_driver(TURNTABLES, |driver, own| {
+        over_serial_and_tcp(|connection| {
+            let domain = TestDomain::new();
+            let station = TestStation::start(&domain, &[&["--speed", "20", "--table", driver], connection].concat());
+            let mut turntable = station.turntable(&keys(driver, own, LONG_TIMEOUT));
+            turntable.engage().unwrap();
             station.faults("garbled:table\n");
-            assert_eq!(kind(table.read()), FaultKind::Garbled, "{driver}");
+            assert_eq!(fault_kind(turntable.read()), FaultKind::Garbled, "{driver}");
             station.faults("missing:table\n");
-            let hasty = keys(driver, own, "timeout_s = 0.5\nretries = 0\n");
-            drop(table);
-            let mut table = station.table(&hasty);
-            assert_eq!(kind(table.read()), FaultKind::NoReply, "{driver}");
-            drop(table);
-            let mut table = station.table(&keys(driver, own, PATIENT));
-            if driver == "acutrol" && !way.is_empty() {
-                // Only a pause ends a reply there, so that the second copy is a part of it.
+            let short_timeout = keys(driver, own, "timeout_s = 0.5\nretries = 0\n");
+            drop(turntable);
+            let mut turntable = station.turntable(&short_timeout);
+            assert_eq!(fault_kind(turntable.read()), FaultKind::NoReply, "{driver}");
+            drop(turntable);
+            let mut turntable = station.turntable(&keys(driver, own, LONG_TIMEOUT));
+            if driver == "acutrol" && !connection.is_empty() {
+                // On TCP only a pause ends a reply, so the second copy is read as a part of it.
                 station.faults("duplicated:table@1\n");
-                assert_eq!(kind(table.move_to([10.0, 20.0], 10.0, 5.0)), FaultKind::Garbled);
+                assert_eq!(fault_kind(turntable.move_to([10.0, 20.0], 10.0, 5.0)), FaultKind::Garbled);
             } else {
                 station.faults("duplicated:table\n");
             }
-            table.move_to([10.0, 20.0], 10.0, 5.0).unwrap();
-            wait_until("the position", || table.read().unwrap().angles_deg == [10.0, 20.0]);
+            turntable.move_to([10.0, 20.0], 10.0, 5.0).unwrap();
+            wait_until("the position", || turntable.read().unwrap().angles_deg == [10.0, 20.0]);
             station.faults("alarm:table\n");
-            wait_until("the alarm", || table.read().unwrap().faults.len() == 2);
-            assert_eq!(kind(table.engage()), FaultKind::Alarm, "{driver}");
+            wait_until("the alarm", || turntable.read().unwrap().faults.len() == 2);
+            assert_eq!(fault_kind(turntable.engage()), FaultKind::Alarm, "{driver}");
             station.faults("port-loss:table\n");
-            wait_until("the loss", || table.read().is_err_and(|fault| fault.kind == FaultKind::Line));
+            wait_until("the loss", || turntable.read().is_err_and(|fault| fault.kind == FaultKind::Line));
             station.faults("");
-            wait_until("the return", || table.read().is_ok());
+            wait_until("the return", || turntable.read().is_ok());
             if driver == "acutrol" {
-                table.engage().unwrap();
+                turntable.engage().unwrap();
             }
-            table.move_to([-10.0, 0.0], 10.0, 5.0).unwrap();
-            wait_until("the position", || table.read().unwrap().angles_deg == [-10.0, 0.0]);
-            assert_eq!(table.read().unwrap().faults.len(), 0);
+            turntable.move_to([-10.0, 0.0], 10.0, 5.0).unwrap();
+            wait_until("the position", || turntable.read().unwrap().angles_deg == [-10.0, 0.0]);
+            assert_eq!(turntable.read().unwrap().faults.len(), 0);
         });
     });
 }
 
-/// A controller that refuses says so, where its protocol can; else it is silent.
+/// A controller reports a refusal if its protocol has a reply for it, and is silent if not.
 #[test]
-fn refusals_are_told_apart_from_silence() {
-    each(CHAMBERS, |driver, own| {
-        let world = World::new();
-        let station = TestStation::start(&world, &["--chamber", driver, "--fault", "na"]);
+fn refusals_are_distinguished_from_silence() {
+    for_each_driver(CHAMBERS, |driver, own| {
+        let domain = TestDomain::new();
+        let station = TestStation::start(&domain, &["--chamber", driver, "--fault", "na"]);
         let silent = driver == "ascii2";
-        let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
+        let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { LONG_TIMEOUT };
         let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
         let mut chamber = station.chamber(&keys(driver, own, line));
-        assert_eq!(kind(chamber.read()), expected, "{driver}");
-        assert_eq!(kind(chamber.set_point(5.0)), expected, "{driver}");
+        assert_eq!(fault_kind(chamber.read()), expected, "{driver}");
+        assert_eq!(fault_kind(chamber.set_point(5.0)), expected, "{driver}");
     });
-    each(TABLES, |driver, own| {
-        let world = World::new();
-        let station = TestStation::start(&world, &["--table", driver, "--fault", "na:table"]);
+    for_each_driver(TURNTABLES, |driver, own| {
+        let domain = TestDomain::new();
+        let station = TestStation::start(&domain, &["--table", driver, "--fault", "na:table"]);
         let silent = driver == "aerosmith";
-        let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { PATIENT };
+        let line = if silent { "timeout_s = 0.5\nretries = 1\n" } else { LONG_TIMEOUT };
         let expected = if silent { FaultKind::NoReply } else { FaultKind::Refused };
-        let mut table = station.table(&keys(driver, own, line));
-        assert_eq!(kind(table.engage()), expected, "{driver}");
+        let mut turntable = station.turntable(&keys(driver, own, line));
+        assert_eq!(fault_kind(turntable.engage()), expected, "{driver}");
     });
 }
 
 #[test]
 fn a_late_reply_is_never_taken_for_the_next_ones() {
-    each(TABLES, |driver, own| {
-        let world = World::new();
-        let station = TestStation::start(&world, &["--speed", "20", "--table", driver]);
-        let mut table = station.table(&keys(driver, own, PATIENT));
-        table.engage().unwrap();
-        table.move_to([30.0, 60.0], 20.0, 20.0).unwrap();
-        wait_until("the position", || table.read().unwrap().angles_deg == [30.0, 60.0]);
-        // The outer rate comes after 1.5 s, when the outer angle has been asked for again and is late as well.
-        let hasty = keys(driver, own, "timeout_s = 1.2\nquiet_s = 4\nretries = 0\n");
-        drop(table);
-        let mut table = station.table(&hasty);
+    for_each_driver(TURNTABLES, |driver, own| {
+        let domain = TestDomain::new();
+        let station = TestStation::start(&domain, &["--speed", "20", "--table", driver]);
+        let mut turntable = station.turntable(&keys(driver, own, LONG_TIMEOUT));
+        turntable.engage().unwrap();
+        turntable.move_to([30.0, 60.0], 20.0, 20.0).unwrap();
+        wait_until("the position", || turntable.read().unwrap().angles_deg == [30.0, 60.0]);
+        // The reply with the outer rate comes after 1.5 s. By then the outer angle is requested again, and its reply is late too.
+        let short_timeout = keys(driver, own, "timeout_s = 1.2\nquiet_s = 4\nretries = 0\n");
+        drop(turntable);
+        let mut turntable = station.turntable(&short_timeout);
         station.faults("late:table@2-3\n");
-        let mut reading = table.read();
+        let mut reading = turntable.read();
         assert_eq!(reading.as_ref().unwrap_err().kind, FaultKind::NoReply);
         while reading.as_ref().is_err_and(|fault| fault.kind == FaultKind::NoReply) {
-            reading = table.read();
+            reading = turntable.read();
         }
         let TurntableReading { angles_deg, rates_deg_s, .. } = reading.unwrap();
         assert_eq!((angles_deg, rates_deg_s), ([30.0, 60.0], [0.0; 2]), "{driver}");
@@ -299,20 +302,20 @@ fn a_late_reply_is_never_taken_for_the_next_ones() {
 }
 
 #[test]
-fn what_is_lost_once_is_asked_again() {
-    let world = World::new();
-    let station = TestStation::start(&world, &["--fault", "missing:chamber@2"]);
+fn a_lost_request_is_repeated() {
+    let domain = TestDomain::new();
+    let station = TestStation::start(&domain, &["--fault", "missing:chamber@2"]);
     let mut chamber = station.chamber("driver = \"espec\"\ntimeout_s = 3\nquiet_s = 0.1\nretries = 4\n");
     chamber.set_point(31.0).unwrap();
     assert_eq!(chamber.read().unwrap().set_point_c, 31.0);
 }
 
 #[test]
-fn chambers_overshoot_or_never_arrive_and_tables_swing_on_demand() {
-    let world = World::new();
-    let station = TestStation::start(&world, &["--speed", "500", "--fault", "overshoot"]);
-    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
-    let mut table = station.table(&keys("acutrol", "", PATIENT));
+fn simulated_overshoot_and_missing_settling_show_in_the_readings() {
+    let domain = TestDomain::new();
+    let station = TestStation::start(&domain, &["--speed", "500", "--fault", "overshoot"]);
+    let mut chamber = station.chamber(&keys("espec", "", LONG_TIMEOUT));
+    let mut turntable = station.turntable(&keys("acutrol", "", LONG_TIMEOUT));
     chamber.set_point(30.0).unwrap();
     chamber.run().unwrap();
     chamber.set_point(32.0).unwrap();
@@ -320,30 +323,30 @@ fn chambers_overshoot_or_never_arrive_and_tables_swing_on_demand() {
     wait_until("the return", || (chamber.read().unwrap().air_c - 32.0).abs() < 0.2);
     station.faults("never-there\nno-settle\n");
     chamber.set_point(25.0).unwrap();
-    wait_until("almost", || (chamber.read().unwrap().air_c - 28.0).abs() < 0.2);
-    table.engage().unwrap();
-    table.move_to([5.0, 5.0], 10.0, 10.0).unwrap();
+    wait_until("a temperature near the set point", || (chamber.read().unwrap().air_c - 28.0).abs() < 0.2);
+    turntable.engage().unwrap();
+    turntable.move_to([5.0, 5.0], 10.0, 10.0).unwrap();
     wait_until("the swing", || {
-        let TurntableReading { angles_deg, rates_deg_s, .. } = table.read().unwrap();
+        let TurntableReading { angles_deg, rates_deg_s, .. } = turntable.read().unwrap();
         turn_deg(angles_deg[0], 5.0).abs() < 0.1 && rates_deg_s[0].abs() > 0.05
     });
     station.faults("");
-    wait_until("peace", || table.read().unwrap().angles_deg == [5.0, 5.0]);
+    wait_until("the end of the swing", || turntable.read().unwrap().angles_deg == [5.0, 5.0]);
     wait_until("the set point", || (chamber.read().unwrap().air_c - 25.0).abs() < 0.2);
 }
 
 #[test]
-fn the_imu_feels_table_and_chamber_and_survives_the_service() {
-    let world = World::new();
-    let station = TestStation::start(&world, &["--speed", "200"]);
-    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
-    let mut table = station.table(&keys("acutrol", "", PATIENT));
-    table.engage().unwrap();
+fn the_imu_follows_turntable_and_chamber_and_outlives_the_service() {
+    let domain = TestDomain::new();
+    let station = TestStation::start(&domain, &["--speed", "200"]);
+    let mut chamber = station.chamber(&keys("espec", "", LONG_TIMEOUT));
+    let mut turntable = station.turntable(&keys("acutrol", "", LONG_TIMEOUT));
+    turntable.engage().unwrap();
     chamber.set_point(35.0).unwrap();
     chamber.run().unwrap();
-    let serve = || world.serve(&["--imu", "imu-a=station/truth.toml"]);
+    let serve = || domain.serve(&["--imu", "imu-a=station/truth.toml"]);
     let service = serve();
-    let mut reader = world.reader("imu-a");
+    let mut reader = domain.reader("imu-a");
     let mut wait_for = |what: &str, [x, y, z]: [f64; 3]| {
         wait_until(what, || {
             let latest = std::iter::from_fn(|| reader.receive().unwrap()).last();
@@ -354,10 +357,10 @@ fn the_imu_feels_table_and_chamber_and_survives_the_service() {
         });
     };
     wait_for("A3 up", [0.0, 0.0, 1.0]);
-    table.move_to([90.0, 90.0], 10.0, 10.0).unwrap();
+    turntable.move_to([90.0, 90.0], 10.0, 10.0).unwrap();
     wait_for("A1 up", [1.0, 0.0, 0.0]);
     service.kill();
-    table.move_to([90.0, 180.0], 10.0, 10.0).unwrap();
+    turntable.move_to([90.0, 180.0], 10.0, 10.0).unwrap();
     let service = serve();
     wait_for("A2 down, after another service", [0.0, -1.0, 0.0]);
     service.terminate();
@@ -366,9 +369,9 @@ fn the_imu_feels_table_and_chamber_and_survives_the_service() {
 
 #[test]
 fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
-    let world = World::new();
-    let station = TestStation::start(&world, &[]);
-    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
+    let domain = TestDomain::new();
+    let station = TestStation::start(&domain, &[]);
+    let mut chamber = station.chamber(&keys("espec", "", LONG_TIMEOUT));
     chamber.identify().unwrap();
     let path = format!("/proc/{0}/task/{0}/children", station.process.pid());
     let children: Vec<String> = std::fs::read_to_string(path).unwrap().split_whitespace().map(str::to_owned).collect();
@@ -379,21 +382,21 @@ fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     };
     station.process.kill();
     wait_until("the end of its processes", || children.iter().all(ended));
-    // The link to nowhere is replaced by the next one.
-    let station = TestStation::start(&world, &[]);
-    let mut chamber = station.chamber(&keys("espec", "", PATIENT));
+    // The next station replaces the dangling link.
+    let station = TestStation::start(&domain, &[]);
+    let mut chamber = station.chamber(&keys("espec", "", LONG_TIMEOUT));
     chamber.identify().unwrap();
     station.process.signal(Signal::INT);
     let (status, log) = station.process.wait();
     assert!(status.success(), "{log}");
-    let mut left: Vec<_> =
-        std::fs::read_dir(world.path("station")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-    left.sort();
-    assert_eq!(left, ["plan.toml", "truth.toml"]);
-    assert_eq!(kind(chamber.read()), FaultKind::Line);
+    let mut remaining: Vec<_> =
+        std::fs::read_dir(domain.path("station")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    remaining.sort();
+    assert_eq!(remaining, ["plan.toml", "truth.toml"]);
+    assert_eq!(fault_kind(chamber.read()), FaultKind::Line);
 }
 
-/// A peer that answers each request of the transcript as it says, and hangs up if another one comes.
+/// A peer that expects the requests of the transcript in order and sends their replies. Any other request fails the test.
 fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port =
@@ -406,15 +409,15 @@ fn scripted(transcript: &'static [(&'static [u8], &'static [u8])]) -> (String, J
             assert_eq!(text(&received), text(request));
             stream.write_all(reply).unwrap();
         }
-        // Until the other side hangs up, having said no more.
+        // The driver closes the connection without another request.
         assert_eq!(stream.read(&mut [0]).unwrap(), 0);
     });
     (port, peer)
 }
 
-// What AcutronicRobotics/acutrol, acutrol.py and ac117.json send, and the replies it compares with behind eight bytes.
+// The requests of AcutronicRobotics/acutrol, acutrol.py and ac117.json, and the replies that it expects after an 8-byte header.
 #[test]
-fn an_acutrol_hears_what_a_public_driver_says() {
+fn the_acutrol_driver_sends_what_a_public_driver_sends() {
     let transcript: &[(&[u8], &[u8])] = &[
         (b":utility:lockout on\r\n", b"HEADER.\nOK"),
         (b":interlock:reset 1\r\n", b"HEADER.\nOK"),
@@ -429,17 +432,18 @@ fn an_acutrol_hears_what_a_public_driver_says() {
         (b":interlock:open 2\r\n", b"HEADER.\nERR"),
     ];
     let (port, peer) = scripted(transcript);
-    let mut table =
-        instruments::turntable(&table_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap()).unwrap();
-    table.engage().unwrap();
-    assert_eq!(kind(table.stop()), FaultKind::Refused);
-    drop(table);
+    let mut turntable =
+        instruments::turntable(&turntable_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap())
+            .unwrap();
+    turntable.engage().unwrap();
+    assert_eq!(fault_kind(turntable.stop()), FaultKind::Refused);
+    drop(turntable);
     peer.join().unwrap();
 }
 
-// What IEAv-EFO/acutrol3000, python/acutrol3000.py sends and takes, for two axes and line by line.
+// Requests and replies of IEAv-EFO/acutrol3000, python/acutrol3000.py, for two axes, one line each.
 #[test]
-fn an_acutrol_says_fault_as_a_public_driver_reads_it() {
+fn the_acutrol_driver_reads_replies_as_a_public_driver_does() {
     let transcript: &[(&[u8], &[u8])] = &[
         (b":read:position? 3\r\n", b"90.0001\n"),
         (b":read:rate? 3\r\n", b"-0.005\n"),
@@ -449,16 +453,16 @@ fn an_acutrol_says_fault_as_a_public_driver_reads_it() {
         (b":interlock? 7\r\n", b"Closed\n"),
     ];
     let (port, peer) = scripted(transcript);
-    let config = table_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
+    let config = turntable_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
     let reading = instruments::turntable(&config).unwrap().read().unwrap();
     assert_eq!((reading.angles_deg, reading.rates_deg_s), ([90.0001, 180.0], [-0.005, 0.0]));
     assert_eq!(reading.faults, ["interlock of axis 3: Fault"]);
     peer.join().unwrap();
 }
 
-// What StaflSystems/ChamberConnectLibrary, p300.py and especinteract.py send and take; 1 is an address on RS-485.
+// Requests and replies of StaflSystems/ChamberConnectLibrary, p300.py and especinteract.py. The leading 1 is the RS-485 address.
 #[test]
-fn an_espec_hears_what_a_public_driver_says() {
+fn the_espec_driver_sends_and_reads_what_a_public_driver_does() {
     let transcript: &[(&[u8], &[u8])] = &[
         (b"1,TYPE?\r\n", b"T,T,SCP220,100.0\r\n"),
         (b"1,MON?\r\n", b"23.1,45,CONSTANT,2\r\n"),
@@ -480,9 +484,9 @@ fn an_espec_hears_what_a_public_driver_says() {
     peer.join().unwrap();
 }
 
-// The registers of StaflSystems/ChamberConnectLibrary, watlowf4t.py; frames with the CRC of the Modbus specification.
+// Registers from StaflSystems/ChamberConnectLibrary, watlowf4t.py; the CRC of the frames is that of the Modbus specification.
 #[test]
-fn a_watlow_in_fahrenheit_with_the_high_word_first() {
+fn a_watlow_can_use_fahrenheit_and_send_the_high_word_first() {
     let transcript: &[(&[u8], &[u8])] = &[
         // Unit: F. Process value of loop 2 (2980): 77.0 degF.
         (&[5, 3, 0x37, 0x00, 0, 1, 0x8b, 0xfa], &[5, 3, 2, 0, 30, 0xc9, 0x8c]),
@@ -499,7 +503,7 @@ fn a_watlow_in_fahrenheit_with_the_high_word_first() {
 }
 
 #[test]
-fn a_peer_that_never_stops_talking_is_given_up() {
+fn a_peer_that_never_stops_sending_is_given_up() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let peer = thread::spawn(move || {
@@ -509,21 +513,21 @@ fn a_peer_that_never_stops_talking_is_given_up() {
     let config =
         chamber_config(&format!("driver = \"espec\"\nport = \"tcp://{address}\"\nquiet_s = 0.1\nretries = 1\n"));
     let mut chamber = instruments::chamber(&config.unwrap()).unwrap();
-    assert_eq!(kind(chamber.read()), FaultKind::Garbled);
+    assert_eq!(fault_kind(chamber.read()), FaultKind::Garbled);
     drop(chamber);
     peer.join().unwrap();
 }
 
 #[test]
-fn nobody_at_the_other_end_is_a_fault_of_the_line() {
-    let world = World::new();
-    let port = world.path("no-such-device").display().to_string();
+fn a_missing_peer_is_a_line_fault() {
+    let domain = TestDomain::new();
+    let port = domain.path("no-such-device").display().to_string();
     let config = chamber_config(&format!("driver = \"ascii2\"\nport = {port:?}\n")).unwrap();
     let fault = instruments::chamber(&config).err().unwrap();
     assert_eq!(fault.kind, FaultKind::Line);
     assert!(fault.to_string().contains(&port) && fault.to_string().contains("check cable"), "{fault}");
     let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let config = table_config(&format!("driver = \"aerosmith\"\nport = \"tcp://{closed}\"\n")).unwrap();
+    let config = turntable_config(&format!("driver = \"aerosmith\"\nport = \"tcp://{closed}\"\n")).unwrap();
     assert_eq!(instruments::turntable(&config).err().unwrap().kind, FaultKind::Line);
 }
 
@@ -536,9 +540,10 @@ fn everything_wrong_with_a_section_is_reported_at_once() {
     let expected = ["port", "baud", "parity", "timeout_s", "retries", "address", "loop", "word_order", "decimals"];
     assert_eq!(found, expected, "{faults}");
     assert_eq!(faults.0.iter().map(|fault| fault.line).collect::<Vec<_>>(), [2, 3, 4, 5, 6, 7, 8, 9, 10]);
-    let faults = table_config("driver = \"espec\"\nport = \"x\"\n").unwrap_err();
+    let faults = turntable_config("driver = \"espec\"\nport = \"x\"\n").unwrap_err();
     assert!(faults.to_string().contains("give \"acutrol\" or \"aerosmith\""), "{faults}");
-    let faults = table_config("driver = \"aerosmith\"\nport = \"x\"\nform = \"{axis}\"\naxes = [1, 1]\n").unwrap_err();
+    let faults =
+        turntable_config("driver = \"aerosmith\"\nport = \"x\"\nform = \"{axis}\"\naxes = [1, 1]\n").unwrap_err();
     assert_eq!(faults.0.len(), 2, "{faults}");
 }
 
@@ -550,10 +555,10 @@ fn every_key_is_in_the_docs() {
         let (_, keys) = message.split_once("known here: ").unwrap();
         keys.split(", ").map(str::to_owned).collect::<Vec<_>>()
     };
-    for (driver, _) in CHAMBERS.iter().chain(&TABLES) {
+    for (driver, _) in CHAMBERS.iter().chain(&TURNTABLES) {
         let text = format!("driver = {driver:?}\nport = \"x\"\nunheard-of = 1\n");
         let is_chamber = CHAMBERS.iter().any(|(name, _)| name == driver);
-        let faults = if is_chamber { chamber_config(&text).err() } else { table_config(&text).err() };
+        let faults = if is_chamber { chamber_config(&text).err() } else { turntable_config(&text).err() };
         for key in known(faults.unwrap()) {
             assert!(docs.contains(&format!("`{key}`")), "{driver}: {key} is not in docs/instruments.md");
         }

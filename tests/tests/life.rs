@@ -1,10 +1,10 @@
-//! Start-up, shutdown, signals, kills.
+//! Start-up, shutdown, signals and kills.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Acquisition, ConnectError, Options};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::CREATION_TIMEOUT;
-use isotherm_tests::{PATIENCE, RUN, TABLE, World, id, recording, round_trip, table, text, wait_until};
+use isotherm_tests::{RUN, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, table, text, wait_until};
 use rustix::process::Signal;
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
@@ -12,22 +12,22 @@ use std::thread;
 use std::time::{Duration, SystemTime};
 
 #[test]
-fn a_second_service_is_refused_and_the_first_goes_on() {
-    let world = World::new();
-    let first = world.serve_recording();
-    let mut acquisition = world.acquisition("imu-a");
-    let second = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+fn a_second_service_is_refused_and_the_first_continues() {
+    let domain = TestDomain::new();
+    let first = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let second = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     let message = text(&second.stderr);
     assert_eq!(second.status.code(), Some(1), "{message}");
     assert!(
         message.contains(&format!(
             "another service is running in domain {:?}, pid {}",
-            world.domain().name(),
+            domain.client_domain().name(),
             first.pid()
         )),
         "{message}"
     );
-    let other_imu = world.run(&["serve", "--imu", "imu-b=imu-a.toml"]);
+    let other_imu = domain.run(&["serve", "--imu", "imu-b=imu-a.toml"]);
     assert_ne!(other_imu.status.code(), Some(0));
     round_trip(&mut acquisition, &recording()[0]);
     first.terminate();
@@ -36,67 +36,67 @@ fn a_second_service_is_refused_and_the_first_goes_on() {
 #[test]
 fn of_two_services_started_at_once_one_serves() {
     for _ in 0..10 {
-        let world = World::new();
-        world.write("imu-a.toml", TABLE);
-        let both = [(); 2].map(|()| world.spawn(&["serve", "--imu", "imu-a=imu-a.toml"]));
+        let domain = TestDomain::new();
+        domain.write("imu-a.toml", TABLE);
+        let both = [(); 2].map(|()| domain.spawn(&["serve", "--imu", "imu-a=imu-a.toml"]));
         wait_until("one ready, one refused", || {
             let count = |text: &str| both.iter().filter(|process| process.count_in_log(text) > 0).count();
             count("ready") == 1 && count("another service is running") == 1
         });
-        round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+        round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     }
 }
 
 #[test]
-fn sigterm_and_sigint_drain_and_exit_0() {
+fn on_sigterm_and_sigint_the_service_drains_and_exits_with_0() {
     for signal in [Signal::TERM, Signal::INT] {
-        let world = World::new();
-        let service = world.serve_recording();
-        let mut acquisition = world.acquisition("imu-a");
+        let domain = TestDomain::new();
+        let service = domain.serve_recording();
+        let mut acquisition = domain.acquisition("imu-a");
         service.stop();
         for _ in 0..50 {
             let loan = acquisition.loan().unwrap();
             acquisition.send(loan).unwrap();
         }
         service.signal(signal);
-        service.go_on();
+        service.resume();
         let (status, log) = service.wait();
         assert!(status.success(), "{status}\n{log}");
         assert!(log.contains("received=50 compensated=50"), "{log}");
         for _ in 0..50 {
-            assert!(acquisition.receive().unwrap().is_some(), "what had arrived was answered");
+            assert!(acquisition.receive().unwrap().is_some(), "a sample that had arrived was not answered");
         }
     }
 }
 
 #[test]
-fn a_service_killed_under_a_feed_costs_nothing() {
-    let world = World::new();
-    let mut service = world.serve_recording();
-    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "2000", "--window", "32", RUN, "-o", "fed.csv"]);
+fn a_service_killed_during_a_feed_loses_nothing() {
+    let domain = TestDomain::new();
+    let mut service = domain.serve_recording();
+    let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "2000", "--window", "32", RUN, "-o", "fed.csv"]);
     for received in [500, 300, 300] {
-        wait_until("some samples", || world.imu_status()["received"].as_u64().unwrap() > received);
+        wait_until("some samples", || domain.imu_status()["received"].as_u64().unwrap() > received);
         service.kill();
-        service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+        service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     }
     let (status, log) = feed.wait();
     assert!(status.success(), "{log}");
-    let replayed = world.run_well(&["replay", "--table", "imu-a.toml", RUN]);
-    assert!(fs::read_to_string(world.path("fed.csv")).unwrap() == replayed, "each once, in order");
+    let replayed = domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
+    assert!(fs::read_to_string(domain.path("fed.csv")).unwrap() == replayed, "each once, in order");
     service.terminate();
 }
 
 #[test]
 fn a_feed_without_a_service_gives_up_in_time_and_leaves_no_file() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", "--timeout", "0.5", RUN, "-o", "fed.csv"]);
-    wait_until("some samples", || world.imu_status()["received"].as_u64().unwrap() > 100);
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "500", "--timeout", "0.5", RUN, "-o", "fed.csv"]);
+    wait_until("some samples", || domain.imu_status()["received"].as_u64().unwrap() > 100);
     service.kill();
     let (status, log) = feed.wait();
     assert_eq!(status.code(), Some(69), "{log}");
     assert!(log.contains("no answer from the service for 0.5 s"), "{log}");
-    let files: Vec<_> = fs::read_dir(world.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let files: Vec<_> = fs::read_dir(domain.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert!(
         files.iter().all(|name| !name.to_string_lossy().contains("fed") && !name.to_string_lossy().starts_with(".iso")),
         "{files:?}"
@@ -105,108 +105,109 @@ fn a_feed_without_a_service_gives_up_in_time_and_leaves_no_file() {
 
 #[test]
 fn a_killed_acquisition_is_replaced_at_once_and_a_living_one_never() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let options = Options { timeout: Duration::from_millis(300), ..world.options() };
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let options = Options { timeout: Duration::from_millis(300), ..domain.options() };
     for _ in 0..5 {
-        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
-        wait_until("the feed", || world.imu_status()["acquisition_connected"] == true);
+        let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
+        wait_until("the feed", || domain.imu_status()["acquisition_connected"] == true);
         match Acquisition::connect(&id("imu-a"), &options) {
             Err(ConnectError::Occupied { pid, .. }) => assert_eq!(pid, Some(feed.pid().cast_signed())),
             other => panic!("{other:?}"),
         }
         feed.kill();
-        let mut next = world.acquisition("imu-a");
+        let mut next = domain.acquisition("imu-a");
         let sample = recording()[3];
         assert_eq!(
             round_trip(&mut next, &sample).velocity_increment,
             answer(Some(&table(TABLE)), &sample).velocity_increment
         );
     }
-    wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
+    wait_until("nobody", || domain.imu_status()["acquisition_connected"] == false);
     service.terminate();
 }
 
 #[test]
 fn an_imu_that_is_not_served_is_named() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let output = world.run(&["feed", "--imu", "imu-z", RUN]);
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let output = domain.run(&["feed", "--imu", "imu-z", RUN]);
     assert_eq!(output.status.code(), Some(69));
     assert!(text(&output.stderr).contains("does not serve IMU imu-z"), "{}", text(&output.stderr));
     service.terminate();
 }
 
-/// What a process leaves that is killed while it creates something: old enough to be recognised, just begun, and of a time that
-/// is still to come, since the clock has been set back.
+/// A process that is killed while it creates an object leaves it half created. Three ages are tested: old enough to be
+/// recognised, brand-new, and a time in the future, as after the clock has been set back.
 #[test]
-fn half_created_leftovers_do_not_keep_a_service_from_starting() {
+fn half_created_leftovers_do_not_prevent_a_start() {
     let now = SystemTime::now();
     for modified in [now - Duration::from_secs(60), now, now + Duration::from_secs(3_600)] {
-        let world = World::new();
-        world.serve_recording().kill();
+        let domain = TestDomain::new();
+        domain.serve_recording().kill();
         let half_create = |path: &std::path::Path, mode: u32| {
             let file = File::options().write(true).create(true).truncate(mode == 0o200).open(path).unwrap();
             file.set_modified(modified).unwrap();
             fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
         };
-        let services = world.domain().root_path().to_owned() + "/services";
+        let services = domain.client_domain().root_path().to_owned() + "/services";
         for entry in fs::read_dir(services).unwrap() {
             let path = entry.unwrap().path();
             fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
             half_create(&path, 0o600);
         }
-        let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(&world.domain().prefix());
+        let ours =
+            |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(&domain.client_domain().prefix());
         for entry in fs::read_dir("/dev/shm").unwrap().map(Result::unwrap).filter(ours) {
             if entry.file_name().to_string_lossy().ends_with(".global_mgmt") {
                 half_create(&entry.path(), 0o200);
             }
         }
-        let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
-        round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+        let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+        round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
         service.terminate();
     }
-    assert!(CREATION_TIMEOUT < PATIENCE / 4);
+    assert!(CREATION_TIMEOUT < TIMEOUT / 4);
 }
 
 #[test]
-fn killed_at_any_moment_of_its_start_the_next_one_starts() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
+fn after_a_kill_at_any_moment_of_its_start_the_next_service_starts() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
     for attempt in 0..40 {
-        let service = world.spawn(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        let service = domain.spawn(&["serve", "--imu", "imu-a=imu-a.toml"]);
         thread::sleep(Duration::from_micros(attempt * 500));
         service.kill();
     }
-    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     service.terminate();
 }
 
 #[test]
 fn clean_removes_what_is_left_but_not_under_a_running_service() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let refused = world.run(&["clean"]);
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let refused = domain.run(&["clean"]);
     assert_eq!(refused.status.code(), Some(1));
     assert!(text(&refused.stderr).contains(&format!("pid {} is using it", service.pid())), "{}", text(&refused.stderr));
     service.kill();
     let left = || {
         let entries = fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name());
-        entries.filter(|name| name.to_string_lossy().starts_with(&world.domain().prefix())).count()
+        entries.filter(|name| name.to_string_lossy().starts_with(&domain.client_domain().prefix())).count()
     };
-    assert!(left() > 0 && fs::exists(world.domain().root_path()).unwrap());
-    world.run_well(&["clean"]);
-    assert!(left() == 0 && !fs::exists(world.domain().root_path()).unwrap());
-    assert_eq!(world.run(&["status"]).status.code(), Some(69));
+    assert!(left() > 0 && fs::exists(domain.client_domain().root_path()).unwrap());
+    domain.run_ok(&["clean"]);
+    assert!(left() == 0 && !fs::exists(domain.client_domain().root_path()).unwrap());
+    assert_eq!(domain.run(&["status"]).status.code(), Some(69));
 }
 
 #[test]
 fn logs_are_json_on_request_and_silent_about_samples() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
-    let service = world.serve(&["--imu", "imu-a=imu-a.toml", "--log-format", "json"]);
-    world.run_well(&["feed", "--imu", "imu-a", RUN]);
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--log-format", "json"]);
+    domain.run_ok(&["feed", "--imu", "imu-a", RUN]);
     service.signal(Signal::TERM);
     let (_, log) = service.wait();
     let lines: Vec<serde_json::Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -216,12 +217,12 @@ fn logs_are_json_on_request_and_silent_about_samples() {
 
 #[test]
 fn a_log_that_cannot_be_written_does_not_stop_the_service() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
     let full = File::options().write(true).open("/dev/full").unwrap();
-    let mut service = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]).stderr(full).spawn().unwrap();
-    let mut acquisition = world.acquisition("imu-a");
-    world.replace("imu-a.toml", &isotherm_tests::variant(1));
+    let mut service = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]).stderr(full).spawn().unwrap();
+    let mut acquisition = domain.acquisition("imu-a");
+    domain.replace("imu-a.toml", &isotherm_tests::variant(1));
     let next = table(&isotherm_tests::variant(1)).id();
     wait_until("the reload, which is logged", || round_trip(&mut acquisition, &recording()[0]).table == next);
     isotherm_tests::kill(service.id(), Signal::TERM);
@@ -230,34 +231,34 @@ fn a_log_that_cannot_be_written_does_not_stop_the_service() {
 
 #[test]
 fn clean_touches_no_other_domain_and_nothing_that_is_not_ours() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let name = world.domain().name();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let name = domain.client_domain().name();
     let (shorter, _) = name.split_at(name.len() - 1);
     for other in [shorter.to_owned(), format!("{name}x")] {
-        world.run_well(&["--domain", &other, "clean"]);
+        domain.run_ok(&["--domain", &other, "clean"]);
     }
-    // The same name under another folder, with somebody's data in it.
-    let elsewhere = world.path("elsewhere");
+    // A domain of the same name in another folder, which has a user's data in it.
+    let elsewhere = domain.path("elsewhere");
     fs::create_dir_all(elsewhere.join(name).join("precious")).unwrap();
-    let cleaned = world.isotherm(&["clean"]).env("ISOTHERM_ROOT", &elsewhere).output().unwrap();
+    let cleaned = domain.isotherm(&["clean"]).env("ISOTHERM_ROOT", &elsewhere).output().unwrap();
     assert!(cleaned.status.success(), "{}", text(&cleaned.stderr));
     assert!(elsewhere.join(name).join("precious").exists());
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
-    // With the folder gone the transport knows nobody, but the service has its memory mapped.
-    fs::remove_dir_all(world.domain().root_path()).unwrap();
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    // Without the folder the transport cannot list the processes, but the service still has its memory mapped.
+    fs::remove_dir_all(domain.client_domain().root_path()).unwrap();
     service.wait_for_log("has been removed under the running service");
-    let refused = world.run(&["clean"]);
+    let refused = domain.run(&["clean"]);
     assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stderr));
     drop(service);
 }
 
 #[test]
 fn a_slow_feed_gives_up_in_time_too() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "5", "--timeout", "1", RUN, "-o", "fed.csv"]);
-    wait_until("a sample", || world.imu_status()["received"].as_u64().unwrap() > 0);
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "5", "--timeout", "1", RUN, "-o", "fed.csv"]);
+    wait_until("a sample", || domain.imu_status()["received"].as_u64().unwrap() > 0);
     service.kill();
     let (status, log) = feed.wait();
     assert_eq!(status.code(), Some(69), "{log}");
@@ -265,19 +266,19 @@ fn a_slow_feed_gives_up_in_time_too() {
 }
 
 #[test]
-fn an_interrupted_feed_leaves_no_half_of_a_file() {
+fn an_interrupted_feed_leaves_no_partial_file() {
     for signal in [Signal::TERM, Signal::INT] {
-        let world = World::new();
-        let service = world.serve_recording();
-        world.write("fed.csv", "old\n");
-        let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
-        wait_until("some samples", || world.imu_status()["received"].as_u64().unwrap() > 10);
+        let domain = TestDomain::new();
+        let service = domain.serve_recording();
+        domain.write("fed.csv", "old\n");
+        let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
+        wait_until("some samples", || domain.imu_status()["received"].as_u64().unwrap() > 10);
         feed.signal(signal);
         let (status, log) = feed.wait();
         assert_eq!(status.code(), Some(1), "{log}");
-        assert_eq!(fs::read_to_string(world.path("fed.csv")).unwrap(), "old\n");
+        assert_eq!(fs::read_to_string(domain.path("fed.csv")).unwrap(), "old\n");
         assert!(
-            !fs::read_dir(world.path("")).unwrap().any(|entry| entry
+            !fs::read_dir(domain.path("")).unwrap().any(|entry| entry
                 .unwrap()
                 .file_name()
                 .to_string_lossy()
@@ -287,13 +288,13 @@ fn an_interrupted_feed_leaves_no_half_of_a_file() {
     }
 }
 
-/// What the service has of the machine: descriptors, objects in shared memory, files of its domain, resident memory in kB.
-fn holdings(world: &World, pid: u32) -> [usize; 4] {
+/// Resources of the service: descriptors, objects in shared memory, files of its domain, resident memory [kB].
+fn resource_use(domain: &TestDomain, pid: u32) -> [usize; 4] {
     let count = |folder: &str| fs::read_dir(folder).map_or(0, Iterator::count);
-    let prefix = world.domain().prefix();
+    let prefix = domain.client_domain().prefix();
     let objects = fs::read_dir("/dev/shm").unwrap().flatten();
     let objects = objects.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix)).count();
-    let root = world.domain().root_path();
+    let root = domain.client_domain().root_path();
     let files = ["", "/nodes", "/services"].iter().map(|folder| count(&format!("{root}{folder}"))).sum();
     let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix(" kB")).unwrap();
@@ -302,30 +303,30 @@ fn holdings(world: &World, pid: u32) -> [usize; 4] {
 
 #[test]
 fn clients_that_come_and_go_or_are_killed_leave_nothing_with_the_service() {
-    let world = World::new();
-    let service = world.serve_recording();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
     let sample = recording()[0];
-    let live = |count: usize| {
-        for life in 0..count {
-            let mut reader = world.reader("imu-a");
-            let mut acquisition = world.acquisition("imu-a");
+    let come_and_go = |count: usize| {
+        for number in 0..count {
+            let mut reader = domain.reader("imu-a");
+            let mut acquisition = domain.acquisition("imu-a");
             round_trip(&mut acquisition, &sample);
             assert!(reader.receive().unwrap().is_some());
-            if life % 10 == 0 {
+            if number % 10 == 0 {
                 drop(acquisition);
-                let feed = world.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
+                let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "500", RUN, "-o", "fed.csv"]);
                 wait_until("the feed", || reader.receive().unwrap().is_some());
                 feed.kill();
             }
         }
-        // The dead are cleaned away; what the service has mapped of them it lets go of with the next answer.
-        wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
-        round_trip(&mut world.acquisition("imu-a"), &sample);
-        wait_until("nobody", || world.imu_status()["acquisition_connected"] == false);
-        holdings(&world, service.pid())
+        // The service removes dead peers. With the next answer it unmaps their memory.
+        wait_until("nobody", || domain.imu_status()["acquisition_connected"] == false);
+        round_trip(&mut domain.acquisition("imu-a"), &sample);
+        wait_until("nobody", || domain.imu_status()["acquisition_connected"] == false);
+        resource_use(&domain, service.pid())
     };
-    let before = live(40);
-    let after = live(160);
+    let before = come_and_go(40);
+    let after = come_and_go(160);
     assert!(after[0] <= before[0] && after[1] <= before[1] && after[2] <= before[2], "{before:?} -> {after:?}");
     assert!(after[3] < before[3] + 1024, "resident memory [kB]: {before:?} -> {after:?}");
     service.terminate();

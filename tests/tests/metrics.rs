@@ -1,9 +1,11 @@
-//! Metrics for Prometheus: every one of them is fed, named in the documents, and served to whoever asks, however rude others are.
+//! Metrics for Prometheus: every metric is updated and documented, and misbehaving peers do not stop others from reading them.
+//!
+//! Over 400 lines: all tests read the page with one parser, `Scrape`.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Flags, RawSample, join, monotonic_ns};
 use isotherm_shared::stream::Ipc;
-use isotherm_tests::{Needs, PATIENCE, Process, TABLE, World, id, recording, round_trip, skip, wait_until};
+use isotherm_tests::{Needs, Process, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, skip, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
@@ -16,14 +18,14 @@ use std::thread;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// A configuration of `imu-a` that serves metrics on any free port.
-fn configure(world: &World, more: &str) {
-    world.write("imu-a.toml", TABLE);
+/// Writes a configuration for `imu-a` with metrics on any free port.
+fn configure(domain: &TestDomain, more: &str) {
+    domain.write("imu-a.toml", TABLE);
     let imu = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
-    world.write("service.toml", &format!("{imu}{more}[metrics]\nlisten = \"127.0.0.1:0\"\n"));
+    domain.write("service.toml", &format!("{imu}{more}[metrics]\nlisten = \"127.0.0.1:0\"\n"));
 }
 
-/// Where a service's metrics are.
+/// The address of a service's metrics, from its log.
 fn address(service: &Process) -> String {
     service.wait_for_log("metrics at http://");
     let log = service.log();
@@ -31,41 +33,41 @@ fn address(service: &Process) -> String {
     rest.split('/').next().unwrap().to_owned()
 }
 
-fn serve(world: &World) -> (Process, String) {
-    let service = world.serve(&["--config", "service.toml", "--allow-uncalibrated"]);
+fn serve(domain: &TestDomain) -> (Process, String) {
+    let service = domain.serve(&["--config", "service.toml", "--allow-uncalibrated"]);
     let address = address(&service);
-    wait_until("the first page", || scrape_or_none(&address).is_some());
+    wait_until("the first page", || try_scrape(&address).is_some());
     (service, address)
 }
 
-/// Everything that comes back for these bytes, until the connection ends.
-fn ask(address: &str, request: &[u8]) -> String {
+/// Sends a request and returns everything that is received until the connection ends.
+fn exchange(address: &str, request: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream.write_all(request).unwrap();
     let mut answer = Vec::new();
-    // A server that refuses what it has not read to the end resets the connection.
+    // Ignore errors: a server that refuses a request before its end resets the connection.
     let _ = stream.read_to_end(&mut answer);
     String::from_utf8(answer).unwrap()
 }
 
 fn scrape(address: &str) -> Scrape {
-    let answer = ask(address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    let answer = exchange(address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n");
     let (head, page) = answer.split_once("\r\n\r\n").unwrap();
     assert!(head.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/plain; version=0.0.4"), "{head}");
     Scrape::read(page)
 }
 
-/// A page of metrics, as a reader of the text format sees it.
+/// A parsed page of metrics in the Prometheus text format.
 struct Scrape {
-    /// Type by family.
+    /// The type of each family.
     kinds: BTreeMap<String, String>,
-    /// Value by name and labels, as they are written.
+    /// Values; the key is name and labels as on the page.
     samples: BTreeMap<String, f64>,
 }
 
 impl Scrape {
-    /// Checks the order that the format asks for while it reads.
+    /// Parses a page. Asserts that HELP, TYPE and samples have the order that the format requires.
     fn read(page: &str) -> Self {
         let (mut kinds, mut samples) = (BTreeMap::new(), BTreeMap::new());
         let mut family = String::new();
@@ -96,43 +98,43 @@ impl Scrape {
         *self.samples.get(series).unwrap_or_else(|| panic!("{series} is not there"))
     }
 
-    /// Names that a query can use.
+    /// The names of all samples; queries use these.
     fn names(&self) -> BTreeSet<String> {
         self.samples.keys().map(|series| series.split('{').next().unwrap().to_owned()).collect()
     }
 }
 
-/// One sample after the other, as no acquisition of ours would send them.
-struct Careless<'a> {
-    world: &'a World,
+/// Sends arbitrary raw samples one by one, without the checks of the client library.
+struct RawSender<'a> {
+    domain: &'a TestDomain,
     publisher: iceoryx2::port::publisher::Publisher<Ipc, RawSample, ()>,
     sent: u64,
 }
 
-impl Careless<'_> {
+impl RawSender<'_> {
     fn send(&mut self, sample: RawSample) {
         self.sent += 1;
         self.publisher.send_copy(sample).unwrap();
         let sent = self.sent;
-        wait_until("a sample's answer", || self.world.imu_status()["received"] == sent);
+        wait_until("a sample's receipt", || self.domain.imu_status()["received"] == sent);
     }
 }
 
 #[test]
-fn every_metric_is_fed() {
-    let world = World::new();
-    configure(&world, "");
+fn every_metric_is_updated() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
     let sensitive = TABLE
         .replace("out_of_range = \"clamp\"", "out_of_range = \"clamp\"\nmax_age_s = 1.0")
         .replace("name = ", "max_rate = 1e6\nname = ");
-    // It has no table at first.
-    fs::remove_file(world.path("imu-a.toml")).unwrap();
-    let (service, address) = serve(&world);
-    let node = join(world.domain()).unwrap();
+    // The service starts without a table.
+    fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    let (service, address) = serve(&domain);
+    let node = join(domain.client_domain()).unwrap();
     let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
     let discard = iceoryx2::prelude::BackpressureStrategy::DiscardData;
     let publisher = raw.publisher_builder().backpressure_strategy(discard).create().unwrap();
-    let mut sender = Careless { world: &world, publisher, sent: 0 };
+    let mut sender = RawSender { domain: &domain, publisher, sent: 0 };
     let sent_ns = || monotonic_ns().saturating_sub(1_000_000);
     let plain = RawSample { session: 1, sequence: 0, sent_ns: sent_ns(), ..recording()[0] };
     sender.send(plain);
@@ -140,11 +142,11 @@ fn every_metric_is_fed() {
         scrape(&address).value("isotherm_reload_failed{imu=\"imu-a\"}") == 1.0
     });
     for text in [TABLE, "format = 2\n", &sensitive] {
-        let digest = world.imu_status()["table"].clone();
-        let refusals = world.imu_status()["refusals"].clone();
-        world.replace("imu-a.toml", text);
+        let digest = domain.imu_status()["table"].clone();
+        let refusals = domain.imu_status()["refusals"].clone();
+        domain.replace("imu-a.toml", text);
         wait_until("a reload or a refusal", || {
-            let status = world.imu_status();
+            let status = domain.imu_status();
             status["table"] != digest || status["refusals"] != refusals
         });
     }
@@ -163,11 +165,11 @@ fn every_metric_is_fed() {
     for flag in all_names {
         assert!(scrape.value(&format!("isotherm_flagged_total{{imu=\"imu-a\",flag=\"{flag}\"}}")) > 0.0, "{flag}");
     }
-    // Of these it cannot be said from outside when they rise: the transport does not fail, and nobody is held back where there is room.
-    let quiet = ["isotherm_transport_errors_total", "isotherm_worker_held_back_seconds_total"];
+    // A test cannot make these two rise: the transport does not fail, and a worker is not held back while a core is free.
+    let excluded = ["isotherm_transport_errors_total", "isotherm_worker_held_back_seconds_total"];
     for (series, value) in &scrape.samples {
         let name = series.split('{').next().unwrap();
-        if scrape.kinds.get(name).is_some_and(|kind| kind == "counter") && !quiet.contains(&name) {
+        if scrape.kinds.get(name).is_some_and(|kind| kind == "counter") && !excluded.contains(&name) {
             assert!(*value > 0.0, "{series} is not fed");
         }
     }
@@ -211,7 +213,7 @@ fn every_metric_is_fed() {
     service.terminate();
 }
 
-/// Everything in `text` that looks like a metric of ours.
+/// All words in `text` that have the form of a metric's name.
 fn metrics_in(text: &str) -> BTreeSet<String> {
     let words = text.split(|character: char| !character.is_ascii_alphanumeric() && character != '_');
     let ours = words.filter(|word| word.starts_with("isotherm_") || word.starts_with("process_"));
@@ -219,11 +221,11 @@ fn metrics_in(text: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn dashboard_and_documents_name_what_there_is_and_all_of_it() {
-    let world = World::new();
-    configure(&world, "");
-    let (service, address) = serve(&world);
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+fn dashboard_and_documents_name_only_existing_metrics_and_the_documents_all() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
+    let (service, address) = serve(&domain);
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     wait_until("the sample", || scrape(&address).value("isotherm_increments_total{imu=\"imu-a\"}") == 1.0);
     let scrape = scrape(&address);
     let names = scrape.names();
@@ -261,15 +263,15 @@ fn dashboard_and_documents_name_what_there_is_and_all_of_it() {
     let mentioned = metrics_in(documents);
     let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).cloned().collect();
     let unknown: Vec<_> = mentioned.difference(&known).collect();
-    assert!(unknown.is_empty(), "documents tell of {unknown:?}");
+    assert!(unknown.is_empty(), "metrics in the documents only: {unknown:?}");
     service.terminate();
 }
 
 #[test]
-fn rude_peers_keep_nobody_out() {
-    let world = World::new();
-    configure(&world, "");
-    let (service, address) = serve(&world);
+fn misbehaving_peers_do_not_block_others() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
+    let (service, address) = serve(&domain);
     let descriptors = || fs::read_dir(format!("/proc/{}/fd", service.pid())).unwrap().count();
     let before = descriptors();
 
@@ -280,29 +282,29 @@ fn rude_peers_keep_nobody_out() {
     slow.write_all(b"GET /metrics HTTP/1.1\r\n").unwrap();
     scrape(&address);
     slow.write_all(b"Host: x\r\n\r\n").unwrap();
-    slow.set_read_timeout(Some(PATIENCE)).unwrap();
+    slow.set_read_timeout(Some(TIMEOUT)).unwrap();
     let mut first = [0; 12];
     slow.read_exact(&mut first).unwrap();
-    assert_eq!(&first, b"HTTP/1.1 200", "one that takes its time is served too");
-    // Which the rest of the page then waits for.
+    assert_eq!(&first, b"HTTP/1.1 200", "a slow peer is served too");
+    // The rest of the slow peer's page is still unread.
     scrape(&address);
 
-    let status = |request: &[u8]| ask(&address, request).lines().next().unwrap_or_default().to_owned();
+    let status = |request: &[u8]| exchange(&address, request).lines().next().unwrap_or_default().to_owned();
     assert_eq!(status(b"GET / HTTP/1.1\r\n\r\n"), "HTTP/1.1 404 Not Found");
-    assert!(ask(&address, b"GET / HTTP/1.1\r\n\r\n").ends_with("the metrics are at /metrics\n"));
+    assert!(exchange(&address, b"GET / HTTP/1.1\r\n\r\n").ends_with("the metrics are at /metrics\n"));
     assert_eq!(status(b"POST /metrics HTTP/1.1\r\nContent-Length: 3\r\n\r\nabc"), "HTTP/1.1 405 Method Not Allowed");
     assert_eq!(status(&[b"\x16\x03\x01\x00\xff\0\xfe".as_slice(), b"\r\n\r\n"].concat()), "HTTP/1.1 400 Bad Request");
-    let head = ask(&address, b"HEAD /metrics HTTP/1.1\r\n\r\n");
+    let head = exchange(&address, b"HEAD /metrics HTTP/1.1\r\n\r\n");
     assert!(head.starts_with("HTTP/1.1 200 OK") && head.ends_with("\r\n\r\n"), "{head}");
     let mut huge = TcpStream::connect(&address).unwrap();
-    huge.set_write_timeout(Some(PATIENCE)).unwrap();
+    huge.set_write_timeout(Some(TIMEOUT)).unwrap();
     let line = [b"X: ".as_slice(), &[b'x'; 1000], b"\r\n"].concat();
-    // 100 MB, had anybody listened to the end.
+    // 100 MB if the server read all of it.
     let refused = (0..100_000).any(|_| huge.write_all(&line).is_err());
     assert!(refused, "headers without end are not refused");
     scrape(&address);
 
-    // Answers that nobody fetches, and a flood of connections.
+    // Peers that do not read their answers, and a flood of connections.
     let unread: Vec<_> = (0..50)
         .map(|_| {
             let mut stream = TcpStream::connect(&address).unwrap();
@@ -314,7 +316,7 @@ fn rude_peers_keep_nobody_out() {
         scope.spawn(|| (0..2000).for_each(|_| drop(TcpStream::connect(&address))));
         (0..10).for_each(|_| drop(scrape(&address)));
     });
-    let mut acquisition = world.acquisition("imu-a");
+    let mut acquisition = domain.acquisition("imu-a");
     round_trip(&mut acquisition, &recording()[0]);
     drop((idle, slow, unread, huge));
     wait_until("their descriptors' return", || descriptors() <= before + 20);
@@ -323,80 +325,80 @@ fn rude_peers_keep_nobody_out() {
 }
 
 #[test]
-fn a_control_thread_that_hangs_is_no_healthy_service() {
-    let world = World::new();
-    configure(&world, "");
-    let (service, address) = serve(&world);
+fn a_hanging_control_thread_makes_the_metrics_unavailable() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
+    let (service, address) = serve(&domain);
     let main = Pid::from_raw(service.pid().cast_signed());
     if ptrace::seize(main, ptrace::Options::empty()).is_ok() {
         ptrace::interrupt(main).unwrap();
         waitpid(main, Some(WaitPidFlag::__WALL)).unwrap();
-        wait_until("the refusal", || scrape_or_none(&address).is_none());
-        let answer = ask(&address, b"GET /metrics HTTP/1.1\r\n\r\n");
-        assert!(answer.starts_with("HTTP/1.1 503") && answer.contains("it starts, or hangs"), "{answer}");
+        wait_until("the refusal", || try_scrape(&address).is_none());
+        let answer = exchange(&address, b"GET /metrics HTTP/1.1\r\n\r\n");
+        assert!(answer.starts_with("HTTP/1.1 503") && answer.contains("starting, or hangs"), "{answer}");
         ptrace::detach(main, None).unwrap();
-        wait_until("metrics", || scrape_or_none(&address).is_some());
+        wait_until("metrics", || try_scrape(&address).is_some());
     } else {
         skip("this user may not trace a process", Needs::Machine);
     }
     service.terminate();
 }
 
-fn scrape_or_none(address: &str) -> Option<Scrape> {
-    let answer = ask(address, b"GET /metrics HTTP/1.1\r\n\r\n");
+fn try_scrape(address: &str) -> Option<Scrape> {
+    let answer = exchange(address, b"GET /metrics HTTP/1.1\r\n\r\n");
     answer.starts_with("HTTP/1.1 200").then(|| Scrape::read(answer.split_once("\r\n\r\n").unwrap().1))
 }
 
-/// A configuration with a port that was free a moment ago; the listener keeps it taken.
-fn configure_port(world: &World) -> (TcpListener, SocketAddr) {
+/// Writes a configuration with a fixed port. The returned listener occupies this port until it is dropped.
+fn configure_port(domain: &TestDomain) -> (TcpListener, SocketAddr) {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
-    configure(world, "");
-    let text = fs::read_to_string(world.path("service.toml")).unwrap().replace("127.0.0.1:0", &address.to_string());
-    world.write("service.toml", &text);
+    configure(domain, "");
+    let text = fs::read_to_string(domain.path("service.toml")).unwrap().replace("127.0.0.1:0", &address.to_string());
+    domain.write("service.toml", &text);
     (taken, address)
 }
 
 #[test]
-fn a_port_that_is_taken_keeps_the_service_from_starting() {
-    let world = World::new();
-    let (_taken, address) = configure_port(&world);
-    let (status, log) = world.spawn(&["serve", "--config", "service.toml"]).wait();
+fn a_port_in_use_prevents_the_start() {
+    let domain = TestDomain::new();
+    let (_taken, address) = configure_port(&domain);
+    let (status, log) = domain.spawn(&["serve", "--config", "service.toml"]).wait();
     assert_eq!(status.code(), Some(74), "{log}");
     assert!(log.contains(&format!("metrics.listen = \"{address}\": ")) && log.contains("give a free port"), "{log}");
 }
 
 #[test]
 fn the_port_can_be_taken_again_at_once_after_a_kill_with_connections_open() {
-    let world = World::new();
-    let (taken, address) = configure_port(&world);
+    let domain = TestDomain::new();
+    let (taken, address) = configure_port(&domain);
     drop(taken);
     for _ in 0..2 {
-        let service = world.serve(&["--config", "service.toml"]);
+        let service = domain.serve(&["--config", "service.toml"]);
         let _open = TcpStream::connect(address).unwrap();
-        wait_until("the page", || scrape_or_none(&address.to_string()).is_some());
+        wait_until("the page", || try_scrape(&address.to_string()).is_some());
         service.kill();
     }
 }
 
 #[test]
-fn a_port_that_others_can_reach_is_warned_of() {
-    let world = World::new();
-    configure(&world, "");
-    let text = fs::read_to_string(world.path("service.toml")).unwrap().replace("127.0.0.1:0", "0.0.0.0:0");
-    world.write("service.toml", &text);
-    let service = world.serve(&["--config", "service.toml"]);
-    service.wait_for_log("whoever reaches this port may read the metrics");
+fn a_port_that_others_can_reach_is_warned_about() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
+    let text = fs::read_to_string(domain.path("service.toml")).unwrap().replace("127.0.0.1:0", "0.0.0.0:0");
+    domain.write("service.toml", &text);
+    let service = domain.serve(&["--config", "service.toml"]);
+    service.wait_for_log("anybody who reaches this port can read the metrics");
     service.terminate();
 }
 
 #[test]
-fn nothing_listens_unasked() {
-    let world = World::new();
-    configure(&world, "");
-    let quiet = world.serve(&["--imu", "imu-a=imu-a.toml"]);
-    let threads = fs::read_dir(format!("/proc/{}/task", quiet.pid())).unwrap().flatten();
+fn metrics_are_off_by_default() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
+    let excluded = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let threads = fs::read_dir(format!("/proc/{}/task", excluded.pid())).unwrap().flatten();
     let mut names = threads.map(|thread| fs::read_to_string(thread.path().join("comm")).unwrap());
     assert!(!names.any(|name| name.trim() == "metrics"), "off by default");
-    quiet.terminate();
+    excluded.terminate();
 }

@@ -1,56 +1,60 @@
-//! Readers beside the acquisition, and peers that use the streams in their own way.
+//! Readers beside the acquisition, and peers that use the streams without the client library.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
-use isotherm_tests::{PATIENCE, RUN, TABLE, World, id, recording, round_trip, same, table, wait_until};
+use isotherm_tests::{RUN, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, same, table, wait_until};
 use std::collections::BTreeSet;
 use std::fs;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Everything that a reader has for now.
+/// All increments that have arrived for a reader.
 fn drain(reader: &mut IncrementReader) -> Vec<CompensatedIncrement> {
     std::iter::from_fn(|| reader.receive().unwrap()).collect()
 }
 
 #[test]
 fn a_reader_may_start_before_the_service_or_late() {
-    let world = World::new();
-    let mut early = IncrementReader::new(id("imu-a"), &world.options());
+    let domain = TestDomain::new();
+    let mut early = IncrementReader::new(id("imu-a"), &domain.options());
     assert_eq!(early.receive().unwrap(), None);
     assert!(!early.is_connected());
-    let service = world.serve_recording();
+    let service = domain.serve_recording();
     wait_until("the early reader's connection", || early.receive().unwrap().is_none() && early.is_connected());
 
-    let mut acquisition = world.acquisition("imu-a");
+    let mut acquisition = domain.acquisition("imu-a");
     let sample = recording()[0];
     for _ in 0..100 {
         round_trip(&mut acquisition, &sample);
     }
-    let mut late = world.reader("imu-a");
+    let mut late = domain.reader("imu-a");
     for _ in 0..50 {
         round_trip(&mut acquisition, &sample);
     }
     let sequences = |reader: &mut IncrementReader| drain(reader).iter().map(|i| i.sequence).collect::<Vec<_>>();
     assert_eq!(sequences(&mut early), (0..150).collect::<Vec<_>>());
     assert_eq!(sequences(&mut late), (100..150).collect::<Vec<_>>());
-    assert_eq!(world.imu_status()["readers"], 3);
+    assert_eq!(domain.imu_status()["readers"], 3);
     service.terminate();
 }
 
 #[test]
-fn a_reader_that_sleeps_sees_a_gap_and_disturbs_nobody() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let mut sleeper = world.reader("imu-a");
-    let fed = world.run_well(&["feed", "--imu", "imu-a", RUN]);
-    assert!(fed == world.run_well(&["replay", "--table", "imu-a.toml", RUN]));
+fn a_reader_that_does_not_read_sees_a_gap_and_disturbs_nobody() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut sleeper = domain.reader("imu-a");
+    let fed = domain.run_ok(&["feed", "--imu", "imu-a", RUN]);
+    assert!(fed == domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]));
     let read = drain(&mut sleeper);
     let last: Vec<_> = (4000 - INCREMENT_DEPTH as u64..4000).collect();
-    assert_eq!(read.iter().map(|i| i.sequence).collect::<Vec<_>>(), last, "the newest, in order; the rest is the gap");
-    let status = world.imu_status();
+    assert_eq!(
+        read.iter().map(|i| i.sequence).collect::<Vec<_>>(),
+        last,
+        "the newest, in order; the older ones are lost"
+    );
+    let status = domain.imu_status();
     assert_eq!((&status["compensated"], &status["transport_errors"]), (&4000.into(), &0.into()));
     service.terminate();
 }
@@ -62,11 +66,11 @@ fn subscribe(node: &IpcNode) -> iceoryx2::port::subscriber::Subscriber<Ipc, RawS
 
 #[test]
 fn a_stalled_recorder_loses_its_own_copies_only() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let node = join(world.domain()).unwrap();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let node = join(domain.client_domain()).unwrap();
     let recorder = subscribe(&node);
-    let mut acquisition = world.acquisition("imu-a");
+    let mut acquisition = domain.acquisition("imu-a");
     let (samples, exact) = (recording(), table(TABLE));
     for sample in &samples[..1000] {
         let increment = round_trip(&mut acquisition, sample);
@@ -74,38 +78,38 @@ fn a_stalled_recorder_loses_its_own_copies_only() {
         assert!(same(&increment, &answer(Some(&exact), &raw)));
     }
     let recorded: Vec<_> = std::iter::from_fn(|| recorder.receive().unwrap()).map(|sample| sample.sequence).collect();
-    assert_eq!(recorded, (0..RECORDER_DEPTH as u64).collect::<Vec<_>>(), "its queue was full with the first ones");
-    let status = world.imu_status();
+    assert_eq!(recorded, (0..RECORDER_DEPTH as u64).collect::<Vec<_>>(), "its queue keeps the first samples");
+    let status = domain.imu_status();
     assert_eq!((&status["received"], &status["gaps"]), (&1000.into(), &0.into()));
     service.terminate();
 }
 
 #[test]
 fn a_reader_gets_everything_once_across_restarts_of_service_and_acquisition() {
-    let world = World::new();
-    let mut service = world.serve_recording();
-    let mut reader = world.reader("imu-a");
+    let domain = TestDomain::new();
+    let mut service = domain.serve_recording();
+    let mut reader = domain.reader("imu-a");
     let mut read: Vec<CompensatedIncrement> = Vec::new();
     let short: String = fs::read_to_string(RUN).unwrap().lines().take(1001).map(|line| format!("{line}\n")).collect();
-    world.write("short.csv", &short);
+    domain.write("short.csv", &short);
     for run in 0..3 {
         let out = format!("fed-{run}.csv");
         let feed =
-            world.spawn(&["feed", "--imu", "imu-a", "--rate", "1000", "--window", "20", "short.csv", "-o", &out]);
+            domain.spawn(&["feed", "--imu", "imu-a", "--rate", "1000", "--window", "20", "short.csv", "-o", &out]);
         let begun = read.len();
-        let deadline = Instant::now() + PATIENCE;
-        // What is left then fits into the reader's queue, however long this process is held up.
+        let deadline = Instant::now() + TIMEOUT;
+        // The remaining increments fit into the reader's queue, so a delay of this process loses none.
         while read.len() < begun + 600 {
             assert!(Instant::now() < deadline, "the feed does not arrive");
             read.extend(drain(&mut reader));
         }
         service.kill();
-        service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+        service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
         let mut feed = Some(feed);
         while let Some(running) = feed.take() {
             read.extend(drain(&mut reader));
-            assert!(Instant::now() < deadline + PATIENCE, "the feed does not end");
-            if world.path(&out).exists() {
+            assert!(Instant::now() < deadline + TIMEOUT, "the feed does not end");
+            if domain.path(&out).exists() {
                 let (status, log) = running.wait();
                 assert!(status.success(), "{log}");
             } else {
@@ -114,8 +118,8 @@ fn a_reader_gets_everything_once_across_restarts_of_service_and_acquisition() {
             }
         }
         read.extend(drain(&mut reader));
-        world.run_well(&["replay", "--table", "imu-a.toml", "short.csv", "-o", "replayed.csv"]);
-        let text = |name: &str| fs::read_to_string(world.path(name)).unwrap();
+        domain.run_ok(&["replay", "--table", "imu-a.toml", "short.csv", "-o", "replayed.csv"]);
+        let text = |name: &str| fs::read_to_string(domain.path(name)).unwrap();
         assert!(text(&out) == text("replayed.csv"), "the feed wrote each increment once, in order");
     }
     let pairs: BTreeSet<_> = read.iter().map(|i| (i.session, i.sequence)).collect();
@@ -126,13 +130,13 @@ fn a_reader_gets_everything_once_across_restarts_of_service_and_acquisition() {
     service.terminate();
 }
 
-/// What a process in another language does that knows iceoryx2 but not our library.
+/// As a process that uses iceoryx2 directly, without the client library.
 #[test]
 fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let mut reader = world.reader("imu-a");
-    let node = join(world.domain()).unwrap();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut reader = domain.reader("imu-a");
+    let node = join(domain.client_domain()).unwrap();
     let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
     let publisher = raw.publisher_builder().create().unwrap();
     let sample = RawSample { session: 9, ..recording()[0] };
@@ -141,28 +145,25 @@ fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
     }
     let mut read = Vec::new();
     while read.len() < 6 {
-        read.push(reader.receive_timeout(PATIENCE).unwrap().expect("an increment"));
+        read.push(reader.receive_timeout(TIMEOUT).unwrap().expect("an increment"));
     }
     assert_eq!(read.iter().map(|i| i.sequence).collect::<Vec<_>>(), [5, 6, 7, 100, 99, 8]);
-    assert!(
-        read.iter().all(|i| i.latency_ns < u32::MAX),
-        "from seeing the sample, since it was not said when it was sent"
-    );
-    wait_until("the counters", || world.imu_status()["received"] == 9);
+    assert!(read.iter().all(|i| i.latency_ns < u32::MAX), "without a send time the latency counts from the receipt");
+    wait_until("the counters", || domain.imu_status()["received"] == 9);
     assert_eq!((reader.receive().unwrap(), reader.repeats()), (None, 3));
-    let status = world.imu_status();
+    let status = domain.imu_status();
     assert_eq!((&status["gaps"], &status["missing"], &status["repeats"]), (&1.into(), &92.into(), &5.into()));
     service.terminate();
 }
 
 #[test]
 fn any_bit_pattern_is_survived() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let node = join(world.domain()).unwrap();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let node = join(domain.client_domain()).unwrap();
     let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
     let publisher = raw.publisher_builder().create().unwrap();
-    // Not our reader, which hands nothing out twice: these sessions and sequences repeat.
+    // A plain subscriber: these sessions and sequences repeat, and the client's reader drops repeats.
     let increments = stream::increment(&node, &id("imu-a")).open().unwrap();
     let subscriber = increments.subscriber_builder().create().unwrap();
     let notifier = stream::wake(&node, &id("imu-a")).open().unwrap().notifier_builder().create().unwrap();
@@ -200,13 +201,13 @@ fn any_bit_pattern_is_survived() {
 }
 
 #[test]
-fn a_foreign_creator_of_our_stream_is_named() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
-    let node = join(world.domain()).unwrap();
+fn a_stream_created_by_another_process_is_named() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let node = join(domain.client_domain()).unwrap();
     let name = id("imu-a").raw();
     let foreign = node.service_builder(&name).publish_subscribe::<RawSample>().create().unwrap();
-    let output = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     let message = isotherm_tests::text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(
@@ -214,8 +215,8 @@ fn a_foreign_creator_of_our_stream_is_named() {
         "{message}"
     );
     drop(foreign);
-    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
-    // Ours, as a peer sees it.
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    // The service's stream has its documented settings.
     let ours = stream::raw(&node, &id("imu-a")).open().unwrap();
     assert_eq!(iceoryx2::prelude::PortFactory::static_config(&ours).subscriber_max_buffer_size(), RECORDER_DEPTH);
     service.terminate();

@@ -1,27 +1,30 @@
-//! Increments handed on into another domain, where a tunnel to other machines finds them.
+//! The relay: it forwards increments to another domain, where a tunnel sends them to other machines.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+use iceoryx2::config::Config;
+use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::Publisher;
+use iceoryx2::prelude::{FilePath, SemanticString as _};
 use isotherm_client::{CompensatedIncrement, Domain, IncrementReader, Options, join};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{Ipc, IpcNode};
 use isotherm_shared::wire::RawSample;
-use isotherm_tests::{PATIENCE, TABLE, World, id, recording, round_trip, same, table, text, wait_until};
+use isotherm_tests::{TABLE, TIMEOUT, TestDomain, id, recording, round_trip, same, table, text, wait_until};
 use std::fs;
 
-/// The domain `net` beside a world's own, in the same folder. Dropping it removes its shared memory.
-struct Net(Domain);
+/// The domain `net`, to which the relay publishes, in the test's folder. Dropping it removes its shared memory.
+struct TargetDomain(Domain);
 
-impl Net {
-    fn beside(world: &World) -> Self {
-        Self(Domain::new("net", world.path("net").to_str().unwrap()).unwrap())
+impl TargetDomain {
+    fn beside(domain: &TestDomain) -> Self {
+        Self(Domain::new("net", domain.path("net").to_str().unwrap()).unwrap())
     }
 
     fn reader(&self) -> IncrementReader {
-        IncrementReader::connect(id("imu-a"), &Options { domain: self.0.clone(), timeout: PATIENCE }).unwrap()
+        IncrementReader::connect(id("imu-a"), &Options { domain: self.0.clone(), timeout: TIMEOUT }).unwrap()
     }
 
-    /// What a tunnel has on each stream that it carries: a publisher too.
+    /// A publisher of the stream, as a tunnel has one on each stream that it carries.
     fn publisher(&self) -> (Publisher<Ipc, CompensatedIncrement, ()>, IpcNode) {
         let node = join(&self.0).unwrap();
         let stream =
@@ -30,7 +33,7 @@ impl Net {
     }
 }
 
-impl Drop for Net {
+impl Drop for TargetDomain {
     fn drop(&mut self) {
         for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(&self.0.prefix()) {
@@ -41,49 +44,77 @@ impl Drop for Net {
 }
 
 #[test]
-fn every_increment_is_handed_on_and_none_comes_back() {
-    let world = World::new();
-    let net = Net::beside(&world);
-    // Before the service, and through its restart.
-    let relay = world.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
+fn every_increment_is_forwarded_and_none_comes_back() {
+    let domain = TestDomain::new();
+    let target = TargetDomain::beside(&domain);
+    // The relay starts before the service and continues when it is restarted.
+    let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
     relay.wait_for_log("ready");
-    let mut far = net.reader();
-    let (tunnel, _node) = net.publisher();
+    let mut far = target.reader();
+    let (tunnel, _node) = target.publisher();
 
-    let mut service = world.serve_recording();
-    let mut near = world.reader("imu-a");
-    let mut acquisition = world.acquisition("imu-a");
+    let mut service = domain.serve_recording();
+    let mut near = domain.reader("imu-a");
+    let mut acquisition = domain.acquisition("imu-a");
     let (samples, exact) = (recording(), table(TABLE));
     for run in 0..2 {
         relay.wait_for_log_lines("connected", 1);
         for sample in &samples[..200] {
             let increment = round_trip(&mut acquisition, sample);
             let raw = RawSample { session: increment.session, sequence: increment.sequence, ..*sample };
-            let handed_on = far.receive_timeout(PATIENCE).unwrap().unwrap();
-            assert!(same(&handed_on, &answer(Some(&exact), &raw)), "run {run}");
-            assert_eq!(near.receive_timeout(PATIENCE).unwrap().map(|seen| seen.sequence), Some(increment.sequence));
+            let forwarded = far.receive_timeout(TIMEOUT).unwrap().unwrap();
+            assert!(same(&forwarded, &answer(Some(&exact), &raw)), "run {run}");
+            assert_eq!(
+                near.receive_timeout(TIMEOUT).unwrap().map(|increment| increment.sequence),
+                Some(increment.sequence)
+            );
         }
-        // Whatever is published over there is seen there alone.
+        // An increment that is published in the other domain does not come back.
         tunnel.send_copy(CompensatedIncrement { session: run, ..CompensatedIncrement::default() }).unwrap();
-        assert_eq!(far.receive_timeout(PATIENCE).unwrap().unwrap().session, run);
+        assert_eq!(far.receive_timeout(TIMEOUT).unwrap().unwrap().session, run);
         assert_eq!(near.receive().unwrap(), None);
         service.kill();
-        service = world.serve_recording();
+        service = domain.serve_recording();
     }
     relay.terminate();
     service.terminate();
 }
 
+/// Either side may create the stream first, so the limits of the shipped configuration must be those of the relay.
 #[test]
-fn a_killed_relay_gives_way_to_the_next() {
-    let world = World::new();
-    let net = Net::beside(&world);
-    let service = world.serve_recording();
-    let mut acquisition = world.acquisition("imu-a");
+fn a_tunnel_with_the_shipped_configuration_may_create_the_stream_first() {
+    let domain = TestDomain::new();
+    let target = TargetDomain::beside(&domain);
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/network/config/iceoryx2.toml");
+    let mut config = Config::from_file(&FilePath::new(shipped.as_bytes()).unwrap()).unwrap();
+    config.global = target.0.config().unwrap().global;
+    fs::create_dir_all(target.0.root_path()).unwrap();
+    let tunnel = NodeBuilder::new().config(&config).create::<Ipc>().unwrap();
+    let stream = tunnel.service_builder(&id("imu-a").increment()).publish_subscribe::<CompensatedIncrement>();
+    let _created = stream.create().unwrap();
+
+    let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
+    relay.wait_for_log("ready");
+    let mut far = target.reader();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    relay.wait_for_log("connected");
+    let increment = round_trip(&mut acquisition, &recording()[0]);
+    assert!(same(&far.receive_timeout(TIMEOUT).unwrap().unwrap(), &increment));
+    relay.terminate();
+    service.terminate();
+}
+
+#[test]
+fn a_killed_relay_is_replaced_by_the_next() {
+    let domain = TestDomain::new();
+    let target = TargetDomain::beside(&domain);
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
     let sample = recording()[0];
-    let mut far = IncrementReader::new(id("imu-a"), &Options { domain: net.0.clone(), timeout: PATIENCE });
+    let mut far = IncrementReader::new(id("imu-a"), &Options { domain: target.0.clone(), timeout: TIMEOUT });
     for _ in 0..5 {
-        let relay = world.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
+        let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
         wait_until("an increment at the far side", || {
             round_trip(&mut acquisition, &sample);
             far.receive().unwrap().is_some()
@@ -92,25 +123,32 @@ fn a_killed_relay_gives_way_to_the_next() {
     }
     service.terminate();
     drop(far);
-    world.run_well(&["--domain", "net", "clean"]);
-    assert!(!net.0.root_path().parse::<std::path::PathBuf>().unwrap().exists(), "nothing is left of it");
+    domain.run_ok(&["--domain", "net", "clean"]);
+    assert!(
+        !target.0.root_path().parse::<std::path::PathBuf>().unwrap().exists(),
+        "the folder of the domain still exists"
+    );
 }
 
 #[test]
-fn what_cannot_be_a_relay_is_refused() {
-    let world = World::new();
+fn invalid_relays_are_refused() {
+    let domain = TestDomain::new();
     let refused = |arguments: &[&str], code: i32, words: &str| {
-        let output = world.run(arguments);
-        let said = text(&output.stderr);
-        assert!(output.status.code() == Some(code) && said.contains(words), "{arguments:?}: {}\n{said}", output.status);
+        let output = domain.run(arguments);
+        let stderr = text(&output.stderr);
+        assert!(
+            output.status.code() == Some(code) && stderr.contains(words),
+            "{arguments:?}: {}\n{stderr}",
+            output.status
+        );
     };
-    let name = world.domain().name();
+    let name = domain.client_domain().name();
     refused(&["relay", "--imu", "imu-a", "--to", name], 64, "cannot go into it");
     refused(&["relay", "--imu", "imu-a", "--imu", "imu-a", "--to", "net"], 64, "given twice");
     refused(&["relay", "--imu", "imu-a", "--to", "No Name"], 64, "no valid name");
-    // A domain with a service of its own has no place for others' increments.
-    let service = world.serve_recording();
-    let output = world.isotherm(&["--domain", "other", "relay", "--imu", "imu-a", "--to", name]).output().unwrap();
+    // A domain with a service does not accept a relay's increments.
+    let service = domain.serve_recording();
+    let output = domain.isotherm(&["--domain", "other", "relay", "--imu", "imu-a", "--to", name]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(text(&output.stderr).contains("other settings"), "{}", text(&output.stderr));
     service.terminate();

@@ -1,18 +1,20 @@
-//! Raw samples in, exact increments out, through real processes and real shared memory.
+//! Raw samples are sent and exact increments come back, through real processes and real shared memory.
+//!
+//! Over 400 lines: these are the tests of the acquisition's round trip, in one place.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{CompensateError, Domain, InFlight, SendError};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{Flags, RawSample};
 use isotherm_tests::{
-    PATIENCE, RUN, RUN_EXPECTED, TABLE, World, recording, round_trip, same, table, text, variant, wait_until,
+    RUN, RUN_EXPECTED, TABLE, TIMEOUT, TestDomain, recording, round_trip, same, table, text, variant, wait_until,
 };
 use std::collections::HashMap;
 use std::fs;
 use std::process::Stdio;
 use std::time::Duration;
 
-/// The columns of a CSV text by name.
+/// The columns of a CSV text, by name.
 fn columns(text: &str) -> HashMap<String, Vec<String>> {
     let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
     let header = lines.next().unwrap();
@@ -28,14 +30,14 @@ fn columns(text: &str) -> HashMap<String, Vec<String>> {
 
 #[test]
 fn the_recording_comes_back_exactly_and_replay_agrees_to_the_byte() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let fed = world.run_well(&["feed", "--imu", "imu-a", RUN]);
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let fed = domain.run_ok(&["feed", "--imu", "imu-a", RUN]);
     for window in ["1", "7", "1000"] {
-        world.run_well(&["feed", "--imu", "imu-a", "--window", window, RUN, "-o", "fed.csv"]);
-        assert!(fed == fs::read_to_string(world.path("fed.csv")).unwrap(), "window {window}");
+        domain.run_ok(&["feed", "--imu", "imu-a", "--window", window, RUN, "-o", "fed.csv"]);
+        assert!(fed == fs::read_to_string(domain.path("fed.csv")).unwrap(), "window {window}");
     }
-    assert!(fed == world.run_well(&["replay", "--table", "imu-a.toml", RUN]), "replay differs from feed");
+    assert!(fed == domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]), "replay differs from feed");
 
     let (fed, expected) = (columns(&fed), columns(&fs::read_to_string(RUN_EXPECTED).unwrap()));
     let digest = table(TABLE).digest().to_string();
@@ -50,7 +52,7 @@ fn the_recording_comes_back_exactly_and_replay_agrees_to_the_byte() {
     }
     assert!(worst <= 2e-16, "worst difference {worst:e} m/s");
 
-    let status = world.imu_status();
+    let status = domain.imu_status();
     assert_eq!((&status["received"], &status["compensated"]), (&16_000.into(), &16_000.into()));
     assert_eq!((&status["gaps"], &status["repeats"], &status["sessions"]), (&0.into(), &0.into(), &4.into()));
     assert_eq!(status["table"], digest);
@@ -61,19 +63,19 @@ fn the_recording_comes_back_exactly_and_replay_agrees_to_the_byte() {
 #[test]
 fn every_waiting_strategy_serves() {
     for strategy in ["spin", "anticipate", "block"] {
-        let world = World::new();
-        world.write("imu-a.toml", TABLE);
+        let domain = TestDomain::new();
+        domain.write("imu-a.toml", TABLE);
         let config = format!("[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[wait]\nstrategy = \"{strategy}\"\n");
-        world.write("service.toml", &config);
-        let service = world.serve(&["--config", "service.toml"]);
+        domain.write("service.toml", &config);
+        let service = domain.serve(&["--config", "service.toml"]);
         let samples = recording();
         let short =
             fs::read_to_string(RUN).unwrap().lines().take(401).map(|line| format!("{line}\n")).collect::<String>();
-        world.write("short.csv", &short);
-        let fed = world.run_well(&["feed", "--imu", "imu-a", "--rate", "400", "short.csv"]);
+        domain.write("short.csv", &short);
+        let fed = domain.run_ok(&["feed", "--imu", "imu-a", "--rate", "400", "short.csv"]);
         assert_eq!(fed.lines().count(), 401);
-        assert_eq!(world.status()["wait"], strategy);
-        let mut acquisition = world.acquisition("imu-a");
+        assert_eq!(domain.status()["wait"], strategy);
+        let mut acquisition = domain.acquisition("imu-a");
         for sample in &samples[..100] {
             let increment = round_trip(&mut acquisition, sample);
             let raw = RawSample { session: increment.session, sequence: increment.sequence, ..*sample };
@@ -84,34 +86,34 @@ fn every_waiting_strategy_serves() {
 }
 
 #[test]
-fn data_flow_through_pipes_and_words_go_to_stderr() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let mut feed = world.isotherm(&["feed", "--imu", "imu-a", "-", "-o", "-"]);
+fn data_go_through_pipes_and_messages_to_stderr() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut feed = domain.isotherm(&["feed", "--imu", "imu-a", "-", "-o", "-"]);
     let feed = feed.stdin(fs::File::open(RUN).unwrap()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let output = feed.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
-    assert_eq!(text(&output.stdout), world.run_well(&["replay", "--table", "imu-a.toml", RUN, "-o", "/dev/stdout"]));
+    assert_eq!(text(&output.stdout), domain.run_ok(&["replay", "--table", "imu-a.toml", RUN, "-o", "/dev/stdout"]));
     service.terminate();
 }
 
 #[test]
 fn two_imus_do_not_mix() {
-    let world = World::new();
-    world.write("a.toml", TABLE);
-    world.write("b.toml", &variant(77).replace("imu-a", "imu-b"));
-    let service = world.serve(&["--imu", "imu-a=a.toml", "--imu", "imu-b=b.toml"]);
+    let domain = TestDomain::new();
+    domain.write("a.toml", TABLE);
+    domain.write("b.toml", &variant(77).replace("imu-a", "imu-b"));
+    let service = domain.serve(&["--imu", "imu-a=a.toml", "--imu", "imu-b=b.toml"]);
     let feed = |imu: &str| {
-        let mut command = world.isotherm(&["feed", "--imu", imu, "--window", "5", RUN]);
+        let mut command = domain.isotherm(&["feed", "--imu", imu, "--window", "5", RUN]);
         command.stdout(Stdio::piped()).spawn().unwrap()
     };
     let (a, b) = (feed("imu-a"), feed("imu-b"));
     let (a, b) = (a.wait_with_output().unwrap().stdout, b.wait_with_output().unwrap().stdout);
-    assert!(text(&a) == world.run_well(&["replay", "--table", "a.toml", RUN]), "imu-a");
-    assert!(text(&b) == world.run_well(&["replay", "--table", "b.toml", RUN]), "imu-b");
+    assert!(text(&a) == domain.run_ok(&["replay", "--table", "a.toml", RUN]), "imu-a");
+    assert!(text(&b) == domain.run_ok(&["replay", "--table", "b.toml", RUN]), "imu-b");
     assert!(a != b);
-    let status = world.status();
+    let status = domain.status();
     assert_eq!((&status["imus"][0]["received"], &status["imus"][1]["received"]), (&4000.into(), &4000.into()));
     service.terminate();
 }
@@ -128,11 +130,11 @@ fn out_of_range_and_not_finite_telemetry_under_each_policy() {
     };
     let places = [2.0, 0.5, 5.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     for policy in ["clamp", "extrapolate", "reject"] {
-        let world = World::new();
+        let domain = TestDomain::new();
         let text = TABLE.replace("\"clamp\"", &format!("{policy:?}"));
-        world.write("imu-a.toml", &text);
-        let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
-        let mut acquisition = world.acquisition("imu-a");
+        domain.write("imu-a.toml", &text);
+        let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+        let mut acquisition = domain.acquisition("imu-a");
         let inside = round_trip(&mut acquisition, &raw(2.0, 2.0));
         for head in places {
             for board in places {
@@ -171,7 +173,7 @@ fn out_of_range_and_not_finite_telemetry_under_each_policy() {
         let bad_interval = round_trip(&mut acquisition, &RawSample { interval_ns: 0, ..raw(2.0, 2.0) });
         assert!(bad_interval.velocity_increment.iter().all(|dv| dv.is_nan()));
         assert_eq!(Flags(bad_interval.flags).only(Flags::SAMPLE), Flags::INTERVAL);
-        let status = world.imu_status();
+        let status = domain.imu_status();
         assert_eq!(status["flagged"]["a1-head-below"], 6);
         assert_eq!(status["flagged"]["a2-not-finite"], 18);
         assert_eq!(status["flagged"]["interval"], 1);
@@ -181,10 +183,10 @@ fn out_of_range_and_not_finite_telemetry_under_each_policy() {
 
 #[test]
 fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
-    let world = World::new();
-    let service = world.serve_recording();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
     let samples = recording();
-    let mut acquisition = world.acquisition("imu-a");
+    let mut acquisition = domain.acquisition("imu-a");
     service.stop();
     let fill = |loan: &mut RawSample, sample: &RawSample| {
         *loan = RawSample { session: loan.session, sequence: loan.sequence, ..*sample };
@@ -213,7 +215,7 @@ fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
         }
     }
     assert_eq!((sent.len(), acquisition.in_flight()), (acquisition.depth(), acquisition.depth()));
-    service.go_on();
+    service.resume();
     wait_until("the first answer", || match acquisition.receive().unwrap() {
         Some(increment) => same(&increment, &answer(Some(&table(TABLE)), &sent[0])),
         None => false,
@@ -222,7 +224,7 @@ fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
     sent.push(*merged);
     acquisition.send(merged).unwrap();
     for raw in &sent[1..] {
-        let increment = acquisition.receive_timeout(PATIENCE).unwrap().unwrap();
+        let increment = acquisition.receive_timeout(TIMEOUT).unwrap().unwrap();
         assert!(same(&increment, &answer(Some(&table(TABLE)), raw)), "{}", raw.sequence);
         assert_eq!(increment.flags & Flags::GAP.0, 0, "a merged sample leaves no gap");
     }
@@ -233,35 +235,35 @@ fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
 
 #[test]
 fn missing_samples_are_flagged_and_counted() {
-    let world = World::new();
-    let service = world.serve_recording();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
     let lines: Vec<_> = fs::read_to_string(RUN).unwrap().lines().map(str::to_owned).collect();
     let kept = |k: &usize| *k != 100 && !(200..203).contains(k);
     let text: String = (0..301).filter(kept).map(|k| lines[k].clone() + "\n").collect();
-    world.write("gaps.csv", &text);
-    let fed = columns(&world.run_well(&["feed", "--imu", "imu-a", "--delivery", "gaps.csv"]));
+    domain.write("gaps.csv", &text);
+    let fed = columns(&domain.run_ok(&["feed", "--imu", "imu-a", "--delivery", "gaps.csv"]));
     let flagged: Vec<_> = (0..fed["sequence"].len()).filter(|&k| fed["delivery"][k].contains("gap")).collect();
     let sequences: Vec<_> = flagged.iter().map(|&k| fed["sequence"][k].as_str()).collect();
     assert_eq!(sequences, ["100", "202"], "the samples after the gaps");
-    let status = world.imu_status();
+    let status = domain.imu_status();
     assert_eq!((&status["gaps"], &status["missing"], &status["flagged"]["gap"]), (&2.into(), &4.into(), &2.into()));
     service.wait_for_log("4 samples were missing");
     service.terminate();
 }
 
 #[test]
-fn an_uncalibrated_imu_is_served_nan_until_its_table_appears() {
-    let world = World::new();
-    let refused = world.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+fn an_uncalibrated_imu_gets_nan_until_its_table_appears() {
+    let domain = TestDomain::new();
+    let refused = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
     assert_eq!(refused.status.code(), Some(74), "{}", text(&refused.stderr));
-    let service = world.serve(&["--imu", "imu-a=imu-a.toml", "--allow-uncalibrated"]);
-    let mut acquisition = world.acquisition("imu-a");
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--allow-uncalibrated"]);
+    let mut acquisition = domain.acquisition("imu-a");
     let sample = recording()[0];
     let increment = round_trip(&mut acquisition, &sample);
     assert!(increment.velocity_increment.iter().all(|dv| dv.is_nan()));
     assert_eq!((Flags(increment.flags).only(Flags::SAMPLE), increment.table), (Flags::NO_TABLE, 0));
-    assert_eq!(world.imu_status()["table"], serde_json::Value::Null);
-    world.replace("imu-a.toml", TABLE);
+    assert_eq!(domain.imu_status()["table"], serde_json::Value::Null);
+    domain.replace("imu-a.toml", TABLE);
     wait_until("the first table", || round_trip(&mut acquisition, &sample).table == table(TABLE).id());
     let increment = round_trip(&mut acquisition, &sample);
     assert_eq!(Flags(increment.flags).only(Flags::SAMPLE), Flags::default());
@@ -270,16 +272,16 @@ fn an_uncalibrated_imu_is_served_nan_until_its_table_appears() {
 }
 
 #[test]
-fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_passed_over() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let mut acquisition = world.acquisition("imu-a");
+fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_skipped() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
     let sample = recording()[7];
     service.stop();
     let loan = acquisition.loan().unwrap();
     let outcome = acquisition.compensate(loan, Duration::from_millis(30));
     assert!(matches!(outcome, Err(CompensateError::Timeout)), "{outcome:?}");
-    service.go_on();
+    service.resume();
     let increment = round_trip(&mut acquisition, &sample);
     assert_eq!(increment.velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
     assert_eq!(acquisition.in_flight(), 0);
@@ -288,54 +290,54 @@ fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_passed_over()
 
 #[test]
 fn a_sequence_that_does_not_rise_is_handed_back() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let mut acquisition = world.acquisition("imu-a");
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
     let mut loan = acquisition.loan().unwrap();
     loan.sequence = 10;
-    acquisition.compensate(loan, PATIENCE).unwrap();
+    acquisition.compensate(loan, TIMEOUT).unwrap();
     let mut loan = acquisition.loan().unwrap();
     assert_eq!(loan.sequence, 11);
     loan.sequence = 10;
     let Err(SendError::Sequence(mut loan)) = acquisition.send(loan) else { panic!("sent") };
     loan.sequence = 12;
-    assert_ne!(acquisition.compensate(loan, PATIENCE).unwrap().flags & Flags::GAP.0, 0);
+    assert_ne!(acquisition.compensate(loan, TIMEOUT).unwrap().flags & Flags::GAP.0, 0);
     let old = acquisition.session();
     let loan = acquisition.loan().unwrap();
     acquisition.send(loan).unwrap();
     assert_eq!(acquisition.begin_session(), Err(InFlight(1)));
-    assert!(acquisition.receive_timeout(PATIENCE).unwrap().is_some());
+    assert!(acquisition.receive_timeout(TIMEOUT).unwrap().is_some());
     acquisition.begin_session().unwrap();
     let loan = acquisition.loan().unwrap();
     assert!(loan.sequence == 0 && loan.session != old);
-    assert_eq!(acquisition.compensate(loan, PATIENCE).unwrap().flags & Flags::GAP.0, 0);
+    assert_eq!(acquisition.compensate(loan, TIMEOUT).unwrap().flags & Flags::GAP.0, 0);
     service.terminate();
 }
 
 #[test]
-fn demo_tells_its_story_and_leaves_only_its_report() {
-    let world = World::new();
-    let demo = world.isotherm(&["demo"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+fn demo_prints_every_step_and_leaves_only_its_report() {
+    let domain = TestDomain::new();
+    let demo = domain.isotherm(&["demo"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let name = format!("demo-{}", demo.id());
     let output = demo.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
-    let story = text(&output.stdout);
+    let printed = text(&output.stdout);
     for word in ["Output stability", "1 reload", "0 lost, 0 out of order", "round trip", "p99.9"] {
-        assert!(story.contains(word), "{word:?} is missing in:\n{story}");
+        assert!(printed.contains(word), "{word:?} is missing in:\n{printed}");
     }
-    let left: Vec<_> = fs::read_dir(world.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let left: Vec<_> = fs::read_dir(domain.path("")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["isotherm-demo-report.txt"]);
-    let domain = Domain::new(&name, &world.path(&name).display().to_string()).unwrap();
+    let demo_domain = Domain::new(&name, &domain.path(&name).display().to_string()).unwrap();
     let shared: Vec<_> = fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name()).collect();
-    assert!(!shared.iter().any(|name| name.to_string_lossy().starts_with(&domain.prefix())), "{shared:?}");
+    assert!(!shared.iter().any(|name| name.to_string_lossy().starts_with(&demo_domain.prefix())), "{shared:?}");
 }
 
-/// A caller that knows nothing but `compensate` gets over a service that was away for long.
+/// A caller that uses only `compensate` recovers after the service was gone so long that the queue filled up.
 #[test]
 fn compensate_alone_recovers_from_a_full_queue() {
-    let world = World::new();
-    let service = world.serve_recording();
-    let mut acquisition = world.acquisition("imu-a");
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
     service.kill();
     let mut attempts = 0;
     loop {
@@ -348,7 +350,7 @@ fn compensate_alone_recovers_from_a_full_queue() {
         }
         assert!(attempts < 1000);
     }
-    let service = world.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     let sample = recording()[9];
     let exact = answer(Some(&table(TABLE)), &sample).velocity_increment;
     wait_until("an answer", || {
@@ -363,21 +365,21 @@ fn compensate_alone_recovers_from_a_full_queue() {
 
 #[test]
 fn the_longest_names_work() {
-    let world = World::new();
-    let (domain, imu) = ("d".repeat(32), "i".repeat(32));
-    world.write("t.toml", &TABLE.replace("imu-a", &imu));
-    // As a user has it who sets nothing: the folder is /tmp/isotherm-NAME.
+    let domain = TestDomain::new();
+    let (name, imu) = ("d".repeat(32), "i".repeat(32));
+    domain.write("t.toml", &TABLE.replace("imu-a", &imu));
+    // With /tmp as temporary folder this is the longest allowed path. The default, /tmp/isotherm-NAME, is shorter.
     let isotherm = |arguments: &[&str]| {
-        let mut command = world.isotherm(arguments);
-        command.env("ISOTHERM_DOMAIN", &domain).env("ISOTHERM_ROOT", world.path("").join("r".repeat(3)));
+        let mut command = domain.isotherm(arguments);
+        command.env("ISOTHERM_DOMAIN", &name).env("ISOTHERM_ROOT", domain.path("").join("r".repeat(3)));
         command
     };
-    let root = world.path("").join("r".repeat(3)).join(&domain).display().to_string();
+    let root = domain.path("").join("r".repeat(3)).join(&name).display().to_string();
     assert!(root.len() <= 52, "{root}");
     let mut service = isotherm(&["serve", "--imu", &format!("{imu}=t.toml")]).stderr(Stdio::null()).spawn().unwrap();
     let fed = isotherm(&["feed", "--imu", &imu, RUN]).output().unwrap();
     assert!(fed.status.success(), "{}", text(&fed.stderr));
-    assert!(text(&fed.stdout) == world.run_well(&["replay", "--table", "t.toml", RUN]));
+    assert!(text(&fed.stdout) == domain.run_ok(&["replay", "--table", "t.toml", RUN]));
     isotherm_tests::kill(service.id(), rustix::process::Signal::TERM);
     assert!(service.wait().unwrap().success());
     assert!(isotherm(&["clean"]).status().unwrap().success());
@@ -385,25 +387,25 @@ fn the_longest_names_work() {
 
 #[test]
 fn a_recording_is_never_overwritten_by_its_increments() {
-    let world = World::new();
-    fs::copy(RUN, world.path("run.csv")).unwrap();
-    world.write("imu-a.toml", TABLE);
+    let domain = TestDomain::new();
+    fs::copy(RUN, domain.path("run.csv")).unwrap();
+    domain.write("imu-a.toml", TABLE);
     for command in [&["replay", "--table", "imu-a.toml"][..], &["feed", "--imu", "imu-a"]] {
-        let output = world.run(&[command, &["run.csv", "-o", "run.csv"]].concat());
+        let output = domain.run(&[command, &["run.csv", "-o", "run.csv"]].concat());
         assert_eq!(output.status.code(), Some(64), "{}", text(&output.stderr));
     }
-    assert_eq!(fs::read(world.path("run.csv")).unwrap(), fs::read(RUN).unwrap());
+    assert_eq!(fs::read(domain.path("run.csv")).unwrap(), fs::read(RUN).unwrap());
 }
 
 #[test]
 fn a_bad_row_ends_feed_and_replay_after_the_same_increments() {
-    let world = World::new();
-    let service = world.serve_recording();
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
     let mut rows: Vec<_> = fs::read_to_string(RUN).unwrap().lines().take(101).map(str::to_owned).collect();
     rows.push("garbage".to_owned());
-    world.write("bad.csv", &rows.join("\n"));
-    let fed = world.run(&["feed", "--imu", "imu-a", "bad.csv"]);
-    let replayed = world.run(&["replay", "--table", "imu-a.toml", "bad.csv"]);
+    domain.write("bad.csv", &rows.join("\n"));
+    let fed = domain.run(&["feed", "--imu", "imu-a", "bad.csv"]);
+    let replayed = domain.run(&["replay", "--table", "imu-a.toml", "bad.csv"]);
     assert_eq!((fed.status.code(), replayed.status.code()), (Some(65), Some(65)), "{}", text(&fed.stderr));
     assert_eq!(text(&fed.stdout), text(&replayed.stdout));
     assert_eq!(text(&fed.stdout).lines().count(), 101);

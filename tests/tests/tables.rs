@@ -1,11 +1,11 @@
-//! Table files: everything that must be refused, everything at once, and the seal.
+//! Table files: every fault is refused, all faults are reported together, and the seal is checked.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{TABLE, World, table, text, variant};
+use isotherm_tests::{TABLE, TestDomain, table, text, variant};
 use std::fs;
 use std::os::unix::fs::symlink;
 
-/// Kinds of bad tables: what is replaced by what, and the line and key that the message must name.
+/// Kinds of bad tables: description, text to replace, replacement, and the line and key that the message must name.
 const BAD: [(&str, &str, &str, &str); 52] = [
     ("format missing", "format = 1\n", "", ":1: format: "),
     ("format unknown", "format = 1", "format = 2", ":1: format: "),
@@ -138,11 +138,11 @@ const BAD: [(&str, &str, &str, &str); 52] = [
 
 #[test]
 fn every_kind_of_bad_table_is_refused_with_line_and_key() {
-    let world = World::new();
+    let domain = TestDomain::new();
     for (kind, from, to, place) in BAD {
         assert!(TABLE.contains(from), "{kind}: {from:?} is not in the table");
-        world.write("bad.toml", &TABLE.replacen(from, to, 1));
-        let output = world.run(&["check", "bad.toml"]);
+        domain.write("bad.toml", &TABLE.replacen(from, to, 1));
+        let output = domain.run(&["check", "bad.toml"]);
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(78), "{kind}: {message}");
         assert!(
@@ -154,10 +154,10 @@ fn every_kind_of_bad_table_is_refused_with_line_and_key() {
 }
 
 #[test]
-fn bad_files_are_refused_too() {
-    let world = World::new();
+fn unsuitable_files_are_refused() {
+    let domain = TestDomain::new();
     fs::write(
-        world.path("latin1.toml"),
+        domain.path("latin1.toml"),
         TABLE
             .replacen("[imu]", "# \u{e9}\n[imu]", 1)
             .replace('\u{e9}', "E")
@@ -167,10 +167,10 @@ fn bad_files_are_refused_too() {
             .collect::<Vec<_>>(),
     )
     .unwrap();
-    world.write("large.toml", &format!("{TABLE}# {}\n", "x".repeat(1 << 20)));
-    fs::create_dir(world.path("folder.toml")).unwrap();
-    mkfifo(&world, "pipe.toml");
-    world.write("empty.toml", "");
+    domain.write("large.toml", &format!("{TABLE}# {}\n", "x".repeat(1 << 20)));
+    fs::create_dir(domain.path("folder.toml")).unwrap();
+    mkfifo(&domain, "pipe.toml");
+    domain.write("empty.toml", "");
     for (file, message) in [
         ("latin1.toml", "latin1.toml:2: not UTF-8"),
         ("large.toml", "over 1048576 bytes"),
@@ -179,21 +179,21 @@ fn bad_files_are_refused_too() {
         ("/dev/zero", "not a regular file"),
         ("empty.toml", "neither a coefficient table"),
     ] {
-        let output = world.run(&["check", file]);
+        let output = domain.run(&["check", file]);
         assert_eq!(output.status.code(), Some(78), "{file}");
         assert!(text(&output.stderr).contains(message), "{file}: {}", text(&output.stderr));
     }
-    assert_eq!(world.run(&["check", "absent.toml"]).status.code(), Some(74));
+    assert_eq!(domain.run(&["check", "absent.toml"]).status.code(), Some(74));
 }
 
-fn mkfifo(world: &World, name: &str) {
-    let status = std::process::Command::new("mkfifo").arg(world.path(name)).status().unwrap();
+fn mkfifo(domain: &TestDomain, name: &str) {
+    let status = std::process::Command::new("mkfifo").arg(domain.path(name)).status().unwrap();
     assert!(status.success());
 }
 
 #[test]
-fn all_faults_of_all_files_come_in_one_go() {
-    let world = World::new();
+fn all_faults_of_all_files_are_reported_together() {
+    let domain = TestDomain::new();
     let bad = TABLE
         .replace("format = 1", "format = 3")
         .replace("gravity = 9.8015", "gravity = 98.015")
@@ -202,10 +202,10 @@ fn all_faults_of_all_files_come_in_one_go() {
             "unit = \"ug0\", range = [0.9, 4.2], c0 = 84.70",
             "unit = \"ug0\", range = [4.2, 0.9], c0 = \"84.70\"",
         );
-    world.write("bad.toml", &bad);
-    world.write("worse.toml", "[[imu]]\nid = \"A\"\n");
-    world.write("good.toml", TABLE);
-    let output = world.run(&["check", "bad.toml", "good.toml", "worse.toml"]);
+    domain.write("bad.toml", &bad);
+    domain.write("worse.toml", "[[imu]]\nid = \"A\"\n");
+    domain.write("good.toml", TABLE);
+    let output = domain.run(&["check", "bad.toml", "good.toml", "worse.toml"]);
     assert_eq!(output.status.code(), Some(78));
     let message = text(&output.stderr);
     for place in [
@@ -221,12 +221,12 @@ fn all_faults_of_all_files_come_in_one_go() {
         assert!(message.contains(place), "no {place:?} in\n{message}");
     }
     assert!(text(&output.stdout).starts_with("good.toml: table of imu-a, sha256:"));
-    world.write(
+    domain.write(
         "service.toml",
         "[[imu]]\nid = \"imu-a\"\ntable = \"bad.toml\"\n[[imu]]\nid = \"imu-b\"\ntable = \"good.toml\"\n",
     );
     for command in [&["check", "service.toml"][..], &["serve", "--config", "service.toml"]] {
-        let output = world.run(command);
+        let output = domain.run(command);
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(78), "{message}");
         assert!(message.contains("bad.toml:20: ") && message.contains("belongs to imu-a, not to imu-b"), "{message}");
@@ -234,13 +234,13 @@ fn all_faults_of_all_files_come_in_one_go() {
 }
 
 #[test]
-fn a_seal_is_written_checked_and_survives_what_does_not_matter() {
-    let world = World::new();
-    let path = world.write("imu-a.toml", &format!("# a comment\n{TABLE}\n[provenance]\nby = \"hand\"\n"));
-    assert!(world.run_well(&["check", "imu-a.toml"]).contains("not sealed"));
-    symlink("imu-a.toml", world.path("link.toml")).unwrap();
-    assert!(world.run_well(&["check", "--seal", "link.toml"]).contains("sealed"));
-    assert!(fs::symlink_metadata(world.path("link.toml")).unwrap().is_symlink());
+fn a_seal_is_written_and_checked_and_survives_irrelevant_changes() {
+    let domain = TestDomain::new();
+    let path = domain.write("imu-a.toml", &format!("# a comment\n{TABLE}\n[provenance]\nby = \"hand\"\n"));
+    assert!(domain.run_ok(&["check", "imu-a.toml"]).contains("not sealed"));
+    symlink("imu-a.toml", domain.path("link.toml")).unwrap();
+    assert!(domain.run_ok(&["check", "--seal", "link.toml"]).contains("sealed"));
+    assert!(fs::symlink_metadata(domain.path("link.toml")).unwrap().is_symlink());
     let sealed = fs::read_to_string(&path).unwrap();
     let digest = table(TABLE).digest().to_string();
     assert_eq!(
@@ -257,8 +257,8 @@ fn a_seal_is_written_checked_and_survives_what_does_not_matter() {
         sealed.replace("c0 = 91733.0", "c0 = 9.1733e4"),
         sealed.replace("c0 = 793.55, c1 = -1074.70", "c1 = -1074.7, c0 = 793.55, center = 0, scale = 1"),
     ] {
-        world.write("imu-a.toml", &unimportant);
-        assert!(world.run_well(&["check", "imu-a.toml"]).contains("seal intact"), "{unimportant}");
+        domain.write("imu-a.toml", &unimportant);
+        assert!(domain.run_ok(&["check", "imu-a.toml"]).contains("seal intact"), "{unimportant}");
     }
     for important in [
         sealed.replace("91733.0", "91733.1"),
@@ -268,16 +268,16 @@ fn a_seal_is_written_checked_and_survives_what_does_not_matter() {
         sealed.replace("gravity = 9.8015", "gravity = 9.8015\nserial = \"S\""),
         format!("{sealed}[alignment]\nmatrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"),
     ] {
-        world.write("imu-a.toml", &important);
-        let output = world.run(&["check", "imu-a.toml"]);
+        domain.write("imu-a.toml", &important);
+        let output = domain.run(&["check", "imu-a.toml"]);
         assert_eq!(output.status.code(), Some(78), "{important}");
         assert!(text(&output.stderr).contains("digest"), "{}", text(&output.stderr));
-        world.run_well(&["check", "--seal", "imu-a.toml"]);
-        assert!(world.run_well(&["check", "imu-a.toml"]).contains("seal intact"));
+        domain.run_ok(&["check", "--seal", "imu-a.toml"]);
+        assert!(domain.run_ok(&["check", "imu-a.toml"]).contains("seal intact"));
     }
-    world.write("bad.toml", &TABLE.replace("91733.0", "-1.0"));
-    assert_eq!(world.run(&["check", "--seal", "bad.toml"]).status.code(), Some(78));
-    assert!(!fs::read_to_string(world.path("bad.toml")).unwrap().contains("digest"));
+    domain.write("bad.toml", &TABLE.replace("91733.0", "-1.0"));
+    assert_eq!(domain.run(&["check", "--seal", "bad.toml"]).status.code(), Some(78));
+    assert!(!fs::read_to_string(domain.path("bad.toml")).unwrap().contains("digest"));
 }
 
 #[test]

@@ -1,7 +1,7 @@
-//! What a service manager is told, and what a worker that stands still looks like.
+//! Messages to the service manager, and the detection of a worker that stands still.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{Needs, PATIENCE, TABLE, World, recording, round_trip, skip, thread_of, wait_until};
+use isotherm_tests::{Needs, TABLE, TIMEOUT, TestDomain, recording, round_trip, skip, thread_of, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
@@ -10,12 +10,12 @@ use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
 
 /// The service manager's end of the socket.
-struct Manager(UnixDatagram);
+struct NotifySocket(UnixDatagram);
 
-impl Manager {
+impl NotifySocket {
     /// Waits for a message with a line that begins with `text`, and gives the whole message.
     fn wait_for(&self, text: &str) -> String {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             let mut buffer = [0; 4096];
             let length = self.0.recv(&mut buffer).unwrap_or_default();
@@ -23,11 +23,11 @@ impl Manager {
             if message.lines().any(|line| line.starts_with(text)) {
                 return message;
             }
-            assert!(Instant::now() < deadline, "{text:?} was not told");
+            assert!(Instant::now() < deadline, "{text:?} was not received");
         }
     }
 
-    /// How many messages of this kind come within a time.
+    /// The number of messages that begin with `text` within a time.
     fn count(&self, text: &str, time: Duration) -> usize {
         let deadline = Instant::now() + time;
         let mut count = 0;
@@ -41,24 +41,24 @@ impl Manager {
 }
 
 #[test]
-fn the_service_manager_is_told_and_fed_as_long_as_all_workers_move() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
-    let path = world.path("notify");
-    let manager = Manager(UnixDatagram::bind(&path).unwrap());
-    manager.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
-    let mut command = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+fn the_service_manager_gets_states_and_watchdog_messages_while_all_workers_run() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let path = domain.path("notify");
+    let notify_socket = NotifySocket(UnixDatagram::bind(&path).unwrap());
+    notify_socket.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
     command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "200000");
-    let service = world.start(command);
-    manager.wait_for("READY=1");
-    manager.wait_for("WATCHDOG=1");
-    manager.wait_for("STATUS=1 IMUs, 0 increments");
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
-    manager.wait_for("STATUS=1 IMUs, 1 increments, 0 samples missing, 0 table files refused");
+    let service = domain.start(command);
+    notify_socket.wait_for("READY=1");
+    notify_socket.wait_for("WATCHDOG=1");
+    notify_socket.wait_for("STATUS=1 IMUs, 0 increments");
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    notify_socket.wait_for("STATUS=1 IMUs, 1 increments, 0 samples missing, 0 table files refused");
 
     service.signal(Signal::HUP);
-    assert!(manager.wait_for("RELOADING=1").contains("MONOTONIC_USEC="));
-    manager.wait_for("READY=1");
+    assert!(notify_socket.wait_for("RELOADING=1").contains("MONOTONIC_USEC="));
+    notify_socket.wait_for("READY=1");
 
     let worker = Pid::from_raw(thread_of(service.pid(), "worker-0"));
     if ptrace::seize(worker, ptrace::Options::empty()).is_ok() {
@@ -66,58 +66,58 @@ fn the_service_manager_is_told_and_fed_as_long_as_all_workers_move() {
         waitpid(worker, Some(WaitPidFlag::__WALL)).unwrap();
         service.wait_for_log("stands still: its loop has not turned for a second, its IMUs are not served");
         assert!(service.log().contains("worker=0 imus=\"imu-a\""), "{}", service.log());
-        assert_eq!(world.status()["workers"][0]["stands_still"], true);
-        // What was fed before it was seen to stand still.
-        manager.wait_for("STATUS=");
-        assert_eq!(manager.count("WATCHDOG=1", Duration::from_millis(600)), 0, "it is not fed any more");
+        assert_eq!(domain.status()["workers"][0]["stands_still"], true);
+        // Read the messages that were sent before the service noticed it.
+        notify_socket.wait_for("STATUS=");
+        assert_eq!(notify_socket.count("WATCHDOG=1", Duration::from_millis(600)), 0, "the watchdog is still fed");
         ptrace::detach(worker, None).unwrap();
-        service.wait_for_log("moves again");
-        manager.wait_for("WATCHDOG=1");
-        wait_until("the status", || world.status()["workers"][0]["stands_still"] == false);
+        service.wait_for_log("runs again");
+        notify_socket.wait_for("WATCHDOG=1");
+        wait_until("the status", || domain.status()["workers"][0]["stands_still"] == false);
     } else {
         skip("this user may not trace a process", Needs::Machine);
     }
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     service.signal(Signal::TERM);
-    manager.wait_for("STOPPING=1");
+    notify_socket.wait_for("STOPPING=1");
     let (status, log) = service.wait();
     assert!(status.success(), "{log}");
 }
 
 #[test]
-fn a_manager_that_does_not_listen_is_told_of_once() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
-    let mut command = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
-    command.env("NOTIFY_SOCKET", world.path("nobody")).env("WATCHDOG_USEC", "100000");
-    let service = world.start(command);
-    service.wait_for_log("telling the service manager: ");
+fn a_missing_notify_socket_is_logged_once() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    command.env("NOTIFY_SOCKET", domain.path("nobody")).env("WATCHDOG_USEC", "100000");
+    let service = domain.start(command);
+    service.wait_for_log("notifying the service manager: ");
     service.wait_for_log("ready");
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     service.signal(Signal::TERM);
     let (status, log) = service.wait();
     assert!(status.success(), "{log}");
-    assert_eq!(log.matches("telling the service manager: ").count(), 1, "{log}");
+    assert_eq!(log.matches("notifying the service manager: ").count(), 1, "{log}");
 }
 
-/// Its socket takes some ten messages, and then no more.
+/// The socket's queue holds some ten messages; then sending fails.
 #[test]
-fn a_manager_that_does_not_read_stops_nobody() {
-    let world = World::new();
-    world.write("imu-a.toml", TABLE);
-    let path = world.path("notify");
-    let manager = Manager(UnixDatagram::bind(&path).unwrap());
-    manager.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
-    let mut command = world.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+fn a_full_notify_socket_blocks_nothing() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    let path = domain.path("notify");
+    let notify_socket = NotifySocket(UnixDatagram::bind(&path).unwrap());
+    notify_socket.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
     command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "2000");
-    let service = world.start(command);
+    let service = domain.start(command);
     service.wait_for_log("ready");
     let sender = UnixDatagram::unbound().unwrap();
     sender.set_nonblocking(true).unwrap();
     wait_until("the socket is full", || sender.send_to(b"", &path).is_err());
     let uptime = |status: serde_json::Value| status["uptime_s"].as_f64().unwrap();
-    let full = uptime(world.status());
-    wait_until("the control thread goes on", || uptime(world.status()) > full + 0.5);
-    round_trip(&mut world.acquisition("imu-a"), &recording()[0]);
+    let full = uptime(domain.status());
+    wait_until("the control thread goes on", || uptime(domain.status()) > full + 0.5);
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
     service.terminate();
 }

@@ -1,7 +1,7 @@
-//! What a program of Isotherm was built from, for `--version` and for reports of faults.
+//! What a program of Isotherm was built from, for `--version` and for bug reports.
 //!
-//! A crate of its own: every commit builds it anew, and nothing above it but the programs.
+//! A separate crate, because every commit rebuilds it: only the programs depend on it, so nothing else is rebuilt.
 
-/// Version, commit, profile and target, a line each.
+/// Version; commit; profile and target: one line each.
 pub const LONG_VERSION: &str =
     concat!(env!("CARGO_PKG_VERSION"), "\ncommit: ", env!("ISOTHERM_COMMIT"), "\nbuilt: ", env!("ISOTHERM_BUILT"));

@@ -1,9 +1,9 @@
-//! How long a campaign takes from the file to the table, beside what the CSV parser alone needs for the same file, in one run.
+//! The time from a campaign's file to its table, compared with the CSV parser alone on the same file, in one run.
 //!
 //! 15 set points, 12 positions, 300 s each at 100 Hz: 5.4 million rows, unless `--smoke`.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
-use isotherm_benches::{Outcome, TABLE};
+use isotherm_benches::{BenchResult, TABLE};
 use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::simulate::{CampaignSchedule, Truth, campaign, campaign_toml};
@@ -26,7 +26,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn bench(smoke: bool) -> Outcome<()> {
+fn bench(smoke: bool) -> BenchResult<()> {
     let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;
     let path = folder.path().join("samples.csv");
     let table = CoefficientTable::from_toml(TABLE, None)?;
@@ -37,7 +37,7 @@ fn bench(smoke: bool) -> Outcome<()> {
     let rounds = if smoke { 2 } else { 7 };
     let mut times: [Vec<Duration>; 4] = Default::default();
     for _ in 0..rounds {
-        // Alternating, so that what the machine does besides hits all alike.
+        // Alternating, so that other load of the machine affects all alike.
         times[0].push(timed(|| parse(&path))?.0);
         times[1].push(timed(|| samples(&path))?.0);
         let (elapsed, dwells) = timed(|| Ok(read(&stated, CampaignCsvReader::new(File::open(&path)?)?)?))?;
@@ -67,7 +67,7 @@ fn bench(smoke: bool) -> Outcome<()> {
     Ok(())
 }
 
-fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> Outcome<Campaign> {
+fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> BenchResult<Campaign> {
     let content = truth.table.content();
     let mut writer = RawCsvWriter::new(BufWriter::new(File::create(path)?), "set_point_c,position,", false)?;
     for row in campaign(truth, plan, 1) {
@@ -79,14 +79,14 @@ fn write(truth: &Truth, plan: &CampaignSchedule, path: &Path) -> Outcome<Campaig
     Ok(Campaign::from_toml(&text)?)
 }
 
-fn timed<T>(work: impl FnOnce() -> Outcome<T>) -> Outcome<(Duration, T)> {
+fn timed<T>(work: impl FnOnce() -> BenchResult<T>) -> BenchResult<(Duration, T)> {
     let begin = Instant::now();
     let result = work()?;
     Ok((begin.elapsed(), result))
 }
 
 /// Splits the file into rows and fields and does nothing with them.
-fn parse(path: &Path) -> Outcome<usize> {
+fn parse(path: &Path) -> BenchResult<usize> {
     let mut source = BufReader::with_capacity(1 << 16, File::open(path)?);
     let mut parser = csv_core::Reader::new();
     let (mut fields, mut ends, mut count) = (vec![0; 4096], vec![0; 64], 0);
@@ -106,7 +106,7 @@ fn parse(path: &Path) -> Outcome<usize> {
 }
 
 /// Reads every number and does nothing with it.
-fn samples(path: &Path) -> Outcome<usize> {
+fn samples(path: &Path) -> BenchResult<usize> {
     let mut count = 0;
     for row in CampaignCsvReader::new(File::open(path)?)? {
         count += usize::from(core::hint::black_box(row?).position.is_some());
@@ -114,8 +114,8 @@ fn samples(path: &Path) -> Outcome<usize> {
     Ok(count)
 }
 
-/// The most memory that this process has had \[MB\].
-fn peak() -> Outcome<f64> {
+/// Peak resident memory of this process \[MB\].
+fn peak() -> BenchResult<f64> {
     let status = fs::read_to_string("/proc/self/status")?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).ok_or("no VmHWM in /proc/self/status")?;
     let kilobytes: f64 = line.trim().trim_end_matches("kB").trim().parse()?;

@@ -1,20 +1,22 @@
 //! The round trip of an acquisition in Rust, in C and in Python, side by side in one run against one service.
 //!
-//!     cargo build --release && cargo run --release -p isotherm-benches --bin languages
+//!     cargo build --profile dist && cargo run --profile dist -p isotherm-benches --bin languages
 //!
 //! `--python PYTHON` is an interpreter that has the package `isotherm`; without it that language is left out. `--smoke` is short.
 //!
-//! Each acquisition is a process of its own: this very program, `round_trip.c` compiled here with `cc -O2` against the shared library
-//! beside this program, `round_trip.py`. A second one in Rust shows what chance does. They are measured in alternating blocks of
-//! some milliseconds; after some blocks all of them and the service are started anew, with other IMUs: that is a round.
+//! Each acquisition is a process of its own: this very program, `round_trip.c` compiled here with `cc -O2` against the shared
+//! library beside this program, and `round_trip.py`. A second one in Rust shows the random differences between processes. They
+//! are measured in alternating blocks of some milliseconds. After some blocks all of them and the service are started again, with
+//! other IMUs: this is a round.
 //!
-//! What they all understand: `PROGRAM --imu ID --domain NAME` connects and prints a line, `ready`. For each line `go N` it makes N round
-//! trips, from before the loan to after the answer, and writes what each took: N native-endian `u64` \[ns\]. It ends with its input.
+//! The protocol of all acquisitions: `PROGRAM --imu ID --domain NAME` connects and prints a line, `ready`. For each line `go N`
+//! it makes N round trips, timed from before the loan to after the answer, and writes their durations: N native-endian `u64`
+//! \[ns\]. It ends at the end of its input.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
 use isotherm_benches::statistics::{figures, ratios};
-use isotherm_benches::{Outcome, Spin, World, become_child, cores, imu, pin, sample};
+use isotherm_benches::{BenchDomain, BenchResult, Spin, become_child, cores, imu, pin, sample};
 use isotherm_client::{Acquisition, Options, RawSample, domain};
 use serde_json::Value;
 use std::hint::black_box;
@@ -24,13 +26,14 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
-/// Round trips of a block, and those before it that do not count, while caches and the service's core wake up.
+/// Round trips of a block.
 const BLOCK: usize = 5_000;
+/// Uncounted round trips before each block, while caches and the service's core warm up.
 const WARM_UP: usize = 300;
 
 /// Measures the round trip of acquisitions in Rust, C and Python beside each other
 #[derive(Debug, Parser)]
-struct Arguments {
+struct LanguagesArguments {
     /// An interpreter that has the package `isotherm`
     #[arg(long)]
     python: Option<PathBuf>,
@@ -48,7 +51,7 @@ fn main() -> ExitCode {
             return isotherm_service::main(env!("CARGO_PKG_VERSION"));
         }
         ["--imu", imu, "--domain", name] => acquisition(imu, name),
-        _ => bench(&Arguments::parse()),
+        _ => bench(&LanguagesArguments::parse()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -60,7 +63,7 @@ fn main() -> ExitCode {
 }
 
 /// The acquisition in Rust.
-fn acquisition(imu: &str, name: &str) -> Outcome<()> {
+fn acquisition(imu: &str, name: &str) -> BenchResult<()> {
     let options = Options { domain: domain(Some(name))?, timeout: Duration::from_secs(5) };
     let mut acquisition = Acquisition::connect(&imu.parse()?, &options)?;
     println!("ready");
@@ -78,14 +81,14 @@ fn acquisition(imu: &str, name: &str) -> Outcome<()> {
     Ok(())
 }
 
-fn round_trip(acquisition: &mut Acquisition) -> Outcome<u64> {
+fn round_trip(acquisition: &mut Acquisition) -> BenchResult<u64> {
     let sent = Instant::now();
     let mut loan = acquisition.loan()?;
     *loan = RawSample { session: loan.session, sequence: loan.sequence, ..sample() };
     acquisition.send(loan)?;
     let mut spin = Spin::default();
     while black_box(acquisition.receive()?).is_none() {
-        spin.go_on()?;
+        spin.turn()?;
     }
     Ok(sent.elapsed().as_nanos() as u64)
 }
@@ -97,9 +100,9 @@ struct Language {
     script: Option<PathBuf>,
 }
 
-fn bench(arguments: &Arguments) -> Outcome<()> {
+fn bench(arguments: &LanguagesArguments) -> BenchResult<()> {
     let (rounds, blocks, count) = if arguments.smoke { (2, 2, 300) } else { (20, 5, BLOCK) };
-    let folder = World::new()?;
+    let folder = BenchDomain::new()?;
     let own = std::env::current_exe()?;
     let language = |name, program| Language { name, program, script: None };
     let mut languages = vec![
@@ -114,16 +117,17 @@ fn bench(arguments: &Arguments) -> Outcome<()> {
     let cores = cores();
     let service_core = cores.get(1).map(|core| format!("[realtime]\ncore = {core}\n")).unwrap_or_default();
 
-    // The acquisitions inherit the core; the service, which has one of its own, does not.
+    // The acquisitions inherit this core; the service is pinned to another one.
     pin(cores.first().copied().filter(|_| cores.len() > 1));
-    // Of each language the round trips of each round.
+    // Round trips by language and round \[ns\].
     let mut series = vec![Vec::new(); languages.len()];
     for round in 0..rounds {
-        let world = World::new()?;
-        let _service = world.serve_many(languages.len(), 1, &format!("[wait]\nstrategy = \"spin\"\n{service_core}"))?;
+        let domain = BenchDomain::new()?;
+        let _service =
+            domain.serve_many(languages.len(), 1, &format!("[wait]\nstrategy = \"spin\"\n{service_core}"))?;
         let mut running = Vec::new();
         for (index, language) in languages.iter().enumerate() {
-            running.push(Running::start(language, &world, &imu((index + round) % languages.len()))?);
+            running.push(Running::start(language, &domain, &imu((index + round) % languages.len()))?);
         }
         series.iter_mut().for_each(|series| series.push(Vec::new()));
         for block in 0..blocks {
@@ -143,8 +147,8 @@ fn bench(arguments: &Arguments) -> Outcome<()> {
     Ok(())
 }
 
-/// The acquisition in C.
-fn compiled(folder: &World, own: &Path) -> Outcome<PathBuf> {
+/// Compiles the acquisition in C. Returns the path of its program.
+fn compiled(folder: &BenchDomain, own: &Path) -> BenchResult<PathBuf> {
     let libraries = own.parent().ok_or("this program is in no folder")?;
     if !libraries.join("libisotherm_client.so.0").exists() {
         return Err(format!(
@@ -162,7 +166,7 @@ fn compiled(folder: &World, own: &Path) -> Outcome<PathBuf> {
     if status.success() { Ok(program) } else { Err("cc cannot compile round_trip.c".into()) }
 }
 
-/// An acquisition that waits to be told how many round trips to make.
+/// The process of an acquisition. It waits for the next `go N`.
 struct Running {
     name: &'static str,
     process: Child,
@@ -171,10 +175,10 @@ struct Running {
 }
 
 impl Running {
-    fn start(language: &Language, world: &World, imu: &str) -> Outcome<Self> {
+    fn start(language: &Language, domain: &BenchDomain, imu: &str) -> BenchResult<Self> {
         let mut command = Command::new(&language.program);
-        command.args(&language.script).args(["--imu", imu, "--domain", world.domain().name()]);
-        command.env("ISOTHERM_ROOT", world.path("")).stdin(Stdio::piped()).stdout(Stdio::piped());
+        command.args(&language.script).args(["--imu", imu, "--domain", domain.as_domain().name()]);
+        command.env("ISOTHERM_ROOT", domain.path("")).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut process = command.spawn().map_err(|error| format!("{}: {error}", language.program.display()))?;
         let input = process.stdin.take();
         let output = BufReader::new(process.stdout.take().ok_or("no output")?);
@@ -184,8 +188,8 @@ impl Running {
         if line == "ready\n" { Ok(running) } else { Err(format!("{} does not start", language.name).into()) }
     }
 
-    /// So many round trips \[ns\].
-    fn go(&mut self, count: usize) -> Outcome<Vec<u32>> {
+    /// Makes `count` round trips. Returns their durations \[ns\].
+    fn go(&mut self, count: usize) -> BenchResult<Vec<u32>> {
         writeln!(self.input.as_ref().ok_or("no input")?, "go {count}")?;
         let mut bytes = vec![0; count * size_of::<u64>()];
         self.output.read_exact(&mut bytes).map_err(|_| format!("{} has stopped", self.name))?;
@@ -193,7 +197,7 @@ impl Running {
         Ok(times.map(|time| u32::try_from(time).unwrap_or(u32::MAX)).collect())
     }
 
-    fn end(mut self) -> Outcome<()> {
+    fn end(mut self) -> BenchResult<()> {
         self.input = None;
         let status = self.process.wait()?;
         if status.success() { Ok(()) } else { Err(format!("{} has failed: {status}", self.name).into()) }
@@ -202,7 +206,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // Fails if it has ended, as it should have.
+        // Fails if the process has already ended, which is the usual case.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

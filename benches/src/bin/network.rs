@@ -1,9 +1,10 @@
-//! Increments on both sides of a tunnel to another machine: compared bit by bit, timed on one clock, counted; and what relay and tunnel cost the
-//! service beside them. Both sides must be domains of this machine: `examples/network/try.sh` makes two hosts of network namespaces.
+//! Compares the increments on both sides of a network tunnel bit by bit, counts them, and measures the added latency with one
+//! clock. It also measures how relay and tunnels change the round trips of the service. Both sides must be domains of this
+//! machine: `examples/network/try.sh` makes two hosts with network namespaces.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::{IMU, Outcome, PATIENCE};
+use isotherm_benches::{BenchResult, IMU, TIMEOUT};
 use isotherm_client::{
     Acquisition, CompensatedIncrement, ImuId, IncrementReader, Options, RawSample, domain, monotonic_ns,
 };
@@ -14,20 +15,20 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Pause between two looks at both sides. What is seen in one turn counts as simultaneous.
-const TURN: Duration = Duration::from_micros(50);
-/// A side that shows nothing for so long, while the other one goes on, is told to be silent.
+/// Pause between two polls of both sides. Increments of the same poll count as simultaneous.
+const POLL_PAUSE: Duration = Duration::from_micros(50);
+/// A side without increments for this time is reported as silent.
 const SILENCE: Duration = Duration::from_millis(500);
-/// How long the far side may take, when all has been said, to deliver the rest.
+/// Shortest wait after the last increment of the near side, so that the far side can deliver the rest.
 const GRACE: Duration = Duration::from_secs(2);
 
 #[derive(Parser)]
-enum What {
+enum NetworkCommand {
     /// Compare the increments of a domain with those that arrive in another one, until they have stopped
     Compare {
         near: String,
         far: String,
-        /// The end without any increment, in seconds
+        /// End the comparison after this time without any increment, in seconds
         #[arg(long, default_value_t = 5.0)]
         idle: f64,
     },
@@ -43,9 +44,9 @@ enum What {
 }
 
 fn main() -> ExitCode {
-    let result = match What::parse() {
-        What::Compare { near, far, idle } => compare(&near, &far, Duration::from_secs_f64(idle)),
-        What::RoundTrips { near, far, link, blocks } => round_trips(&near, &far, &link, blocks),
+    let result = match NetworkCommand::parse() {
+        NetworkCommand::Compare { near, far, idle } => compare(&near, &far, Duration::from_secs_f64(idle)),
+        NetworkCommand::RoundTrips { near, far, link, blocks } => round_trips(&near, &far, &link, blocks),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -56,20 +57,20 @@ fn main() -> ExitCode {
     }
 }
 
-fn options(name: &str) -> Outcome<Options> {
-    Ok(Options { domain: domain(Some(name))?, timeout: PATIENCE })
+fn options(name: &str) -> BenchResult<Options> {
+    Ok(Options { domain: domain(Some(name))?, timeout: TIMEOUT })
 }
 
-fn reader(name: &str) -> Outcome<IncrementReader> {
+fn reader(name: &str) -> BenchResult<IncrementReader> {
     Ok(IncrementReader::new(IMU.parse::<ImuId>()?, &options(name)?))
 }
 
-/// What has been seen of both sides.
+/// The increments of both sides so far.
 #[derive(Default)]
-struct Seen {
-    /// What the far side has not shown yet, by session and sequence, with its time at the near side.
+struct TunnelComparison {
+    /// Increments that have not come at the far side yet, by session and sequence, with their time at the near side \[ns\].
     waiting: BTreeMap<(u64, u64), (u64, CompensatedIncrement)>,
-    /// What the far side has shown between the two looks of a turn, before the near side was looked at again.
+    /// Increments that came at the far side before they were read at the near side.
     early: BTreeMap<(u64, u64), CompensatedIncrement>,
     near: u64,
     far: u64,
@@ -79,7 +80,7 @@ struct Seen {
     last: Option<(u64, u64)>,
 }
 
-impl Seen {
+impl TunnelComparison {
     fn near(&mut self, now: u64, increment: CompensatedIncrement) {
         let (session, sequence) = (increment.session, increment.sequence);
         if let Some((_, last)) = self.last.filter(|(last, _)| *last == session) {
@@ -146,19 +147,18 @@ fn percentiles(sorted: &[u64], unit: f64) -> String {
     format!("p50 {:.2}, p99 {:.2}, p99.9 {:.2}, max {:.2}", at(0.5), at(0.99), at(0.999), at(1.0))
 }
 
-fn compare(near: &str, far: &str, idle: Duration) -> Outcome<()> {
+fn compare(near: &str, far: &str, idle: Duration) -> BenchResult<()> {
     let (mut near, mut far) = (reader(near)?, reader(far)?);
-    let (started, mut seen) = (Instant::now(), Seen::default());
+    let (started, mut comparison) = (Instant::now(), TunnelComparison::default());
     let (mut near_at, mut far_at) = (started, started);
     let (mut silent, mut paused) = (true, true);
     while near_at.elapsed() < idle.max(GRACE) {
         while let Some(increment) = near.receive()? {
-            // Before the far side has shown anything there is nothing to compare with.
             if paused {
                 println!("  {:8.3} s: near side flows", started.elapsed().as_secs_f64());
             }
             (near_at, paused) = (Instant::now(), false);
-            seen.near(monotonic_ns(), increment);
+            comparison.near(monotonic_ns(), increment);
         }
         while let Some(increment) = far.receive()? {
             if silent {
@@ -166,11 +166,11 @@ fn compare(near: &str, far: &str, idle: Duration) -> Outcome<()> {
                 println!(
                     "  {:8.3} s: far side flows, {} increments behind it have not come",
                     started.elapsed().as_secs_f64(),
-                    seen.waiting.range(..key).count()
+                    comparison.waiting.range(..key).count()
                 );
             }
             (far_at, silent) = (Instant::now(), false);
-            seen.far(monotonic_ns(), increment);
+            comparison.far(monotonic_ns(), increment);
         }
         if !silent && far_at.elapsed() > SILENCE {
             println!("  {:8.3} s: far side silent", (far_at - started).as_secs_f64());
@@ -180,24 +180,24 @@ fn compare(near: &str, far: &str, idle: Duration) -> Outcome<()> {
             println!("  {:8.3} s: near side silent", (near_at - started).as_secs_f64());
             paused = true;
         }
-        thread::sleep(TURN);
+        thread::sleep(POLL_PAUSE);
     }
-    seen.print();
+    comparison.print();
     Ok(())
 }
 
-/// Relay and tunnels, which do not outlive their block.
+/// Relay and tunnels. Dropping them ends them.
 struct Link(Child);
 
 impl Drop for Link {
     fn drop(&mut self) {
-        // Orderly, so that the next block does not begin with clearing away.
+        // With SIGTERM they clean up by themselves, so that the next block need not.
         let _ = kill_process(Pid::from_child(&self.0), Signal::TERM);
         let _ = self.0.wait();
     }
 }
 
-fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> Outcome<()> {
+fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> BenchResult<()> {
     let mut acquisition = Acquisition::connect(&IMU.parse()?, &options(near)?)?;
     let mut times = [Vec::new(), Vec::new()];
     for block in 0..2 * blocks {
@@ -206,7 +206,7 @@ fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> Outcome<()>
         let (mut far, started) = (reader(far)?, Instant::now());
         while with == 1 && far.receive()?.is_none() {
             run(&mut acquisition, Duration::from_millis(10), &mut Vec::new())?;
-            if started.elapsed() > 4 * PATIENCE {
+            if started.elapsed() > 4 * TIMEOUT {
                 return Err("nothing arrives at the far side".into());
             }
         }
@@ -221,7 +221,7 @@ fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> Outcome<()>
 }
 
 /// Round trips at 2 kHz, spinning for the answer.
-fn run(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> Outcome<()> {
+fn run(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> BenchResult<()> {
     let started = Instant::now();
     let mut due = started;
     while started.elapsed() < duration {
@@ -231,7 +231,7 @@ fn run(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) 
         let (session, sequence) = (loan.session, loan.sequence);
         *loan = RawSample { session, sequence, interval_ns: 500_000, ..RawSample::default() };
         let begun = Instant::now();
-        acquisition.compensate(loan, PATIENCE)?;
+        acquisition.compensate(loan, TIMEOUT)?;
         times.push(begun.elapsed().as_nanos() as u64);
     }
     Ok(())

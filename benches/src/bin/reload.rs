@@ -1,7 +1,7 @@
 //! How long a new table takes from `rename` to the first increment under it, while samples flow at 2 kHz.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
-use isotherm_benches::{IMU, Outcome, PATIENCE, TABLE, World};
+use isotherm_benches::{BenchDomain, BenchResult, IMU, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, RawSample};
 use isotherm_shared::table::CoefficientTable;
 use std::fs;
@@ -26,24 +26,24 @@ fn main() -> ExitCode {
     }
 }
 
-fn bench(reloads: usize) -> Outcome<()> {
-    let world = World::new()?;
-    let _service = world.serve("")?;
-    let mut acquisition = Acquisition::connect(&IMU.parse()?, &world.options())?;
+fn bench(reloads: usize) -> BenchResult<()> {
+    let domain = BenchDomain::new()?;
+    let _service = domain.serve("")?;
+    let mut acquisition = Acquisition::connect(&IMU.parse()?, &domain.options())?;
     let texts = [1, 2].map(|number| TABLE.replace("9.8015", &format!("9.801{number}")));
     let ids = texts.each_ref().map(|text| CoefficientTable::from_toml(text, None).map(|table| table.id()));
     let (mut due, mut times) = (Instant::now(), Vec::with_capacity(reloads));
     for reload in 0..reloads {
         let id = ids[reload % 2].clone()?;
-        // Some samples between two reloads, so that the service is at rest with each table.
+        // Some samples between two reloads, so that each reload is complete before the next one.
         for _ in 0..20 {
             round_trip(&mut acquisition, &mut due)?;
         }
-        fs::write(world.path("next.toml"), &texts[reload % 2])?;
+        fs::write(domain.path("next.toml"), &texts[reload % 2])?;
         let renamed = Instant::now();
-        fs::rename(world.path("next.toml"), world.path("table.toml"))?;
+        fs::rename(domain.path("next.toml"), domain.path("table.toml"))?;
         while round_trip(&mut acquisition, &mut due)? != id {
-            if renamed.elapsed() > PATIENCE {
+            if renamed.elapsed() > TIMEOUT {
                 return Err("the new table is not taken".into());
             }
         }
@@ -57,12 +57,12 @@ fn bench(reloads: usize) -> Outcome<()> {
     Ok(())
 }
 
-/// The table that the next sample, sent when it is due, was compensated with.
-fn round_trip(acquisition: &mut Acquisition, due: &mut Instant) -> Outcome<u64> {
+/// Sends the next sample when it is due. Returns the id of the table that it was compensated with.
+fn round_trip(acquisition: &mut Acquisition, due: &mut Instant) -> BenchResult<u64> {
     *due += PERIOD;
     std::thread::sleep(due.saturating_duration_since(Instant::now()));
     let mut loan = acquisition.loan()?;
     let (session, sequence) = (loan.session, loan.sequence);
     *loan = RawSample { session, sequence, interval_ns: 500_000, ..RawSample::default() };
-    Ok(acquisition.compensate(loan, PATIENCE)?.table)
+    Ok(acquisition.compensate(loan, TIMEOUT)?.table)
 }

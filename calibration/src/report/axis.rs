@@ -1,7 +1,7 @@
 //! Range, tick marks and tick labels of one plot axis.
 //!
-//! Ticks are whole multiples of 1, 2 or 5 times a power of ten, and their labels are written from these integers: two
-//! ticks never share a label, however small the range is compared with the value.
+//! Ticks are whole multiples of 1, 2 or 5 times a power of ten, and their labels are written from these integers. So two
+//! ticks never have the same label, however small the range is compared with the value.
 
 /// Fewest and most tick marks of an axis.
 pub(super) const TICKS: (usize, usize) = (4, 7);
@@ -12,13 +12,13 @@ pub(super) struct PlotAxis {
     high: f64,
     /// Value and label of the tick marks, ascending.
     pub(super) ticks: Vec<(f64, String)>,
-    /// What turns a tick label into the value, e.g. "×10⁻³ + 90 751"; empty if it is the value.
+    /// Factor and offset from a tick label to the value, e.g. "×10⁻³ + 90 751"; empty if the label is the value.
     pub(super) note: String,
 }
 
 impl PlotAxis {
-    /// An axis over the usable ones of `values`, widened by the fraction `margin` on both sides. Labels of more than
-    /// `widest` characters are shortened by a power of ten and an offset.
+    /// An axis over the usable `values`, extended by the fraction `margin` on both sides. Labels of more than `widest`
+    /// characters are shortened by a power of ten and an offset.
     pub(super) fn new(values: impl IntoIterator<Item = f64>, margin: f64, widest: usize) -> Self {
         let (mut low, mut high) = range(values);
         let extra = (high - low) * margin;
@@ -51,7 +51,7 @@ pub(super) fn usable(value: f64) -> bool {
     value.abs() < 1e100
 }
 
-/// Least and greatest usable value, apart even if there is none, one, or only rounding noise.
+/// Least and greatest usable value. The range has a width even if there is no value, only one, or only rounding noise.
 fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
         .into_iter()
@@ -84,7 +84,7 @@ fn step(low: f64, high: f64) -> (i64, i32) {
     }
 }
 
-/// First and last multiple of `step` from `low` to `high`; an end that misses one only by rounding counts.
+/// First and last multiple of `step` from `low` to `high`; an end that misses a multiple only by rounding includes it.
 fn multiples(low: f64, high: f64, step: f64) -> (i64, i64) {
     ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64)
 }
@@ -133,7 +133,7 @@ fn magnitude(n: i64, power: i32) -> i32 {
     n.unsigned_abs().checked_ilog10().unwrap_or(0) as i32 + power
 }
 
-/// `n * 10^power` in full, thousands apart by a thin space if there are more than four digits.
+/// `n * 10^power` without an exponent; a thin space separates the thousands of numbers with more than four digits.
 fn decimal(n: i64, power: i32) -> String {
     let digits = n.unsigned_abs().to_string();
     let places = usize::try_from(-power).unwrap_or(0);
@@ -154,7 +154,7 @@ fn decimal(n: i64, power: i32) -> String {
     text
 }
 
-/// `n * 10^power` without trailing zeros; very large and very small ones as mantissa and power of ten.
+/// `n * 10^power` without trailing zeros; very large and very small numbers as mantissa and power of ten.
 fn number(mut n: i64, mut power: i32) -> String {
     while n != 0 && n % 10 == 0 {
         (n, power) = (n / 10, power + 1);
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_constants_have_width() {
+    fn no_values_and_constants_have_a_range() {
         for values in [vec![], vec![f64::NAN, f64::INFINITY], vec![0.0], vec![5.0; 3], vec![1e300, -2.0], vec![5e-324]]
         {
             let axis = PlotAxis::new(values.iter().copied(), 0.05, 8);

@@ -1,4 +1,7 @@
 //! The report of a calibration.
+//!
+//! Over 400 lines: one function for each section of the page, in the order of the page. Only the order tables are a module of
+//! their own.
 
 mod orders;
 
@@ -11,12 +14,12 @@ use crate::provenance::CampaignSource;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 
-/// Points of a drawn curve.
-const CURVE: usize = 120;
-/// What the curves are called, their unit, and what turns a value into it.
-const NAMES: [(&str, &str); 3] = [("Bias", "1e-6 g0"), ("K+", "pulse/(s g0)"), ("K-", "pulse/(s g0)")];
+/// Intervals between the points of a drawn curve.
+const CURVE_INTERVALS: usize = 120;
+/// Name and unit of the three quantities; [`factor`] converts a value to its unit.
+const QUANTITY_NAMES: [(&str, &str); 3] = [("Bias", "1e-6 g0"), ("K+", "pulse/(s g0)"), ("K-", "pulse/(s g0)")];
 
-/// Bias in 1e-6 g0, scale factors as they are.
+/// Factor from a value to the unit in [`QUANTITY_NAMES`]: the bias is calculated in g0 and shown in 1e-6 g0.
 const fn factor(quantity: usize) -> f64 {
     if quantity == 0 { 1e6 } else { 1.0 }
 }
@@ -56,7 +59,7 @@ impl Report<'_> {
         format!("{} telemetry / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
     }
 
-    fn number(&self, dwell: &Dwell) -> u32 {
+    fn position_number(&self, dwell: &Dwell) -> u32 {
         self.campaign.positions[dwell.position].number
     }
 
@@ -103,7 +106,7 @@ impl Report<'_> {
         Some(places.collect::<Vec<_>>().join(", ")).filter(|t| !t.is_empty()).unwrap_or_else(|| "nothing".to_owned())
     }
 
-    /// Set points' values by axis and quantity, in the plots' unit.
+    /// Telemetry and value of a quantity at each set point, in the unit of the plots.
     fn points(&self, axis: usize, quantity: usize) -> Vec<(f64, f64)> {
         let points = self.calibration.orders[axis][quantity].regression.points();
         points.iter().map(|point| (point.x.value(), point.y.value() * factor(quantity))).collect()
@@ -115,7 +118,7 @@ impl Report<'_> {
         page.paragraph(
             "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table.",
         );
-        for (quantity, (name, unit)) in NAMES.iter().enumerate() {
+        for (quantity, (name, unit)) in QUANTITY_NAMES.iter().enumerate() {
             let figure = |axis: usize| {
                 let curve = &self.calibration.solution.axes[axis].curves[quantity];
                 let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor(quantity)));
@@ -132,7 +135,7 @@ impl Report<'_> {
     fn residuals(&self, page: &mut Page) {
         page.heading(2, "residuals", "Residuals");
         page.heading(3, "residuals-set-points", "Set points, with the band of one standard error");
-        for (quantity, (name, _)) in NAMES.iter().enumerate() {
+        for (quantity, (name, _)) in QUANTITY_NAMES.iter().enumerate() {
             let figure = |axis: usize| {
                 let curve = &self.calibration.solution.axes[axis].curves[quantity];
                 let [low, high] = curve.range();
@@ -157,7 +160,7 @@ impl Report<'_> {
         page.heading(3, "residuals-dwells", "Dwells");
         let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
         let hours = |dwell: &Dwell| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
-        let by = |x: &dyn Fn(usize, &Dwell) -> f64, title: &str, label: &str| {
+        let figures_over = |x: &dyn Fn(usize, &Dwell) -> f64, title: &str, label: &str| {
             let figure = |axis: usize| {
                 let dwells = self.calibration.dwells.iter().zip(&self.calibration.solution.residuals);
                 let points = dwells.map(|(dwell, residual)| (x(axis, dwell), residual[axis] * 1e6));
@@ -166,9 +169,9 @@ impl Report<'_> {
             };
             [figure(0), figure(1), figure(2)]
         };
-        page.figures(&by(&|_, dwell| hours(dwell), "residuals over time", "Time / h"));
+        page.figures(&figures_over(&|_, dwell| hours(dwell), "residuals over time", "Time / h"));
         let label = format!("dU/dt of the head / ({} per h)", self.unit());
-        page.figures(&by(&|axis, dwell| dwell.head_per_s(axis) * 3600.0, "residuals against drift", &label));
+        page.figures(&figures_over(&|axis, dwell| dwell.head_per_s(axis) * 3600.0, "residuals against drift", &label));
         page.paragraph(
             "A trend against dU/dt would mean that heads or boards lag behind their telemetry: no polynomial of the telemetry \
              removes that.",
@@ -198,7 +201,7 @@ impl Report<'_> {
         });
     }
 
-    /// The campaign's own dwells; figure 6 on a run of its own is `verify`'s.
+    /// Errors of the campaign's own dwells. Figure 6 of the paper, over a separate run, is in the report of a verification.
     fn before_after(&self, page: &mut Page) {
         page.heading(2, "before-after", "Before and after, on the campaign's own dwells");
         page.paragraph(
@@ -269,13 +272,13 @@ impl Report<'_> {
         let mut rows = Vec::new();
         for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
             let name = AXIS_NAMES[axis];
-            // The bias in g0, scale factors relative to themselves.
+            // Errors of the bias are in g0, errors of a scale factor are relative to it.
             let size = |quantity: usize, u: f64| if quantity == 0 { 1.0 } else { part.curves[quantity].at(u).abs() };
             let mean = |quantity: usize| {
                 let curve = &part.curves[quantity];
                 let squares =
                     grid(curve.range()).map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
-                squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE + 1) as f64).sqrt())
+                squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE_INTERVALS + 1) as f64).sqrt())
             };
             let slope = |quantity: usize| {
                 let curve = &part.curves[quantity];
@@ -298,8 +301,8 @@ impl Report<'_> {
                 ("misalignments, at 1 g0 across", misalignment),
                 ("residual of a dwell", Some(self.calibration.residual_sd(axis))),
             ];
-            for (what, value) in lines {
-                rows.push(navigation(&format!("{name} {what}"), value.unwrap_or(f64::NAN)));
+            for (label, value) in lines {
+                rows.push(navigation(&format!("{name} {label}"), value.unwrap_or(f64::NAN)));
             }
             rows.push(navigation(
                 &format!("{name} 0.001 {} of head telemetry, bias at its steepest", self.unit()),
@@ -372,14 +375,14 @@ impl Report<'_> {
             .enumerate()
             .map(|(index, dwell)| {
                 let residual = self.calibration.solution.residuals[index];
-                let place = Some((dwell.set_point_c, Some(self.number(dwell))));
+                let place = Some((dwell.set_point_c, Some(self.position_number(dwell))));
                 let verdict = if self.calibration.findings.iter().any(|finding| finding.place == place) {
                     Cell::Verdict(NoteKind::Warning, "see result".to_owned())
                 } else {
                     Cell::Verdict(NoteKind::Good, "good".to_owned())
                 };
                 vec![
-                    Cell::text(format!("{} / {}", dwell.set_point_c, self.number(dwell))),
+                    Cell::text(format!("{} / {}", dwell.set_point_c, self.position_number(dwell))),
                     Cell::Number(format!("{} to {}", dwell.lines[0], dwell.lines[1])),
                     Cell::Number(dwell.rows.to_string()),
                     Cell::number(dwell.sums.seconds, 1),
@@ -449,7 +452,7 @@ impl Report<'_> {
     }
 }
 
-/// Telemetry all over a range, for drawing and averaging.
+/// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
 fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
-    (0..=CURVE).map(move |i| low + (high - low) * i as f64 / CURVE as f64)
+    (0..=CURVE_INTERVALS).map(move |i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64)
 }

@@ -1,20 +1,20 @@
 //! A self-contained HTML document.
 //!
-//! The templates escape every text: names of devices, files and campaigns come from outside. The document carries its
-//! own stylesheet, and its content security policy forbids everything else: it loads nothing and runs nothing, so it
-//! can be archived and read on any device. It follows the reader's light or dark preference and prints in the light
+//! The templates escape every text, because names of devices, files and campaigns come from outside. The document contains
+//! its own stylesheet, and its content security policy forbids everything else: the document loads nothing and runs nothing,
+//! so it can be archived and read on any device. It follows the reader's light or dark preference and prints in the light
 //! palette.
 
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 const STYLE: &str = include_str!("style.css");
 
-/// What a note or a table cell says about its subject.
+/// The verdict of a note or a table cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoteKind {
-    /// As it should be.
+    /// No fault was found.
     Good,
-    /// Usable, but look at it.
+    /// Usable, but to be checked.
     Warning,
     /// Not usable.
     Bad,
@@ -30,7 +30,7 @@ impl NoteKind {
     }
 }
 
-/// The symbol of a verdict: some readers do not see its colour.
+/// The symbol of a verdict, for readers who cannot distinguish the colours.
 impl Render for NoteKind {
     fn render(&self) -> Markup {
         let symbol = match self {
@@ -60,7 +60,7 @@ impl Cell {
         Self::Text(text.into())
     }
 
-    /// A number with fixed decimals; a dash for what is not finite.
+    /// A number with fixed decimals; a dash if it is not finite.
     #[must_use]
     pub fn number(value: f64, decimals: usize) -> Self {
         Self::Number(if value.is_finite() { format!("{value:.decimals$}") } else { "–".into() })
@@ -84,7 +84,7 @@ impl Render for Cell {
     }
 }
 
-/// A document to append to.
+/// A document that is built by appending to it.
 #[derive(Clone, Debug)]
 pub struct Page {
     title: String,
@@ -110,7 +110,7 @@ impl Page {
         Self { title, subtitle, body: String::new(), headings: Vec::new(), tables: 0, reload_s: None }
     }
 
-    /// Has a browser load the document again after so many seconds.
+    /// Makes a browser reload the document every `seconds`.
     pub const fn reload_every(&mut self, seconds: u32) {
         self.reload_s = Some(seconds);
     }
@@ -120,8 +120,8 @@ impl Page {
         self.body.push('\n');
     }
 
-    /// Adds a heading of level 2 or 3, which the table of contents links to by `id`. What an identifier cannot hold is
-    /// replaced, and one that is taken gets a number.
+    /// Adds a heading of level 2 or 3, which the table of contents links to by `id`. Characters that an
+    /// identifier must not contain are replaced, and a repeated identifier gets a number.
     pub fn heading(&mut self, level: u8, id: &str, title: &str) {
         let level = level.clamp(2, 3);
         let valid = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
@@ -161,13 +161,13 @@ impl Page {
         });
     }
 
-    /// Adds a table; the first cell of a row is its header. A table wider than the page scrolls by itself.
+    /// Adds a table; the first cell of a row is its header. A table wider than the page scrolls on its own.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<Cell>]) {
         self.tables += 1;
         let id = format!("t-{}", self.tables);
         let number = |column: usize| rows.first().is_some_and(|row| matches!(row.get(column), Some(Cell::Number(_))));
         let columns = |row: &[Cell]| 1..row.len().max(header.len());
-        // The caption is outside of what scrolls.
+        // The caption stays in place when the table scrolls.
         self.add(&html! {
             div.table {
                 p.caption id=(id) { (caption) }
@@ -202,8 +202,7 @@ impl Page {
         });
     }
 
-    /// The document. Control characters, and those that reverse the direction of the text after them, become a
-    /// replacement character.
+    /// The document as HTML. Control characters and characters that change the direction of text become U+FFFD.
     #[must_use]
     pub fn finish(self) -> String {
         let document = html! {
@@ -235,7 +234,7 @@ impl Page {
                 }
             }
         };
-        document.into_string().replace(hidden, "\u{fffd}") + "\n"
+        document.into_string().replace(is_hidden, "\u{fffd}") + "\n"
     }
 }
 
@@ -251,7 +250,7 @@ fn figure(svg: &Markup, caption: &str) -> Markup {
     html! { figure { (svg) @if !caption.is_empty() { figcaption { (caption) } } } }
 }
 
-fn hidden(c: char) -> bool {
+fn is_hidden(c: char) -> bool {
     c.is_control() && !matches!(c, '\n' | '\t')
         || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
         || matches!(c, '\u{fffe}' | '\u{ffff}')

@@ -1,15 +1,15 @@
 //! One x-y figure as inline SVG.
 //!
 //! Colours, line widths and fonts come from the stylesheet of the [`page`](super::page) by class, so a figure follows
-//! its palette; the SVG itself carries geometry and text only, and no identifier that could clash on a page. Series
-//! differ by colour, by the shape of their points and, unless thinned, by their dashes.
+//! its palette. The SVG itself contains only geometry and text, and no identifier that could occur twice on a page. Series
+//! differ by colour, by the shape of their points and, unless they are dense, by their dashes.
 
 use maud::{Markup, PreEscaped, html};
 use std::collections::BTreeSet;
 
 use super::axis::{PlotAxis, usable};
 use super::svg::{Svg, cut, path, shape, short, text_width};
-use super::thin::{MAX_VERTICES, cloud, extremes, segments};
+use super::thin::{MAX_VERTICES, extremes, scatter, segments};
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub enum Style {
     Both,
 }
 
-/// A figure to be drawn.
+/// A figure with its series and markers.
 ///
 /// Values that are NaN, infinite or beyond 1e100 are skipped and break a line. A series of more than 1500 points is
 /// thinned: every column of the figure keeps its smallest and its largest value, so extremes stay visible while the
@@ -46,19 +46,20 @@ struct PlotSeries {
     band: Vec<(f64, f64, f64)>,
 }
 
-/// Size of the drawing in its own units; the page scales it to the width there is.
+/// Sizes in the drawing's own units; the page scales the drawing to the available width.
 const WIDTH: f64 = 440.0;
 const RIGHT: f64 = WIDTH - 16.0;
 const PLOT_HEIGHT: f64 = 196.0;
-const LINE: f64 = 17.0;
+const LINE_HEIGHT: f64 = 17.0;
 /// Number of series colours in the stylesheet.
 const COLOURS: usize = 6;
-/// From this number of points on they are drawn small.
-const MANY: usize = 150;
+/// Largest number of points that are drawn at full size; the points of a longer series are smaller.
+const MAX_LARGE_POINTS: usize = 150;
+/// Largest number of rows of marker labels.
 const MARKER_ROWS: usize = 3;
 
 impl Plot {
-    /// A figure without series. Labels are quantity and unit, e.g. "Bias / 1e-6 g0"; what is too long is cut.
+    /// A figure without series. Labels are quantity and unit, e.g. "Bias / 1e-6 g0"; a text that is too long is cut.
     #[must_use]
     pub fn new(title: &str, x_label: &str, y_label: &str) -> Self {
         let [title, x_label, y_label] = [title, x_label, y_label].map(String::from);
@@ -73,7 +74,7 @@ impl Plot {
         self
     }
 
-    /// Shades (x, lower, upper) in the colour of the last series; without a series nothing happens.
+    /// Shades the band of (x, lower, upper) in the colour of the last series. Without a series it does nothing.
     #[must_use]
     pub fn band(mut self, rows: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
         if let Some(series) = self.series.last_mut() {
@@ -82,14 +83,14 @@ impl Plot {
         self
     }
 
-    /// Draws a line at y = 0 and makes it part of the range.
+    /// Draws a line at y = 0 and extends the range of y to include it.
     #[must_use]
     pub fn zero_line(mut self) -> Self {
         self.zero = true;
         self
     }
 
-    /// Draws a vertical line at x, with a label above the plot area, and makes it part of the range.
+    /// Draws a vertical line at x, with a label above the plot area, and extends the range of x to include it.
     #[must_use]
     pub fn marker(mut self, x: f64, label: &str) -> Self {
         if usable(x) {
@@ -113,7 +114,7 @@ impl Plot {
         let x = |value: f64| left + x_axis.fraction(value) * (RIGHT - left);
         let labels = self.marker_labels(x);
         let marker_rows = labels.iter().map(|label| label.0 + 1).max().unwrap_or(0);
-        let top = 48.0 + marker_rows as f64 * LINE;
+        let top = 48.0 + marker_rows as f64 * LINE_HEIGHT;
         let bottom = top + PLOT_HEIGHT;
         let y = |value: f64| bottom - y_axis.fraction(value) * PLOT_HEIGHT;
 
@@ -143,7 +144,7 @@ impl Plot {
             out.path("mark", &format!("M{} {}V{}", short(x(*value)), short(top - 4.0), short(bottom)));
         }
         for (row, at, label) in &labels {
-            out.text("g m", *at, top - 8.0 - *row as f64 * LINE, label, "");
+            out.text("g m", *at, top - 8.0 - *row as f64 * LINE_HEIGHT, label, "");
         }
         for (index, series) in self.series.iter().enumerate() {
             out.band(index, &series.band, x, y);
@@ -166,7 +167,7 @@ impl Plot {
         }
     }
 
-    /// Row, centre and text of the marker labels, in rows where they do not overlap; the rest goes without a label.
+    /// Row, centre and text of the marker labels. Labels of one row do not overlap; a label that fits into no row is omitted.
     fn marker_labels(&self, x: impl Fn(f64) -> f64) -> Vec<(usize, f64, String)> {
         let mut ends = [0.0; MARKER_ROWS];
         let mut labels = Vec::new();
@@ -192,18 +193,18 @@ impl Plot {
             let name = cut(&series.name, WIDTH - 40.0);
             let width = 30.0 + text_width(&name);
             if left > 2.0 && left + width > WIDTH {
-                (left, middle) = (2.0, middle + LINE);
+                (left, middle) = (2.0, middle + LINE_HEIGHT);
             }
             let key = [(left, middle), (left + 24.0, middle)];
             if !series.band.is_empty() {
                 out.path(&class("b", index), &format!("M{} {}h24v10h-24z", short(left), short(middle - 5.0)));
             }
             if series.style != Style::Points {
-                let dashed = if thinned(series) { "l" } else { "l d" };
+                let dashed = if is_dense(series) { "l" } else { "l d" };
                 out.path(&class(dashed, index), &path(key.iter().copied()));
             }
             if series.style != Style::Line {
-                let size = if series.points.len() > MANY { 1.8 } else { 3.2 };
+                let size = if series.points.len() > MAX_LARGE_POINTS { 1.8 } else { 3.2 };
                 out.path(&class("p", index), &shape(index, left + 12.0, middle, size));
             }
             out.text("g", left + 30.0, middle + 4.5, &name, "");
@@ -235,20 +236,20 @@ impl Svg {
         let at = |i: usize| (x(series.points[i].0), y(series.points[i].1));
         let (mut line, mut single) = (String::new(), BTreeSet::new());
         if series.style != Style::Line {
-            single = cloud(&series.points, MAX_VERTICES);
+            single = scatter(&series.points, MAX_VERTICES);
         }
         if series.style != Style::Points {
             let kept = extremes(&series.points, MAX_VERTICES);
             for segment in segments(&kept, |i| usable(series.points[i].0) && usable(series.points[i].1)) {
                 match segment[..] {
-                    [lone] => _ = single.insert(lone), // it has no line, and would not be seen
+                    [lone] => _ = single.insert(lone), // a single point makes no line
                     _ => line += &path(segment.iter().map(|&i| at(i))),
                 }
             }
         }
-        let size = if single.len() > MANY { 1.8 } else { 3.2 };
+        let size = if single.len() > MAX_LARGE_POINTS { 1.8 } else { 3.2 };
         let points: String = single.into_iter().map(|i| shape(index, at(i).0, at(i).1, size)).collect();
-        self.path(&class(if thinned(series) { "l f" } else { "l d" }, index), &line);
+        self.path(&class(if is_dense(series) { "l f" } else { "l d" }, index), &line);
         self.path(&class("p", index), &points);
     }
 }
@@ -257,8 +258,8 @@ fn complete(row: &(f64, f64, f64)) -> bool {
     usable(row.0) && usable(row.1) && usable(row.2)
 }
 
-/// Whether the line is too dense for dashes to be seen.
-fn thinned(series: &PlotSeries) -> bool {
+/// Whether the line is too dense for dashes to be visible.
+fn is_dense(series: &PlotSeries) -> bool {
     series.points.len() > MAX_VERTICES / 4
 }
 
@@ -326,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn long_series_stay_small_and_keep_the_peak() {
+    fn long_series_are_thinned_and_keep_the_peak() {
         let wave = |i: i32| (f64::from(i), if i == 54_321 { 40.0 } else { f64::from(i).sin() });
         let plot = |n: i32| Plot::new("t", "x", "y").series("a", Style::Both, (0..n).map(wave));
         let svg = checked(&plot(100_000).band((0..100_000).map(|i| (f64::from(i), -1.0, wave(i).1))));
@@ -346,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn text_is_escaped_cut_and_apart() {
+    fn text_is_escaped_and_cut_and_labels_do_not_overlap() {
         let evil = "</svg><script>alert('1')</script>\u{0}\"&";
         let long = "W".repeat(500);
         let mut plot =

@@ -1,4 +1,4 @@
-//! SVG elements, and the width of texts without a font at hand.
+//! SVG elements, and an estimate of the width of texts that needs no font.
 
 use maud::{Markup, html};
 use std::fmt::Write;
@@ -32,12 +32,12 @@ impl Svg {
 pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     let mut d = String::new();
     for (index, (x, y)) in points.enumerate() {
-        _ = write!(d, "{}{} {}", if index == 0 { 'M' } else { 'L' }, short(x), short(y)); // a String takes everything
+        _ = write!(d, "{}{} {}", if index == 0 { 'M' } else { 'L' }, short(x), short(y)); // writing to a String cannot fail
     }
     d
 }
 
-/// Path data of the point of a series: circle, square, triangle or diamond of about the same area.
+/// Path data of one point of a series: circle, square, triangle or diamond, all of about the same area.
 pub(super) fn shape(index: usize, x: f64, y: f64, r: f64) -> String {
     let start = |dx: f64, dy: f64| format!("M{} {}", short(x + dx), short(y + dy));
     let (small, large) = (short(r), short(1.3 * r));

@@ -1,4 +1,4 @@
-//! What the commands print for people.
+//! Results as the text that the commands print.
 
 use crate::calibrate::Calibration;
 use crate::order::QUANTITIES;
@@ -55,8 +55,8 @@ pub fn calibration(calibration: &Calibration) -> String {
     text
 }
 
-/// The stability of a recording: the paper's table 4. `window` is the length of the windows \[s\], `aligned` whether the table has an
-/// alignment matrix.
+/// The stability of a recording: the paper's table 4. `window` is the length of the windows \[s\]; `aligned` says whether the
+/// table has an alignment matrix.
 #[must_use]
 pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     let counted = stability.windows.iter().filter(|window| window.counts).count();

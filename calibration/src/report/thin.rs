@@ -1,16 +1,18 @@
-//! Thinning of long series to what a figure can show, so that the size of a report does not follow the measuring time.
+//! Thinning of long series to the points that a figure can show, so that the size of a report does not grow with the
+//! measuring time.
 
 use std::collections::BTreeSet;
 
 use super::axis::usable;
 
-/// Most vertices drawn for one line, band edge pair or cloud of points.
+/// Largest number of vertices of one line, of both edges of a band, or of the single points of a series.
 pub(super) const MAX_VERTICES: usize = 1500;
 
 /// Indices of the usable points to draw as a line, ascending.
 ///
-/// Up to `limit` points are all kept. Of more, every column of the figure keeps its smallest and its largest y, and the
-/// line its ends: no extreme value is lost. Columns are equal intervals of x, or equally many points if x is unsorted.
+/// Up to `limit` points are all kept. Of more points, every column of the figure keeps its smallest and its largest y, and
+/// the line keeps its ends: no extreme value is lost. Columns are equal intervals of x, or equal numbers of points if x is
+/// not sorted.
 pub(super) fn extremes(points: &[(f64, f64)], limit: usize) -> BTreeSet<usize> {
     let all: Vec<usize> = (0..points.len()).filter(|&i| usable(points[i].0) && usable(points[i].1)).collect();
     let (Some(&first), Some(&last)) = (all.first(), all.last()) else { return BTreeSet::new() };
@@ -34,8 +36,8 @@ pub(super) fn extremes(points: &[(f64, f64)], limit: usize) -> BTreeSet<usize> {
     kept
 }
 
-/// Indices of the usable points to draw as single points: the extremes, and an even choice of the others in between.
-pub(super) fn cloud(points: &[(f64, f64)], limit: usize) -> BTreeSet<usize> {
+/// Indices of the usable points to draw as single points: the extremes, and others at equal steps of the index.
+pub(super) fn scatter(points: &[(f64, f64)], limit: usize) -> BTreeSet<usize> {
     let usable = (0..points.len()).filter(|&i| usable(points[i].0) && usable(points[i].1));
     let count = usable.clone().count();
     if count <= limit {
@@ -66,17 +68,17 @@ mod tests {
     fn a_short_series_is_kept() {
         let points = [(0.0, 1.0), (1.0, f64::NAN), (f64::INFINITY, 1.0), (3.0, 1.0)];
         assert_eq!(extremes(&points, 10), BTreeSet::from([0, 3]));
-        assert_eq!(cloud(&points, 10), BTreeSet::from([0, 3]));
+        assert_eq!(scatter(&points, 10), BTreeSet::from([0, 3]));
         assert_eq!(extremes(&[], 10), BTreeSet::new());
     }
 
     #[test]
-    fn extremes_of_a_long_series_survive() {
+    fn extremes_of_a_long_series_are_kept() {
         let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), f64::from(i).sin())).collect();
         points[33_333].1 = 50.0;
         points[77_777].1 = -50.0;
         points[50_000].1 = f64::NAN;
-        for kept in [extremes(&points, MAX_VERTICES), cloud(&points, MAX_VERTICES)] {
+        for kept in [extremes(&points, MAX_VERTICES), scatter(&points, MAX_VERTICES)] {
             assert!(kept.len() <= MAX_VERTICES && kept.len() > MAX_VERTICES / 2, "{}", kept.len());
             for index in [0, 33_333, 77_777, 99_999] {
                 assert!(kept.contains(&index), "{index}");

@@ -6,12 +6,12 @@ use super::plot::{Plot, Style};
 use crate::stability::{Force, Stability, Window};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 
-/// What only the caller knows.
+/// What the report states besides the table and the stability; only the caller knows it.
 #[derive(Clone, Debug)]
 pub struct VerificationSource {
     /// Program and version.
     pub tool: String,
-    /// When, as RFC 3339 in UTC.
+    /// Time of the verification as RFC 3339 in UTC.
     pub time: String,
     /// Name of the table file.
     pub table: String,
@@ -19,7 +19,7 @@ pub struct VerificationSource {
     pub recording: String,
     /// Length of the windows \[s\].
     pub window_s: f64,
-    /// The factor that was required.
+    /// The required factor, if there is a requirement.
     pub required: Option<f64>,
 }
 
@@ -61,8 +61,8 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
             format!("In {flagged} windows samples are flagged: telemetry out of the table's range, or not plausible.");
         page.note(NoteKind::Warning, "Flagged samples", &text);
     }
-    if let Some(word) = stability.not_gravity() {
-        page.note(NoteKind::Warning, "Not as long as gravity", &format!("Look at this: {word}."));
+    if let Some(reason) = stability.gravity_mismatch() {
+        page.note(NoteKind::Warning, "Not as long as gravity", &format!("Look at this: {reason}."));
     }
     if !stability.stated {
         let text =
@@ -125,10 +125,11 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
                 counted(stability).map(|window| (x(window, axis), (of(window)[axis] - force[axis]) * 1e6)).collect()
             };
             let plot = |title: String| Plot::new(&title, label, "Error / 1e-6 g0").zero_line();
-            let beside = plot(format!("{name} {title}")).series("Before", Style::Line, line(|window| &window.before));
-            both.push((beside.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
-            let alone = plot(format!("{name} after, {title}"));
-            after.push((alone.series("After", style, line(|window| &window.after)).svg(), String::new()));
+            let plot_both =
+                plot(format!("{name} {title}")).series("Before", Style::Line, line(|window| &window.before));
+            both.push((plot_both.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
+            let plot_after = plot(format!("{name} after, {title}"));
+            after.push((plot_after.series("After", style, line(|window| &window.after)).svg(), String::new()));
         }
     }
     for (axis, name) in AXIS_NAMES.iter().enumerate() {
@@ -138,7 +139,7 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
             let error = 0.5 * (pair[0].after[axis] + pair[1].after[axis]) - force[axis];
             ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error * 1e6)
         };
-        // Over a minute at least, or the telemetry's noise is all there is.
+        // dU/dt is taken over at least a minute; over a shorter time the telemetry's noise hides it.
         let step = (60.0 / windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
         let thinned: Vec<_> = windows.iter().copied().step_by(step).collect();
         let points: Vec<_> = thinned.windows(2).map(rate).collect();
@@ -189,20 +190,20 @@ fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
         let name = AXIS_NAMES[index];
         rows.push(navigation(&format!("{name} what is left, rms about zero"), stability.axes[index].rms_after));
         let [head, board] = stability.resolution[index];
-        // What one step of the telemetry moves, where the curve is steepest in the run.
+        // Change of a value by one step of the telemetry, where the curve is steepest in the run.
         let steepest = |value: &dyn Fn(f64) -> f64, of: fn(&Window) -> &[f64; 3], step: f64| {
-            let moved = |window: &Window| (value(of(window)[index] + step) - value(of(window)[index])).abs();
-            counted(stability).map(moved).fold(0.0, f64::max)
+            let change = |window: &Window| (value(of(window)[index] + step) - value(of(window)[index])).abs();
+            counted(stability).map(change).fold(0.0, f64::max)
         };
         if let Some(step) = head {
-            let moved = steepest(&|u| axis.bias_at(u).0, |window| &window.head, step);
-            rows.push(navigation(&format!("{name} one step of head telemetry ({step:.2e}), bias"), moved));
+            let change = steepest(&|u| axis.bias_at(u).0, |window| &window.head, step);
+            rows.push(navigation(&format!("{name} one step of head telemetry ({step:.2e}), bias"), change));
         }
         if let Some(step) = board {
             let relative =
                 |u: f64| axis.positive_scale_factor_at(u).0.ln().max((-axis.negative_scale_factor_at(u).0).ln());
-            let moved = steepest(&relative, |window| &window.board, step);
-            rows.push(navigation(&format!("{name} one step of board telemetry ({step:.2e}), K at 1 g0"), moved));
+            let change = steepest(&relative, |window| &window.board, step);
+            rows.push(navigation(&format!("{name} one step of board telemetry ({step:.2e}), K at 1 g0"), change));
         }
     }
     page.table("Errors and what they cost", &super::NAVIGATION, &rows);

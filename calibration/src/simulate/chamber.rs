@@ -1,42 +1,42 @@
 //! The temperature chamber, and the sensor heads and converter boards that follow it.
 //!
 //! # Equations
-//! The chamber's air is a ramp or a hold, u0 + r t \[degC\], and on it a slow oscillation a sin(w t + phi). What follows with
-//! the time constant tau \[s\] obeys dT/dt = (u - T) / tau. The equation is linear, so both parts have a closed form, exact
-//! for any step h \[s\]:
+//! The air temperature u is a ramp or a hold, u0 + r t \[degC\], plus a slow oscillation a sin(w t + phi). The temperature T of
+//! a head or a board follows it with the time constant tau \[s\]: dT/dt = (u - T) / tau. The equation is linear, so the responses
+//! to ramp and oscillation have closed forms, which are exact for any step h \[s\]:
 //!
 //! ```text
 //! ramp:         T(t + h) = u(t + h) - r tau + (T(t) - u(t) + r tau) exp(-h / tau)
-//! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 settled, as if it had always been
+//! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 (steady state)
 //! ```
 
-use super::{Chain, Random};
+use super::{Chain, RandomGenerator};
 use core::f64::consts::TAU;
 
-/// The stream of a seed for what changes slowly; the phase is its first number.
-pub(super) const SLOW: u64 = 1;
+/// Random stream of the oscillation's phase, which is its first number, and of the offsets of each visit.
+pub(super) const SLOW_STREAM: u64 = 1;
 
-/// Something that follows the chamber's air.
+/// A part that follows the temperature of the chamber's air.
 #[derive(Clone, Copy, Debug)]
-struct Follower {
+struct FirstOrderLag {
     tau_s: f64,
     /// Without the oscillation \[degC\].
     temperature_c: f64,
-    /// Amplitude \[degC\] and delay \[rad\] of its oscillation.
+    /// Amplitude of its oscillation \[degC\], and delay behind the oscillation of the air \[rad\].
     amplitude_c: f64,
     delay: f64,
 }
 
-impl Follower {
+impl FirstOrderLag {
     fn new(tau_s: f64, temperature_c: f64, chain: &Chain) -> Self {
         let angle = TAU / chain.oscillation_s * tau_s;
         Self { tau_s, temperature_c, amplitude_c: chain.oscillation_c / angle.hypot(1.0), delay: angle.atan() }
     }
 
-    /// Follows the air from `from` to `to` \[degC\] at `rate` \[degC/s\] for `time_s`.
-    fn follow(&mut self, from: f64, to: f64, rate: f64, time_s: f64) {
-        let behind = rate * self.tau_s;
-        self.temperature_c = to - behind + (self.temperature_c - from + behind) * (-time_s / self.tau_s).exp();
+    /// Advances by `time_s`, in which the air goes from `from` to `to` \[degC\] at `rate` \[degC/s\].
+    fn advance(&mut self, from: f64, to: f64, rate: f64, time_s: f64) {
+        let lag_c = rate * self.tau_s;
+        self.temperature_c = to - lag_c + (self.temperature_c - from + lag_c) * (-time_s / self.tau_s).exp();
     }
 
     fn at(&self, phase: f64) -> f64 {
@@ -44,55 +44,55 @@ impl Follower {
     }
 }
 
-/// The chamber with what is in it.
+/// The chamber, with the heads and boards in it.
 #[derive(Clone, Debug)]
 pub struct SimulatedChamber {
-    /// Air, without the oscillation \[degC\].
+    /// Temperature of the air, without the oscillation \[degC\].
     air_c: f64,
     target_c: f64,
-    /// Without a sign \[degC/s\].
+    /// Magnitude of the ramp's rate \[degC/s\].
     ramp_c_per_s: f64,
-    head: Follower,
-    board: Follower,
+    head: FirstOrderLag,
+    board: FirstOrderLag,
     time_s: f64,
     period_s: f64,
     phase: f64,
 }
 
 impl SimulatedChamber {
-    /// In equilibrium at `temperature_c` \[degC\]. The oscillation's phase is the seed's: the same one as in an [`SimulatedImu`](super::SimulatedImu) of the
-    /// same seed.
+    /// A chamber in equilibrium at `temperature_c` \[degC\]. The seed determines the phase of the oscillation; a
+    /// [`SimulatedImu`](super::SimulatedImu) of the same seed has the same phase.
     #[must_use]
     pub fn new(chain: &Chain, temperature_c: f64, seed: u64) -> Self {
-        Self::with_phase(chain, temperature_c, Random::new(seed, SLOW).between(0.0, TAU))
+        Self::with_phase(chain, temperature_c, RandomGenerator::new(seed, SLOW_STREAM).between(0.0, TAU))
     }
 
-    /// In equilibrium at `temperature_c`; `phase` \[rad\] of the oscillation.
+    /// A chamber in equilibrium at `temperature_c` \[degC\], with the `phase` \[rad\] of the oscillation.
     pub(super) fn with_phase(chain: &Chain, temperature_c: f64, phase: f64) -> Self {
         Self {
             air_c: temperature_c,
             target_c: temperature_c,
             ramp_c_per_s: 0.0,
-            head: Follower::new(chain.head_lag_s, temperature_c, chain),
-            board: Follower::new(chain.board_lag_s, temperature_c, chain),
+            head: FirstOrderLag::new(chain.head_lag_s, temperature_c, chain),
+            board: FirstOrderLag::new(chain.board_lag_s, temperature_c, chain),
             time_s: 0.0,
             period_s: chain.oscillation_s,
             phase,
         }
     }
 
-    /// Makes for `target_c` at `ramp_c_per_s` \[degC/s\], over 0.
+    /// Starts a ramp to `target_c` \[degC\] at `ramp_c_per_s` \[degC/s\], which must be over 0.
     pub fn go_to(&mut self, target_c: f64, ramp_c_per_s: f64) {
         (self.target_c, self.ramp_c_per_s) = (target_c, ramp_c_per_s);
     }
 
-    /// Air without the oscillation \[degC\].
+    /// Temperature of the air, without the oscillation \[degC\].
     #[must_use]
     pub const fn air_c(&self) -> f64 {
         self.air_c
     }
 
-    /// Lets `time_s` pass.
+    /// Advances by `time_s` \[s\].
     pub fn wait(&mut self, mut time_s: f64) {
         self.time_s += time_s;
         let distance = self.target_c - self.air_c;
@@ -101,22 +101,22 @@ impl SimulatedChamber {
             let ramp_s = left_s.min(time_s);
             let rate = self.ramp_c_per_s.copysign(distance);
             let air_c = if left_s <= time_s { self.target_c } else { self.air_c + rate * time_s };
-            self.follow(air_c, rate, ramp_s);
+            self.advance(air_c, rate, ramp_s);
             time_s -= ramp_s;
         }
         if time_s > 0.0 {
-            self.follow(self.air_c, 0.0, time_s);
+            self.advance(self.air_c, 0.0, time_s);
         }
     }
 
-    fn follow(&mut self, air_c: f64, rate: f64, time_s: f64) {
-        for follower in [&mut self.head, &mut self.board] {
-            follower.follow(self.air_c, air_c, rate, time_s);
+    fn advance(&mut self, air_c: f64, rate: f64, time_s: f64) {
+        for lag in [&mut self.head, &mut self.board] {
+            lag.advance(self.air_c, air_c, rate, time_s);
         }
         self.air_c = air_c;
     }
 
-    /// What the heads and the boards have come to, without their own offsets \[degC\].
+    /// Temperatures of the heads and of the boards, without their own offsets \[degC\].
     #[must_use]
     pub fn head_and_board_c(&self) -> (f64, f64) {
         let phase = TAU * (self.time_s / self.period_s).fract() + self.phase;
@@ -152,7 +152,7 @@ mod tests {
         let mut chamber = chamber();
         let (step, mut head, mut board) = (0.05, chamber.head_and_board_c().0, chamber.head_and_board_c().1);
         for count in 0..20_000 {
-            // The classical Euler method with the air in the middle of the step.
+            // Euler's method, with the air temperature of the middle of the step.
             let middle = f64::from(count) * step + step / 2.0;
             let air = (20.0 + middle / 60.0).min(30.0)
                 + chain.oscillation_c * (TAU * middle / chain.oscillation_s + 1.0).sin();

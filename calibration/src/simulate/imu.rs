@@ -1,4 +1,4 @@
-//! The simulated IMU: what an acquisition would latch, period by period.
+//! The simulated IMU: the samples that an acquisition would latch, one for each period.
 //!
 //! # Equations
 //! Over a period Ts \[s\] the indicated specific force is, with the misalignment M, the specific force f and the bias A,
@@ -7,24 +7,24 @@
 //! ```text
 //! x = M f + A(U_head) + offset of the visit + white noise * 1/sqrt(Ts) + vibration
 //! ```
-//! Temperatures are those of the middle of the period. The converter carries the charge q \[g0*s\]: q grows by the integral
-//! of x; while q >= 1/K+ it gives a positive pulse and takes 1/K+ away, while q <= -1/|K-| a negative one and adds 1/|K-|.
-//! So the pulses of any time, N+/K+ + N-/K-, are the integral of x to within one pulse.
+//! Temperatures are those of the middle of the period. The converter holds the charge q \[g0*s\], which grows by the integral
+//! of x. While q >= 1/K+, the converter gives a positive pulse and subtracts 1/K+ from q; while q <= -1/|K-|, it gives a
+//! negative pulse and adds 1/|K-|. So over any time N+/K+ + N-/K- is the integral of x to within one pulse.
 
-use super::chamber::{SLOW, SimulatedChamber};
-use super::{Chain, Noise, Random, Truth};
+use super::chamber::{SLOW_STREAM, SimulatedChamber};
+use super::{Chain, Noise, RandomGenerator, Truth};
 use core::f64::consts::TAU;
 use isotherm_shared::table::Axis;
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::{Matrix3, Vector3};
 
-/// The stream of a seed for noise.
-const FAST: u64 = 2;
+/// Random stream of the noise of sensors and telemetry.
+const FAST_STREAM: u64 = 2;
 
-/// Sub-steps of a vibration's period.
+/// Integration steps in a period of the vibration.
 const SUB_STEPS: f64 = 20.0;
 
-/// An IMU in a chamber, with everything that it remembers: temperatures, charges, the last telemetry, the time.
+/// An IMU in a chamber. Its state: temperatures, charges, the last telemetry, the time.
 #[derive(Clone, Debug)]
 pub struct SimulatedImu {
     axes: [Axis; AXES],
@@ -32,16 +32,16 @@ pub struct SimulatedImu {
     chain: Chain,
     noise: Noise,
     chamber: SimulatedChamber,
-    slow: Random,
-    fast: Random,
+    slow: RandomGenerator,
+    fast: RandomGenerator,
     offsets: [VisitOffset; AXES],
-    /// Charge that has not made a whole pulse yet \[g0*s\].
+    /// Charge that is less than a pulse \[g0*s\].
     charge: [f64; AXES],
-    /// What the next sample starts from: the last one's telemetry, this one's sequence.
+    /// The last sample, but with the sequence of the next one.
     latest: RawSample,
 }
 
-/// What an axis does not repeat from one visit of a set point to the next.
+/// Offsets of an axis that change from one visit of a set point to the next.
 #[derive(Clone, Copy, Debug, Default)]
 struct VisitOffset {
     /// Of the bias \[g0\].
@@ -51,10 +51,10 @@ struct VisitOffset {
 }
 
 impl SimulatedImu {
-    /// In equilibrium at the chamber temperature `temperature_c` \[degC\]; time and sequence begin at 0.
+    /// An IMU in equilibrium at the chamber temperature `temperature_c` \[degC\]. Time and sequence begin at 0.
     #[must_use]
     pub fn new(truth: &Truth, chain: &Chain, noise: &Noise, temperature_c: f64, seed: u64) -> Self {
-        let mut slow = Random::new(seed, SLOW);
+        let mut slow = RandomGenerator::new(seed, SLOW_STREAM);
         let phase = slow.between(0.0, TAU);
         Self {
             axes: truth.table.content().axes.clone(),
@@ -63,31 +63,31 @@ impl SimulatedImu {
             noise: *noise,
             chamber: SimulatedChamber::with_phase(chain, temperature_c, phase),
             slow,
-            fast: Random::new(seed, FAST),
+            fast: RandomGenerator::new(seed, FAST_STREAM),
             offsets: [VisitOffset::default(); AXES],
             charge: [0.0; AXES],
             latest: RawSample::default(),
         }
     }
 
-    /// Sends the chamber to `target_c` \[degC\] at `ramp_c_per_s` \[degC/s\], over 0.
+    /// Starts a ramp of the chamber to `target_c` \[degC\] at `ramp_c_per_s` \[degC/s\], which must be over 0.
     pub fn go_to(&mut self, target_c: f64, ramp_c_per_s: f64) {
         self.chamber.go_to(target_c, ramp_c_per_s);
     }
 
-    /// The chamber's air, without its oscillation \[degC\].
+    /// Temperature of the chamber's air, without its oscillation \[degC\].
     #[must_use]
     pub const fn chamber_c(&self) -> f64 {
         self.chamber.air_c()
     }
 
-    /// The sensor heads, without their offsets \[degC\].
+    /// Temperature of the sensor heads, without their offsets \[degC\].
     #[must_use]
     pub fn head_c(&self) -> f64 {
         self.chamber.head_and_board_c().0
     }
 
-    /// Draws what bias and scale factors do not repeat, anew; it stays until the next visit.
+    /// Begins a visit of a set point: draws new offsets of bias and scale factors, which stay until the next visit.
     pub fn visit(&mut self) {
         let (bias, scale_factor) = (self.noise.bias_g0, self.noise.scale_factor);
         for offset in &mut self.offsets {
@@ -97,14 +97,14 @@ impl SimulatedImu {
         }
     }
 
-    /// Lets `time_ns` pass without a sample; the converter keeps its charge.
+    /// Advances by `time_ns` without a sample; the converter keeps its charge.
     pub fn wait(&mut self, time_ns: u64) {
         self.chamber.wait(time_ns as f64 / 1e9);
         self.latest.timestamp_ns += time_ns;
     }
 
-    /// Lets one control period of `interval_ns` pass under `specific_force` \[g0\] along the body's axes, and returns what
-    /// the acquisition latches at its end. Session and `sent_ns` are 0.
+    /// Advances by one control period of `interval_ns` under `specific_force` \[g0\] along the body's axes, and returns the
+    /// sample that the acquisition latches at its end. Session and `sent_ns` are 0.
     pub fn step(&mut self, specific_force: &[f64; AXES], interval_ns: u64) -> RawSample {
         let ts = interval_ns as f64 / 1e9;
         self.chamber.wait(ts / 2.0);
@@ -119,17 +119,17 @@ impl SimulatedImu {
             negative_pulses: [0; AXES],
             ..self.latest
         };
-        self.count(&mut raw, specific_force, head_c, board_c);
-        // Sequence 0 is the first sample.
+        self.count_pulses(&mut raw, specific_force, head_c, board_c);
+        // The first sample (sequence 0) always reads the telemetry.
         if raw.sequence == 0 || raw.timestamp_ns - raw.telemetry_ns >= (self.chain.telemetry_s * 1e9).round() as u64 {
-            self.read(&mut raw);
+            self.read_telemetry(&mut raw);
         }
         self.latest = RawSample { sequence: raw.sequence + 1, ..raw };
         raw
     }
 
-    /// The pulses of one period.
-    fn count(&mut self, raw: &mut RawSample, specific_force: &[f64; AXES], head_c: f64, board_c: f64) {
+    /// Adds the pulses of one period to `raw`.
+    fn count_pulses(&mut self, raw: &mut RawSample, specific_force: &[f64; AXES], head_c: f64, board_c: f64) {
         let chain = &self.chain;
         let ts = raw.interval_ns as f64 / 1e9;
         let force = self.misalignment * Vector3::from(*specific_force);
@@ -154,14 +154,14 @@ impl SimulatedImu {
         let cos = |step: f64| (TAU * (begin + ts * chain.vibration_hz * step / steps)).cos();
         let mut before = if vibrates { cos(0.0) } else { 0.0 };
         for step in 1..=steps as u64 {
-            let mut swing = 0.0;
+            let mut vibration = 0.0;
             if vibrates {
                 let after = cos(step as f64);
-                swing = chain.vibration_g0 / (TAU * chain.vibration_hz) * (before - after);
+                vibration = chain.vibration_g0 / (TAU * chain.vibration_hz) * (before - after);
                 before = after;
             }
             for i in 0..AXES {
-                self.charge[i] += steady[i] * (ts / steps) + swing;
+                self.charge[i] += steady[i] * (ts / steps) + vibration;
                 let [positive, negative] = balance(&mut self.charge[i], scale_factors[i]);
                 raw.positive_pulses[i] = raw.positive_pulses[i].saturating_add(positive);
                 raw.negative_pulses[i] = raw.negative_pulses[i].saturating_add(negative);
@@ -169,8 +169,8 @@ impl SimulatedImu {
         }
     }
 
-    /// Reads the telemetry, now.
-    fn read(&mut self, raw: &mut RawSample) {
+    /// Reads the telemetry at the end of the period.
+    fn read_telemetry(&mut self, raw: &mut RawSample) {
         let (head_c, board_c) = self.chamber.head_and_board_c();
         let (chain, sigma) = (&self.chain, self.noise.telemetry);
         for i in 0..AXES {
@@ -183,8 +183,8 @@ impl SimulatedImu {
     }
 }
 
-/// Takes all whole pulses out of `charge` \[g0*s\] and returns how many, positive and negative, with K+ > 0 and K- < 0
-/// \[pulse/(s*g0)\].
+/// Takes all whole pulses out of `charge` \[g0*s\] and returns the numbers of positive and negative pulses. K+ > 0 and
+/// K- < 0 \[pulse/(s*g0)\].
 fn balance(charge: &mut f64, [positive, negative]: [f64; 2]) -> [u32; 2] {
     let scale_factor = if *charge >= 0.0 { positive } else { negative };
     let pulses = (*charge * scale_factor).floor();

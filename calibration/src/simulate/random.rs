@@ -1,15 +1,15 @@
-//! Random numbers that a seed reproduces, good enough for noise.
+//! Reproducible random numbers of a quality that suffices for simulated noise.
 
 /// SplitMix64 with the Box-Muller transform. The same seed and stream give the same numbers.
 #[derive(Clone, Debug)]
-pub struct Random {
+pub struct RandomGenerator {
     state: u64,
-    /// The second number of the last pair.
+    /// Second number of the last Gaussian pair, if it is not used yet.
     spare: Option<f64>,
 }
 
-impl Random {
-    /// The numbers of `seed`; different `stream`s of a seed have nothing to do with each other.
+impl RandomGenerator {
+    /// The numbers of `seed`; different `stream`s of one seed are independent.
     #[must_use]
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut seeds = Self { state: seed, spare: None };
@@ -25,7 +25,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Uniform from 0 to 1, 1 left out.
+    /// Uniform from 0 (included) to 1 (excluded).
     pub fn uniform(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
@@ -53,19 +53,19 @@ mod tests {
 
     #[test]
     fn normal_numbers_have_the_moments_of_a_gaussian() {
-        let mut random = Random::new(7, 0);
+        let mut random = RandomGenerator::new(7, 0);
         let values: Vec<f64> = (0..100_000).map(|_| random.normal()).collect();
         let moment = |n| values.iter().map(|v: &f64| v.powi(n)).sum::<f64>() / values.len() as f64;
         assert!(moment(1).abs() < 0.015 && (moment(2) - 1.0).abs() < 0.02, "{} {}", moment(1), moment(2));
         assert!(moment(3).abs() < 0.05 && (moment(4) - 3.0).abs() < 0.15, "{} {}", moment(3), moment(4));
-        // The pair of one transform is independent too.
+        // The two numbers of one transform are independent of each other.
         let pairs = values.chunks(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 50_000.0;
         assert!(pairs.abs() < 0.02, "{pairs}");
     }
 
     #[test]
     fn streams_and_seeds_differ_and_repeat() {
-        let first = |seed, stream| Random::new(seed, stream).uniform();
+        let first = |seed, stream| RandomGenerator::new(seed, stream).uniform();
         assert_eq!(first(3, 1), first(3, 1));
         assert_ne!(first(3, 1), first(3, 2));
         assert_ne!(first(3, 1), first(1, 3));

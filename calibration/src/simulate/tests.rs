@@ -4,7 +4,7 @@ use isotherm_shared::compensate::compensate;
 use isotherm_shared::wire::RawSample;
 
 const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
-/// More than one pulse of any axis \[g0*s\].
+/// Upper limit of a pulse of any axis \[g0*s\].
 const PULSE: f64 = 1.0 / 85_000.0;
 
 fn content() -> Content {
@@ -15,12 +15,12 @@ fn truth() -> Truth {
     Truth::new(content(), MISALIGNMENT, TILT_RAD, 9.81).unwrap()
 }
 
-/// Exact telemetry, and a chamber that keeps its temperature.
-fn still() -> Chain {
+/// Telemetry without quantisation, and a chamber without oscillation.
+fn steady() -> Chain {
     Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..Chain::default() }
 }
 
-/// The specific force \[g0*s\] that compensating with the truth gives.
+/// Integral of the specific force \[g0*s\] over the sample, compensated with the truth.
 fn compensated(truth: &Truth, raw: &RawSample) -> [f64; AXES] {
     let compensation = compensate(&truth.table, raw);
     assert_eq!(compensation.flags.0, 0);
@@ -28,22 +28,22 @@ fn compensated(truth: &Truth, raw: &RawSample) -> [f64; AXES] {
 }
 
 #[test]
-fn without_noise_the_truth_comes_back_but_for_one_pulse_in_all() {
+fn without_noise_the_integral_is_exact_to_one_pulse_over_any_time() {
     let truth = truth();
-    let mut imu = SimulatedImu::new(&truth, &still(), &Noise::NONE, 17.0, 1);
+    let mut imu = SimulatedImu::new(&truth, &steady(), &Noise::NONE, 17.0, 1);
     for force in [[0.6, -0.48, 0.64], [0.0, 1e-4, -1.0], [-0.3, 0.0, 2e-5]] {
         let mut sum = [0.0; AXES];
         for count in 1..=5000 {
             let dv = compensated(&truth, &imu.step(&force, 7_000_000));
             for i in 0..AXES {
                 sum[i] += dv[i];
-                // The charge left over is less than a pulse at both ends; misalignment adds a thousandth.
+                // At both ends the remaining charge is less than a pulse; the misalignment adds a thousandth of it.
                 assert!((dv[i] - force[i] * 0.007).abs() < 2.01 * PULSE, "{count}: {dv:?}");
                 assert!((sum[i] - force[i] * 0.007 * f64::from(count)).abs() < 2.01 * PULSE, "{count}: {sum:?}");
             }
         }
-        // From a discharged converter it is one pulse, however long it takes.
-        let mut fresh = SimulatedImu::new(&truth, &still(), &Noise::NONE, 17.0, 1);
+        // From a discharged converter the error is one pulse over any time.
+        let mut fresh = SimulatedImu::new(&truth, &steady(), &Noise::NONE, 17.0, 1);
         let mut total = fresh.step(&force, 7_000_000);
         (1..100_000).for_each(|_| total.merge(&fresh.step(&force, 7_000_000)).unwrap());
         let dv = compensated(&truth, &total);
@@ -56,7 +56,7 @@ fn without_noise_the_truth_comes_back_but_for_one_pulse_in_all() {
 #[test]
 fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
     let truth = truth();
-    let chain = Chain { vibration_g0: 0.5, vibration_hz: 40.0, ..still() };
+    let chain = Chain { vibration_g0: 0.5, vibration_hz: 40.0, ..steady() };
     let force = [0.0, 0.01, -0.01];
     let mut imu = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1);
     let mut sum = [0.0; AXES];
@@ -73,7 +73,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
     for i in 0..AXES {
         assert!((sum[i] - force[i] * 10.0).abs() < 1.01 * PULSE, "{sum:?}");
     }
-    // One sum of signed pulses, as if both scale factors were one, rectifies the vibration into a bias.
+    // Signed pulses with one common scale factor rectify the vibration into a bias.
     let raw = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1).step(&force, 10_000_000_000);
     let axis = &truth.table.content().axes[0];
     let signed = f64::from(raw.positive_pulses[0]) - f64::from(raw.negative_pulses[0]);
@@ -101,8 +101,8 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
 }
 
 #[test]
-fn telemetry_says_where_head_and_board_are() {
-    let raw = SimulatedImu::new(&truth(), &still(), &Noise::NONE, -25.0, 1).step(&[0.0; AXES], 1_000_000);
+fn telemetry_gives_the_temperatures_of_head_and_board() {
+    let raw = SimulatedImu::new(&truth(), &steady(), &Noise::NONE, -25.0, 1).step(&[0.0; AXES], 1_000_000);
     for (telemetry, right) in raw.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
         assert!((telemetry - right).abs() < 1e-12);
     }
@@ -114,20 +114,20 @@ fn telemetry_says_where_head_and_board_are() {
 
 #[test]
 fn the_campaign_keeps_to_its_schedule() {
-    let plan = CampaignSchedule::default();
-    let rows: Vec<_> = campaign(&truth(), &plan, 5).collect();
-    assert_eq!((rows.len(), plan.rows()), (15 * 12 * 30, 5400));
+    let schedule = CampaignSchedule::default();
+    let rows: Vec<_> = campaign(&truth(), &schedule, 5).collect();
+    assert_eq!((rows.len(), schedule.rows()), (15 * 12 * 30, 5400));
     for (index, row) in (0..).zip(&rows) {
         let (visit, dwell, period) = (index / 360, index / 30 % 12, index % 30);
         assert_eq!(row.set_point_c, -25.0 + 5.0 * visit as f64);
         assert_eq!((u64::from(row.position), row.raw.sequence), (dwell + 1, index));
         let end_s = visit * (4200 + 12 * 360) + 4200 + dwell * 360 + 60 + (period + 1) * 10;
         assert_eq!((row.raw.timestamp_ns, row.raw.interval_ns), (end_s * 1_000_000_000, 10_000_000_000));
-        // After the soak the heads are where the chamber is: within the oscillation and six sigma of the telemetry.
+        // After the soak the heads have the chamber's temperature, within the oscillation and six sigma of the telemetry.
         let head_c = (row.raw.head_temperature[0] - 1.1) / 0.04 - 25.0;
         assert!((head_c - row.set_point_c).abs() < 0.05 + 0.02, "{head_c} at {}", row.set_point_c);
     }
-    // A dwell that is no multiple of the period waits for its end.
+    // If the dwell is no multiple of the period, the rest of the dwell passes without a row.
     let odd =
         CampaignSchedule { dwell_s: 29.0, soak_s: 100.0, set_points_c: vec![10.0], ..CampaignSchedule::default() };
     let ends: Vec<_> = campaign(&truth(), &odd, 5).take(4).map(|row| row.raw.timestamp_ns / 1_000_000_000).collect();
@@ -142,15 +142,15 @@ fn the_campaign_keeps_to_its_schedule() {
 #[test]
 fn the_positions_are_those_of_the_tilted_turntable() {
     let truth = truth();
-    let plan = CampaignSchedule {
-        chain: still(),
+    let schedule = CampaignSchedule {
+        chain: steady(),
         noise: Noise::NONE,
         set_points_c: vec![20.0],
         dwell_s: 10.0,
         ..CampaignSchedule::default()
     };
     let gravity = 9.81 / 9.8015;
-    for (row, position) in campaign(&truth, &plan, 1).zip(&plan.positions) {
+    for (row, position) in campaign(&truth, &schedule, 1).zip(&schedule.positions) {
         let by_tilt = position.by_tilt().unwrap();
         let dv = compensated(&truth, &row.raw);
         for i in 0..AXES {
@@ -159,21 +159,21 @@ fn the_positions_are_those_of_the_tilted_turntable() {
             assert!((dv[i] / 10.0 - force).abs() < 0.3 * PULSE, "{}: {dv:?}", row.position);
         }
     }
-    // +Z at headings 0 and 180: the tilt's part on A1 and A2 changes its sign.
-    let rows: Vec<_> = campaign(&truth, &plan, 1).take(2).map(|row| compensated(&truth, &row.raw)).collect();
+    // +Z up at headings 0 and 180 deg: the effect of the tilt on A1 and A2 changes its sign.
+    let rows: Vec<_> = campaign(&truth, &schedule, 1).take(2).map(|row| compensated(&truth, &row.raw)).collect();
     assert!((rows[0][0] - 6e-4 * gravity).abs() < 2.0 * PULSE && (rows[1][0] + 6e-4 * gravity).abs() < 2.0 * PULSE);
 }
 
 #[test]
 fn the_run_ramps_between_its_holds() {
     let schedule =
-        RunSchedule { chain: still(), noise: Noise::NONE, interval_ns: 10_000_000_000, ..RunSchedule::default() };
+        RunSchedule { chain: steady(), noise: Noise::NONE, interval_ns: 10_000_000_000, ..RunSchedule::default() };
     let truth = truth();
     let samples: Vec<_> = run(&truth, &schedule, 1).collect();
     assert_eq!((samples.len(), schedule.samples()), (1620, 1620));
     let head_c = |index: usize| (samples[index].head_temperature[0] - 1.1) / 0.04 - 25.0;
     assert!((head_c(179) + 25.0).abs() < 1e-9 && head_c(185) > -24.99);
-    // Midway through the ramp the heads are 300 s of it behind.
+    // In the middle of the ramp the heads lag by their time constant of 300 s.
     let midway = -25.0 + 20.0 / 3600.0 * (6300.0 - 300.0);
     assert!((head_c(180 + 629) - midway).abs() < 1e-6, "{}", head_c(809));
     assert!((head_c(1619) - 45.0).abs() < 0.01);
@@ -181,7 +181,7 @@ fn the_run_ramps_between_its_holds() {
     assert!((force[1] + 0.48 * 9.81 / 9.8015).abs() < 1e-12);
     for raw in &samples {
         for (dv, force) in compensated(&truth, raw).iter().zip(force) {
-            // Two pulses, and the telemetry's 5 s after the middle of the row: 1.1 mV, 1.7 % a volt at the most.
+            // Two pulses, and the telemetry is read 5 s after the middle of the row: 1.1 mV, at most 1.7 % per volt.
             assert!((dv - force * 10.0).abs() < 2.0 * PULSE + 1.2e-4, "{dv} {force}");
         }
     }
@@ -191,19 +191,19 @@ fn the_run_ramps_between_its_holds() {
 fn noise_has_the_stated_size() {
     let truth = truth();
     let noise = Noise { sensor_g0: 50e-6, ..Noise::NONE };
-    let mut imu = SimulatedImu::new(&truth, &still(), &noise, 20.0, 9);
+    let mut imu = SimulatedImu::new(&truth, &steady(), &noise, 20.0, 9);
     let force = [0.5, 0.5, -0.5];
     for (interval_s, right) in [(1.0, 50e-6), (0.25, 100e-6)] {
         let values: Vec<_> = (0..4000)
             .map(|_| compensated(&truth, &imu.step(&force, (interval_s * 1e9) as u64))[1] / interval_s - 0.5)
             .collect();
         let rms = (values.iter().map(|v| v * v).sum::<f64>() / 4000.0).sqrt();
-        // Quantisation adds a pulse/sqrt(6), 4.6 ug0 in 1 s and 18 ug0 in 0.25 s.
+        // Quantisation adds pulse/sqrt(6): 4.6 ug0 in 1 s, 18 ug0 in 0.25 s.
         assert!((rms / right - 1.0).abs() < 0.06, "{rms} {right}");
     }
-    // One offset a visit, the same for all of it.
+    // One offset for each visit, constant during the visit.
     let noise = Noise { bias_g0: 100e-6, ..Noise::NONE };
-    let mut imu = SimulatedImu::new(&truth, &still(), &noise, 20.0, 9);
+    let mut imu = SimulatedImu::new(&truth, &steady(), &noise, 20.0, 9);
     let mut offsets = Vec::new();
     for _ in 0..200 {
         imu.visit();
@@ -217,14 +217,14 @@ fn noise_has_the_stated_size() {
 
 #[test]
 fn the_same_seed_gives_the_same_data() {
-    let plan = CampaignSchedule { set_points_c: vec![0.0, 5.0], ..CampaignSchedule::default() };
-    let rows = |seed| campaign(&Truth::varied(&content(), seed).unwrap(), &plan, seed).collect::<Vec<_>>();
+    let schedule = CampaignSchedule { set_points_c: vec![0.0, 5.0], ..CampaignSchedule::default() };
+    let rows = |seed| campaign(&Truth::varied(&content(), seed).unwrap(), &schedule, seed).collect::<Vec<_>>();
     assert_eq!(rows(1), rows(1));
     assert_ne!(rows(1)[0].raw.head_temperature, rows(2)[0].raw.head_temperature);
 }
 
 #[test]
-fn a_varied_truth_stays_within_what_it_states() {
+fn a_varied_truth_stays_within_its_documented_limits() {
     let (given, mut gravities) = (content(), Vec::new());
     for seed in 0..200 {
         let truth = Truth::varied(&given, seed).unwrap();
@@ -246,8 +246,8 @@ fn a_varied_truth_stays_within_what_it_states() {
 
 #[test]
 fn the_truth_reads_back_as_a_table_with_its_provenance() {
-    let (truth, plan) = (truth(), CampaignSchedule::default());
-    let text = truth.to_toml("isotherm simulate", 5, &plan).unwrap();
+    let (truth, schedule) = (truth(), CampaignSchedule::default());
+    let text = truth.to_toml("isotherm simulate", 5, &schedule).unwrap();
     assert_eq!(CoefficientTable::from_toml(&text, None).unwrap(), truth.table);
     let parsed: toml::Table = text.parse().unwrap();
     let provenance = &parsed["provenance"];
@@ -257,7 +257,7 @@ fn the_truth_reads_back_as_a_table_with_its_provenance() {
     assert_eq!(provenance["tilt_rad"][1].as_float(), Some(-6e-5));
     assert_eq!(provenance["noise"]["sensor_g0"].as_float(), Some(5e-6));
     assert_eq!(provenance["chain"]["telemetry_lsb_micro"].as_integer(), Some(76));
-    // A table without alignment is a truth without misalignment, and the other way round.
+    // A table without alignment gives a truth without misalignment; a table with alignment gives back the misalignment.
     let plain = Truth::of(CoefficientTable::new(content()).unwrap());
     assert_eq!((plain.misalignment, plain.gravity_local), (Matrix3::identity(), 9.8015));
     assert!((Truth::of(truth.table.clone()).misalignment - truth.misalignment).norm() < 1e-15);
@@ -265,10 +265,10 @@ fn the_truth_reads_back_as_a_table_with_its_provenance() {
 }
 
 #[test]
-fn a_chamber_beyond_the_truth_is_noticed() {
+fn a_chamber_outside_the_range_of_the_truth_is_reported() {
     let (truth, chain) = (truth(), Chain::default());
     assert_eq!(truth.outside(&chain, -25.0, 45.0), None);
-    // 4.2 V is 52.5 degC; the first board is 4 degC warmer than the chamber.
+    // 4.2 V is 52.5 degC, and the board of A1 is 4 degC warmer than the chamber.
     assert!(truth.outside(&chain, -25.0, 48.6).unwrap().contains("axis.A1.positive_scale_factor"));
     assert!(truth.outside(&chain, -30.1, 45.0).unwrap().contains("axis.A1.bias"));
 }

@@ -1,11 +1,12 @@
-//! The two-axis turntable in motion, and the specific force that it gives the IMU.
+//! The motion of the two-axis turntable, and the specific force on the IMU at its angles.
 //!
 //! # Equations
-//! An axis accelerates with +-a up to the rate v and comes to rest at its target: a list of stretches of constant acceleration, each
-//! exact for any step h, `angle += rate h + a h h / 2`, `rate += a h`. One that is moving when it is sent elsewhere comes to rest first.
+//! An axis accelerates with +-a up to the rate v and comes to rest at its target. Its motion is a list of segments of constant
+//! acceleration, each exact for any step h: `angle += rate h + a h h / 2`, `rate += a h`. An axis that gets a new target while
+//! it moves comes to rest first.
 //!
-//! At the outer and inner angles R = Rx(outer) Rz(inner) turns body into laboratory, and with the base's tilt (tx, ty) the specific force
-//! along the body's axes is
+//! R = Rx(outer) Rz(inner) rotates the body's axes into those of the laboratory. With the base's tilt (tx, ty) the specific
+//! force along the body's axes is
 //!
 //! ```text
 //! f = g_local/g0 * R' u,    u = (-ty, tx, 1) / |(-ty, tx, 1)|                                                  [g0]
@@ -17,19 +18,19 @@ use core::f64::consts::TAU;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 
-/// Frequency at which a table that does not settle swings \[Hz\].
+/// Frequency of the oscillation of a turntable that does not settle \[Hz\].
 const SWING_HZ: f64 = 0.7;
 
-/// The specific force \[g0\] along the body's axes at rest, at the angles \[deg\].
+/// The specific force \[g0\] along the body's axes at rest at the given angles \[deg\].
 #[must_use]
 pub fn specific_force(truth: &Truth, outer_deg: f64, inner_deg: f64) -> [f64; AXES] {
-    let there = Position::at(0, outer_deg, inner_deg);
-    // The derivatives by (tx, ty) are R's second and minus its first row: exact, not to first order.
-    let by_tilt = there.by_tilt().unwrap_or_default();
+    let position = Position::at(0, outer_deg, inner_deg);
+    // The derivatives by (tx, ty) are the second row of R and the negative first row, so the sum is exact.
+    let by_tilt = position.by_tilt().unwrap_or_default();
     let [tx, ty] = truth.tilt_rad;
     let length = (1.0 + tx * tx + ty * ty).sqrt();
     let gravity = truth.gravity_local / truth.table.content().gravity;
-    core::array::from_fn(|i| (there.specific_force[i] + by_tilt[i][0] * tx + by_tilt[i][1] * ty) / length * gravity)
+    core::array::from_fn(|i| (position.specific_force[i] + by_tilt[i][0] * tx + by_tilt[i][1] * ty) / length * gravity)
 }
 
 /// One axis of a turntable.
@@ -37,37 +38,37 @@ pub fn specific_force(truth: &Truth, outer_deg: f64, inner_deg: f64) -> [f64; AX
 struct AxisMotion {
     angle_deg: f64,
     rate_deg_s: f64,
-    /// Left of the way: time \[s\] and acceleration \[deg/s2\].
-    stretches: VecDeque<(f64, f64)>,
-    /// Where the way ends, so that rounding does not add up.
+    /// Remaining segments of the motion: time \[s\] and acceleration \[deg/s2\].
+    segments: VecDeque<(f64, f64)>,
+    /// Angle at the end of the motion; it replaces the integrated angle there, so that rounding errors do not add up.
     target_deg: f64,
 }
 
 impl AxisMotion {
     fn stop(&mut self, acceleration: f64) {
-        self.stretches.clear();
+        self.segments.clear();
         let time_s = self.rate_deg_s.abs() / acceleration;
         self.target_deg = self.angle_deg + self.rate_deg_s * time_s / 2.0;
         if time_s > 0.0 {
-            self.stretches.push_back((time_s, -acceleration.copysign(self.rate_deg_s)));
+            self.segments.push_back((time_s, -acceleration.copysign(self.rate_deg_s)));
         }
     }
 
     fn go_to(&mut self, target_deg: f64, rate: f64, acceleration: f64) {
         self.stop(acceleration);
-        let way = target_deg - self.target_deg;
-        // A short way is over before the rate is reached.
-        let peak = rate.min((acceleration * way.abs()).sqrt());
-        let (ramp_s, acceleration) = (peak / acceleration, acceleration.copysign(way));
-        if way != 0.0 {
-            let cruise_s = way.abs() / peak - ramp_s;
-            self.stretches.extend([(ramp_s, acceleration), (cruise_s.max(0.0), 0.0), (ramp_s, -acceleration)]);
+        let distance_deg = target_deg - self.target_deg;
+        // A short motion ends before the rate is reached.
+        let peak = rate.min((acceleration * distance_deg.abs()).sqrt());
+        let (ramp_s, acceleration) = (peak / acceleration, acceleration.copysign(distance_deg));
+        if distance_deg != 0.0 {
+            let cruise_s = distance_deg.abs() / peak - ramp_s;
+            self.segments.extend([(ramp_s, acceleration), (cruise_s.max(0.0), 0.0), (ramp_s, -acceleration)]);
         }
         self.target_deg = target_deg;
     }
 
     fn wait(&mut self, mut time_s: f64) {
-        while let Some((left_s, acceleration)) = self.stretches.front_mut() {
+        while let Some((left_s, acceleration)) = self.segments.front_mut() {
             let step = left_s.min(time_s);
             self.angle_deg += self.rate_deg_s * step + *acceleration * step * step / 2.0;
             self.rate_deg_s += *acceleration * step;
@@ -76,13 +77,13 @@ impl AxisMotion {
             if *left_s > 0.0 {
                 return;
             }
-            self.stretches.pop_front();
+            self.segments.pop_front();
         }
         (self.angle_deg, self.rate_deg_s) = (self.target_deg, 0.0);
     }
 }
 
-/// A two-axis turntable; axis 0 is the outer one. It begins at rest at 0, 0.
+/// A two-axis turntable; axis 0 is the outer one. It begins at rest with both angles 0.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedTurntable {
     axes: [AxisMotion; 2],
@@ -91,22 +92,22 @@ pub struct SimulatedTurntable {
 }
 
 impl SimulatedTurntable {
-    /// Sends an axis to `target_deg` at up to `rate` \[deg/s\] with `acceleration` \[deg/s2\], both over 0.
+    /// Moves an axis to `target_deg` at up to `rate` \[deg/s\] with `acceleration` \[deg/s2\]; both must be over 0.
     pub fn go_to(&mut self, axis: usize, target_deg: f64, rate: f64, acceleration: f64) {
         self.axes[axis].go_to(target_deg, rate, acceleration);
     }
 
-    /// Brings an axis to rest with `acceleration` \[deg/s2\], over 0.
+    /// Brings an axis to rest with `acceleration` \[deg/s2\], which must be over 0.
     pub fn stop(&mut self, axis: usize, acceleration: f64) {
         self.axes[axis].stop(acceleration);
     }
 
-    /// From now on both axes swing by `amplitude_deg`; 0 for not at all.
+    /// Makes both axes oscillate with `amplitude_deg` from now on; 0 ends it.
     pub fn swing(&mut self, amplitude_deg: f64) {
         self.swing_deg = amplitude_deg;
     }
 
-    /// Lets `time_s` pass.
+    /// Advances by `time_s` \[s\].
     pub fn wait(&mut self, time_s: f64) {
         self.time_s += time_s;
         self.axes.iter_mut().for_each(|axis| axis.wait(time_s));
@@ -132,31 +133,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_axis_takes_the_time_that_rate_and_acceleration_ask_for() {
-        let mut table = SimulatedTurntable::default();
-        table.go_to(0, 90.0, 10.0, 5.0);
-        table.go_to(1, -1.0, 10.0, 4.0);
+    fn an_axis_takes_the_time_that_rate_and_acceleration_require() {
+        let mut turntable = SimulatedTurntable::default();
+        turntable.go_to(0, 90.0, 10.0, 5.0);
+        turntable.go_to(1, -1.0, 10.0, 4.0);
         // 2 s up, 20 deg of ramps, 70 deg at 10 deg/s, 2 s down; and 0.5 s up to 2 deg/s, 0.5 s down.
-        table.wait(0.5);
-        assert_eq!(table.rates_deg_s(), [2.5, -2.0]);
-        table.wait(0.5);
-        assert_eq!((table.angles_deg()[1], table.rates_deg_s()[1]), (-1.0, 0.0));
-        table.wait(9.99);
-        assert!(table.angles_deg()[0] < 90.0 && table.rates_deg_s()[0] > 0.0);
-        table.wait(0.02);
-        assert_eq!((table.angles_deg(), table.rates_deg_s()), ([90.0, -1.0], [0.0, 0.0]));
+        turntable.wait(0.5);
+        assert_eq!(turntable.rates_deg_s(), [2.5, -2.0]);
+        turntable.wait(0.5);
+        assert_eq!((turntable.angles_deg()[1], turntable.rates_deg_s()[1]), (-1.0, 0.0));
+        turntable.wait(9.99);
+        assert!(turntable.angles_deg()[0] < 90.0 && turntable.rates_deg_s()[0] > 0.0);
+        turntable.wait(0.02);
+        assert_eq!((turntable.angles_deg(), turntable.rates_deg_s()), ([90.0, -1.0], [0.0, 0.0]));
     }
 
     #[test]
     fn the_step_length_does_not_matter_and_another_target_is_reached_from_a_moving_axis() {
         let (mut one, mut many) = (SimulatedTurntable::default(), SimulatedTurntable::default());
-        for table in [&mut one, &mut many] {
-            table.go_to(0, 90.0, 10.0, 5.0);
+        for turntable in [&mut one, &mut many] {
+            turntable.go_to(0, 90.0, 10.0, 5.0);
         }
         one.wait(3.7);
         (0..3700).for_each(|_| many.wait(0.001));
-        for table in [&mut one, &mut many] {
-            table.go_to(0, -20.0, 20.0, 5.0);
+        for turntable in [&mut one, &mut many] {
+            turntable.go_to(0, -20.0, 20.0, 5.0);
         }
         one.wait(6.1);
         (0..6100).for_each(|_| many.wait(0.001));

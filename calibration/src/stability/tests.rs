@@ -32,7 +32,7 @@ fn the_truth_is_stable_and_as_long_as_gravity() {
     assert_eq!(found.windows.len(), 372);
     assert!(found.windows.iter().all(|window| window.counts && window.still && !window.flagged));
     for axis in &found.axes {
-        // A window's output is good to a pulse or two in 10 s.
+        // Pulses are whole: the output of a window is uncertain by one or two pulses in 10 s.
         assert!(axis.rms_after < 3e-6 && axis.factor() > 50.0, "{axis:?}");
         assert!(axis.sd_before > 100e-6 && axis.rms_before >= axis.sd_before * 0.99, "{axis:?}");
     }
@@ -66,7 +66,7 @@ fn a_constant_error_shows_only_at_a_stated_attitude() {
 }
 
 #[test]
-fn motion_does_not_count() {
+fn windows_with_motion_do_not_count() {
     let found = stability(&truth(), None, |index, raw| {
         if (1000..1100).contains(&index) {
             raw.positive_pulses[0] += 4000;
@@ -78,7 +78,25 @@ fn motion_does_not_count() {
 }
 
 #[test]
-fn too_little_is_refused() {
+fn a_window_that_is_not_a_number_on_any_axis_does_not_count() {
+    for axis in 0..AXES {
+        let found = stability(&truth(), Some([0.6, -0.48, 0.64]), |index, raw| {
+            if index == 1_500 {
+                raw.head_temperature[axis] = f64::NAN;
+            }
+        });
+        let of_axis = &found.axes[axis];
+        let left_out = &found.windows[150];
+        assert!(left_out.after[axis].is_nan() && !left_out.counts && !left_out.still, "{left_out:?}");
+        assert_eq!(found.windows.iter().filter(|window| !window.counts).count(), 1, "axis {axis}");
+        assert!(of_axis.rms_after < 3e-6 && of_axis.factor() > 50.0, "{of_axis:?}");
+        let modulus = found.modulus.unwrap();
+        assert!(modulus.mean.abs() < 0.5e-6 && modulus.worst < 5e-6, "{modulus:?}");
+    }
+}
+
+#[test]
+fn too_few_windows_are_refused() {
     let truth = truth();
     let setup = Setup { attitude: Some([0.0, 0.0, 1.0]), gravity_local: 9.8 };
     let short = Collector::new(&truth.table, 10.0).finish(&setup).unwrap_err();
@@ -86,5 +104,5 @@ fn too_little_is_refused() {
     let mut collector = Collector::new(&truth.table, 10.0);
     run(&truth, &RunSchedule { interval_ns: 10_000_000_000, ..RunSchedule::default() }, 1)
         .for_each(|raw| collector.add(&raw));
-    assert!(matches!(collector.finish(&setup), Err(StabilityError::NotThere { counted: 0, .. })));
+    assert!(matches!(collector.finish(&setup), Err(StabilityError::OffAttitude { counted: 0, .. })));
 }

@@ -1,6 +1,8 @@
-//! From rows to a table: how close to the truth, on which positions, by which method, and what the fit itself is told about.
+//! From rows to a table: the accuracy against the truth for lists of positions and both methods, and the warnings of the fit.
+//!
+//! Over 400 lines: each test is one kind of campaign, and all of them share the simulated campaigns of `common`.
 
-use crate::common::{calibrated, csv, dwells, noiseless, paper, paper_truth as truth, quiet, stated, worst};
+use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, paper_truth as truth, quiet, worst};
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method, calibrate};
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::positions::{Position, Scheme};
@@ -17,10 +19,9 @@ const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 fn shipped(options: CalibrationOptions) -> Calibration {
-    let stated =
-        Campaign::from_toml(&fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap()).unwrap();
-    let dwells = dwells(&stated, &fs::read(format!("{EXAMPLES}/campaign/samples.csv")).unwrap()).unwrap();
-    calibrate(&stated, dwells, options).unwrap()
+    let file = Campaign::from_toml(&fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap()).unwrap();
+    let dwells = dwells(&file, &fs::read(format!("{EXAMPLES}/campaign/samples.csv")).unwrap()).unwrap();
+    calibrate(&file, dwells, options).unwrap()
 }
 
 #[test]
@@ -50,7 +51,7 @@ fn the_campaign_with_a_known_truth() {
 
 #[test]
 fn other_campaigns_with_other_coefficients_gravity_and_tilt() {
-    let plan = CampaignSchedule { noise: quiet(), ..CampaignSchedule::default() };
+    let schedule = CampaignSchedule { noise: quiet(), ..CampaignSchedule::default() };
     for seed in 1..=12 {
         let mut truth = Truth::varied(paper().content(), seed).unwrap();
         if seed % 3 == 0 {
@@ -59,7 +60,7 @@ fn other_campaigns_with_other_coefficients_gravity_and_tilt() {
         }
         for alignment in [false, true] {
             let options = CalibrationOptions { alignment, ..CalibrationOptions::default() };
-            let (_, calibration) = calibrated(&truth, &plan, seed, options).unwrap();
+            let (_, calibration) = calibrated(&truth, &schedule, seed, options).unwrap();
             let found = worst(&calibration.table, &truth.table);
             println!("{seed}: bias {:.3}e-6 g0, scale factors {:.3} ppm", found[0], found[1]);
             assert!(found[0] < 0.35 && found[1] < 0.7, "{seed}: {found:?}");
@@ -77,12 +78,12 @@ fn other_lists_of_positions() {
         .collect();
     let lists = [Scheme::SixFacesSixEdges.positions(), Scheme::FourPointTumble.positions(), twenty];
     for positions in lists {
-        let plan = noiseless(positions);
+        let schedule = noiseless(positions);
         let truth = truth(TILT_RAD, 9.7936);
-        let (_, calibration) = calibrated(&truth, &plan, 1, CalibrationOptions::default()).unwrap();
+        let (_, calibration) = calibrated(&truth, &schedule, 1, CalibrationOptions::default()).unwrap();
         let found = worst(&calibration.table, &truth.table);
-        // What is left is the drift within a dwell and whole pulses.
-        assert!(found[0] < 0.05 && found[1] < 0.1, "{} positions: {found:?}", plan.positions.len());
+        // The drift within a dwell and the quantisation of the pulses remain.
+        assert!(found[0] < 0.05 && found[1] < 0.1, "{} positions: {found:?}", schedule.positions.len());
         let tilt = calibration.solution.tilt.unwrap();
         assert!((tilt[0] - TILT_RAD[0]).abs() < 1e-7 && (tilt[1] - TILT_RAD[1]).abs() < 1e-7, "{tilt:?}");
     }
@@ -96,13 +97,13 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
     for (scheme, mount) in
         [(Scheme::SixFacesSixEdges, turn), (Scheme::FourPointTumble, turn), (Scheme::SixFacesSixEdges, oblique)]
     {
-        let plan = noiseless(scheme.positions());
-        // The IMU on another side of the fixture: what A1 feels is what the turntable does to another axis.
-        let text = csv(mounted(&truth, &plan, &mount));
-        let mut file = stated(&truth, &plan);
+        let schedule = noiseless(scheme.positions());
+        // The IMU is mounted on another side of the fixture: its axes are not those of the turntable.
+        let text = csv(mounted(&truth, &schedule, &mount));
+        let mut file = campaign_file(&truth, &schedule);
         for position in &mut file.positions {
             let force = mount * Vector3::from(position.specific_force);
-            // A few digits are enough where axes are only exchanged.
+            // A few digits are sufficient if the mount only exchanges axes.
             let digits = if mount == turn { 1e3 } else { 1e12 };
             position.specific_force = force.map(|f| (f * digits).round() / digits).into();
         }
@@ -113,25 +114,26 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
             let found = worst(&calibration.table, &truth.table);
             let tilt = calibration.solution.tilt.unwrap();
             assert!((tilt[0] - 5e-4).abs() < 1e-7 && (tilt[1] + 3e-4).abs() < 1e-7, "{tilt:?}");
-            // The two-stage values also keep what the drift within a set point does.
+            // The two-stage values also contain the effect of the drift within a set point.
             let limit = if method == Method::OneStage { [0.1, 0.2] } else { [4.0, 4.0] };
             assert!(found[0] < limit[0] && found[1] < limit[1], "{scheme:?} {method:?}: {found:?}");
         }
     }
 }
 
-/// The rows of a campaign with the IMU turned on the table by `mount`: the list of positions is turned instead, by simulating
-/// positions whose directions and level errors are those that the turned IMU meets.
-fn mounted(truth: &Truth, plan: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<SimulatedRow> {
+/// The rows of a campaign with the IMU rotated on the turntable by `mount`. The simulated IMU itself is not rotated; the
+/// specific forces, with the level errors, are rotated instead.
+fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<SimulatedRow> {
     let gravity = truth.gravity_local / truth.table.content().gravity;
-    let chain = &plan.chain;
-    let mut imu = isotherm_calibration::simulate::SimulatedImu::new(truth, chain, &plan.noise, plan.set_points_c[0], 1);
+    let chain = &schedule.chain;
+    let mut imu =
+        isotherm_calibration::simulate::SimulatedImu::new(truth, chain, &schedule.noise, schedule.set_points_c[0], 1);
     let mut rows = Vec::new();
-    for &set_point_c in &plan.set_points_c {
-        imu.go_to(set_point_c, plan.ramp_c_per_s);
+    for &set_point_c in &schedule.set_points_c {
+        imu.go_to(set_point_c, schedule.ramp_c_per_s);
         imu.visit();
         imu.wait(4_200_000_000_000);
-        for position in &plan.positions {
+        for position in &schedule.positions {
             let [outer, inner] = position.angles.unwrap();
             let level = Vector3::from(isotherm_calibration::positions::specific_force(outer, inner));
             let by_tilt = position.by_tilt().unwrap();
@@ -151,7 +153,7 @@ fn mounted(truth: &Truth, plan: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<
     rows
 }
 
-/// A campaign file's text with whatever the positions say.
+/// The text of a campaign file with the positions of `file`.
 fn campaign_toml(file: &Campaign) -> String {
     let unit = &file.temperature_unit;
     isotherm_calibration::simulate::campaign_toml(
@@ -165,13 +167,13 @@ fn campaign_toml(file: &Campaign) -> String {
 }
 
 #[test]
-fn a_level_error_that_is_not_estimated_is_told() {
+fn a_level_error_that_is_not_estimated_gives_a_warning() {
     let truth = truth([5e-4, 0.0], 9.8015);
     let warnings = |scheme: Scheme, change: &dyn Fn(&mut Campaign), exclude: &[(f64, u32)]| -> String {
-        let plan = noiseless(scheme.positions());
-        let mut file = stated(&truth, &plan);
+        let schedule = noiseless(scheme.positions());
+        let mut file = campaign_file(&truth, &schedule);
         change(&mut file);
-        let dwells = dwells(&file, &csv(campaign(&truth, &plan, 1))).unwrap();
+        let dwells = dwells(&file, &csv(campaign(&truth, &schedule, 1))).unwrap();
         let options = CalibrationOptions { order: Some(3), exclude: exclude.to_vec(), ..CalibrationOptions::default() };
         let calibration = calibrate(&file, dwells, options).unwrap();
         calibration.findings.iter().map(|finding| format!("{finding}\n")).collect()
@@ -189,7 +191,7 @@ fn a_level_error_that_is_not_estimated_is_told() {
     assert_eq!(warnings(Scheme::SixFacesTwoHeadings, &|_| {}, &[(0.0, 1)]), "");
     let text = warnings(Scheme::SixFacesTwoHeadings, &|file| file.positions.swap(0, 1), &[]);
     assert_eq!(text, "", "the order of the list does not matter");
-    // Two headings of one face exchanged: no tilt makes such residuals.
+    // Two headings of one face are exchanged: no tilt causes such residuals.
     let exchange = |file: &mut Campaign| {
         file.positions[0].number = 2;
         file.positions[1].number = 1;
@@ -199,29 +201,29 @@ fn a_level_error_that_is_not_estimated_is_told() {
 }
 
 #[test]
-fn a_curve_that_does_not_fit_is_told_and_not_blamed_on_dwells() {
+fn a_curve_that_does_not_fit_gives_a_warning_about_the_curve_and_not_about_dwells() {
     let truth = truth(TILT_RAD, 9.8015);
-    let told = |set_points_c: Vec<f64>, order: Option<usize>| -> String {
-        let plan = CampaignSchedule { set_points_c, noise: quiet(), ..CampaignSchedule::default() };
+    let warnings = |set_points_c: Vec<f64>, order: Option<usize>| -> String {
+        let schedule = CampaignSchedule { set_points_c, noise: quiet(), ..CampaignSchedule::default() };
         let (_, calibration) =
-            calibrated(&truth, &plan, 1, CalibrationOptions { order, ..CalibrationOptions::default() }).unwrap();
+            calibrated(&truth, &schedule, 1, CalibrationOptions { order, ..CalibrationOptions::default() }).unwrap();
         calibration.findings.iter().map(|finding| format!("{finding}\n")).collect()
     };
     let all = || CampaignSchedule::default().set_points_c;
-    assert_eq!(told(all(), None), "");
-    let text = told(all(), Some(1));
+    assert_eq!(warnings(all(), None), "");
+    let text = warnings(all(), Some(1));
     assert!(text.contains("A1 bias: the set points scatter by") && text.contains("the order is too low"), "{text}");
     assert!(!text.contains("--exclude"), "{text}");
-    assert!(told(vec![-25.0, 10.0, 45.0], None).contains("there are too few set points"));
-    assert!(told(vec![-25.0, 0.0, 20.0, 45.0], Some(3)).contains("order 3 takes all 4 set points"));
+    assert!(warnings(vec![-25.0, 10.0, 45.0], None).contains("there are too few set points"));
+    assert!(warnings(vec![-25.0, 0.0, 20.0, 45.0], Some(3)).contains("order 3 takes all 4 set points"));
 }
 
 #[test]
 fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
-    // Without angles the tilt cannot be estimated: it must cancel in the pairs, although they read on different channels.
-    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    // Without angles the tilt cannot be estimated. It must cancel in each pair, although the two readings use different channels.
+    let schedule = noiseless(Scheme::SixFacesTwoHeadings.positions());
     let mut truth = truth([2e-4, 1.5e-4], 9.8015);
-    // K+ and K- far apart, so that weighting by them would show.
+    // K+ and K- differ by 10 %, so that an error from weighting with them would be visible.
     let mut content = truth.table.content().clone();
     for axis in &mut content.axes {
         let k = &axis.negative_scale_factor;
@@ -230,16 +232,16 @@ fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
             isotherm_shared::polynomial::Polynomial::new(&scaled, 0.0, 1.0, k.range()).unwrap();
     }
     truth = Truth::new(content, MISALIGNMENT, truth.tilt_rad, truth.gravity_local).unwrap();
-    let mut stated = stated(&truth, &plan);
-    stated.mount = None;
-    let dwells = dwells(&stated, &csv(campaign(&truth, &plan, 1))).unwrap();
+    let mut file = campaign_file(&truth, &schedule);
+    file.mount = None;
+    let dwells = dwells(&file, &csv(campaign(&truth, &schedule, 1))).unwrap();
     for method in [Method::OneStage, Method::TwoStage] {
         let options = CalibrationOptions { method, order: Some(3), ..CalibrationOptions::default() };
-        let calibration = calibrate(&stated, dwells.clone(), options).unwrap();
+        let calibration = calibrate(&file, dwells.clone(), options).unwrap();
         assert_eq!(calibration.solution.tilt, None);
         let found = worst(&calibration.table, &truth.table);
-        // Second order of the tilt and whole pulses are left: 2e-4 squared is 0.04e-6.
-        // The two-stage values also keep what the drift within a set point does.
+        // The second order of the tilt (2e-4 squared is 0.04e-6) and the quantisation of the pulses remain.
+        // The two-stage values also contain the effect of the drift within a set point.
         let limit = if method == Method::OneStage { 0.2 } else { 0.5 };
         assert!(found[0] < 0.1 && found[1] < limit, "{method:?}: {found:?}");
     }
@@ -259,13 +261,13 @@ fn gravity_of_the_station_is_not_1_g0() {
 #[test]
 fn the_alignment_undoes_the_misalignment() {
     let truth = truth(TILT_RAD, 9.8015);
-    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let schedule = noiseless(Scheme::SixFacesTwoHeadings.positions());
     let options = CalibrationOptions { alignment: true, ..CalibrationOptions::default() };
-    let (_, calibration) = calibrated(&truth, &plan, 1, options).unwrap();
-    // A whole dwell compensated: the specific force of the position, with the tilt, is what comes out.
+    let (_, calibration) = calibrated(&truth, &schedule, 1, options).unwrap();
+    // A whole compensated dwell gives the specific force of the position, tilt included.
     let mut sums = [0.0; 3];
     let rows: Vec<SimulatedRow> =
-        campaign(&truth, &plan, 1).filter(|row| row.set_point_c == 10.0 && row.position == 1).collect();
+        campaign(&truth, &schedule, 1).filter(|row| row.set_point_c == 10.0 && row.position == 1).collect();
     for row in &rows {
         let out = compensate(&calibration.table, &row.raw).velocity_increment;
         (0..3).for_each(|axis| sums[axis] += out[axis] / (9.8015 * 300.0));
@@ -275,7 +277,7 @@ fn the_alignment_undoes_the_misalignment() {
     }
 }
 
-/// The worked examples: three lists of positions with counts whose least-squares solution is known.
+/// Worked examples: three lists of positions with counts and their known least-squares solutions.
 #[test]
 fn set_points_are_reduced_as_in_the_worked_examples() {
     let examples: Value =
@@ -288,10 +290,10 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
     let number = |value: &Value| value.as_str().map_or_else(|| value.as_f64().unwrap(), |text| text.parse().unwrap());
     for (name, scheme) in schemes {
         let example = &examples["examples"]["data"][name];
-        let plan = noiseless(scheme.positions());
-        let stated = stated(&truth([0.0; 2], 9.8015), &plan);
+        let schedule = noiseless(scheme.positions());
+        let file = campaign_file(&truth([0.0; 2], 9.8015), &schedule);
         for (outputs, right) in [("outputs", "parameters"), ("outputs_noisy", "ls_noisy")] {
-            // An hour's counts, so that rounding to whole pulses does not matter.
+            // The counts of an hour, so that rounding to whole pulses does not matter.
             let rows = (0..12).map(|index| {
                 let mut raw = RawSample {
                     sequence: index,
@@ -306,25 +308,28 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
                 }
                 SimulatedRow { set_point_c: 20.0, position: index as u32 + 1, raw }
             });
-            let dwells = dwells(&stated, &csv(rows)).unwrap();
+            let dwells = dwells(&file, &csv(rows)).unwrap();
             for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
                 let right = &example[right][letter];
                 let parts: Vec<_> = dwells.iter().collect();
-                let got = reduce(&stated, &parts, axis, None).unwrap().values;
+                let got = reduce(&file, &parts, axis, None).unwrap().values;
                 let (up, down) = (number(&right["SF_plus"]), number(&right["SF_minus"]));
-                // The example's bias and misalignments are in counts, the same for both signs; ours are in g0, so that they
-                // come out of K+ and K-: 2e-5 of them apart. Noise is weighted by the same difference.
-                let close = if outputs == "outputs" { 0.05 } else { 0.2 };
+                // The example's bias and misalignments are in counts, the same for both signs. Ours are in g0, converted
+                // with K+ or K-. These differ by some 2e-5 of their size, and the results and the weights of the noise with them.
+                let tolerance = if outputs == "outputs" { 0.05 } else { 0.2 };
                 assert!(
-                    (got[1] - up).abs() < close && (got[2] + down).abs() < close,
+                    (got[1] - up).abs() < tolerance && (got[2] + down).abs() < tolerance,
                     "{name} {letter}: {got:?} {right}"
                 );
                 for (value, key) in [(got[0], "K0"), (got[3], "M_next"), (got[4], "M_prev")] {
                     let counts = value * 0.5 * (up + down);
-                    assert!((counts - number(&right[key])).abs() < close, "{name} {letter} {key}: {counts} {right}");
+                    assert!(
+                        (counts - number(&right[key])).abs() < tolerance,
+                        "{name} {letter} {key}: {counts} {right}"
+                    );
                 }
                 if scheme == Scheme::SixFacesTwoHeadings && outputs == "outputs_noisy" {
-                    // The trap: the mean of an up and a down reading is not the bias.
+                    // The mean of an up and a down reading is not the bias, because K+ != -K-.
                     let two_point = number(&right["two_point_bias_(E+ + E-)/2"]);
                     assert!((got[0] * 0.5 * (up + down) - two_point).abs() > 0.4, "{letter}");
                 }
@@ -336,27 +341,27 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
 #[test]
 fn raw_samples_and_sums_over_seconds_give_the_same_table() {
     let truth = truth(TILT_RAD, 9.8015);
-    let plan = |interval_ns| CampaignSchedule {
+    let schedule = |interval_ns| CampaignSchedule {
         interval_ns,
         set_points_c: vec![-20.0, 0.0, 20.0, 40.0],
         ..noiseless(Scheme::SixFacesTwoHeadings.positions())
     };
     let options = || CalibrationOptions { order: Some(2), ..CalibrationOptions::default() };
-    let (_, raw) = calibrated(&truth, &plan(250_000_000), 1, options()).unwrap();
-    let (_, sums) = calibrated(&truth, &plan(10_000_000_000), 1, options()).unwrap();
-    let apart = worst(&raw.table, &sums.table);
-    assert!(apart[0] < 0.03 && apart[1] < 0.05, "{apart:?}");
-    // More rows than blocks are kept.
+    let (_, raw) = calibrated(&truth, &schedule(250_000_000), 1, options()).unwrap();
+    let (_, sums) = calibrated(&truth, &schedule(10_000_000_000), 1, options()).unwrap();
+    let difference = worst(&raw.table, &sums.table);
+    assert!(difference[0] < 0.03 && difference[1] < 0.05, "{difference:?}");
+    // The rows are merged into fewer blocks.
     assert_eq!(raw.dwells[0].rows, 1200);
     assert!(raw.dwells[0].blocks.len() <= 512);
 }
 
 #[test]
-fn rows_while_the_table_moves_are_left_out() {
+fn rows_while_the_turntable_moves_are_left_out() {
     let truth = truth(TILT_RAD, 9.8015);
-    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
-    let text = String::from_utf8(csv(campaign(&truth, &plan, 1))).unwrap();
-    // The first three rows of each dwell, with pulses that fit no position.
+    let schedule = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let text = String::from_utf8(csv(campaign(&truth, &schedule, 1))).unwrap();
+    // The first three rows of each dwell have no position, and pulses that fit none.
     let moving = |(index, line): (usize, &str)| {
         let mut fields: Vec<&str> = line.split(',').collect();
         if index > 0 && (index - 1) % 30 < 3 {
@@ -365,48 +370,47 @@ fn rows_while_the_table_moves_are_left_out() {
         fields.join(",") + "\n"
     };
     let text: String = text.lines().enumerate().map(moving).collect();
-    let stated = stated(&truth, &plan);
-    let calibration =
-        calibrate(&stated, dwells(&stated, text.as_bytes()).unwrap(), CalibrationOptions::default()).unwrap();
+    let file = campaign_file(&truth, &schedule);
+    let calibration = calibrate(&file, dwells(&file, text.as_bytes()).unwrap(), CalibrationOptions::default()).unwrap();
     assert_eq!((calibration.dwells.len(), calibration.dwells[5].rows), (180, 27));
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
 }
 
 #[test]
-fn positions_outside_set_points_are_put_together_by_set_point() {
+fn dwells_sorted_by_position_are_grouped_by_set_point() {
     let truth = truth(TILT_RAD, 9.8015);
-    let plan = noiseless(Scheme::SixFacesTwoHeadings.positions());
-    let mut rows: Vec<SimulatedRow> = campaign(&truth, &plan, 1).collect();
+    let schedule = noiseless(Scheme::SixFacesTwoHeadings.positions());
+    let mut rows: Vec<SimulatedRow> = campaign(&truth, &schedule, 1).collect();
     rows.sort_by_key(|row| row.position);
     for (index, row) in (0..).zip(&mut rows) {
         (row.raw.sequence, row.raw.timestamp_ns) = (index, (index + 1) * 10_000_000_000);
     }
-    let stated = stated(&truth, &plan);
-    let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), CalibrationOptions::default()).unwrap();
+    let file = campaign_file(&truth, &schedule);
+    let calibration = calibrate(&file, dwells(&file, &csv(rows)).unwrap(), CalibrationOptions::default()).unwrap();
     assert_eq!(calibration.set_points.len(), 15);
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
 }
 
 #[test]
-fn heating_and_cooling_are_told_apart() {
+fn a_difference_between_heating_and_cooling_gives_a_warning() {
     let truth = truth(TILT_RAD, 9.8015);
     let up: Vec<f64> = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
     let down: Vec<f64> = up.iter().rev().copied().collect();
-    let plan =
+    let schedule =
         CampaignSchedule { set_points_c: [up, down].concat(), ..noiseless(Scheme::SixFacesTwoHeadings.positions()) };
-    let mut rows: Vec<SimulatedRow> = campaign(&truth, &plan, 1).collect();
-    // The last set point of the way up is the first of the way down: one stay. Cooling reads 20e-6 g0 more on A1.
+    let mut rows: Vec<SimulatedRow> = campaign(&truth, &schedule, 1).collect();
+    // The last set point of the heating is the first of the cooling: one stay. While cooling, A1 reads 20e-6 g0 more.
     let half = rows.len() / 2;
     for row in &mut rows[half..] {
         if row.raw.positive_pulses[0] > 300 {
             row.raw.positive_pulses[0] += 18;
         }
     }
-    let stated = stated(&truth, &plan);
+    let file = campaign_file(&truth, &schedule);
     let options = CalibrationOptions { order: Some(3), ..CalibrationOptions::default() };
-    let calibration = calibrate(&stated, dwells(&stated, &csv(rows)).unwrap(), options).unwrap();
+    let calibration = calibrate(&file, dwells(&file, &csv(rows)).unwrap(), options).unwrap();
     assert_eq!(calibration.set_points.len(), 13);
     let warned =
         calibration.findings.iter().any(|f| f.message.starts_with("A1 positive_scale_factor: heating and cooling"));

@@ -1,4 +1,4 @@
-//! What the tests share: a campaign on paper, from the rows as a laboratory would deliver them.
+//! Functions that the tests share: simulated campaigns with known truth, as files like those of a laboratory.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
@@ -15,20 +15,20 @@ pub fn paper() -> CoefficientTable {
     CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None).unwrap()
 }
 
-/// Noise of the telemetry and the sensors only: what the turntable and the set points do is exact.
+/// Noise of the telemetry and the sensors only: turntable angles are exact, and visits of a set point repeat exactly.
 pub fn quiet() -> Noise {
     Noise { bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0, ..Noise::default() }
 }
 
-/// The campaign file that belongs to a simulated campaign.
-pub fn stated(truth: &Truth, plan: &CampaignSchedule) -> Campaign {
+/// The campaign file of a simulated campaign.
+pub fn campaign_file(truth: &Truth, schedule: &CampaignSchedule) -> Campaign {
     let content = truth.table.content();
     let (imu, unit) = (content.imu.as_str(), &content.temperature_unit);
-    let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &plan.positions);
+    let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &schedule.positions);
     Campaign::from_toml(&text).unwrap()
 }
 
-/// The rows as a file's text.
+/// The rows as the text of a samples file.
 pub fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
     let mut writer = RawCsvWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
     for row in rows {
@@ -37,31 +37,31 @@ pub fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
     writer.finish().unwrap()
 }
 
-/// The dwells of a file's text.
+/// The dwells in the text of a samples file.
 pub fn dwells(campaign: &Campaign, text: &[u8]) -> Result<Vec<Dwell>, String> {
     let reader = CampaignCsvReader::new(text).map_err(|error| error.to_string())?;
     read(campaign, reader).map_err(|error| error.to_string())
 }
 
-/// A whole simulated campaign.
+/// The calibration from a whole simulated campaign, with its campaign file.
 pub fn calibrated(
     truth: &Truth,
-    plan: &CampaignSchedule,
+    schedule: &CampaignSchedule,
     seed: u64,
     options: CalibrationOptions,
 ) -> Result<(Campaign, Calibration), CalibrationError> {
-    let stated = stated(truth, plan);
-    let dwells = dwells(&stated, &csv(campaign(truth, plan, seed))).unwrap();
-    let calibration = calibrate(&stated, dwells, options)?;
-    Ok((stated, calibration))
+    let file = campaign_file(truth, schedule);
+    let dwells = dwells(&file, &csv(campaign(truth, schedule, seed))).unwrap();
+    let calibration = calibrate(&file, dwells, options)?;
+    Ok((file, calibration))
 }
 
-/// The paper's IMU with the usual misalignment.
+/// The paper's IMU with the misalignment [`MISALIGNMENT`].
 pub fn paper_truth(tilt: [f64; 2], gravity: f64) -> Truth {
     Truth::new(paper().content().clone(), MISALIGNMENT, tilt, gravity).unwrap()
 }
 
-/// Exact but for telemetry and pulses, which are whole.
+/// A campaign without noise; only telemetry and pulses are quantised.
 pub fn noiseless(positions: Vec<Position>) -> CampaignSchedule {
     CampaignSchedule { positions, noise: Noise::NONE, ..CampaignSchedule::default() }
 }

@@ -1,4 +1,4 @@
-//! Are the intervals what they say? Over 200 simulated campaigns, 95 % intervals must contain the truth in 184 to 196.
+//! Coverage of the confidence intervals: in 184 to 196 of 200 simulated campaigns a 95 % interval must contain the truth.
 
 use crate::common::{calibrated, paper};
 use isotherm_calibration::calibrate::CalibrationOptions;
@@ -9,10 +9,10 @@ const CAMPAIGNS: u64 = 200;
 const LEVEL: f64 = 0.95;
 
 #[test]
-fn intervals_contain_the_truth_as_often_as_they_say() {
-    let plan = CampaignSchedule { interval_ns: 60_000_000_000, ..CampaignSchedule::default() };
+fn intervals_contain_the_truth_as_often_as_their_level_states() {
+    let schedule = CampaignSchedule { interval_ns: 60_000_000_000, ..CampaignSchedule::default() };
     let paper = paper();
-    // Hits by name.
+    // Number of intervals that contain the truth, by name.
     let mut hits: Vec<(String, u32)> = Vec::new();
     let mut count = |name: String, hit: bool| {
         match hits.iter_mut().find(|(known, _)| *known == name) {
@@ -23,7 +23,7 @@ fn intervals_contain_the_truth_as_often_as_they_say() {
     for seed in 0..CAMPAIGNS {
         let truth = Truth::varied(paper.content(), seed).unwrap();
         let (_, calibration) =
-            calibrated(&truth, &plan, seed, CalibrationOptions { order: Some(3), ..CalibrationOptions::default() })
+            calibrated(&truth, &schedule, seed, CalibrationOptions { order: Some(3), ..CalibrationOptions::default() })
                 .unwrap();
         let axes = calibration.solution.axes.iter().zip(&truth.table.content().axes);
         for (axis, ((part, right), axis_name)) in axes.zip(AXIS_NAMES).enumerate() {

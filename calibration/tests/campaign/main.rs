@@ -1,4 +1,4 @@
-//! Campaigns from their rows to their tables.
+//! Simulated campaigns, from their rows to their tables.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod accuracy;

@@ -1,4 +1,4 @@
-//! `calibrate`: from a campaign to a coefficient table.
+//! `calibrate`: makes a coefficient table from a campaign.
 
 use super::inputs;
 use crate::progress::{bytes_bar, spinner};
@@ -8,7 +8,7 @@ use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_table, sha256, tool};
 use isotherm_calibration::report;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Guard, LoadError, StagedText, read_text, refuse_overlap};
+use isotherm_files::{LoadError, StagedText, WorldWritable, read_text, refuse_overlap};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ pub struct Calibrate {
     /// Order of every polynomial, 0 to 7; auto chooses each from the data
     #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
     order: PolynomialOrder,
-    /// All dwells at once, each with its own telemetry; or each set point first, then polynomials
+    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials
     #[arg(long, value_name = "one-stage|two-stage", default_value = "one-stage", value_parser = method)]
     method: Method,
     /// Give the table an alignment matrix, from the misalignments
@@ -77,7 +77,7 @@ fn place(text: &str) -> Result<(f64, u32), String> {
 
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
-        let (text, _) = read_text(&self.campaign, Guard::Lax)?;
+        let (text, _) = read_text(&self.campaign, WorldWritable::Allow)?;
         let campaign = Campaign::from_toml(&text);
         let campaign = campaign.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
         let folder = self.campaign.parent().unwrap_or(Path::new(""));
@@ -89,9 +89,9 @@ impl Calibrate {
         files.push((&self.campaign, "the campaign file"));
         refuse_overlap(&files, &[Some(&self.output), self.report.as_deref()])?;
         let first = samples.first().unwrap_or(&self.campaign);
-        // Before minutes are spent on reading.
+        // Checked first, because reading may take minutes.
         observable(&campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
-        // Both files, or none.
+        // Both files are created before the fit, so that either both are written or none.
         let table = StagedText::create(Some(&self.output))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (dwells, places, samples_sha256) = read_samples(&campaign, &samples)?;
@@ -130,7 +130,7 @@ impl Calibrate {
     }
 }
 
-/// The dwells of the samples, where their rows are, and the SHA-256 of the files.
+/// Reads the samples. Returns their dwells, the places of their rows, and the SHA-256 of the files.
 fn read_samples(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Vec<Dwell>, Places, String), Failure> {
     let bar = bytes_bar(paths, "reading");
     let choice = ImuChoice::Prefer(campaign.imu.clone());

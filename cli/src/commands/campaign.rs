@@ -3,13 +3,13 @@
 use super::options;
 use crate::parse::{over_0, seconds};
 use clap::{Args, Subcommand};
-use isotherm_campaign::control::{self, Lock, runner, snapshot};
+use isotherm_campaign::control::{self, Lock, runner_pid, snapshot};
 use isotherm_campaign::finish::Finish;
 use isotherm_campaign::journal::{self, Entry, Journal};
 use isotherm_campaign::plan::Plan;
 use isotherm_campaign::progress::{self, STATUS, Snapshot};
 use isotherm_campaign::runner::Runner;
-use isotherm_campaign::samples::describe;
+use isotherm_campaign::samples::write_campaign_file;
 use isotherm_campaign::station::Station;
 use isotherm_campaign::timeline::{duration, left_s, moments, units};
 use isotherm_client::Domain;
@@ -26,8 +26,8 @@ use std::time::Duration;
 
 /// Drive chamber and two-axis table through a campaign, and take its samples
 ///
-/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the folder
-/// that comes of it is what `isotherm calibrate` reads.
+/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the
+/// folder that it writes is what `isotherm calibrate` reads.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
@@ -35,7 +35,7 @@ use std::time::Duration;
 )]
 pub struct CampaignCommand {
     #[command(subcommand)]
-    what: CampaignAction,
+    action: CampaignAction,
 }
 
 #[derive(Debug, Subcommand)]
@@ -48,7 +48,8 @@ enum CampaignAction {
 
 /// Run the campaign, or go on with the first dwell that is missing
 ///
-/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: table stopped, chamber in standby. Run it again to go on.
+/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: table stopped, chamber in standby. Run it
+/// again to go on.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --alignment --require 10"
@@ -57,7 +58,7 @@ struct RunCampaign {
     /// The plan
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
-    /// Go on to fit the table, with a report, and look at the verification runs
+    /// Then fit the table, write its report, and evaluate the verification runs
     #[arg(long)]
     calibrate: bool,
     /// With --calibrate: install the table if every axis is FACTOR times more stable in every verification run
@@ -66,7 +67,8 @@ struct RunCampaign {
     /// Give the table an alignment matrix, from the misalignments
     #[arg(long, requires = "calibrate")]
     alignment: bool,
-    /// The laboratory is simulated and runs N times faster: all waits of the plan are divided by it, time-outs of the lines are not
+    /// The laboratory is simulated and runs N times faster: all waits of the plan are divided by it, time-outs of the lines are
+    /// not
     #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
     speed: f64,
     /// Log lines for people or for machines; on a terminal there are bars instead
@@ -114,7 +116,7 @@ fn speed(text: &str) -> Result<f64, String> {
 
 impl CampaignCommand {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
-        match self.what {
+        match self.action {
             CampaignAction::Run(run) => run.run(domain),
             CampaignAction::Check(check) => check.run(),
             CampaignAction::Status(status) => status.run(),
@@ -142,7 +144,7 @@ impl RunCampaign {
         fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
         let ended = Arc::<AtomicUsize>::default();
-        // nohup stays what it is.
+        // Under nohup SIGHUP is ignored, and stays so.
         for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
             let registered = signal_hook::flag::register_usize(signal, Arc::clone(&ended), signal as usize);
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
@@ -151,7 +153,7 @@ impl RunCampaign {
         let left = journal::needs_safe_state(&plan.output);
         let runner = (|| {
             let (journal, history) = Journal::open(&plan)?;
-            describe(&plan)?;
+            write_campaign_file(&plan)?;
             let done = history.kept.len() == units(&plan) && history.safe;
             let runner = || Runner::new(&plan, (journal, &history), options.clone(), self.speed, Arc::clone(&ended));
             if done { Ok(None) } else { runner().map(Some) }
@@ -187,7 +189,7 @@ impl CheckCampaign {
         let _ = plan.verify.map(|verify| write!(text, ", {} verification runs", verify.runs));
         let _ = writeln!(text, "; about {}\n", duration(takes_s));
         for moment in moments(&plan) {
-            let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.what);
+            let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.event);
         }
         print(&text)
     }
@@ -196,7 +198,7 @@ impl CheckCampaign {
 impl StatusCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load(&self.plan)?;
-        let (pid, snapshot) = (runner(&plan.output)?, snapshot(&plan.output)?);
+        let (pid, snapshot) = (runner_pid(&plan.output)?, snapshot(&plan.output)?);
         let Some(snapshot) = snapshot else {
             let message = format!("{}: no campaign has been run there", plan.output.display());
             return Err(Failure::new(Exit::Unavailable, message));
@@ -239,16 +241,16 @@ impl StopCampaign {
     }
 }
 
-/// The safe state, which the runner has ended without.
+/// Brings chamber and table into the safe state, after a runner that ended without doing so.
 fn safe(plan: &Plan) -> Result<(), Failure> {
     let _lock = Lock::take(&plan.output)?;
-    let (table, chamber) = Station::new(plan, true).safe();
+    let (table, chamber) = Station::new(plan, true).enter_safe_state();
     let certain = table.is_reached() && chamber.is_reached();
-    let reason = "asked for after its runner had ended without".to_owned();
+    let reason = "requested after its runner had ended without".to_owned();
     let text = format!("{reason}\nsafe state: {table}; {chamber}");
-    let told = snapshot(&plan.output)?.unwrap_or_default();
-    let told = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..told };
-    progress::write(&plan.output.join(STATUS), &told);
+    let last = snapshot(&plan.output)?.unwrap_or_default();
+    let last = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..last };
+    progress::write(&plan.output.join(STATUS), &last);
     let (table, chamber) = (table.to_string(), chamber.to_string());
     let noted = journal::append(&plan.output, Entry::Safe { reason, table, chamber, certain });
     noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;

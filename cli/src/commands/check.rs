@@ -1,4 +1,4 @@
-//! Files of the laboratory that `check` knows besides tables and configurations.
+//! The laboratory's kinds of files, which `check` knows besides tables and configurations.
 
 use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
@@ -8,7 +8,7 @@ use isotherm_files::LoadError;
 use isotherm_service::commands::check::FileKind;
 use std::path::Path;
 
-/// A plan is looked for first: it has positions, too.
+/// The plan is tried first, because it may have positions like a campaign.
 pub const KINDS: [FileKind; 2] = [
     FileKind { name: "a campaign plan", mark: "[chamber]", is_meant: Plan::is_meant, check: plan },
     FileKind {

@@ -1,4 +1,4 @@
-//! `clean`: what a domain has left behind.
+//! `clean`: removes what a domain has left behind.
 
 use clap::Args;
 use isotherm_client::Domain;

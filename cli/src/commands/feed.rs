@@ -1,4 +1,4 @@
-//! `feed`: an acquisition process that sends a recording.
+//! `feed`: sends a recording as an acquisition process does.
 
 use super::{inputs, options};
 use crate::parse::seconds;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long to wait at a time.
+/// Longest single wait for an answer; signals and flushes are checked after each.
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// Send a recording through the running service, as an acquisition process does
@@ -33,7 +33,7 @@ pub struct Feed {
     imu: ImuId,
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
     ///
-    /// Of one with several IMUs, the samples of this one
+    /// If it has several IMUs, only the samples of this one are sent
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Where the increments go (CSV); - is stdout
@@ -57,10 +57,10 @@ impl Feed {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let path = self.output.as_deref();
         refuse_overlap(&inputs(&self.recording), &[path])?;
-        // On a terminal that the increments do not go to.
+        // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
         let samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
-        // Before anything is sent it must be sure that the answers can be written.
+        // The output is opened before anything is sent, so that the answers can be written.
         let sink = Output::create(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
         let acquisition = Acquisition::connect(&self.imu, &options(domain, self.timeout))?;
@@ -69,17 +69,24 @@ impl Feed {
             Err(error) => return check_written(path, Err(error)),
         };
         let window = self.window.map_or(acquisition.depth(), |window| acquisition.depth().min(window as usize));
-        let (heard, interrupted) = (Instant::now(), interrupted());
-        let mut feeder =
-            Feeder { acquisition, writer, window, timeout: self.timeout, heard, flushed: heard, interrupted };
+        let (last_activity, interrupted) = (Instant::now(), interrupted());
+        let mut feeder = Feeder {
+            acquisition,
+            writer,
+            window,
+            timeout: self.timeout,
+            last_activity,
+            flushed: last_activity,
+            interrupted,
+        };
         let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
-        let (mut due, mut session) = (heard, None);
+        let (mut due, mut session) = (last_activity, None);
         let result = (|| {
             for sample in samples {
                 let sample = match sample {
                     Ok(sample) => sample,
                     Err(error) => {
-                        // What has been sent is written, as `replay` would have.
+                        // Write the answers to what has been sent, as `replay` would.
                         feeder.drain()?;
                         feeder.writer.flush().map_err(FeedError::Write)?;
                         return Err(error.into());
@@ -122,14 +129,14 @@ impl<T: Into<Failure>> From<T> for FeedError {
     }
 }
 
-/// The acquisition with what comes out of it.
+/// The acquisition and the writer of its increments.
 struct Feeder {
     acquisition: Acquisition,
     writer: IncrementCsvWriter<Output>,
     window: usize,
     timeout: Duration,
     /// When the last increment came, or the first unanswered sample was sent.
-    heard: Instant,
+    last_activity: Instant,
     flushed: Instant,
     interrupted: Arc<AtomicBool>,
 }
@@ -143,7 +150,7 @@ impl Feeder {
         let session = loan.session;
         *loan = RawSample { session, sent_ns: 0, ..*sample };
         if self.acquisition.in_flight() == 0 {
-            self.heard = Instant::now();
+            self.last_activity = Instant::now();
         }
         let sent = self.acquisition.send(loan);
         sent.map_err(|error| Failure::new(Exit::Failed, format!("sending sample {}: {error}", sample.sequence)).into())
@@ -165,12 +172,12 @@ impl Feeder {
         }
     }
 
-    /// Writes the next increment, waiting up to `timeout` for it. Whether one came.
+    /// Waits up to `timeout` for the next increment and writes it. Returns whether one came.
     fn receive(&mut self, timeout: Duration) -> Result<bool, FeedError> {
         if let Some(increment) = self.acquisition.receive_timeout(timeout)? {
-            self.heard = Instant::now();
+            self.last_activity = Instant::now();
             self.writer.write(&increment).map_err(FeedError::Write)?;
-        } else if self.acquisition.in_flight() > 0 && self.heard.elapsed() > self.timeout {
+        } else if self.acquisition.in_flight() > 0 && self.last_activity.elapsed() > self.timeout {
             let message = format!(
                 "no answer from the service for {} s, {} samples unanswered; start it again, or give it longer with --timeout",
                 self.timeout.as_secs_f64(),
@@ -178,7 +185,7 @@ impl Feeder {
             );
             return Err(Failure::new(Exit::Unavailable, message).into());
         } else {
-            // Whoever reads along gets what there is.
+            // Flush, so that a program that reads the output gets what has come.
             if self.flushed.elapsed() > PAUSE {
                 self.writer.flush().map_err(FeedError::Write)?;
                 self.flushed = Instant::now();
@@ -192,11 +199,11 @@ impl Feeder {
     }
 }
 
-/// Set by SIGINT and SIGTERM, so that no half of a file is left behind.
+/// A flag that SIGINT and SIGTERM set, so that no incomplete file is left behind.
 fn interrupted() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
-        // Without a handler the signal ends the process as usual.
+        // If no handler can be set, the signal ends the process as usual.
         let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
     }
     flag

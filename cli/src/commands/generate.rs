@@ -1,4 +1,4 @@
-//! `completions` and `man`: made of the command line itself.
+//! `completions` and `man`: generated from the definition of the command line.
 
 use crate::Cli;
 use clap::Args;

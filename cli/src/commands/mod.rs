@@ -1,4 +1,4 @@
-//! The commands, one file each: arguments in, a library's function, words and exit code out.
+//! The commands, one file each. A command parses its arguments, calls a library, prints messages and returns the exit code.
 
 mod calibrate;
 mod campaign;
@@ -44,7 +44,7 @@ pub const WITHOUT_DOMAIN: [&str; 13] = [
     "verify",
 ];
 
-/// What the program can be asked for.
+/// The commands of the program.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     Serve(Serve),
@@ -67,10 +67,10 @@ pub enum Command {
 }
 
 impl Command {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
-    /// Phase, cause and remedy, with the exit code.
+    /// The failure names phase, cause and remedy, and has the exit code.
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         if self.writes_and_ends() {
             remove_unfinished_on_signals()?;
@@ -96,7 +96,7 @@ impl Command {
         }
     }
 
-    /// Whether it writes files and ends, and leaves signals to others.
+    /// Whether the command writes files, ends by itself and handles no signals of its own.
     fn writes_and_ends(&self) -> bool {
         match self {
             Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Man(_) => true,
@@ -115,7 +115,7 @@ fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
     recording.iter().map(|path| (path.as_path(), "the recording")).collect()
 }
 
-/// Whose samples are read for a table: those of the IMU that is named, or of the table's.
+/// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.
 fn choice(imu: Option<ImuId>, table: &CoefficientTable) -> ImuChoice {
     imu.map_or_else(|| ImuChoice::Prefer(table.content().imu.clone()), ImuChoice::Only)
 }

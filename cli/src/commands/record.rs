@@ -1,4 +1,4 @@
-//! `record`: the streams of running IMUs into files.
+//! `record`: writes the streams of running IMUs into files.
 
 use super::options;
 use crate::parse::seconds;
@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording_formats::write::{Files, Format, IMU, Rotation};
+use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, Rotation};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::stream::StreamKind;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -18,8 +18,8 @@ use std::time::Duration;
 
 /// Record raw samples and increments of running IMUs, without disturbing them
 ///
-/// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every moment the files
-/// hold everything up to the last flush, even if the recorder is killed.
+/// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every moment the
+/// files hold everything up to the last flush, even if the recorder is killed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head"
@@ -30,10 +30,11 @@ pub struct Record {
     imus: Vec<ImuId>,
     /// Where the rows go: .csv, .parquet or .mcap; {imu} in the name stands for the IMU; - is stdout (CSV)
     ///
-    /// CSV and Parquet have one file a stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is never replaced.
+    /// CSV and Parquet have one file per stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is never
+    /// replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// What the files are, whatever their name
+    /// Format of the files, whatever their name ends with
     #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(Format::NAMES.map(|(_, name)| name)).map(format))]
     format: Option<Format>,
     /// Only this stream; both unless given, and raw if they go to stdout
@@ -95,9 +96,11 @@ impl Record {
         {
             return usage("stdout takes one stream of one IMU as CSV, without rotation; name a file".to_owned());
         }
-        let apart = name.contains(IMU);
-        if self.imus.len() > 1 && format != Format::Mcap && !apart {
-            return usage(format!("several IMUs need a file each: put {IMU} into the name {name}, or record MCAP"));
+        let file_per_imu = name.contains(IMU_PLACEHOLDER);
+        if self.imus.len() > 1 && format != Format::Mcap && !file_per_imu {
+            return usage(format!(
+                "several IMUs need a file each: put {IMU_PLACEHOLDER} into the name {name}, or record MCAP"
+            ));
         }
         let kinds = match self.stream {
             Some(stream) => vec![stream],
@@ -106,7 +109,7 @@ impl Record {
         };
         let all = |imu: usize| kinds.iter().map(move |stream| (imu, *stream));
         let streams: Vec<_> = (0..self.imus.len()).flat_map(all).collect();
-        let groups: Vec<Vec<_>> = match apart {
+        let groups: Vec<Vec<_>> = match file_per_imu {
             true => (0..self.imus.len()).map(|imu| all(imu).collect()).collect(),
             false => vec![streams.clone()],
         };
@@ -115,7 +118,7 @@ impl Record {
             match Files::create(output, format, rotation, &self.imus, &group) {
                 Ok(made) => files.push(made),
                 Err(error) => {
-                    // All or none.
+                    // Either all files are created or none.
                     remove(&files);
                     return Err(file_failure(&error));
                 }

@@ -14,13 +14,13 @@ use serde_json::json;
 use std::io::{self, Write as _};
 use std::path::PathBuf;
 
-/// What is read as a number, and as a weight.
+/// Descriptions of a valid number and a valid weight, for messages.
 const NUMBER: &str = "a finite number, 0 or of size 1e-140 to 1e140";
 const WEIGHT: &str = "a weight over 0, and from 1e-140 to 1e140";
-/// Outliers whose lines are named.
+/// Most outliers whose lines are listed.
 const NAMED: usize = 20;
 
-/// Fit polynomials of one column on another: order table, chosen order, and what speaks against it
+/// Fit polynomials of one column on another: order table, chosen order, and warnings
 ///
 /// Every order from 1 to the highest is fitted, in double-double arithmetic on the decimals as they are written. The chosen
 /// order is the highest whose last term is both significant and moves the curve by more than a threshold.
@@ -32,7 +32,7 @@ pub struct Regress {
     /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; - is stdin
     #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
-    /// Whose columns, in a recording of several IMUs
+    /// The IMU whose columns are read, in a recording of several IMUs
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// Column of the variable, for example the telemetry
@@ -96,7 +96,7 @@ impl Regress {
             let more = outliers.len() - named.len();
             let more = if more > 0 { format!(" and {more} more") } else { String::new() };
             warnings.push(format!(
-                "out of all proportion to the other residuals, but kept: line {}{more}; look at them",
+                "far larger than the other residuals, but kept: line {}{more}; look at them",
                 named.join(", ")
             ));
         }

@@ -1,4 +1,4 @@
-//! `relay`: increments on into another domain.
+//! `relay`: hands increments on into another domain.
 
 use super::options;
 use clap::Args;
@@ -16,15 +16,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tracing::{info, warn};
 
-/// Pause between two looks at the streams. A tunnel looks more rarely.
+/// Pause between two polls of the streams. A tunnel polls less often.
 const PAUSE: Duration = Duration::from_micros(500);
-/// How often dead peers are cleaned away and losses are told.
+/// How often dead peers are cleaned up and losses are logged.
 const HOUSEKEEPING: Duration = Duration::from_secs(1);
 
 /// Hand increments on into another domain, from where a tunnel carries them to other machines
 ///
-/// A reader like any other: it cannot disturb the service, and nothing comes back from the other domain. It may be started before the service and
-/// stays through its restarts. Runs until SIGTERM or SIGINT.
+/// A reader like any other: it cannot disturb the service, and nothing comes back from the other domain. It may be started before
+/// the service and stays through its restarts. Runs until SIGTERM or SIGINT.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm relay --imu imu-a --to net\n  isotherm --domain bench relay --imu imu-a --imu imu-b --to bench-net"
@@ -121,11 +121,11 @@ impl RelayedImu {
         Ok(Self { imu, reader, publisher, connected: false, last: None, missing: 0 })
     }
 
-    /// Hands on what is there, at most a queue's depth.
+    /// Hands on the increments that have come, at most a queue's depth.
     fn hand_on(&mut self) -> Result<(), Failure> {
         for _ in 0..INCREMENT_DEPTH {
             let Some(increment) = self.reader.receive()? else { break };
-            // Whoever reads too slowly loses its oldest; publishing does not fail for that.
+            // A slow reader loses its own oldest increments; publishing does not fail for it.
             self.publisher.send_copy(increment).map_err(|error| broken("publishing an increment", error))?;
             let next =
                 self.last.filter(|(session, _)| *session == increment.session).map(|(_, last)| last.wrapping_add(1));

@@ -1,10 +1,10 @@
-//! `replay`: the kernel over a recording.
+//! `replay`: compensates a recording with the kernel.
 
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::ImuId;
 use isotherm_failure::Failure;
-use isotherm_files::{Guard, Output, check_written, load_table, refuse_overlap};
+use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
 use isotherm_recording::IncrementCsvWriter;
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::compensate::answer;
@@ -21,7 +21,7 @@ pub struct Replay {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
-    /// Whose samples, in a recording of several IMUs [default: the table's IMU's]
+    /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
@@ -37,7 +37,7 @@ impl Replay {
         let mut inputs = super::inputs(&self.recording);
         inputs.push((&self.table, "the table"));
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
-        let (table, _) = load_table(&self.table, None, Guard::Lax)?;
+        let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
         let choice = super::choice(self.imu, &table);
         let samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
         let path = self.output.as_deref();

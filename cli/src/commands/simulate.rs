@@ -1,4 +1,4 @@
-//! `simulate`: data from a known truth, and a whole simulated station.
+//! `simulate`: data of an IMU with known coefficients, and a whole simulated station.
 
 mod options;
 mod station;
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Most rows of a file: a hundred hours at 1 kHz, some 50 GB.
 const MAX_ROWS: u64 = 360_000_000;
-/// Rows between two looks of the progress bar.
+/// Rows between two updates of the progress bar.
 const BAR_ROWS: u64 = 4096;
 
 /// Make a campaign or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
@@ -35,7 +35,7 @@ const BAR_ROWS: u64 = 4096;
 )]
 pub struct Simulate {
     #[command(subcommand)]
-    what: Simulation,
+    simulation: Simulation,
 }
 
 #[derive(Debug, Subcommand)]
@@ -76,7 +76,7 @@ struct SimulateCampaign {
     /// Error of the turntable's angles in each dwell, one sigma [arcsec]
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
-    /// The telemetry is read so often [s]; 0 for every row
+    /// Time between two telemetry readings [s]; 0 for a reading in every row
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
 }
@@ -104,19 +104,19 @@ struct SimulateRun {
     /// Hold before the ramp, and again after it [s]
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
-    /// The telemetry is read so often [s]; 0 for every row
+    /// Time between two telemetry readings [s]; 0 for a reading in every row
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
 }
 
 impl Simulate {
-    /// Whether it writes its files and ends, and leaves signals to others.
+    /// Whether the command writes files, ends by itself and handles no signals of its own.
     pub fn writes_and_ends(&self) -> bool {
-        matches!(self.what, Simulation::Campaign(_) | Simulation::Run(_))
+        matches!(self.simulation, Simulation::Campaign(_) | Simulation::Run(_))
     }
 
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
-        match self.what {
+        match self.simulation {
             Simulation::Campaign(campaign) => campaign.run(),
             Simulation::Run(run) => run.run(),
             Simulation::Station(station) => station.run(domain),
@@ -188,13 +188,13 @@ impl SimulateRun {
         };
         reachable(&truth, &chain, &self.temperatures)?;
         #[derive(Serialize)]
-        struct Schedule<'a> {
+        struct RunScheduleDocument<'a> {
             /// \[g0\]
             specific_force: [f64; AXES],
             #[serde(flatten)]
             run: &'a RunSchedule,
         }
-        let schedule = Schedule { specific_force: run.specific_force(&truth), run: &run };
+        let schedule = RunScheduleDocument { specific_force: run.specific_force(&truth), run: &run };
         let SimulatedImuOptions { output, seed, .. } = &self.imu;
         let rows = simulation::run(&truth, &run, *seed).map(|raw| ("", raw));
         write_rows(output, "run.csv", "", chain.telemetry_s > 0.0, run.samples(), rows)?;
@@ -202,7 +202,7 @@ impl SimulateRun {
     }
 }
 
-/// Refuses chamber temperatures at which the truth says nothing.
+/// Refuses chamber temperatures outside the range of the truth's coefficients.
 fn reachable(truth: &Truth, chain: &Chain, temperatures_c: &[f64]) -> Result<(), Failure> {
     let low = temperatures_c.iter().copied().fold(f64::INFINITY, f64::min);
     let high = temperatures_c.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -212,7 +212,7 @@ fn reachable(truth: &Truth, chain: &Chain, temperatures_c: &[f64]) -> Result<(),
     }
 }
 
-/// Writes `rows` into `name`, with a bar on a terminal.
+/// Writes `rows` into `name`, with a progress bar on a terminal.
 fn write_rows(
     folder: &Path,
     name: &str,

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 /// Watch the running service on a live screen
 ///
-/// Waits for a service that is not there, and goes on when it returns. Keys: q quits, up and down select an IMU, p pauses, ? tells the
-/// rest. NO_COLOR switches colours off.
+/// Waits for a service that is not there, and goes on when it returns. Keys: q quits, up and down select an IMU, p pauses, ?
+/// shows the rest. NO_COLOR switches colours off.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm top\n  isotherm top --domain bench\n  ssh -t vehicle sudo -u isotherm isotherm top"
@@ -27,7 +27,7 @@ impl Top {
             let message = "top needs a terminal with a cursor that moves; `isotherm status` prints the same once, `ssh -t` gives one";
             return Err(Failure::new(Exit::Usage, message));
         }
-        // As locale(7) has it: the first of the three that is set counts.
+        // As in locale(7): the first of the three that is set counts.
         let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(set).map(OsString::into_encoded_bytes);
         let locale = locale.unwrap_or_default().to_ascii_lowercase();
         let unicode = [&b"utf-8"[..], b"utf8"].iter().any(|name| locale.windows(name.len()).any(|part| part == *name));

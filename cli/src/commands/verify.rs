@@ -9,7 +9,7 @@ use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::stability::{Collector, Setup};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Guard, StagedText, load_table, print, refuse_overlap};
+use isotherm_files::{StagedText, WorldWritable, load_table, print, refuse_overlap};
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::wire::AXES;
 use std::io::{self, Write as _};
@@ -28,7 +28,7 @@ pub struct Verify {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
-    /// Whose samples, in a recording of several IMUs [default: the table's IMU's]
+    /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
@@ -56,7 +56,7 @@ impl Verify {
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
         refuse_overlap(&files, &[self.report.as_deref()])?;
-        let (table, _) = load_table(&self.table, None, Guard::Lax)?;
+        let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.as_secs_f64();
@@ -69,7 +69,7 @@ impl Verify {
         let recording = names.join(", ");
         let stability = collector.finish(&Setup::new(self.attitude, self.gravity_local, &table));
         let stability = stability.map_err(|error| Failure::new(Exit::Data, format!("{recording}: {error}")))?;
-        if let Some(warning) = stability.not_gravity() {
+        if let Some(warning) = stability.gravity_mismatch() {
             let _ = writeln!(io::stderr(), "isotherm: warning: {recording}: {warning}");
         }
         print(&report::text::stability(&stability, window_s, table.content().alignment.is_some()))?;

@@ -14,28 +14,28 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tally::{Ledger, Tally};
 
-/// Samples that may wait for the disk, for each IMU: over three seconds at 10 kHz.
+/// Rows of each IMU that may wait for the disk: over 3 s of both streams at 10 kHz.
 const QUEUE: usize = 1 << 16;
-/// Pause of the tap when no stream has anything.
+/// Pause of the tap's thread when no stream has a sample.
 const TAP_PAUSE: Duration = Duration::from_micros(500);
-/// Pause when no row has come.
+/// Pause of the main thread when no row has come.
 const PAUSE: Duration = Duration::from_millis(5);
-/// Rows between two looks at the clock.
+/// Most rows that are written between two readings of the clock.
 const BATCH: usize = 1024;
-/// How often it is looked whether there is something to report.
-const LOOK: Duration = Duration::from_millis(500);
-/// Losses that go on are reported this often.
+/// Longest time between two checks whether there is something to report.
+const REPORT_CHECK: Duration = Duration::from_millis(500);
+/// Shortest time between two reports of losses.
 const REPORT: Duration = Duration::from_secs(10);
 
-/// Indices into the list of IMUs, and which of their streams.
+/// The streams to record: index into the list of IMUs, and kind.
 pub type Streams = Vec<(usize, StreamKind)>;
 
-/// Removes files in which nothing is.
+/// Removes files that have just been created, when nothing is to be recorded into them.
 pub fn remove(files: &[Files]) {
-    files.iter().flat_map(Files::paths_now).for_each(|path| drop(std::fs::remove_file(path)));
+    files.iter().flat_map(Files::current_paths).for_each(|path| drop(std::fs::remove_file(path)));
 }
 
-/// The failure of writing a recording.
+/// A file error as the failure of the command.
 pub fn file_failure(FileError(path, error): &FileError) -> Failure {
     if error.kind() == io::ErrorKind::AlreadyExists {
         let path = path.display();
@@ -52,7 +52,7 @@ pub struct Recorder {
     domain: String,
     tap: Tap,
     files: Vec<Files>,
-    /// The files of each IMU.
+    /// For each IMU the index into `files`.
     route: Vec<usize>,
     ledgers: Vec<Ledger>,
     names: Vec<PathBuf>,
@@ -60,26 +60,26 @@ pub struct Recorder {
     started: Instant,
     first_row: Option<Instant>,
     flushed: Instant,
-    /// There is no room; nothing is taken out of the queue until there is.
+    /// The disk is full. Nothing is taken out of the queue until there is room again.
     stalled: bool,
     reported: Reported,
 }
 
-/// What the operator knows already.
+/// What has been reported to the operator.
 struct Reported {
     connected: u64,
-    /// Whether it has been said which streams are waited for.
+    /// Whether the streams that are waited for have been reported.
     waiting: bool,
     lost: u64,
     lost_at: Option<Instant>,
-    looked: Instant,
+    checked: Instant,
 }
 
 impl Recorder {
-    /// Begins to take the samples of `streams`, which are of these IMUs and go into these files: one for each IMU, or one for all.
+    /// Begins to take the samples of `streams`. `files` has one entry for each IMU, or one for all IMUs.
     ///
     /// # Errors
-    /// If there can be no thread, or none with these settings; the files are then removed.
+    /// If the tap's thread cannot be started with these settings. The files are then removed.
     pub fn start(
         imus: Vec<ImuId>,
         streams: Streams,
@@ -97,12 +97,12 @@ impl Recorder {
         Ok(Self {
             ledgers: vec![Ledger::default(); imus.len()],
             route: (0..imus.len()).map(|imu| if files.len() == 1 { 0 } else { imu }).collect(),
-            names: files.iter().flat_map(Files::paths_now).collect(),
+            names: files.iter().flat_map(Files::current_paths).collect(),
             started: now,
             first_row: None,
             flushed: now,
             stalled: false,
-            reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, looked: now },
+            reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, checked: now },
             rotations: 0,
             domain: options.domain.name().to_owned(),
             imus,
@@ -112,10 +112,11 @@ impl Recorder {
         })
     }
 
-    /// Records until `end` is set or `duration` has passed since the first row; `flush` is how often rows are made visible and lasting.
+    /// Records until `end` is set or `duration` has passed since the first row. Every `flush` the rows are made visible and
+    /// lasting.
     ///
     /// # Errors
-    /// Why it could not go on. What was written stays.
+    /// If a file cannot be written, or the tap fails. What was written stays.
     pub fn run(mut self, end: &AtomicBool, flush: Duration, duration: Option<Duration>) -> Result<(), Failure> {
         let result = self.record(end, flush, duration);
         self.end(result)
@@ -130,16 +131,16 @@ impl Recorder {
                 self.flush()?;
                 self.flushed = Instant::now();
             }
-            if self.reported.looked.elapsed() >= flush.min(LOOK) {
+            if self.reported.checked.elapsed() >= flush.min(REPORT_CHECK) {
                 self.report();
-                self.reported.looked = Instant::now();
+                self.reported.checked = Instant::now();
             }
             if ended && !came {
                 if self.stalled {
                     self.flush()?;
                 }
                 if !self.stalled {
-                    // What waited for room, if there was some, has been taken.
+                    // The disk was not full, or has room again: write the rest of the queue.
                     while self.take()? {}
                 }
                 return Ok(());
@@ -154,7 +155,7 @@ impl Recorder {
         }
     }
 
-    /// Writes what has come, up to [`BATCH`] rows. Whether there was something.
+    /// Writes up to [`BATCH`] rows from the queue. Returns whether there was one.
     fn take(&mut self) -> Result<bool, FileError> {
         for count in 0..BATCH {
             let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
@@ -171,7 +172,7 @@ impl Recorder {
         self.files[self.route[row.imu]].write(row)
     }
 
-    /// A disk that is full is waited for; anything else is an error.
+    /// Flushes all files. If the disk is full the recorder waits for room; every other error is returned.
     fn flush(&mut self) -> Result<(), FileError> {
         for files in &mut self.files {
             match files.flush() {
@@ -200,7 +201,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Tells what the operator should know, as it happens.
+    /// Reports connections, warnings and losses to the operator.
     fn report(&mut self) {
         let connected = self.tap.connected();
         for (imu, id) in self.imus.iter().enumerate() {
@@ -226,10 +227,10 @@ impl Recorder {
         }
     }
 
-    /// Ends the files and sums up.
+    /// Finishes the files and prints the totals.
     fn end(mut self, result: Result<(), FileError>) -> Result<(), Failure> {
         let result = result.and_then(|()| self.files.iter_mut().try_for_each(Files::finish));
-        // Only behind an error is something left over.
+        // Rows are left over only after an error.
         self.tap.end();
         let mut lost = self.files.iter().map(Files::unflushed).sum::<u64>();
         while !self.tap.has_ended() {

@@ -1,9 +1,9 @@
-//! What of an IMU's streams has been recorded, and what is missing.
+//! Counts of what has been recorded of an IMU's streams, and of what is missing.
 
 use isotherm_shared::stream::{RAW_DEPTH, StreamKind};
 use std::collections::VecDeque;
 
-/// Sessions whose ends are compared when both streams have surely been seen to their end.
+/// Most sessions whose first and last sequences are kept for [`Ledger::settle`].
 const SESSIONS: usize = 64;
 
 /// Counts of one stream, by sequence, session by session.
@@ -31,8 +31,8 @@ pub struct Ledger {
 type Ends = [Option<(u64, u64)>; 2];
 
 impl Ledger {
-    /// Counts a row, which comes for the first time. Whether it is to be written: a raw sample behind a later one is not, or the recording
-    /// could not be fed; an answer that was overtaken is an answer still.
+    /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a later one
+    /// is not written, because `feed` needs rising sequences. An increment that comes after a later one is written.
     pub fn take(&mut self, stream: StreamKind, (session, sequence): (u64, u64)) -> bool {
         self.extend(stream, session, sequence);
         let tally = &mut self.tallies[stream as usize];
@@ -61,10 +61,10 @@ impl Ledger {
         &self.tallies[stream as usize]
     }
 
-    /// Counts what is missing at the beginnings and ends of sessions too, which the other stream gives away. To be called at the end, if
-    /// both were recorded.
+    /// Also counts what is missing at the beginnings and ends of sessions, by comparing the two streams. To be called once, at
+    /// the end, if both were recorded.
     pub fn settle(&mut self) {
-        // What was on its way when the recording began or ended is not missing.
+        // Up to RAW_DEPTH samples may have been in flight when the recording began or ended. They are not missing.
         let mut before = RAW_DEPTH as u64;
         while let Some((_, ends)) = self.ends.pop_front() {
             self.compare(ends, before, if self.ends.is_empty() { RAW_DEPTH as u64 } else { 0 });
@@ -90,7 +90,7 @@ impl Ledger {
         let place = match self.ends.iter().rposition(|(known, _)| *known == session) {
             Some(place) => place,
             None => {
-                // Only one who makes sessions up has so many.
+                // Only a faulty acquisition has so many sessions.
                 if self.ends.len() == SESSIONS {
                     self.ends.pop_front();
                 }
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_stream_lost_at_an_end_the_other_tells() {
+    fn losses_at_the_ends_of_a_session_are_found_in_the_other_stream() {
         let mut ledger = Ledger::default();
         take_all(&mut ledger, Raw, 1, 0..10);
         take_all(&mut ledger, Increment, 1, 5..30);
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (0, 0));
         ledger.settle();
         assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (20, 4));
-        // On the way at the end; or lost after all.
+        // Up to 64 unanswered samples are in flight at the end; if there are more, all are lost.
         for (answered, missing) in [(36, 0), (35, 65)] {
             let mut ledger = Ledger::default();
             take_all(&mut ledger, Raw, 1, 0..=100);
@@ -154,7 +154,7 @@ mod tests {
             ledger.settle();
             assert_eq!(ledger.tally(Increment).missing, missing);
         }
-        // On the way at the beginning, or found too late; a later session has no such excuse.
+        // The same at the beginning. In a later session every increment that has not come is missing.
         for (found, missing) in [(64, 0), (65, 65)] {
             let mut ledger = Ledger::default();
             take_all(&mut ledger, Raw, 1, 0..=100);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_a_sender_makes_up() {
+    fn arbitrary_sessions_and_sequences_do_not_overflow() {
         let mut ledger = Ledger::default();
         for session in 0..1000 {
             for sequence in [0, u64::MAX] {

@@ -3,7 +3,7 @@
 use super::increments::CurvePoint;
 use super::model::{Model, Thermometer};
 use super::numbers::{age, microseconds, whole};
-use super::style::{Theme, Weight};
+use super::style::{AlertLevel, Theme};
 use isotherm_client::unix_s;
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS};
 use isotherm_shared::wire::AXES;
@@ -14,17 +14,17 @@ use ratatui::widgets::{Paragraph, RenderDirection, Sparkline, SparklineBar, Wrap
 
 /// Lines that [`draw`] needs.
 pub const FULL_LINES: u16 = 18;
-/// Lines that [`draw_few`] likes to have.
+/// Lines that [`draw_few`] needs for all that it shows.
 pub const FEW_LINES: u16 = 6;
-/// Columns of the latency's figures.
-const FIGURES: u16 = 42;
-/// Columns before a curve.
-const MEANS: u16 = 39;
+/// Columns of the latency figures.
+const LATENCY_COLUMNS: u16 = 42;
+/// Columns of the mean values, which stand before a curve.
+const MEAN_COLUMNS: u16 = 39;
 
-/// Draws all there is. What is left of the height makes curves and histogram higher.
+/// Draws all details. Lines that are left over make curves and histogram higher.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let Some(imu) = model.imu() else { return };
-    let look = model.look;
+    let theme = model.theme;
     let spare = area.height.saturating_sub(FULL_LINES + 2);
     let curve = 1 + (spare / 5).min(3);
     let histogram = 3 + (spare - 3 * (curve - 1)).min(8);
@@ -33,32 +33,32 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let parts = parts.into_iter().chain([Constraint::Min(0)]);
     let [about, temperatures, increments, latency, flags] = Layout::vertical(parts).areas(area);
     frame.render_widget(Paragraph::new(about_lines(model, imu, about.width)), about);
-    frame.render_widget(Paragraph::new(temperature_lines(look, imu, temperatures.width)), temperatures);
+    frame.render_widget(Paragraph::new(temperature_lines(theme, imu, temperatures.width)), temperatures);
     draw_increments(frame, increments, model);
     draw_latency(frame, latency, model, imu);
     frame.render_widget(Paragraph::new(flag_line(model, imu)).wrap(Wrap { trim: true }), flags);
 }
 
-/// Draws what matters most, for small screens.
+/// Draws the most important details, for small screens.
 pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let Some(imu) = model.imu() else { return };
-    let look = model.look;
-    let label = |text: &str| Span::styled(format!("{text} "), look.label());
-    let state = model.state(model.selected(), imu);
+    let theme = model.theme;
+    let label = |text: &str| Span::styled(format!("{text} "), theme.label());
+    let state = model.condition(model.selected(), imu);
     let table = imu.table.as_deref().map_or("no table", |table| short(table));
     let mut lines = vec![Line::from(vec![
-        Span::styled(imu.id.clone(), look.heading()),
+        Span::styled(imu.id.clone(), theme.heading()),
         Span::raw(format!(" {table} ")),
-        Span::styled(state.text, look.weight(state.weight)),
+        Span::styled(state.text, theme.level(state.level)),
     ])];
-    lines.extend(refused_line(look, imu));
+    lines.extend(refused_line(theme, imu));
     let mut spans = vec![label("T")];
     for (axis, places) in (0..AXES).map(|axis| (axis, Thermometer::of(imu, axis))) {
         spans.push(Span::raw(format!("A{} ", axis + 1)));
         for place in places {
             let text =
-                place.part().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
-            spans.push(Span::styled(text, look.weight(place.weight())));
+                place.fraction().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
+            spans.push(Span::styled(text, theme.level(place.level())));
         }
     }
     spans.push(Span::raw("% of range"));
@@ -81,13 +81,13 @@ pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
 }
 
 fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
-    let look = model.look;
-    let rule = look.rule().repeat(2);
+    let theme = model.theme;
+    let rule = theme.rule().repeat(2);
     let digest = imu.table.as_deref().map_or("no table", short);
     let title = format!("{rule} {} {rule} {digest} {rule} ", imu.id);
     let room = usize::from(width).saturating_sub(title.chars().count());
     let file = end_of(&imu.table_file, room);
-    let title = format!("{title}{file} {}", look.rule().repeat(room.saturating_sub(file.chars().count() + 1)));
+    let title = format!("{title}{file} {}", theme.rule().repeat(room.saturating_sub(file.chars().count() + 1)));
     let now = unix_s();
     let since = |unix_s: Option<f64>| unix_s.map_or("-".to_owned(), |then| age(now - then));
     let table = match &imu.table {
@@ -105,32 +105,32 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
         "{}, {} missing in {} gaps, {} repeated; {acquisition}, {} readers",
         imu.received, imu.missing, imu.gaps, imu.repeats, imu.readers
     );
-    let mut lines = vec![Line::styled(title, look.heading()), labelled(look, "table", table)];
-    lines.extend(refused_line(look, imu));
-    lines.push(labelled(look, "samples", samples));
+    let mut lines = vec![Line::styled(title, theme.heading()), labelled(theme, "table", table)];
+    lines.extend(refused_line(theme, imu));
+    lines.push(labelled(theme, "samples", samples));
     lines
 }
 
-/// Why the file as it is now is not in force, in a line.
-fn refused_line(look: Theme, imu: &ImuStatus) -> Option<Line<'static>> {
+/// A line that says why the table file as it is now is not in force.
+fn refused_line(theme: Theme, imu: &ImuStatus) -> Option<Line<'static>> {
     let error = imu.last_reload_error.as_ref()?.replace('\n', "; ");
     let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));
-    Some(Line::styled(format!("REFUSED{since}: {error}"), look.weight(Weight::Bad)))
+    Some(Line::styled(format!("REFUSED{since}: {error}"), theme.level(AlertLevel::Bad)))
 }
 
-fn labelled(look: Theme, label: &str, text: String) -> Line<'static> {
-    Line::from(vec![Span::styled(format!("{label:<10}"), look.label()), Span::raw(text)])
+fn labelled(theme: Theme, label: &str, text: String) -> Line<'static> {
+    Line::from(vec![Span::styled(format!("{label:<10}"), theme.label()), Span::raw(text)])
 }
 
-fn temperature_lines(look: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
+fn temperature_lines(theme: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
     let unit = imu.ranges.as_ref().map_or(String::new(), |ranges| format!(" [{}]", ranges.unit));
     let half = usize::from(width.saturating_sub(4)) / 2;
     let head = format!("{:<4}{:<half$}{}", "", format!("head{unit}"), format_args!("board{unit}"));
-    let mut lines = vec![Line::styled(head, look.label())];
+    let mut lines = vec![Line::styled(head, theme.label())];
     for axis in 0..AXES {
-        let mut spans = vec![Span::styled(format!("A{:<3}", axis + 1), look.label())];
+        let mut spans = vec![Span::styled(format!("A{:<3}", axis + 1), theme.label())];
         for place in Thermometer::of(imu, axis) {
-            spans.extend(gauge(look, place, half.saturating_sub(2)));
+            spans.extend(gauge(theme, place, half.saturating_sub(2)));
             spans.push(Span::raw("  "));
         }
         lines.push(Line::from(spans));
@@ -138,9 +138,9 @@ fn temperature_lines(look: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'stat
     lines
 }
 
-/// A value, and where it lies between the ends of its range: beyond one the marker is an arrow.
-fn gauge(look: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
-    let style = look.weight(place.weight());
+/// A value, and a bar with its position between the ends of its range. Outside the range the marker is an arrow.
+fn gauge(theme: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
+    let style = theme.level(place.level());
     let value = place.value.map_or("none".to_owned(), significant);
     let value = Span::styled(format!("{value:>8}"), style);
     let Some(range) = place.range else {
@@ -148,9 +148,9 @@ fn gauge(look: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
     };
     let [low, high] = range.map(significant);
     let bar = width.saturating_sub(8 + 1 + low.len() + 1 + 1 + high.len()).max(3);
-    let (line, marker) = look.gauge();
+    let (line, marker) = theme.gauge();
     let mut cells = vec![line; bar];
-    let (marker, at) = match place.part() {
+    let (marker, at) = match place.fraction() {
         Some(part) if part < 0.0 => ('<', Some(0)),
         Some(part) if part > 1.0 => ('>', Some(bar - 1)),
         part => (marker, part.map(|part| (part * (bar - 1) as f64).round() as usize)),
@@ -169,22 +169,22 @@ fn gauge(look: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
 }
 
 fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
-    let look = model.look;
+    let theme = model.theme;
     let [head, below] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
-    let width = area.width.saturating_sub(MEANS);
+    let width = area.width.saturating_sub(MEAN_COLUMNS);
     let seconds = f64::from(width) * super::TICK.as_secs_f64();
-    let title = match &model.unread {
-        Some(error) => Line::styled(format!("increments cannot be read: {error}"), look.weight(Weight::Warning)),
+    let title = match &model.read_error {
+        Some(error) => Line::styled(format!("increments cannot be read: {error}"), theme.level(AlertLevel::Warning)),
         None => Line::styled(
             format!("{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s", "", "mean m/s", "m/s2", "span"),
-            look.label(),
+            theme.label(),
         ),
     };
     frame.render_widget(title, head);
     let rows: [Rect; AXES] = Layout::vertical([Constraint::Fill(1); AXES]).areas(below);
     let last = model.points.back().copied().flatten();
     for (axis, row) in rows.into_iter().enumerate() {
-        let [means, curve] = Layout::horizontal([Constraint::Length(MEANS), Constraint::Min(0)]).areas(row);
+        let [means, curve] = Layout::horizontal([Constraint::Length(MEAN_COLUMNS), Constraint::Min(0)]).areas(row);
         let points: Vec<_> = model.points.iter().rev().take(width.into()).copied().collect();
         let values: Vec<_> = points.iter().map(|point| value_of(*point, axis)).collect();
         let finite = || values.iter().copied().flatten();
@@ -196,9 +196,11 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
             }
             None => format!("{:>12}{:>12}{:>9}", "-", "-", "-"),
         };
-        let weight = if last.is_some_and(|point| point.increment[axis].is_nan()) { Weight::Bad } else { Weight::Good };
-        let style = if weight == Weight::Bad { look.weight(weight) } else { look.heading() };
-        let line = Line::from(vec![Span::styled(format!("A{:<3}", axis + 1), look.label()), Span::styled(text, style)]);
+        let level =
+            if last.is_some_and(|point| point.increment[axis].is_nan()) { AlertLevel::Bad } else { AlertLevel::Good };
+        let style = if level == AlertLevel::Bad { theme.level(level) } else { theme.heading() };
+        let line =
+            Line::from(vec![Span::styled(format!("A{:<3}", axis + 1), theme.label()), Span::styled(text, style)]);
         frame.render_widget(line, means);
         // From an eighth to the full height, so that the lowest point can be seen too.
         let levels = 8 * u64::from(curve.height.max(1));
@@ -206,7 +208,7 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
         let scale = |value: f64| 1 + ((levels - 1) as f64 * part(value)).round() as u64;
         let bars = values.iter().map(|value| SparklineBar::from(value.map(scale)));
         let curve_widget = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
-        frame.render_widget(curve_widget.bar_set(look.bars()).absent_value_symbol(" ").style(look.curve()), curve);
+        frame.render_widget(curve_widget.bar_set(theme.bars()).absent_value_symbol(" ").style(theme.curve()), curve);
     }
 }
 
@@ -215,11 +217,11 @@ fn value_of(point: Option<CurvePoint>, axis: usize) -> Option<f64> {
 }
 
 fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatus) {
-    let look = model.look;
-    let [figures, picture] = Layout::horizontal([Constraint::Length(FIGURES), Constraint::Min(0)]).areas(area);
+    let theme = model.theme;
+    let [figures, picture] = Layout::horizontal([Constraint::Length(LATENCY_COLUMNS), Constraint::Min(0)]).areas(area);
     let budget = model.status().map_or(0.0, |status| status.budget_us);
     let head = format!("{:<10}{:>7}{:>8}{:>8}{:>8}", "latency us", "p50", "p99", "p99.9", "max");
-    let mut lines = vec![Line::styled(head, look.label())];
+    let mut lines = vec![Line::styled(head, theme.label())];
     for (name, latency) in
         [("second", imu.latency_second_ns), ("minute", imu.latency_minute_ns), ("all", imu.latency_ns)]
     {
@@ -245,50 +247,50 @@ fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatu
     let bar = |(index, count): (usize, &u64)| {
         let over = LATENCY_BOUNDS_NS.get(index).is_none_or(|bound| *bound as f64 > budget_ns);
         let height = if *count > 0 { (100.0 * (1.0 + (*count as f64).log10())) as u64 } else { 0 };
-        let style = if over { look.weight(Weight::Warning) } else { look.curve() };
+        let style = if over { theme.level(AlertLevel::Warning) } else { theme.curve() };
         vec![SparklineBar::from(height).style(Some(style)); columns.into()]
     };
     let data: Vec<_> = counts.iter().enumerate().flat_map(bar).collect();
-    frame.render_widget(Line::styled(format!("the last {seconds:.0} s, logarithmic"), look.label()), head);
-    frame.render_widget(Sparkline::default().data(data).bar_set(look.bars()), bars);
+    frame.render_widget(Line::styled(format!("the last {seconds:.0} s, logarithmic"), theme.label()), head);
+    frame.render_widget(Sparkline::default().data(data).bar_set(theme.bars()), bars);
     let step = usize::from(columns) * 6;
     let label = format!("{:<4$}{:<step$}{:<step$}{:<step$}1s", "", "1us", "100us", "10ms", usize::from(columns) * 2);
-    frame.render_widget(Line::styled(label, look.label()), axis);
+    frame.render_widget(Line::styled(label, theme.label()), axis);
 }
 
-/// The flags that there have been, with their rates; those that come now first.
+/// The flags that have been raised, with counts and rates. Those that are being raised now come first.
 fn flag_line(model: &Model, imu: &ImuStatus) -> Line<'static> {
-    let look = model.look;
+    let theme = model.theme;
     let rate = |name: &str| model.rate(model.selected(), |imu| imu.flagged.get(name).copied().unwrap_or(0));
-    let mut seen: Vec<_> = imu.flagged.iter().filter(|(_, count)| **count > 0).collect();
-    seen.sort_by_key(|(name, _)| rate(name).is_none_or(|rate| rate == 0.0));
-    let mut spans = vec![Span::styled("flags     ", look.label())];
-    if seen.is_empty() {
+    let mut raised: Vec<_> = imu.flagged.iter().filter(|(_, count)| **count > 0).collect();
+    raised.sort_by_key(|(name, _)| rate(name).is_none_or(|rate| rate == 0.0));
+    let mut spans = vec![Span::styled("flags     ", theme.label())];
+    if raised.is_empty() {
         spans.push("none".into());
     }
-    for (index, (name, count)) in seen.into_iter().enumerate() {
+    for (index, (name, count)) in raised.into_iter().enumerate() {
         let now = rate(name);
         let comes = now.is_some_and(|rate| rate > 0.0);
         let text = if comes { format!("{name} {count} ({}/s)", whole(now)) } else { format!("{name} {count}") };
         spans.push(if index == 0 { "".into() } else { ", ".into() });
-        spans.push(if comes { Span::styled(text, look.weight(Weight::Warning)) } else { text.into() });
+        spans.push(if comes { Span::styled(text, theme.level(AlertLevel::Warning)) } else { text.into() });
     }
     Line::from(spans)
 }
 
-/// What increments carry of a digest: its first 16 hexadecimal digits.
+/// The part of a digest that increments carry: its first 16 hexadecimal digits.
 fn short(digest: &str) -> &str {
     let digits = digest.strip_prefix("sha256:").unwrap_or(digest);
     digits.get(..16).unwrap_or(digits)
 }
 
-/// The end of a path that is too long: its beginning tells less.
+/// A path, or only its end if it has more than `room` characters.
 fn end_of(path: &str, room: usize) -> String {
     let over = path.chars().count().saturating_sub(room);
     if over == 0 { path.to_owned() } else { format!("..{}", path.chars().skip(over + 2).collect::<String>()) }
 }
 
-/// Five digits or so.
+/// A value with about five significant digits.
 fn significant(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

@@ -1,12 +1,12 @@
-//! Increments of the IMU that is selected, as means over a tick.
+//! Increments of the selected IMU, as means over a tick.
 
 use isotherm_client::{CompensatedIncrement, ConnectError, ImuId, IncrementReader, Options};
 use isotherm_shared::wire::AXES;
 use std::time::{Duration, Instant};
 
 /// Most increments that are read at a tick; a queue holds fewer.
-const MOST: usize = 4096;
-/// Pause after a reader could not be had.
+const MAX_INCREMENTS: usize = 4096;
+/// Pause after a failed attempt to connect or read.
 const RETRY: Duration = Duration::from_secs(2);
 
 /// Means over the increments of one tick.
@@ -14,12 +14,12 @@ const RETRY: Duration = Duration::from_secs(2);
 pub struct CurvePoint {
     /// Velocity increment of one sample \[m/s\], A1 to A3; NaN if one of them is.
     pub increment: [f64; AXES],
-    /// Velocity increment by time \[m/s2\].
+    /// Velocity increments divided by their time \[m/s2\].
     pub specific_force: [f64; AXES],
 }
 
 impl CurvePoint {
-    /// Of increments; `None` if there are none.
+    /// The means of `increments`; `None` if there are none.
     pub fn of(increments: &[CompensatedIncrement]) -> Option<Self> {
         let time = increments.iter().map(|increment| increment.interval_ns as f64 * 1e-9).sum::<f64>();
         let sum = |axis: usize| increments.iter().map(|increment| increment.velocity_increment[axis]).sum::<f64>();
@@ -39,17 +39,20 @@ pub struct Increments {
 }
 
 impl Increments {
-    /// Reads none yet.
+    /// A reader that is not connected yet.
     pub const fn new(options: Options) -> Self {
         Self { options, reader: None, not_before: None, read: Vec::new() }
     }
 
-    /// Connects anew when there is something to read again.
-    pub fn forget(&mut self) {
+    /// Drops the connection. The next [`read`](Self::read) makes a new one.
+    pub fn disconnect(&mut self) {
         self.reader = None;
     }
 
-    /// The mean of what has come since the last call; or why nothing can.
+    /// The means over the increments since the last call.
+    ///
+    /// # Errors
+    /// Why no increments can be read.
     pub fn read(&mut self, id: Option<&str>, now: Instant) -> Result<Option<CurvePoint>, ConnectError> {
         if self.not_before.is_some_and(|time| now < time) {
             return Ok(None);
@@ -65,7 +68,7 @@ impl Increments {
         self.read.clear();
         let result = loop {
             match reader.receive() {
-                Ok(Some(increment)) if self.read.len() < MOST => self.read.push(increment),
+                Ok(Some(increment)) if self.read.len() < MAX_INCREMENTS => self.read.push(increment),
                 Ok(_) => break Ok(CurvePoint::of(&self.read)),
                 Err(error) => break Err(error),
             }

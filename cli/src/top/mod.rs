@@ -1,7 +1,7 @@
-//! The live screen: what the service tells, five times a second, until somebody wants no more.
+//! The live screen: shows the status of the service five times a second, until the user quits.
 //!
-//! It reads the status stream and, of the IMU that is selected, the increments; both are emptied at every tick, and nothing else of the
-//! service is touched. Everything that is drawn comes from a [`Model`], so that the drawing can be tried without a terminal.
+//! It reads the status stream and the increments of the selected IMU. Both queues are emptied at every tick; nothing else of the
+//! service is touched. Everything that is drawn comes from a [`Model`], so that the drawing can be tested without a terminal.
 
 mod details;
 mod increments;
@@ -22,7 +22,7 @@ use ratatui::crossterm::terminal::disable_raw_mode;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level;
-use source::Source;
+use source::StatusSource;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -30,37 +30,37 @@ use std::thread;
 use std::time::{Duration, Instant};
 pub use style::Theme;
 
-/// How often is read and drawn.
+/// Period of reading and drawing.
 const TICK: Duration = Duration::from_millis(200);
-/// How long an end that was asked for by a signal may take.
-const LAST: Duration = Duration::from_secs(1);
+/// A signal ends the process after this time, even if the screen does not end by itself.
+const EXIT_DELAY: Duration = Duration::from_secs(1);
 
-/// Shows the service of a domain until a key or a signal ends it. The terminal is left as it was, after a panic too.
+/// Shows the service of a domain until a key or a signal ends it. The terminal is left as it was, even after a panic.
 ///
 /// # Errors
 /// If the domain cannot be joined, or the terminal is gone.
-pub fn run(options: Options, look: Theme) -> Result<(), Failure> {
-    let mut source = Source::connect(options.domain.clone())?;
+pub fn run(options: Options, theme: Theme) -> Result<(), Failure> {
+    let mut source = StatusSource::connect(options.domain.clone())?;
     let ended = end_on_signals()?;
     let shown = match ratatui::try_init() {
-        Ok(mut terminal) => show(&mut terminal, &mut source, options, look, &ended),
+        Ok(mut terminal) => show(&mut terminal, &mut source, options, theme, &ended),
         Err(error) => Err(error),
     };
     ratatui::restore();
     shown.map_err(|error| Failure::new(Exit::Io, format!("drawing on the terminal: {error}")))
 }
 
-/// Set by a signal that asks for the end. It comes a second later even if the terminal takes nothing any more, or is gone: reading from
-/// one that is gone does not return.
+/// A flag that SIGTERM, SIGINT and SIGHUP set. [`EXIT_DELAY`] later the signal ends the process in any case: writing to a blocked
+/// terminal, or reading from one that is gone, may never return.
 fn end_on_signals() -> Result<Arc<AtomicBool>, Failure> {
     let failed = |error: io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).map_err(failed)?;
     let ended = Arc::<AtomicBool>::default();
-    let told = Arc::clone(&ended);
+    let flag = Arc::clone(&ended);
     let body = move || {
         for signal in signals.forever() {
-            told.store(true, Relaxed);
-            thread::sleep(LAST);
+            flag.store(true, Relaxed);
+            thread::sleep(EXIT_DELAY);
             let _ = disable_raw_mode();
             let _ = low_level::emulate_default_handler(signal);
         }
@@ -71,33 +71,33 @@ fn end_on_signals() -> Result<Arc<AtomicBool>, Failure> {
 
 fn show(
     terminal: &mut DefaultTerminal,
-    source: &mut Source,
+    source: &mut StatusSource,
     options: Options,
-    look: Theme,
+    theme: Theme,
     ended: &AtomicBool,
 ) -> io::Result<()> {
-    let mut model = Model::new(options.domain.name(), look);
+    let mut model = Model::new(options.domain.name(), theme);
     let mut increments = Increments::new(options);
     let mut next = Instant::now();
     while !ended.load(Relaxed) {
         let now = Instant::now();
         if now >= next {
             next = now + TICK;
-            let (news, waiting) = source.look(now);
+            let (newest, waiting) = source.poll(now);
             if waiting.is_some() {
-                increments.forget();
+                increments.disconnect();
             }
             let point = increments.read(model.selected_id(), now);
-            // Paused, everything is read all the same, so that nothing piles up.
+            // While paused, everything is still read, so that the queues stay empty.
             if !model.paused {
-                model.take(news, waiting, point);
+                model.update(newest, waiting, point);
             }
         }
         terminal.draw(|frame| screen::draw(frame, &mut model))?;
         if event::poll(next.saturating_duration_since(Instant::now()))? {
             match event::read()? {
-                Event::Key(key) if key.kind != KeyEventKind::Release && !obey(&mut model, key) => return Ok(()),
-                // What else there is, a new size above all, is drawn.
+                Event::Key(key) if key.kind != KeyEventKind::Release && !handle_key(&mut model, key) => return Ok(()),
+                // Other events, such as a new size, only need the next drawing.
                 _ => {}
             }
         }
@@ -105,8 +105,8 @@ fn show(
     Ok(())
 }
 
-/// Does what a key asks for; false if that is to end.
-fn obey(model: &mut Model, key: KeyEvent) -> bool {
+/// Handles a key. Returns false if it asks for the end.
+fn handle_key(model: &mut Model, key: KeyEvent) -> bool {
     let control = key.modifiers.contains(KeyModifiers::CONTROL);
     match key.code {
         KeyCode::Char('c') if control => return false,

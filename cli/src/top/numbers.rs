@@ -1,6 +1,6 @@
-//! Numbers as short as a screen needs them.
+//! Numbers as short texts for the screen.
 
-/// Nanoseconds as microseconds, without more digits than it has.
+/// Nanoseconds as microseconds, with at most two decimals.
 pub fn microseconds(ns: Option<u64>) -> String {
     let Some(ns) = ns else { return "-".to_owned() };
     let us = ns as f64 / 1e3;
@@ -20,7 +20,7 @@ pub fn whole(rate: Option<f64>) -> String {
     }
 }
 
-/// A time that has passed, for people.
+/// An elapsed time in seconds, minutes, hours or days.
 pub fn age(seconds: f64) -> String {
     let seconds = seconds.max(0.0) as u64;
     match seconds {

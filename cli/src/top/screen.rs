@@ -1,9 +1,9 @@
-//! The screen as a whole: what goes where, by its size.
+//! The layout of the whole screen, which depends on its size.
 
 use super::model::Model;
 use super::numbers::age;
 use super::source::Waiting;
-use super::style::Weight;
+use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
 use ratatui::Frame;
@@ -12,13 +12,13 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use std::time::SystemTime;
 
-/// From this size on everything has its place; below only what matters most.
+/// Smallest size (columns, lines) with all details; below it only the most important ones are shown.
 const FULL: (u16, u16) = (78, 23);
 
 const HELP: &str = "\
 q Esc Ctrl-C   quit
 up down j k    select an IMU; Tab, PgUp, PgDn, Home, End
-p space        pause: the picture stands
+p space        pause: the screen is frozen
 ? h            this help
 
 T [%]     telemetry within the calibrated range, coldest to warmest sensor; 0 and 100 are its ends
@@ -41,7 +41,7 @@ pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
             let text = banner(model, waiting);
             let lines = text.len().div_ceil(usize::from(area.width.max(1))) as u16;
             let [above, below] = Layout::vertical([Constraint::Length(lines), Constraint::Min(0)]).areas(middle);
-            let style = model.look.weight(Weight::Bad);
+            let style = model.theme.level(AlertLevel::Bad);
             frame.render_widget(Paragraph::new(text).style(style).wrap(Wrap { trim: true }), above);
             below
         }
@@ -50,7 +50,7 @@ pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     let full = area.width >= FULL.0 && area.height >= FULL.1;
     let needed = if full { details::FULL_LINES } else { details::FEW_LINES };
     let imus = model.status().map_or(0, |status| status.imus.len()) as u16;
-    // The selected IMU's details have what they need, the table of all what is left, and at least a line and its head.
+    // The details of the selected IMU get the lines that they need. The table gets the rest, at least its heading and one line.
     let rows = imus.min(middle.height.saturating_sub(needed + 1)).max(1);
     let [table, rest] = Layout::vertical([Constraint::Length(rows + 1), Constraint::Min(0)]).areas(middle);
     if imus > 0 {
@@ -67,7 +67,7 @@ pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
 }
 
 fn header(model: &Model, width: u16) -> Line<'static> {
-    let style = model.look.inverse();
+    let style = model.theme.inverse();
     let Some(status) = model.status() else {
         return Line::styled(
             format!("{:width$}", format!(" Isotherm, domain {}", model.domain), width = width.into()),
@@ -99,15 +99,15 @@ fn header(model: &Model, width: u16) -> Line<'static> {
 }
 
 fn banner(model: &Model, waiting: &Waiting) -> String {
-    // As in 2026-03-01T12:34:56Z: the clock without the date.
+    // Only the time of day, for example 12:34:56 of 2026-03-01T12:34:56Z.
     let since = format_rfc3339_seconds(SystemTime::now() - waiting.time).to_string();
-    let what = if model.status().is_some() { "; below is what it told last" } else { "" };
+    let what = if model.status().is_some() { "; below is its last status" } else { "" };
     let clock = since.get(11..19).unwrap_or_default();
     format!("waiting for the service since {clock} UTC, {}{what}: {}", age(waiting.time.as_secs_f64()), waiting.cause)
 }
 
 fn keys(model: &Model) -> Line<'static> {
-    let key = |key: &'static str| Span::styled(key, model.look.inverse());
+    let key = |key: &'static str| Span::styled(key, model.theme.inverse());
     let mut spans = vec![key("q"), " quit  ".into(), key("up down"), " IMU  ".into()];
     spans.extend([
         key("p"),
@@ -117,7 +117,7 @@ fn keys(model: &Model) -> Line<'static> {
     ]);
     if model.paused {
         spans.push("  ".into());
-        spans.push(Span::styled("PAUSED", model.look.weight(Weight::Warning)));
+        spans.push(Span::styled("PAUSED", model.theme.level(AlertLevel::Warning)));
     }
     Line::from(spans)
 }
@@ -131,7 +131,7 @@ fn help(frame: &mut Frame<'_>, area: Rect) {
         wanted.height.min(area.height),
     );
     frame.render_widget(Clear, inside);
-    // Without a frame where every line counts.
+    // No border if the text does not fit with it.
     let block = if inside.height < wanted.height { Block::new() } else { Block::bordered().title(" Keys ") };
     frame.render_widget(Paragraph::new(HELP).wrap(Wrap { trim: false }).block(block), inside);
 }

@@ -1,4 +1,4 @@
-//! Where the status comes from: a service that may come, go and return.
+//! The source of the status: a service that may start, end and return.
 
 use isotherm_client::StatusReader;
 use isotherm_client::{Domain, monotonic_ns};
@@ -6,37 +6,37 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
 use std::time::{Duration, Instant};
 
-/// A service that runs tells ten times a second; one that has not for so long is waited for.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// A running service publishes its status ten times a second. Without a status for this time, the service is waited for.
+const STALE_AFTER: Duration = Duration::from_secs(2);
 /// Pause between two attempts to connect.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// What is waited for.
+/// A wait for the service.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Waiting {
-    /// How long already.
+    /// Time since the last status.
     pub time: Duration,
-    /// Why.
+    /// Why there is no status.
     pub cause: String,
 }
 
 /// The status of one domain's service.
-pub struct Source {
+pub struct StatusSource {
     domain: Domain,
     reader: Option<StatusReader>,
-    heard: Instant,
+    last_status: Instant,
     next_attempt: Instant,
     cause: String,
 }
 
-impl Source {
-    /// Connects, or is going to: a service that is not there yet is waited for.
+impl StatusSource {
+    /// Connects to the service. One that is not there yet is waited for.
     ///
     /// # Errors
-    /// What waiting will not change, another user's domain for example.
+    /// If waiting does not help, for example with another user's domain.
     pub fn connect(domain: Domain) -> Result<Self, Failure> {
         let now = Instant::now();
-        let mut source = Self { domain, reader: None, heard: now, next_attempt: now, cause: String::new() };
+        let mut source = Self { domain, reader: None, last_status: now, next_attempt: now, cause: String::new() };
         match source.attempt(now).and_then(|()| source.read()) {
             Err(failure) if failure.exit == Exit::Unavailable => source.cause = failure.message,
             Err(failure) => return Err(failure),
@@ -45,35 +45,35 @@ impl Source {
         Ok(source)
     }
 
-    /// The newest status since the last look; and what is waited for, if it is.
-    pub fn look(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<Waiting>) {
+    /// The newest status since the last call, and the wait for the service if there is one.
+    pub fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<Waiting>) {
         if self.reader.is_none()
             && now >= self.next_attempt
             && let Err(failure) = self.attempt(now)
         {
             self.cause = failure.message;
         }
-        let news = match self.read() {
-            Ok(news) => news,
+        let newest = match self.read() {
+            Ok(newest) => newest,
             Err(failure) => {
                 self.cause = failure.message;
                 self.reader = None;
                 None
             }
         };
-        if news.is_some() {
-            self.heard = now;
+        if newest.is_some() {
+            self.last_status = now;
             self.cause.clear();
-            return (news, None);
+            return (newest, None);
         }
-        let time = now.duration_since(self.heard);
-        if self.reader.is_some() && time > PATIENCE && now >= self.next_attempt {
-            // A service that returns is met on the streams that are there, unless somebody has removed them.
+        let time = now.duration_since(self.last_status);
+        if self.reader.is_some() && time > STALE_AFTER && now >= self.next_attempt {
+            // A service that returns uses the same streams, unless somebody has removed them. So connect again.
             self.reader = None;
             self.next_attempt = now + RETRY;
-            self.cause = "the service does not tell its status: it has ended, is stopped, or hangs".to_owned();
+            self.cause = "the service does not publish its status: it has ended, is stopped, or hangs".to_owned();
         }
-        let waiting = time > PATIENCE || !self.cause.is_empty();
+        let waiting = time > STALE_AFTER || !self.cause.is_empty();
         (None, waiting.then(|| Waiting { time, cause: self.cause.clone() }))
     }
 
@@ -83,10 +83,10 @@ impl Source {
         Ok(())
     }
 
-    /// What a dead service has left behind is no news.
+    /// The newest status. One older than [`STALE_AFTER`] is ignored: a dead service has left it behind.
     fn read(&self) -> Result<Option<ServiceStatus>, Failure> {
-        let news = self.reader.as_ref().map(StatusReader::latest).transpose()?.flatten();
-        let oldest = monotonic_ns().saturating_sub(PATIENCE.as_nanos() as u64);
-        Ok(news.filter(|status| status.taken_ns > oldest))
+        let newest = self.reader.as_ref().map(StatusReader::latest).transpose()?.flatten();
+        let oldest = monotonic_ns().saturating_sub(STALE_AFTER.as_nanos() as u64);
+        Ok(newest.filter(|status| status.taken_ns > oldest))
     }
 }

@@ -1,4 +1,4 @@
-//! Colours and characters, or what stands for them where there are none.
+//! Colours and characters, and their replacements on terminals without them.
 
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::symbols::bar;
@@ -6,58 +6,58 @@ use ratatui::symbols::bar;
 /// What the terminal can show.
 #[derive(Clone, Copy, Debug)]
 pub struct Theme {
-    /// Colours; else weight and inversion.
+    /// Colours; without them bold and inverse text is used.
     pub colour: bool,
     /// Characters beyond ASCII.
     pub unicode: bool,
 }
 
-/// How much something matters.
+/// How serious something is.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
-pub enum Weight {
-    /// As it should be.
+pub enum AlertLevel {
+    /// Normal.
     Good,
-    /// To be looked at.
+    /// Needs attention.
     Warning,
     /// Increments are missing or wrong, or a table is not in force.
     Bad,
 }
 
 impl Theme {
-    /// Of something that matters that much.
-    pub fn weight(self, weight: Weight) -> Style {
+    /// Style of an alert level.
+    pub fn level(self, level: AlertLevel) -> Style {
         let plain = Style::new();
-        match (weight, self.colour) {
-            (Weight::Good, true) => plain.fg(Color::Green),
-            (Weight::Good, false) => plain,
-            (Weight::Warning, true) => plain.fg(Color::Yellow),
-            (Weight::Warning, false) => plain.add_modifier(Modifier::BOLD),
-            (Weight::Bad, true) => plain.fg(Color::Red).add_modifier(Modifier::BOLD),
-            (Weight::Bad, false) => plain.add_modifier(Modifier::BOLD | Modifier::REVERSED),
+        match (level, self.colour) {
+            (AlertLevel::Good, true) => plain.fg(Color::Green),
+            (AlertLevel::Good, false) => plain,
+            (AlertLevel::Warning, true) => plain.fg(Color::Yellow),
+            (AlertLevel::Warning, false) => plain.add_modifier(Modifier::BOLD),
+            (AlertLevel::Bad, true) => plain.fg(Color::Red).add_modifier(Modifier::BOLD),
+            (AlertLevel::Bad, false) => plain.add_modifier(Modifier::BOLD | Modifier::REVERSED),
         }
     }
 
-    /// Of what names other things.
+    /// Style of labels.
     pub fn label(self) -> Style {
         if self.colour { Style::new().fg(Color::Cyan) } else { Style::new() }
     }
 
-    /// Of headings.
+    /// Style of headings.
     pub const fn heading(self) -> Style {
         Style::new().add_modifier(Modifier::BOLD)
     }
 
-    /// Of what is selected, and of bars across the screen.
+    /// Style of the selection, and of bars across the screen.
     pub const fn inverse(self) -> Style {
         Style::new().add_modifier(Modifier::REVERSED)
     }
 
-    /// Of curves.
+    /// Style of curves.
     pub fn curve(self) -> Style {
         if self.colour { Style::new().fg(Color::Blue) } else { Style::new() }
     }
 
-    /// Bars in eighths, or nearly.
+    /// Characters of bars in eighths; ASCII has fewer levels.
     pub const fn bars(self) -> bar::Set<'static> {
         if self.unicode {
             bar::NINE_LEVELS
@@ -76,12 +76,12 @@ impl Theme {
         }
     }
 
-    /// The line of a gauge and its marker.
+    /// Characters of a gauge's line and of its marker.
     pub const fn gauge(self) -> (char, char) {
         if self.unicode { ('─', '●') } else { ('-', 'o') }
     }
 
-    /// A rule across the screen.
+    /// Character of a horizontal rule.
     pub const fn rule(self) -> &'static str {
         if self.unicode { "─" } else { "-" }
     }

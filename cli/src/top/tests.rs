@@ -1,10 +1,10 @@
-//! What is drawn, without a terminal: at all sizes, in all states.
+//! The drawing without a terminal, at many sizes and in all conditions.
 
 use super::increments::CurvePoint;
 use super::model::Model;
 use super::source::Waiting;
 use super::style::Theme;
-use super::{obey, screen};
+use super::{handle_key, screen};
 use isotherm_client::{CompensatedIncrement, Flags};
 use isotherm_shared::status::{
     DomainStatus, ImuStatus, LatencyDistribution, LatencySummary, Ranges, ServiceStatus, WorkerStatus,
@@ -52,7 +52,7 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
     }
 }
 
-/// After so many seconds of 400 Hz.
+/// The status after `seconds` at 400 Hz.
 fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
     ServiceStatus {
         domain: DomainStatus { name: "lab".to_owned(), prefix: String::new(), root_path: String::new() },
@@ -89,15 +89,15 @@ fn point(value: f64) -> Option<CurvePoint> {
     }])
 }
 
-/// A model that has been told of ten seconds, the last of them changed.
-fn model(ids: &[&str], look: Theme, change: impl FnOnce(&mut ServiceStatus)) -> Model {
-    let mut model = Model::new("lab", look);
+/// A model with one status a second for ten seconds; `change` modifies the last one.
+fn model(ids: &[&str], theme: Theme, change: impl FnOnce(&mut ServiceStatus)) -> Model {
+    let mut model = Model::new("lab", theme);
     for second in 1..10 {
-        model.take(Some(status(ids, second)), None, Ok(point(0.01 * second as f64)));
+        model.update(Some(status(ids, second)), None, Ok(point(0.01 * second as f64)));
     }
     let mut last = status(ids, 10);
     change(&mut last);
-    model.take(Some(last), None, Ok(point(0.1)));
+    model.update(Some(last), None, Ok(point(0.1)));
     model
 }
 
@@ -182,7 +182,7 @@ fn a_small_screen_has_what_matters_most_and_any_size_can_be_drawn() {
 }
 
 #[test]
-fn what_is_wrong_is_said() {
+fn every_condition_is_shown() {
     let state = |change: fn(&mut ServiceStatus)| text(&mut model(&["imu-a"], PLAIN, change), 80, 24);
     has(&state(|status| status.workers[0].stands_still = true), &["stands still"]);
     has(&state(|status| status.imus[0].acquisition_connected = false), &["no acquisition", "NO acquisition"]);
@@ -218,7 +218,7 @@ fn what_is_wrong_is_said() {
     let mut held = model(&["imu-a"], PLAIN, |status| status.workers[0].held_back_ms = 48.7);
     has(&text(&mut held, 80, 24), &["cpu 6 %, held 49 ms"]);
     let mut nan = model(&["imu-a"], PLAIN, |_| {});
-    nan.take(None, None, Ok(point(f64::NAN)));
+    nan.update(None, None, Ok(point(f64::NAN)));
     has(&text(&mut nan, 80, 24), &["A1           NaN         NaN"]);
 }
 
@@ -226,38 +226,38 @@ fn what_is_wrong_is_said() {
 fn a_service_that_is_gone_is_waited_for_and_one_that_returns_counts_anew() {
     let mut model = model(&["imu-a"], PLAIN, |_| {});
     let waiting = || Some(Waiting { time: Duration::from_secs(12), cause: "no service".to_owned() });
-    model.take(None, waiting(), Ok(None));
+    model.update(None, waiting(), Ok(None));
     has(
         &text(&mut model, 80, 24),
-        &["waiting for the service since ", "UTC, 12 s; below is what it told last: no", "not served", "4000"],
+        &["waiting for the service since ", "UTC, 12 s; below is its last status: no", "not served", "4000"],
     );
     let mut returned = status(&["imu-a"], 1);
     (returned.pid, returned.taken_ns) = (4712, 30 * SECOND);
-    model.take(Some(returned.clone()), None, Ok(None));
+    model.update(Some(returned.clone()), None, Ok(None));
     let screen = text(&mut model, 80, 24);
     has(&screen, &["pid 4712", "no samples", "samples   400,"]);
     (returned.imus[0].received, returned.taken_ns) = (1200, 32 * SECOND);
-    model.take(Some(returned), None, Ok(None));
+    model.update(Some(returned), None, Ok(None));
     has(&text(&mut model, 80, 24), &["imu-a               400"]);
 
     let mut never = Model::new("lab", PLAIN);
-    never.take(None, waiting(), Ok(None));
+    never.update(None, waiting(), Ok(None));
     let screen = text(&mut never, 80, 24);
     has(&screen, &["Isotherm, domain lab", "waiting for the service", "q quit"]);
-    assert!(!screen.contains("told last"), "{screen}");
+    assert!(!screen.contains("last status"), "{screen}");
 }
 
 #[test]
 fn rates_are_taken_over_a_second_and_the_histogram_over_a_minute() {
     let mut model = Model::new("lab", PLAIN);
-    // Five times a second, for two minutes; the second of them is twice as fast.
+    // Five statuses a second for two minutes. In the second minute the samples come twice as fast.
     for tick in 0..600 {
         let mut status = status(&["imu-a"], 0);
         status.taken_ns = tick * SECOND / 5;
         let samples = 80 * tick + 80 * tick.saturating_sub(300);
         status.imus[0].received = samples;
         status.imus[0].latency_distribution.counts[3] = samples;
-        model.take(Some(status), None, Ok(None));
+        model.update(Some(status), None, Ok(None));
         if tick == 250 {
             assert_eq!(model.rate(0, |imu| imu.received), Some(400.0));
             let (counts, seconds) = model.distribution();
@@ -274,11 +274,11 @@ fn thirty_two_imus_scroll() {
     let names: Vec<_> = (0..32).map(|number| format!("imu-{number:02}")).collect();
     let names: Vec<_> = names.iter().map(String::as_str).collect();
     let mut model = model(&names, PLAIN, |_| {});
-    let press = |model: &mut Model, code| assert!(obey(model, KeyEvent::new(code, KeyModifiers::NONE)));
+    let press = |model: &mut Model, code| assert!(handle_key(model, KeyEvent::new(code, KeyModifiers::NONE)));
     let shows = |model: &mut Model, id: &str| {
         let screen = text(model, 80, 24);
         assert_eq!(model.selected_id(), Some(id));
-        // In the table of all, and as the one whose details are shown.
+        // Once in the table, and once above the details.
         assert_eq!(screen.matches(&format!("{id} ")).count(), 2, "{screen}");
     };
     shows(&mut model, "imu-00");
@@ -299,14 +299,14 @@ fn thirty_two_imus_scroll() {
         shows(&mut model, id);
     }
     press(&mut model, KeyCode::End);
-    model.take(Some(status(&["only"], 11)), None, Ok(None));
+    model.update(Some(status(&["only"], 11)), None, Ok(None));
     assert_eq!(model.selected_id(), Some("only"), "fewer IMUs than before");
 }
 
 #[test]
 fn keys_quit_pause_and_help() {
     let mut model = model(&["imu-a"], PLAIN, |_| {});
-    let press = |model: &mut Model, code, modifiers| obey(model, KeyEvent::new(code, modifiers));
+    let press = |model: &mut Model, code, modifiers| handle_key(model, KeyEvent::new(code, modifiers));
     let none = KeyModifiers::NONE;
     assert!(!press(&mut model, KeyCode::Char('q'), none));
     assert!(!press(&mut model, KeyCode::Esc, none));
@@ -323,7 +323,7 @@ fn keys_quit_pause_and_help() {
 #[test]
 fn without_colours_weight_and_inversion_stand_for_them() {
     let bad = |status: &mut ServiceStatus| status.imus[0].missing = 7;
-    let cells = |look| drawn(&mut model(&["imu-a"], look, bad), 80, 24).backend().buffer().content().to_vec();
+    let cells = |theme| drawn(&mut model(&["imu-a"], theme, bad), 80, 24).backend().buffer().content().to_vec();
     let plain = cells(PLAIN);
     assert!(plain.iter().all(|cell| cell.fg == Color::Reset && cell.bg == Color::Reset));
     assert!(plain.iter().any(|cell| cell.modifier.contains(Modifier::BOLD)));

@@ -1,4 +1,4 @@
-//! Codes, and the message behind the last one.
+//! The codes that calls return, and the message of the last error.
 #![allow(non_camel_case_types, reason = "the names of C")]
 
 use core::ffi::{CStr, c_char};
@@ -9,22 +9,22 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::ffi::CString;
 
-/// What a call came to. 0 is success, positive codes are part of normal operation, negative ones are errors. The numbers never
-/// change; later versions may add some.
+/// Result of a call: 0 is success, positive codes are part of normal operation, negative codes are errors. The numbers
+/// never change; later versions may add codes.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[repr(i32)]
 pub enum isotherm_code {
-    /// Done.
+    /// Success.
     ISOTHERM_OK = 0,
     /// There is no increment now, or none came in time. Nothing has been written.
     ISOTHERM_NONE = 1,
-    /// As many samples as the service's queue holds are unanswered. The sample has not been sent and is still yours: wait and send
-    /// it again, discard it, or sum the next one into it with isotherm_merge.
+    /// As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours: wait and
+    /// send it again, discard it, or add the next sample to it with isotherm_merge.
     ISOTHERM_FULL = 2,
-    /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when the service
-    /// returns, and a later isotherm_receive may still get its answer.
+    /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new service has
+    /// started, and a later isotherm_receive may still return its increment.
     ISOTHERM_TIMEOUT = 3,
-    /// A pointer that must not be NULL is.
+    /// A pointer is NULL that must not be NULL.
     ISOTHERM_ERROR_NULL = -1,
     /// The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be used.
     ISOTHERM_ERROR_NAME = -2,
@@ -38,12 +38,12 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_NO_ROOM = -6,
     /// The domain belongs to another user.
     ISOTHERM_ERROR_PERMISSION = -7,
-    /// The machine has no shared memory or disk space left, or the process no descriptors.
+    /// Shared memory, disk space or the file descriptors of the process are exhausted.
     ISOTHERM_ERROR_EXHAUSTED = -8,
     /// The transport failed; the message has the phase and the cause. A sample that was being sent is lost, and the service will
     /// flag the gap.
     ISOTHERM_ERROR_TRANSPORT = -9,
-    /// This is no sample on loan from this acquisition: it has been sent or discarded, or never was one.
+    /// The sample is not on loan from this acquisition: it has been sent or discarded, or was never loaned from it.
     ISOTHERM_ERROR_NOT_ON_LOAN = -10,
     /// ISOTHERM_LOANS samples are on loan already.
     ISOTHERM_ERROR_LOANS = -11,
@@ -53,28 +53,28 @@ pub enum isotherm_code {
     ISOTHERM_ERROR_IN_FLIGHT = -13,
     /// The two samples cannot be summed: a channel's pulses exceed 32 bits, or the interval one hour. Neither has changed.
     ISOTHERM_ERROR_MERGE = -14,
-    /// The operating system refused a real-time setting; the message tells which, why, and what would help.
+    /// The operating system refused a real-time setting; the message has the setting, the cause and a remedy.
     ISOTHERM_ERROR_REALTIME = -15,
-    /// Another call is in this handle at this moment, in another thread or beneath a signal handler. Nothing has been done.
+    /// Another call uses this handle at this moment, in another thread or interrupted by a signal handler. Nothing has been done.
     ISOTHERM_ERROR_BUSY = -16,
-    /// The handle is of the process that this one was forked from. Nothing has been done.
+    /// The handle belongs to the process that this one was forked from. Nothing has been done.
     ISOTHERM_ERROR_FORKED = -17,
-    /// A fault of this library, in this call or in an earlier one with the same handle, which can only be closed now. Please
-    /// report it, with what was printed to stderr.
+    /// A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed now. Please
+    /// report the fault, with the text on stderr.
     ISOTHERM_ERROR_INTERNAL = -18,
 }
 
 use isotherm_code::*;
 
-/// Anything but success, and why.
+/// A code other than ISOTHERM_OK, with its message.
 #[derive(Debug)]
-pub(crate) struct Failure {
+pub(crate) struct CodedError {
     pub(crate) code: isotherm_code,
-    /// `None` for what is too common to have one.
+    /// `None` for ISOTHERM_NONE, which is too frequent for a message.
     message: Option<Cow<'static, CStr>>,
 }
 
-impl Failure {
+impl CodedError {
     pub(crate) fn new(code: isotherm_code, message: &impl ToString) -> Self {
         let text = message.to_string().replace('\0', "?");
         Self { code, message: CString::new(text).ok().map(Cow::Owned) }
@@ -85,14 +85,14 @@ impl Failure {
     }
 }
 
-/// No increment.
-pub(crate) const NONE: Failure = Failure { code: ISOTHERM_NONE, message: None };
-pub(crate) const NULL: Failure =
-    Failure::fixed(ISOTHERM_ERROR_NULL, c"a pointer is NULL that must not be; see the function's description");
-pub(crate) const FULL: Failure =
-    Failure::fixed(ISOTHERM_FULL, c"the service's queue is full of unanswered samples; the sample is still yours");
+/// There is no increment.
+pub(crate) const NONE: CodedError = CodedError { code: ISOTHERM_NONE, message: None };
+pub(crate) const NULL: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_NULL, c"a pointer is NULL that must not be; see the function's description");
+pub(crate) const FULL: CodedError =
+    CodedError::fixed(ISOTHERM_FULL, c"the service's queue is full of unanswered samples; the sample is still yours");
 
-impl From<ConnectError> for Failure {
+impl From<ConnectError> for CodedError {
     fn from(error: ConnectError) -> Self {
         let code = match &error {
             ConnectError::NoService(_) => ISOTHERM_ERROR_NO_SERVICE,
@@ -108,10 +108,10 @@ impl From<ConnectError> for Failure {
     }
 }
 
-/// Errors with one code each.
+/// Conversions of error types that have one code each.
 macro_rules! coded {
     ($($error:ty => $code:expr),* $(,)?) => {
-        $(impl From<$error> for Failure {
+        $(impl From<$error> for CodedError {
             fn from(error: $error) -> Self {
                 Self::new($code, &error)
             }
@@ -127,8 +127,8 @@ coded! {
     RealtimeError => ISOTHERM_ERROR_REALTIME,
 }
 
-/// Without the sample that may be in it.
-impl From<&SendError> for Failure {
+/// The error without its sample.
+impl From<&SendError> for CodedError {
     fn from(error: &SendError) -> Self {
         match error {
             SendError::Full(_) => FULL,
@@ -138,8 +138,8 @@ impl From<&SendError> for Failure {
     }
 }
 
-/// Without the sample that may be in it.
-impl From<&CompensateError> for Failure {
+/// The error without its sample.
+impl From<&CompensateError> for CodedError {
     fn from(error: &CompensateError) -> Self {
         match error {
             CompensateError::Send(error) => error.into(),
@@ -153,22 +153,22 @@ thread_local! {
     static MESSAGE: RefCell<Cow<'static, CStr>> = const { RefCell::new(Cow::Borrowed(c"")) };
 }
 
-/// The code for C; the message is kept.
+/// The code for C. The message is kept for [`isotherm_error_message`].
 #[inline]
-pub(crate) fn code(result: Result<(), Failure>) -> isotherm_code {
+pub(crate) fn code(result: Result<(), CodedError>) -> isotherm_code {
     match result {
         Ok(()) => ISOTHERM_OK,
-        Err(Failure { code, message: None }) => code,
-        Err(Failure { code, message: Some(message) }) => {
-            // While a thread ends there is no message any more.
+        Err(CodedError { code, message: None }) => code,
+        Err(CodedError { code, message: Some(message) }) => {
+            // The message may have been destroyed already while the thread ends.
             let _ = MESSAGE.try_with(|last| last.replace(message));
             code
         }
     }
 }
 
-/// What the last call of this thread that gave neither ISOTHERM_OK nor ISOTHERM_NONE has to say: phase, cause and remedy, in
-/// UTF-8; empty if there was none. Never NULL. Valid until the thread's next such call, or its end: copy what you keep.
+/// The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy, in UTF-8.
+/// Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it if you keep it.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_error_message() -> *const c_char {
     MESSAGE.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())

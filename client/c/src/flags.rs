@@ -1,4 +1,4 @@
-//! The bits of an increment's `flags`, as C has them.
+//! The bits of an increment's `flags`, for C.
 
 /// Head telemetry of A1 below the bias range.
 pub const ISOTHERM_FLAG_A1_HEAD_BELOW: u32 = 1 << 0;

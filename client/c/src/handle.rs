@@ -1,7 +1,7 @@
-//! What C holds: one caller at a time, in the process that made it, and nothing unwinds out of it.
+//! The handles that C gets. A handle admits one caller at a time, only in the process that created it, and catches panics.
 
 use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
-use crate::code::{Failure, NULL, code, isotherm_code};
+use crate::code::{CodedError, NULL, code, isotherm_code};
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,18 +9,18 @@ use std::sync::Once;
 
 const FREE: u8 = 0;
 const IN_USE: u8 = 1;
-/// A call has panicked; what it left behind is not used again.
+/// A call has panicked. The content may be inconsistent and is not used again.
 const BROKEN: u8 = 2;
 
-/// How many forks lie between this process and the one that loaded the library.
+/// Number of forks between this process and the one that loaded the library.
 static FORKS: AtomicU32 = AtomicU32::new(0);
 
-/// The content, and what guards it.
+/// The content with its guard.
 ///
-/// Acquisitions and readers are not `Send`: the transport's ports and loans share a count that is not atomic
-/// (`isotherm_shared::recycled`), and nothing else stands in the way, as a test below has the compiler say. All holders of such
-/// a count lie within one handle, loans included, and whoever enters it has seen all that was done by those before: so a
-/// handle may be used, and closed, by any thread.
+/// Acquisitions and readers are not `Send`, only because the transport's ports and loans share a count that is not atomic
+/// (`isotherm_shared::recycled`); a test below lets the compiler prove that this is the only reason. All holders of such a count,
+/// loans included, are within one handle. A thread that enters the handle sees all effects of the callers before it
+/// (acquire and release of `state`). So any thread may use and close a handle.
 #[derive(Debug)]
 pub(crate) struct Handle<T> {
     state: AtomicU8,
@@ -37,9 +37,9 @@ impl<T> Handle<T> {
         self.forks != FORKS.load(Ordering::Relaxed)
     }
 
-    /// Does `work` with the content, if nobody else does.
+    /// Calls `work` with the content, unless another call is in the handle.
     #[inline]
-    fn enter(&self, work: impl FnOnce(&mut T) -> Result<(), Failure>) -> Result<(), Failure> {
+    fn enter(&self, work: impl FnOnce(&mut T) -> Result<(), CodedError>) -> Result<(), CodedError> {
         if self.is_forked() {
             return Err(FORKED);
         }
@@ -48,79 +48,82 @@ impl<T> Handle<T> {
             Err(IN_USE) => return Err(BUSY),
             Err(_) => return Err(INTERNAL),
         }
-        // SAFETY: the state lets one in at a time.
+        // SAFETY: the state admits one caller at a time.
         let result = catch_unwind(AssertUnwindSafe(|| work(unsafe { &mut *self.content.get() })));
         self.state.store(if result.is_ok() { FREE } else { BROKEN }, Ordering::Release);
         result.unwrap_or(Err(INTERNAL))
     }
 }
 
-const BUSY: Failure = Failure::fixed(
+const BUSY: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_BUSY,
-    c"another call is in this handle, in another thread or beneath a signal handler; use a handle from one place at a time",
+    c"another call is in this handle, in another thread or interrupted by a signal handler; use a handle from one place at a time",
 );
-const FORKED: Failure = Failure::fixed(
+const FORKED: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_FORKED,
     c"the handle is of the process that this one was forked from; connect anew in the child",
 );
-const INTERNAL: Failure = Failure::fixed(
+const INTERNAL: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_INTERNAL,
-    c"a fault of this library, which stderr has; close the handle, and please report it",
+    c"a fault of this library; the details are on stderr; close the handle, and please report it",
 );
 
-/// A call into a handle, or NULL.
+/// A call with a handle; `None` is NULL.
 #[inline]
-pub(crate) fn enter<T>(handle: Option<&Handle<T>>, work: impl FnOnce(&mut T) -> Result<(), Failure>) -> isotherm_code {
+pub(crate) fn enter<T>(
+    handle: Option<&Handle<T>>,
+    work: impl FnOnce(&mut T) -> Result<(), CodedError>,
+) -> isotherm_code {
     code(handle.ok_or(NULL).and_then(|handle| handle.enter(work)))
 }
 
 /// A call without a handle.
-pub(crate) fn outside(work: impl FnOnce() -> Result<(), Failure>) -> isotherm_code {
+pub(crate) fn without_handle(work: impl FnOnce() -> Result<(), CodedError>) -> isotherm_code {
     code(catch_unwind(AssertUnwindSafe(work)).unwrap_or(Err(INTERNAL)))
 }
 
-/// Makes a handle and hands it to C, which gets NULL if there is none.
+/// Creates a handle and writes it to `output`; writes NULL if that fails.
 ///
 /// # Safety
-/// `place` is NULL or can be written.
+/// `output` is NULL or writable.
 pub(crate) unsafe fn create<T, H>(
-    place: *mut *mut H,
+    output: *mut *mut H,
     wrap: fn(Handle<T>) -> H,
-    make: impl FnOnce() -> Result<T, Failure>,
+    make: impl FnOnce() -> Result<T, CodedError>,
 ) -> isotherm_code {
-    if place.is_null() {
+    if output.is_null() {
         return code(Err(NULL));
     }
     // SAFETY: the caller's contract.
-    unsafe { place.write(core::ptr::null_mut()) };
-    outside(|| {
+    unsafe { output.write(core::ptr::null_mut()) };
+    without_handle(|| {
         static ONCE: Once = Once::new();
-        // SAFETY: registers a function that does nothing but count, which is allowed in a forked child. If there is no memory to
-        // register it, forks are not noticed.
+        // SAFETY: registers a function that only counts, which is allowed in a forked child. If there is no memory to register
+        // it, forks are not detected.
         ONCE.call_once(|| _ = unsafe { libc::pthread_atfork(None, None, Some(count_fork)) });
         let handle = Box::new(wrap(Handle::new(make()?)));
         // SAFETY: as above.
-        unsafe { place.write(Box::into_raw(handle)) };
+        unsafe { output.write(Box::into_raw(handle)) };
         Ok(())
     })
 }
 
-/// Takes a handle back from C.
+/// Closes a handle and frees it.
 ///
 /// # Safety
-/// `handle` is NULL, or came from [`create`] and is not used again if this gives [`ISOTHERM_OK`].
+/// `handle` is NULL, or came from [`create`] and is not used again after [`ISOTHERM_OK`].
 pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) -> isotherm_code {
     // SAFETY: the caller's contract.
-    let Some(alive) = (unsafe { handle.as_ref() }).map(content) else { return ISOTHERM_OK };
-    if alive.is_forked() {
-        // Leaving the streams is the parent's business.
+    let Some(content) = (unsafe { handle.as_ref() }).map(content) else { return ISOTHERM_OK };
+    if content.is_forked() {
+        // Only the parent may leave the streams.
         return code(Err(FORKED));
     }
-    if alive.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) == Err(IN_USE) {
+    if content.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) == Err(IN_USE) {
         return code(Err(BUSY));
     }
-    outside(|| {
-        // SAFETY: made by `Box::into_raw`, nobody is in it, and by the caller's contract nobody will be.
+    without_handle(|| {
+        // SAFETY: made by `Box::into_raw`; no call is in the handle, and by the caller's contract none will be.
         drop(unsafe { Box::from_raw(handle) });
         Ok(())
     })
@@ -146,7 +149,7 @@ mod tests {
         // SAFETY: valid until the next failure.
         let message = unsafe { CStr::from_ptr(isotherm_error_message()) };
         assert!(message.to_str().unwrap().contains("report"));
-        assert_eq!(outside(|| panic!("on purpose")), ISOTHERM_ERROR_INTERNAL);
+        assert_eq!(without_handle(|| panic!("on purpose")), ISOTHERM_ERROR_INTERNAL);
     }
 
     #[test]
@@ -166,9 +169,9 @@ mod tests {
         assert_eq!(enter(None::<&Handle<u8>>, |_| Ok(())), ISOTHERM_ERROR_NULL);
     }
 
-    /// With a shared count that is `Send`, all that an acquisition and a reader are made of is.
+    /// All parts of acquisitions and readers are `Send` if the transport's variant has an atomic count.
     #[test]
-    fn nothing_but_the_count_keeps_them_in_their_thread() {
+    fn only_the_count_is_not_send() {
         fn is_send<T: Send>() {}
         is_send::<iceoryx2::port::publisher::Publisher<Service, isotherm_client::RawSample, ()>>();
         is_send::<iceoryx2::sample_mut::SampleMut<Service, isotherm_client::RawSample, ()>>();

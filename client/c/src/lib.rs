@@ -1,12 +1,12 @@
-//! The C interface of the client library. Its documentation is the header that is made of this crate's comments,
-//! `client/include/isotherm.h`, and `docs/c.md`; the C++ wrapper is `client/include/isotherm.hpp`.
+//! The C interface of the client library. Its documentation is `docs/c.md` and the header `client/include/isotherm.h`, which is
+//! generated from this crate's comments. The C++ wrapper is `client/include/isotherm.hpp`.
 //!
-//! Everything that C holds is a [`handle::Handle`]: it answers with a code whatever it is asked, lets one caller in at a time, none
-//! in a forked child, and no panic out.
+//! Every object that C gets is a [`handle::Handle`]. A call with a handle always returns a code. A handle admits one caller at
+//! a time and none in a forked child, and no panic leaves it.
 #![allow(
     unsafe_code,
     clippy::missing_safety_doc,
-    reason = "C hands over pointers; what it must keep to is in the header's introduction, once for all functions"
+    reason = "C passes pointers; the header's introduction has the rules for them, once for all functions"
 )]
 
 mod acquisition;

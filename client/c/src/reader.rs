@@ -1,7 +1,7 @@
-//! The reader.
+//! The functions of the reader.
 #![allow(non_camel_case_types, reason = "the names of C")]
 
-use crate::code::{Failure, NONE, NULL, isotherm_code};
+use crate::code::{CodedError, NONE, NULL, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
 use crate::values::{imu, options};
 use core::ffi::c_char;
@@ -9,9 +9,9 @@ use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{CompensatedIncrement, IncrementReader};
 
-/// Reads the increments of one IMU as they are published, beside its acquisition: navigation, loggers. Each (session, sequence) is
-/// handed out once. It cannot disturb anyone: when it sleeps for more than 256 increments, the oldest are overwritten, which
-/// shows as a gap in `sequence`.
+/// Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is returned once.
+/// A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are overwritten, which is a gap
+/// in `sequence`.
 #[derive(Debug)]
 pub struct isotherm_reader(Handle<IncrementReader>);
 
@@ -19,14 +19,14 @@ pub struct isotherm_reader(Handle<IncrementReader>);
 #[inline]
 fn with(
     reader: *const isotherm_reader,
-    work: impl FnOnce(&mut IncrementReader) -> Result<(), Failure>,
+    work: impl FnOnce(&mut IncrementReader) -> Result<(), CodedError>,
 ) -> isotherm_code {
-    // SAFETY: NULL or open, as the header asks for.
+    // SAFETY: NULL or open, as the header requires.
     enter(unsafe { reader.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// A reader that connects as soon as the service is there, and does not wait for it. Arguments as for
-/// isotherm_acquisition_connect. Close it with isotherm_reader_close.
+/// Creates a reader that connects when the service has started; does not wait for it. Arguments as for
+/// isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME.
 #[unsafe(no_mangle)]
@@ -35,12 +35,12 @@ pub unsafe extern "C" fn isotherm_reader_new(
     domain: *const c_char,
     reader: *mut *mut isotherm_reader,
 ) -> isotherm_code {
-    // SAFETY: strings and the place of the handle are NULL or valid, as the header asks for.
+    // SAFETY: the strings and the pointer to the handle are NULL or valid, as the header requires.
     unsafe { create(reader, isotherm_reader, || Ok(IncrementReader::new(self::imu(imu)?, &options(domain, 0)?))) }
 }
 
-/// A reader that is connected, waiting up to `timeout_ns` for the service if need be. Arguments as for
-/// isotherm_acquisition_connect. Close it with isotherm_reader_close.
+/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. Arguments as for
+/// isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
 #[unsafe(no_mangle)]
@@ -50,7 +50,7 @@ pub unsafe extern "C" fn isotherm_reader_connect(
     timeout_ns: u64,
     reader: *mut *mut isotherm_reader,
 ) -> isotherm_code {
-    // SAFETY: strings and the place of the handle are NULL or valid, as the header asks for.
+    // SAFETY: the strings and the pointer to the handle are NULL or valid, as the header requires.
     unsafe {
         create(reader, isotherm_reader, || {
             Ok(IncrementReader::connect(self::imu(imu)?, &options(domain, timeout_ns)?)?)
@@ -60,10 +60,10 @@ pub unsafe extern "C" fn isotherm_reader_connect(
 
 /// Leaves the stream and frees the handle. NULL is allowed.
 ///
-/// ISOTHERM_OK; with ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED it is still open.
+/// ISOTHERM_OK. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> isotherm_code {
-    // SAFETY: NULL, or open and not used again, as the header asks for.
+    // SAFETY: NULL, or open and not used again, as the header requires.
     unsafe { close(reader, |handle| &handle.0) }
 }
 
@@ -77,16 +77,16 @@ pub unsafe extern "C" fn isotherm_reader_receive(
     increment: *mut CompensatedIncrement,
 ) -> isotherm_code {
     with(reader, |reader| {
-        let place = NonNull::new(increment).ok_or(NULL)?;
+        let output = NonNull::new(increment).ok_or(NULL)?;
         let increment = reader.receive()?.ok_or(NONE)?;
-        // SAFETY: not NULL, so it can be written, as the header asks for.
-        unsafe { place.write(increment) };
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { output.write(increment) };
         Ok(())
     })
 }
 
-/// As isotherm_reader_receive, waiting up to `timeout_ns`. Looks every 0.2 ms; call isotherm_reader_receive again and again to be
-/// faster.
+/// As isotherm_reader_receive, but waits up to `timeout_ns`. Polls every 0.2 ms; for less delay call isotherm_reader_receive in a
+/// loop.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     reader: *mut isotherm_reader,
@@ -94,10 +94,10 @@ pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     increment: *mut CompensatedIncrement,
 ) -> isotherm_code {
     with(reader, |reader| {
-        let place = NonNull::new(increment).ok_or(NULL)?;
+        let output = NonNull::new(increment).ok_or(NULL)?;
         let increment = reader.receive_timeout(Duration::from_nanos(timeout_ns))?.ok_or(NONE)?;
-        // SAFETY: not NULL, so it can be written, as the header asks for.
-        unsafe { place.write(increment) };
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { output.write(increment) };
         Ok(())
     })
 }
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn isotherm_reader_is_connected(reader: *const isotherm_re
     connected
 }
 
-/// Increments that came again after a resend and were not handed out. 0 for a handle that cannot be used.
+/// Increments that came again after a resend and were not returned. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_repeats(reader: *const isotherm_reader) -> u64 {
     let mut repeats = 0;

@@ -1,12 +1,12 @@
-//! The clock, and what a thread may ask for.
+//! The version, the clock, and real-time settings of a thread.
 
 use crate::code::isotherm_code;
-use crate::handle::outside;
+use crate::handle::without_handle;
 use core::ffi::{CStr, c_char};
 use core::num::NonZeroU64;
 use isotherm_client::Realtime;
 
-/// The version of the library, as ISOTHERM_VERSION is that of the header.
+/// The version of the library. ISOTHERM_VERSION is the version of the header.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_version() -> *const c_char {
     const VERSION: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
@@ -22,16 +22,16 @@ pub extern "C" fn isotherm_monotonic_ns() -> u64 {
     isotherm_client::monotonic_ns()
 }
 
-/// Real-time settings of the calling thread. Call it in the thread that sends and receives, before it connects.
+/// Applies real-time settings to the calling thread. Call it in the thread that sends and receives, before it connects.
 ///
-/// `core`: the core that the thread is bound to; -1 leaves it as it is. `priority`: SCHED_FIFO priority, 1 to 99; 0 leaves it
-/// as it is. `lock_memory`: keeps all memory of the process resident, what it gets later included. `timer_slack_ns`: how much
-/// later than asked a sleep may end; 0 leaves it as it is (50 000 unless set).
+/// `core`: the core that the thread is bound to; -1: no change. `priority`: SCHED_FIFO priority, 1 to 99; 0: no change.
+/// `lock_memory`: keeps all memory of the process resident, including memory that it gets later. `timer_slack_ns`: how much later
+/// than requested a sleep may end [ns]; 0: no change (the default of the kernel is 50 000).
 ///
-/// ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails; those before it, in this order, are in force.
+/// ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in force.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_realtime(core: i32, priority: i32, lock_memory: bool, timer_slack_ns: u64) -> isotherm_code {
-    outside(|| {
+    without_handle(|| {
         let core = (core != -1).then(|| usize::try_from(core).unwrap_or(usize::MAX));
         let priority = (priority != 0).then_some(priority);
         let timer_slack_ns = NonZeroU64::new(timer_slack_ns);

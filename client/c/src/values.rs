@@ -1,33 +1,33 @@
-//! Plain values: names that C hands over, samples, flags.
+//! Functions without a handle: names from C, samples, flags.
 
 use crate::code::isotherm_code::ISOTHERM_ERROR_NAME;
-use crate::code::{Failure, NULL, code, isotherm_code};
+use crate::code::{CodedError, NULL, code, isotherm_code};
 use core::ffi::{CStr, c_char};
 use core::fmt::Write as _;
 use core::time::Duration;
 use isotherm_client::{Flags, ImuId, Options, RawSample};
 
-/// An IMU's name.
+/// Parses an IMU's name.
 ///
 /// # Safety
-/// NULL or a string that ends with 0.
-pub(crate) unsafe fn imu(name: *const c_char) -> Result<ImuId, Failure> {
+/// `name` is NULL or a string that ends with 0.
+pub(crate) unsafe fn imu(name: *const c_char) -> Result<ImuId, CodedError> {
     // SAFETY: the caller's contract.
     let name = unsafe { text(name) }.ok_or(NULL)?;
-    name.parse().map_err(|error| Failure::new(ISOTHERM_ERROR_NAME, &error))
+    name.parse().map_err(|error| CodedError::new(ISOTHERM_ERROR_NAME, &error))
 }
 
-/// How to reach the service.
+/// The options for connecting to the service.
 ///
 /// # Safety
-/// As for [`imu`].
-pub(crate) unsafe fn options(domain: *const c_char, timeout_ns: u64) -> Result<Options, Failure> {
+/// `domain` is NULL or a string that ends with 0.
+pub(crate) unsafe fn options(domain: *const c_char, timeout_ns: u64) -> Result<Options, CodedError> {
     // SAFETY: the caller's contract.
     let domain = isotherm_client::domain(unsafe { text(domain) }.as_deref())?;
     Ok(Options { domain, timeout: Duration::from_nanos(timeout_ns) })
 }
 
-/// What is not UTF-8 is no valid name, and refused as such.
+/// The string; `None` for NULL. Text that is not UTF-8 becomes an invalid name, which the callers refuse.
 unsafe fn text(text: *const c_char) -> Option<String> {
     // SAFETY: the caller's contract.
     (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned())
@@ -36,8 +36,8 @@ unsafe fn text(text: *const c_char) -> Option<String> {
 /// Adds the next control period to a sample: pulses and intervals are summed, timestamp and telemetry become the later
 /// ones, session, sequence and `sent_ns` stay. `later` does not change.
 ///
-/// The velocity increment is linear in pulses and interval, so no velocity is lost as long as the temperature has not moved
-/// between the two. Use it for a sample that the service had no room for.
+/// The velocity increment is linear in pulses and interval, so no velocity is lost if the temperature is the same in both
+/// periods. Use it when the service had no room for a sample.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
 #[unsafe(no_mangle)]
@@ -45,31 +45,32 @@ pub unsafe extern "C" fn isotherm_merge(sample: *mut RawSample, later: *const Ra
     if sample.is_null() || later.is_null() {
         return code(Err(NULL));
     }
-    // SAFETY: not NULL, so they can be read, as the header asks for. Copies: the two may be the same.
+    // SAFETY: not NULL, so they are readable, as the header requires. Both are copied, because they may be the same sample.
     let (mut sum, later) = unsafe { (sample.read(), later.read()) };
-    code(sum.merge(&later).map_err(Failure::from).map(|()| {
-        // SAFETY: as above.
+    code(sum.merge(&later).map_err(CodedError::from).map(|()| {
+        // SAFETY: not NULL, so it is writable, as the header requires.
         unsafe { sample.write(sum) };
     }))
 }
 
-/// Writes the names of `flags` as text: `-`, or the names joined by `|`, lowest bit first; bits without a name are left out. At
-/// most `size` bytes are written to `text`, the 0 at the end included. Returns how long the whole text is, without that 0; if that is
-/// not below `size`, it has been cut off. 512 bytes are enough for all. `text` may be NULL if `size` is 0.
+/// Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name
+/// are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the length of the whole text
+/// without that 0; if it is not less than `size`, the text has been cut off. 512 bytes are always enough. `text` may be NULL if
+/// `size` is 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_flags_text(flags: u32, text: *mut c_char, size: usize) -> usize {
     let mut writer = Bounded { text, size: if text.is_null() { 0 } else { size }, length: 0 };
-    // Writing there cannot fail.
+    // `Bounded::write_str` never fails.
     let _ = write!(writer, "{}", Flags(flags));
     let length = writer.length;
     if writer.size > 0 {
-        // SAFETY: within the size that the caller has given.
+        // SAFETY: within the size that the caller gave.
         unsafe { text.add(length.min(writer.size - 1)).write(0) };
     }
     length
 }
 
-/// As much of a text as there is room for.
+/// Writes as much of a text as fits into `size` bytes, and counts the length of the whole text.
 struct Bounded {
     text: *mut c_char,
     size: usize,
@@ -80,7 +81,7 @@ impl core::fmt::Write for Bounded {
     fn write_str(&mut self, part: &str) -> core::fmt::Result {
         for byte in part.bytes() {
             if self.length + 1 < self.size {
-                // SAFETY: within the size that the caller of `isotherm_flags_text` has given.
+                // SAFETY: within the size that the caller of `isotherm_flags_text` gave.
                 unsafe { self.text.add(self.length).write(byte as c_char) };
             }
             self.length += 1;

@@ -1,6 +1,6 @@
-//! `client/include/isotherm.h` has every function and flag of the library. That it is word for word what cbindgen makes of the code is
-//! checked by `cargo run --manifest-path client/c/header/Cargo.toml -- --check`, which is no test since cbindgen would have the
-//! whole transport built anew.
+//! `client/include/isotherm.h` has every function and flag of the library. `cargo run --manifest-path client/c/header/Cargo.toml
+//! -- --check` checks that it is exactly what cbindgen generates from the code. That is not a test here, because cbindgen's
+//! dependencies would cause a second build of the transport.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::Flags;
@@ -9,7 +9,7 @@ use std::fs;
 
 const HEADER: &str = include_str!("../../include/isotherm.h");
 
-/// What stands right before a parenthesis and is ours.
+/// The names before an opening parenthesis that begin with `isotherm_`.
 fn functions(code: &str) -> BTreeSet<String> {
     let words = code.split('(').filter_map(|part| part.rsplit(|c: char| !c.is_alphanumeric() && c != '_').next());
     words.filter(|word| word.starts_with("isotherm_")).map(str::to_owned).collect()

@@ -1,31 +1,33 @@
-//! `Acquisition` and `Loan`.
+//! The Python classes `Acquisition` and `Loan`.
+//!
+//! Over 400 lines: every property of the two classes needs its own function here, and a loan is accessed only through its
+//! acquisition.
 
 use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connecting, transport};
 use crate::owned::Owned;
 use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view};
 use crate::run::{End, Run};
-use crate::wait::{SLICE, seconds, until};
-use isotherm_client::{
-    Acquisition as Client, CompensateError, Loan as ClientLoan, RawSample, SendError,
-};
+use crate::wait::{SLICE, poll_until, seconds};
+use isotherm_client::{Acquisition as Client, CompensateError, Loan as ClientLoan, RawSample, SendError};
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
 use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
-/// How long an answer is waited for without letting other Python threads run: letting them, and being let again, costs more.
-const HELD: Duration = Duration::from_micros(20);
+/// How long a call waits for an answer without releasing the GIL; releasing it and taking it again would take longer.
+const HOLD_GIL: Duration = Duration::from_micros(20);
 const NAME: &str = "Acquisition";
 
-struct State {
-    // Before the client: fields are dropped in this order.
+/// A client and the samples on loan from it, by their ids.
+struct OwnedAcquisition {
+    // Loans must be dropped before the client; fields are dropped in this order.
     loans: Vec<(u64, ClientLoan)>,
     next: u64,
     client: Client,
 }
 
-impl State {
+impl OwnedAcquisition {
     fn take(&mut self, id: u64) -> PyResult<ClientLoan> {
         let place = self.loans.iter().position(|(other, _)| *other == id).ok_or_else(gone)?;
         Ok(self.loans.swap_remove(place).1)
@@ -49,7 +51,7 @@ fn gone() -> PyErr {
 /// The one acquisition process of an IMU.
 #[pyclass(frozen, module = "isotherm")]
 pub struct Acquisition {
-    owned: Owned<State>,
+    owned: Owned<OwnedAcquisition>,
     imu: String,
     depth: usize,
 }
@@ -61,7 +63,7 @@ pub struct Loan {
     id: u64,
 }
 
-/// What can be sent: a loan of this acquisition, by its id, or a record.
+/// A sample to send: a loan of this acquisition, by its id, or a record.
 enum Sample {
     Loan(u64),
     Record(RawSample),
@@ -74,7 +76,7 @@ impl Acquisition {
     fn new(py: Python<'_>, imu: &str, domain: Option<&str>, timeout: f64) -> PyResult<Self> {
         let (id, timeout) = (imu_id(imu)?, seconds("timeout", timeout)?);
         let mut last = None;
-        let client = until(py, timeout, |left| {
+        let client = poll_until(py, timeout, |left| {
             let options = options(domain, left)?;
             match py.detach(|| Client::connect(&id, &options).map(send_wrapper::SendWrapper::new)) {
                 Ok(client) => Ok(Some(client.take())),
@@ -88,7 +90,7 @@ impl Acquisition {
         match (client, last) {
             (Some(client), _) => {
                 let depth = client.depth();
-                let state = State { loans: Vec::with_capacity(8), next: 0, client };
+                let state = OwnedAcquisition { loans: Vec::with_capacity(8), next: 0, client };
                 Ok(Self { owned: Owned::new(NAME, state), imu: imu.to_owned(), depth })
             }
             (None, Some(error)) => Err(connecting(&error)),
@@ -157,11 +159,11 @@ impl Acquisition {
     #[pyo3(signature = (timeout = 0.0))]
     fn receive(&self, py: Python<'_>, timeout: f64) -> PyResult<Option<Increment>> {
         let timeout = seconds("timeout", timeout)?;
-        let now = self.owned.hold()?.open()?.client.receive_timeout(timeout.min(HELD)).map_err(transport)?;
-        if now.is_some() || timeout <= HELD {
+        let now = self.owned.hold()?.open()?.client.receive_timeout(timeout.min(HOLD_GIL)).map_err(transport)?;
+        if now.is_some() || timeout <= HOLD_GIL {
             return Ok(now.map(Increment));
         }
-        let answer = until(py, timeout, |left| {
+        let answer = poll_until(py, timeout, |left| {
             let mut held = self.owned.hold()?;
             let state = held.open()?;
             py.detach(|| state.client.receive_timeout(left)).map_err(transport)
@@ -180,14 +182,14 @@ impl Acquisition {
             let state = held.open()?;
             let (id, loan) = prepare(state, &given)?;
             sequence = loan.sequence;
-            match state.client.compensate(loan, timeout.min(HELD)) {
+            match state.client.compensate(loan, timeout.min(HOLD_GIL)) {
                 Ok(answer) => return Ok(Increment(answer)),
                 Err(CompensateError::Timeout) => {}
                 Err(CompensateError::Send(error)) => return Err(unsent(state, id, error, sample)),
                 Err(CompensateError::Receive(error)) => return Err(transport(error)),
             }
         }
-        let answer = until(py, timeout.saturating_sub(started.elapsed()), |left| {
+        let answer = poll_until(py, timeout.saturating_sub(started.elapsed()), |left| {
             let mut held = self.owned.hold()?;
             let state = held.open()?;
             let answer = py.detach(|| {
@@ -224,11 +226,11 @@ impl Acquisition {
         let end = loop {
             let mut held = self.owned.hold()?;
             let state = held.open()?;
-            match py.detach(|| run.turn(&mut state.client, SLICE)) {
+            match py.detach(|| run.step(&mut state.client, SLICE)) {
                 Ok(End::Slice) => {}
                 Ok(End::Done) => break None,
                 Ok(End::Silent) => {
-                    break Some("no answer from the service in time; `isotherm status` tells whether it runs");
+                    break Some("no answer from the service in time; `isotherm status` shows whether it runs");
                 }
                 Err(message) => return Err(IsothermError::new_err(message)),
             }
@@ -260,9 +262,9 @@ impl Acquisition {
     }
 }
 
-/// What is to be sent, with its id if it is the caller's loan.
+/// The sample to send as a loan, with its id if it is the caller's loan.
 #[inline]
-fn prepare(state: &mut State, sample: &Sample) -> PyResult<(Option<u64>, ClientLoan)> {
+fn prepare(state: &mut OwnedAcquisition, sample: &Sample) -> PyResult<(Option<u64>, ClientLoan)> {
     match sample {
         Sample::Loan(id) => Ok((Some(*id), state.take(*id)?)),
         Sample::Record(raw) => {
@@ -273,8 +275,8 @@ fn prepare(state: &mut State, sample: &Sample) -> PyResult<(Option<u64>, ClientL
     }
 }
 
-/// The exception for a sample that was not sent; a loan is the caller's again.
-fn unsent(state: &mut State, id: Option<u64>, error: SendError, sample: &Bound<'_, PyAny>) -> PyErr {
+/// The exception for a sample that was not sent. A loan stays the caller's.
+fn unsent(state: &mut OwnedAcquisition, id: Option<u64>, error: SendError, sample: &Bound<'_, PyAny>) -> PyErr {
     let message = error.to_string();
     let (SendError::Full(loan) | SendError::Sequence(loan)) = error else { return transport(message) };
     let full = state.client.in_flight() >= state.client.depth();
@@ -285,9 +287,9 @@ fn unsent(state: &mut State, id: Option<u64>, error: SendError, sample: &Bound<'
 }
 
 impl Loan {
-    fn with<T>(&self, use_it: impl FnOnce(&mut RawSample) -> T) -> PyResult<T> {
+    fn with<T>(&self, access: impl FnOnce(&mut RawSample) -> T) -> PyResult<T> {
         let mut held = self.acquisition.get().owned.hold()?;
-        Ok(use_it(held.open()?.loan(self.id)?))
+        Ok(access(held.open()?.loan(self.id)?))
     }
 }
 
@@ -382,13 +384,13 @@ impl Loan {
         self.with(|raw| raw.board_temperature = values)
     }
 
-    /// All but the session, from a record.
+    /// Copies all fields except the session from a record.
     fn fill(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
         let sample = one_sample(sample)?;
         self.with(|raw| *raw = RawSample { session: raw.session, ..sample })
     }
 
-    /// Adds the next control period, a loan or a record.
+    /// Adds the next control period, given as a loan or a record.
     fn merge(&self, later: &Bound<'_, PyAny>) -> PyResult<()> {
         let later = match later.cast::<Self>() {
             Ok(loan) => loan.get().with(|raw| *raw)?,
@@ -403,7 +405,7 @@ impl Loan {
         Ok(held.open().is_ok_and(|state| state.loan(self.id).is_err()))
     }
 
-    /// A copy, as an array of no dimension.
+    /// A copy, as an array without dimensions.
     fn to_numpy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let bytes = self.with(|raw| raw_bytes(raw))?;
         view(array(py, bytes.to_vec()), "RAW_SAMPLE")?.call_method1("reshape", ((),))
@@ -418,12 +420,12 @@ impl Loan {
 }
 
 impl Drop for Loan {
-    /// One that is given up unsent goes back.
+    /// Gives a loan that was not sent back.
     fn drop(&mut self) {
         if let Ok(mut held) = self.acquisition.get().owned.hold()
             && let Ok(state) = held.open()
         {
-            let _unsent = State::take(state, self.id);
+            let _unsent = OwnedAcquisition::take(state, self.id);
         }
     }
 }

@@ -1,14 +1,16 @@
-//! `calibrate`.
+//! The function `calibrate` and its result.
 
 use crate::errors::{CalibrationError, faults, recording};
 use crate::offline::tool;
 use crate::records::{Fields, RAW, python};
 use crate::table::Table;
-use isotherm_calibration::calibrate::{Calibration as Figures, CalibrationOptions, Method, calibrate as fit, observable};
+use isotherm_calibration::calibrate::{
+    Calibration as Figures, CalibrationOptions, Method, calibrate as fit, observable,
+};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::checks::{Finding, Severity};
-use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_table, sha256};
 use isotherm_calibration::order::OrderTable;
+use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_table, sha256};
 use isotherm_calibration::report::calibration::html;
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
@@ -19,10 +21,10 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Bytes of a row: a raw sample, the set point, the position.
+/// Size of a row: a raw sample, the set point and the position \[bytes\].
 const ROW: usize = RAW + 16;
 
-/// What came out of a campaign.
+/// The result of a calibration.
 #[pyclass(frozen, module = "isotherm._isotherm")]
 pub struct Calibration {
     campaign: Campaign,
@@ -31,7 +33,7 @@ pub struct Calibration {
     text: String,
 }
 
-/// The campaign's text says where its samples are.
+/// The sample files that a campaign file's text names.
 #[pyfunction]
 pub fn samples_of(text: &str, name: &str) -> PyResult<Vec<String>> {
     Campaign::from_toml(text).map(|campaign| campaign.samples).map_err(|all| faults(name, &all))
@@ -43,7 +45,7 @@ pub fn read_text(path: PathBuf) -> PyResult<String> {
     crate::table::read_text(&path)
 }
 
-/// Makes a table of a campaign; `samples` is a path, or the bytes of rows.
+/// Calibrates: makes a table from a campaign; `samples` is a path, or the bytes of rows.
 #[pyfunction]
 #[expect(
     clippy::too_many_arguments,
@@ -98,7 +100,7 @@ fn of_file(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), Rec
     Ok((dwells, hashed.finish().1))
 }
 
-/// Rows are counted from 0, as in the array.
+/// The dwells of an array's rows. Messages count the rows from 0, as in the array.
 fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), RecordingError> {
     let mut rule = SequenceRule::default();
     let row = |(line, bytes): (usize, &[u8])| {
@@ -115,7 +117,7 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), Rec
                 Ok(number) => Some(number),
                 Err(_) => {
                     return fault(format!(
-                        "position is {number}, give a position's number, or -1 while the table moves"
+                        "position is {number}, give a position's number, or -1 while the turntable moves"
                     ));
                 }
             },
@@ -169,19 +171,19 @@ impl Calibration {
         self.figures.findings.iter().map(|each| finding("", each)).collect()
     }
 
-    /// By axis and quantity, JSON.
+    /// The order tables by axis and quantity, as JSON.
     fn orders(&self) -> String {
         let tables = self.figures.orders.iter().map(|axis| axis.iter().map(OrderTable::json).collect());
         Value::Array(tables.collect()).to_string()
     }
 
-    /// Of each dwell and axis \[g0\].
+    /// The residuals by dwell and axis \[g0\].
     fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let all: Vec<f64> = self.figures.solution.residuals.iter().flatten().copied().collect();
         PyArray1::from_vec(py, all).reshape([self.figures.dwells.len(), 3])
     }
 
-    /// Set point, number of the position, first and last row, seconds, of each dwell.
+    /// For each dwell: set point, number of the position, first and last row, seconds.
     fn dwells(&self) -> Vec<(f64, u32, u64, u64, f64)> {
         let one = |dwell: &Dwell| {
             let number = self.campaign.positions[dwell.position].number;

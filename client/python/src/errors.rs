@@ -1,8 +1,8 @@
-//! Errors of the libraries as exceptions of `isotherm._errors`.
+//! Converts errors of the libraries to exceptions of `isotherm._errors`.
 
 use isotherm_client::ConnectError;
-use isotherm_shared::document::Faults;
 use isotherm_recording::RecordingError;
+use isotherm_shared::document::Faults;
 use pyo3::exceptions::PyOSError;
 use pyo3::import_exception;
 use pyo3::prelude::*;
@@ -42,7 +42,8 @@ pub fn transport(error: impl Display) -> PyErr {
     TransportError::new_err(error.to_string())
 }
 
-/// All faults of a text from `source`: one line each, and as a list of (line, key, message).
+/// The exception for all faults of a text from `source`: its message has one line for each, and it has a list of (line, key,
+/// message).
 pub fn faults(source: &str, faults: &Faults) -> PyErr {
     let line = |fault: &isotherm_shared::document::Fault| {
         let colon = if fault.key.is_empty() { "" } else { ": " };
@@ -53,7 +54,7 @@ pub fn faults(source: &str, faults: &Faults) -> PyErr {
     TableError::new_err((message, list))
 }
 
-/// A file that could not be read or written, as the `OSError` that Python would have raised.
+/// The `OSError` that Python itself would raise for a file that could not be read or written.
 pub fn file(path: &Path, error: &io::Error) -> PyErr {
     match error.raw_os_error() {
         Some(number) => {

@@ -1,5 +1,5 @@
-//! The native part of the Python package `isotherm`: ports, tables and arithmetic are the Rust libraries'; what is Python's, arrays of other
-//! layouts, data frames and files among it, is in `python/isotherm`.
+//! The native part of the Python package `isotherm`: streams, tables and arithmetic come from the Rust libraries. The Python part
+//! is in `python/isotherm`: arrays of other layouts, data frames and files.
 
 mod acquisition;
 mod calibration;
@@ -44,7 +44,8 @@ mod _isotherm {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // NumPy's C interface is looked up at its first use and then kept: an interrupt that came during that would be a panic.
+        // The first use of NumPy loads its C interface. It happens here, because an interrupt (Ctrl-C) during the load would
+        // cause a panic.
         drop(PyArray1::<u8>::zeros(module.py(), 0, false));
         module.add("FLAGS", Flags::NAMES.to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))

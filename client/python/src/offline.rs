@@ -1,4 +1,4 @@
-//! The offline tools on arrays: the arithmetic is the library's, here are only its arguments and results.
+//! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, increment_bytes, increments, python, view};
@@ -8,9 +8,9 @@ use isotherm_calibration::order::{OrderTable, Rule, default_order};
 use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
 use isotherm_calibration::report::verification::{VerificationSource, html};
 use isotherm_calibration::stability::{Collector, Setup, Stability as Figures};
-use isotherm_shared::compensate::answer;
 use isotherm_recording::csv::Rows;
 use isotherm_recording::{IncrementCsvWriter, RawCsvReader, RawCsvWriter, RecordingError};
+use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags};
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
@@ -21,8 +21,7 @@ use std::io::{self, BufWriter};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-
-/// The increments of raw samples, both as bytes.
+/// The increments of raw samples; samples and increments are bytes.
 #[pyfunction]
 pub fn replay<'py>(
     py: Python<'py>,
@@ -157,7 +156,7 @@ pub fn regress(
     document.map(|document| document.to_string()).map_err(PyValueError::new_err)
 }
 
-/// Each double stands for the shortest decimal that reads back to it, as a file would have it.
+/// Converts each double to the shortest decimal number that reads back to it, as a file would contain it.
 fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<DataPoint, String> {
     let decimal = |name: &str, value: f64| {
         let number = DoubleDouble::parse(&format!("{value:?}"));
@@ -172,7 +171,7 @@ fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<DataPoint,
     }
 }
 
-/// How stable an output is.
+/// The stability of an output.
 #[pyclass(frozen, module = "isotherm")]
 pub struct Stability {
     table: Arc<CoefficientTable>,
@@ -181,7 +180,7 @@ pub struct Stability {
     recording: String,
 }
 
-/// Stability before and after compensation.
+/// Computes the stability before and after compensation.
 #[pyfunction]
 pub fn verify(
     py: Python<'_>,
@@ -251,7 +250,7 @@ impl Stability {
         self.figures.left_out
     }
 
-    /// Mean, rms and worst of the output's length less local gravity \[g0\], over so many windows.
+    /// Mean, rms and worst value of (length of the output - local gravity) \[g0\], and the number of windows.
     #[getter]
     fn modulus(&self) -> Option<(f64, f64, f64, usize)> {
         self.figures.modulus.map(|modulus| (modulus.mean, modulus.rms, modulus.worst, modulus.windows))
@@ -259,7 +258,7 @@ impl Stability {
 
     #[getter]
     fn warning(&self) -> Option<String> {
-        self.figures.not_gravity()
+        self.figures.gravity_mismatch()
     }
 
     #[getter]
@@ -295,7 +294,7 @@ impl Stability {
     }
 }
 
-/// This program, for provenance.
+/// Name and version of this program, for provenance.
 pub fn tool() -> String {
     format!("isotherm {} (Python)", env!("CARGO_PKG_VERSION"))
 }

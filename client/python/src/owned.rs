@@ -1,4 +1,4 @@
-//! What belongs to the thread that made it: the transport's ports stay in their thread.
+//! Values that belong to the thread that created them, as the transport's ports do.
 
 use crate::errors::{Closed, IsothermError, WrongThread};
 use pyo3::exceptions::PyResourceWarning;
@@ -10,15 +10,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-/// Forks of this process that it is the child of. Counted by Python's `os.register_at_fork`.
+/// Number of forks between this process and the one that imported the package; counted by Python's `os.register_at_fork`.
 static FORKS: AtomicU32 = AtomicU32::new(0);
 
-/// A forked child shares memory and files with its parent: the parent's ports must not be touched by it.
+/// Called in a forked child. The child shares memory and files with its parent and must not use the parent's ports.
 pub fn count_fork() {
     FORKS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// A value that only the thread that made it may touch; any other is told so. Empty when closed.
+/// A value that only the thread that created it may use; other threads get an exception. Empty after it has been closed.
 pub struct Owned<T> {
     name: &'static str,
     thread: ThreadId,
@@ -26,7 +26,7 @@ pub struct Owned<T> {
     value: Mutex<Option<SendWrapper<T>>>,
 }
 
-/// The value, for as long as this lives.
+/// Exclusive access to the value of an [`Owned`].
 pub struct Held<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
 
 impl<T> Owned<T> {
@@ -36,7 +36,7 @@ impl<T> Owned<T> {
     }
 
     /// # Errors
-    /// In any other thread, and in a forked child.
+    /// In another thread, and in a forked child.
     fn check(&self) -> PyResult<()> {
         if self.forks != FORKS.load(Ordering::Relaxed) {
             let message =
@@ -51,10 +51,10 @@ impl<T> Owned<T> {
         Ok(())
     }
 
-    /// The value.
+    /// Gives exclusive access to the value.
     ///
     /// # Errors
-    /// In any other thread, and while it is held already.
+    /// In another thread, in a forked child, and while another call has access.
     pub fn hold(&self) -> PyResult<Held<'_, T>> {
         self.check()?;
         let busy = |_| IsothermError::new_err(format!("this {} is in use by a call that has not returned", self.name));
@@ -65,10 +65,10 @@ impl<T> Owned<T> {
         self.value.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     }
 
-    /// Drops the value; a second time does nothing.
+    /// Drops the value; a second call does nothing.
     ///
     /// # Errors
-    /// In any other thread.
+    /// As [`hold`](Self::hold).
     pub fn close(&self) -> PyResult<()> {
         let value = self.hold()?.0.take();
         drop(value);
@@ -91,7 +91,7 @@ impl<T> Drop for Owned<T> {
         if value.is_none() || self.check().is_ok() {
             return;
         }
-        // Its own thread alone may drop it; it stays until the process ends.
+        // Only its own thread may drop the value. So it is leaked, and stays until the process ends.
         let _kept = ManuallyDrop::new(value);
         if self.forks != FORKS.load(Ordering::Relaxed) {
             return;

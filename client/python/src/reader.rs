@@ -1,10 +1,10 @@
-//! `IncrementReader`.
+//! The Python class `IncrementReader`.
 
 use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Timeout, connecting};
 use crate::owned::Owned;
 use crate::records::{Increment, array, increment_bytes, view};
-use crate::wait::{seconds, until};
+use crate::wait::{poll_until, seconds};
 use isotherm_client::IncrementReader as Client;
 use pyo3::prelude::*;
 use std::time::Duration;
@@ -98,7 +98,7 @@ impl IncrementReader {
         if now.is_some() || timeout.is_zero() {
             return Ok(now.map(Increment));
         }
-        let increment = until(py, timeout, |left| {
+        let increment = poll_until(py, timeout, |left| {
             let mut held = self.owned.hold()?;
             let reader = held.open()?;
             py.detach(|| reader.receive_timeout(left)).map_err(|error| connecting(&error))
@@ -109,7 +109,7 @@ impl IncrementReader {
 
 fn connect(py: Python<'_>, id: &isotherm_client::ImuId, domain: Option<&str>, timeout: Duration) -> PyResult<Client> {
     let mut last = None;
-    let client = until(py, timeout, |left| {
+    let client = poll_until(py, timeout, |left| {
         let options = options(domain, left)?;
         match py.detach(|| Client::connect(id.clone(), &options).map(send_wrapper::SendWrapper::new)) {
             Ok(client) => Ok(Some(client.take())),

@@ -1,16 +1,16 @@
-//! Samples and increments as the bytes of NumPy's structured arrays, and one increment as an object.
+//! Samples and increments as bytes of NumPy's structured arrays, and the Python class `Increment`.
 
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
-/// Bytes of a raw sample.
+/// Size of a raw sample \[bytes\].
 pub const RAW: usize = size_of::<RawSample>();
-/// Bytes of an increment.
+/// Size of an increment \[bytes\].
 pub const INCREMENT: usize = size_of::<CompensatedIncrement>();
 
-/// The fields of a record, one after the other.
+/// Reads the fields of a record, one after the other.
 pub struct Fields<'a>(pub &'a [u8]);
 
 impl Fields<'_> {
@@ -46,7 +46,7 @@ impl Fields<'_> {
         i64::from_ne_bytes(self.next())
     }
 
-    /// Copied once: another thread may change what lies in the array.
+    /// A raw sample. Every byte is read once, because another thread may change the array at the same time.
     #[inline]
     pub fn raw(&mut self) -> RawSample {
         RawSample {
@@ -111,7 +111,7 @@ pub fn python<'py>(py: Python<'py>, module: &str, name: &str) -> PyResult<Bound<
     py.import(format!("isotherm.{module}"))?.getattr(name)
 }
 
-/// The records of `samples`, whatever it is, as the bytes of one contiguous array: `isotherm._records.sample_bytes`.
+/// The records of `samples` (an array or a data frame) as the bytes of one contiguous array: `isotherm._records.sample_bytes`.
 pub fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = samples.py();
@@ -119,7 +119,7 @@ pub fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArra
     function.bind(py).call1((samples,))?.extract()
 }
 
-/// One raw sample out of a record, or an array of one: `isotherm._records.one_sample`.
+/// One raw sample from a record, or from an array of one: `isotherm._records.one_sample`.
 pub fn one_sample(sample: &Bound<'_, PyAny>) -> PyResult<RawSample> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = sample.py();
@@ -128,23 +128,23 @@ pub fn one_sample(sample: &Bound<'_, PyAny>) -> PyResult<RawSample> {
     Ok(Fields(bytes.extract()?).raw())
 }
 
-/// Bytes as an array of the records that `isotherm._records` calls `name`, without a copy.
+/// Bytes as an array of records, without a copy; `name` is the name of their type in `isotherm._records`.
 pub fn view<'py>(bytes: Bound<'py, PyArray1<u8>>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let dtype = python(bytes.py(), "_records", name)?;
     bytes.call_method1("view", (dtype,))
 }
 
-/// An array of `count` increments to be filled in as bytes, and [`view`]ed then.
+/// A new array of bytes for `count` increments, to be filled in and then converted by [`view`].
 pub fn increments(py: Python<'_>, count: usize) -> Bound<'_, PyArray1<u8>> {
     PyArray1::zeros(py, count * INCREMENT, false)
 }
 
-/// An array of bytes that are not needed any more here.
+/// An array that takes over `bytes` without a copy.
 pub fn array(py: Python<'_>, bytes: Vec<u8>) -> Bound<'_, PyArray1<u8>> {
     PyArray1::from_vec(py, bytes)
 }
 
-/// Exactly three values, out of any sequence or array.
+/// Exactly three values, from any sequence or array.
 pub fn triple<'py, T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>>(
     name: &str,
     values: &Bound<'py, PyAny>,
@@ -155,7 +155,7 @@ pub fn triple<'py, T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>>(
     list.try_into().map_err(|_| wrong())
 }
 
-/// One velocity increment, as the service answered.
+/// One velocity increment, the answer of the service.
 #[pyclass(frozen, module = "isotherm", name = "Increment")]
 pub struct Increment(pub CompensatedIncrement);
 
@@ -202,7 +202,7 @@ impl Increment {
         self.0.latency_ns
     }
 
-    /// The same as an array of no dimension.
+    /// The same values as an array without dimensions.
     fn to_numpy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         view(array(py, increment_bytes(&self.0).to_vec()), "INCREMENT")?.call_method1("reshape", ((),))
     }

@@ -1,4 +1,4 @@
-//! A whole array through the service, as `isotherm feed` sends a recording.
+//! Sends a whole array of samples through the service, as `isotherm feed` sends a recording.
 
 use crate::records::{Fields, INCREMENT, RAW, increment_bytes};
 use isotherm_client::{Acquisition, RawSample};
@@ -6,31 +6,32 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Why [`Run::turn`] returned.
+/// Why [`Run::step`] returned.
 pub enum End {
-    /// Its time is over; call it again.
+    /// Its time slice is over; call it again.
     Slice,
     /// Every sample has been answered.
     Done,
-    /// No answer for longer than the time-out.
+    /// No answer has come for longer than the time-out.
     Silent,
 }
 
-/// How far a run has come.
+/// A run and its progress.
 pub struct Run<'a> {
     samples: &'a [u8],
     increments: &'a mut [u8],
     window: usize,
     timeout: Duration,
     period: Option<Duration>,
-    /// Samples whose answers nobody waits for any more are drained first.
+    /// Whether the answers to samples sent before this run have been discarded.
     drained: bool,
     begin_session: bool,
     session: Option<u64>,
     sent: usize,
     received: usize,
     /// When the last increment came, or the first unanswered sample was sent.
-    heard: Instant,
+    last_answer: Instant,
+    /// When the next sample is to be sent.
     due: Instant,
 }
 
@@ -75,7 +76,7 @@ impl<'a> Run<'a> {
             session: None,
             sent: 0,
             received: 0,
-            heard: now,
+            last_answer: now,
             due: now,
         })
     }
@@ -89,7 +90,7 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// If the transport fails, or a sample cannot be sent.
-    pub fn turn(&mut self, acquisition: &mut Acquisition, slice: Duration) -> Result<End, String> {
+    pub fn step(&mut self, acquisition: &mut Acquisition, slice: Duration) -> Result<End, String> {
         let started = Instant::now();
         while self.received < self.samples.len() / RAW {
             let now = Instant::now();
@@ -100,12 +101,12 @@ impl<'a> Run<'a> {
             let waiting = acquisition.in_flight();
             let next =
                 self.samples.get(self.sent * RAW..).filter(|rest| !rest.is_empty()).map(|rest| Fields(rest).raw());
-            let turns = next.filter(|sample| self.session.is_some_and(|session| session != sample.session));
+            let changes_session = next.filter(|sample| self.session.is_some_and(|session| session != sample.session));
             match next {
                 Some(sample)
                     if (self.drained || waiting == 0)
                         && waiting < self.window
-                        && (turns.is_none() || waiting == 0)
+                        && (changes_session.is_none() || waiting == 0)
                         && (self.period.is_none() || now >= self.due) =>
                 {
                     self.send(acquisition, &sample, waiting, now)?;
@@ -117,7 +118,7 @@ impl<'a> Run<'a> {
                         left
                     };
                     self.receive(acquisition, pause)?;
-                    if acquisition.in_flight() > 0 && self.heard.elapsed() > self.timeout {
+                    if acquisition.in_flight() > 0 && self.last_answer.elapsed() > self.timeout {
                         return Ok(End::Silent);
                     }
                 }
@@ -139,7 +140,7 @@ impl<'a> Run<'a> {
         }
         (self.session, self.drained) = (Some(sample.session), true);
         if waiting == 0 {
-            self.heard = now;
+            self.last_answer = now;
         }
         let mut loan = acquisition.loan().map_err(|error| error.to_string())?;
         *loan = RawSample { session: loan.session, sent_ns: 0, ..*sample };
@@ -154,7 +155,7 @@ impl<'a> Run<'a> {
         let Some(answer) = acquisition.receive_timeout(pause).map_err(|error| error.to_string())? else {
             return Ok(());
         };
-        self.heard = Instant::now();
+        self.last_answer = Instant::now();
         if self.drained
             && let Some(place) = self.increments.chunks_exact_mut(INCREMENT).nth(self.received)
         {

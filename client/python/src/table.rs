@@ -1,4 +1,4 @@
-//! `Table`, `Axis` and `Polynomial`.
+//! The Python classes `Table`, `Axis` and `Polynomial`.
 
 use crate::errors::{TableError, faults, file};
 use isotherm_shared::document::MAX_BYTES;
@@ -33,7 +33,7 @@ pub struct Polynomial {
 /// The text of a table or campaign file.
 ///
 /// # Errors
-/// If it cannot be read, is no regular file, too large, or not UTF-8.
+/// If the file cannot be read, is not a regular file, is too large, or is not UTF-8.
 pub fn read_text(path: &Path) -> PyResult<String> {
     let refused = |message: String| {
         TableError::new_err((format!("{}: {message}", path.display()), vec![(1, String::new(), message)]))
@@ -205,7 +205,7 @@ impl Polynomial {
         self.curve.range().into()
     }
 
-    /// The value at one telemetry, or at each of an array.
+    /// The value at one telemetry, or at each telemetry of an array.
     fn __call__<'py>(&self, telemetry: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let py = telemetry.py();
         if let Ok(value) = telemetry.extract::<f64>() {

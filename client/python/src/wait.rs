@@ -1,16 +1,16 @@
-//! Waiting without holding up other Python threads, and without missing Ctrl-C.
+//! Waiting that lets other Python threads run and handles Ctrl-C.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
-/// How long Python's signals may have to wait.
+/// Longest time between two checks for Python's signals.
 pub const SLICE: Duration = Duration::from_millis(50);
 
-/// Seconds from Python.
+/// Converts seconds from Python.
 ///
 /// # Errors
-/// If they are negative or no number.
+/// If `value` is negative or NaN.
 pub fn seconds(name: &str, value: f64) -> PyResult<Duration> {
     if value.is_nan() || value < 0.0 {
         return Err(PyValueError::new_err(format!("{name} is {value}, give seconds from 0")));
@@ -18,19 +18,20 @@ pub fn seconds(name: &str, value: f64) -> PyResult<Duration> {
     Ok(Duration::try_from_secs_f64(value).unwrap_or(Duration::MAX))
 }
 
-/// Calls `turn` with at most [`SLICE`] at a time, Python's signals looked after in between, until it gives something or `timeout` has passed.
+/// Calls `poll` with at most [`SLICE`] at a time until it returns a value or `timeout` has passed. Handles Python's signals after
+/// each call.
 ///
 /// # Errors
-/// As `turn`, or what a signal handler raised, such as `KeyboardInterrupt`.
-pub fn until<T>(
+/// The errors of `poll`, or the exception of a signal handler, such as `KeyboardInterrupt`.
+pub fn poll_until<T>(
     py: Python<'_>,
     timeout: Duration,
-    mut turn: impl FnMut(Duration) -> PyResult<Option<T>>,
+    mut poll: impl FnMut(Duration) -> PyResult<Option<T>>,
 ) -> PyResult<Option<T>> {
     let started = Instant::now();
     loop {
         let left = timeout.saturating_sub(started.elapsed());
-        if let Some(value) = turn(left.min(SLICE))? {
+        if let Some(value) = poll(left.min(SLICE))? {
             return Ok(Some(value));
         }
         py.check_signals()?;

@@ -1,4 +1,4 @@
-"""A world of its own for each test: a domain, a folder, real services; nothing of it is left behind."""
+"""Each test gets a domain and a folder of its own and starts real services in them. Nothing is left behind."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ TABLE = REPOSITORY / "tests/data/imu-a.toml"
 RUN = REPOSITORY / "tests/data/run.csv"
 CAMPAIGN = REPOSITORY / "examples/campaign/campaign.toml"
 EXAMPLES = REPOSITORY / "examples/python"
-# How long anything that must happen may take: it bounds a failure, it is no expectation.
-PATIENCE = 20.0
+# Time limit of every wait [s]. It is generous: it only bounds a failing test.
+TIMEOUT = 20.0
+# Time limit of a test [s].
 WATCHDOG = 200.0
 
 
@@ -49,12 +50,12 @@ class Service:
                 self.ready.set()
 
     def wait_until_ready(self) -> Service:
-        if not self.ready.wait(PATIENCE):
+        if not self.ready.wait(TIMEOUT):
             raise AssertionError("the service did not become ready:\n" + "".join(self.log))
         return self
 
     def pause(self) -> None:
-        """Stops all its threads, and waits until they are."""
+        """Stops all its threads, and waits until they have stopped."""
         self.process.send_signal(signal.SIGSTOP)
         tasks = Path(f"/proc/{self.process.pid}/task")
         wait_for(lambda: all(" T " in (task / "stat").read_text() for task in tasks.iterdir()), "the service stops")
@@ -68,19 +69,21 @@ class Service:
 
     def stop(self) -> None:
         self.process.terminate()
-        self.process.wait(PATIENCE)
+        self.process.wait(TIMEOUT)
 
 
-class World:
-    def __init__(self, folder: Path, domain: str) -> None:
-        self.folder, self.domain = folder, domain
-        root = f"{folder}/{domain}"
+class DomainUnderTest:
+    """The domain and the folder of one test, with the processes that it starts."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.folder, self.name = folder, name
+        root = f"{folder}/{name}"
         self.prefix = f"isotherm_{hashlib.sha256(root.encode()).hexdigest()[:8]}_"
         self.services: list[Service] = []
         self.processes: list[subprocess.Popen[str]] = []
 
     def start(self, *command: str | Path) -> subprocess.Popen[str]:
-        """A process whose output is read; it ends with this world."""
+        """Starts a process whose output the test reads; `end` kills it."""
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.processes.append(process)
         return process
@@ -95,7 +98,7 @@ class World:
         return service
 
     def serve(self, *arguments: str) -> Service:
-        """A service of imu-a, ready."""
+        """Starts a service of imu-a and waits until it is ready."""
         table = self.folder / "imu-a.toml"
         if not table.exists():
             shutil.copy(TABLE, table)
@@ -123,8 +126,8 @@ class World:
         shutil.rmtree(self.folder)
 
 
-WORLDS: list[World] = []
-# The one that a test's output does not go to.
+DOMAINS: list[DomainUnderTest] = []
+# A copy of the original stderr, because pytest captures that of a test.
 STDERR = 2
 
 
@@ -135,37 +138,37 @@ def pytest_configure() -> None:
 
 @pytest.fixture(autouse=True)
 def watchdog() -> Iterator[None]:
-    """A test that hangs tells where, takes its processes with it, and ends."""
+    """A test that hangs prints its stack, kills its processes, and ends."""
 
-    def bite() -> None:
+    def abort() -> None:
         faulthandler.dump_traceback(file=STDERR)
-        for world in WORLDS:
-            world.end()
+        for domain in DOMAINS:
+            domain.end()
         os._exit(1)
 
-    timer = threading.Timer(WATCHDOG, bite)
+    timer = threading.Timer(WATCHDOG, abort)
     timer.daemon = True
     timer.start()
-    # Should even that hang, since something holds the GIL.
-    faulthandler.dump_traceback_later(WATCHDOG + PATIENCE, exit=True, file=STDERR)
+    # For the case that `abort` cannot run because something holds the GIL.
+    faulthandler.dump_traceback_later(WATCHDOG + TIMEOUT, exit=True, file=STDERR)
     yield
     timer.cancel()
     faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[World]:
+def domain(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[DomainUnderTest]:
     folder = Path(tempfile.mkdtemp(prefix="iso-"))
-    world = World(folder, f"p{os.getpid()}")
-    WORLDS.append(world)
+    domain = DomainUnderTest(folder, f"p{os.getpid()}")
+    DOMAINS.append(domain)
     monkeypatch.setenv("ISOTHERM_ROOT", str(folder))
-    monkeypatch.setenv("ISOTHERM_DOMAIN", world.domain)
+    monkeypatch.setenv("ISOTHERM_DOMAIN", domain.name)
     monkeypatch.delenv("ISOTHERM_LOG", raising=False)
     try:
-        yield world
+        yield domain
     finally:
-        WORLDS.remove(world)
-        world.end()
+        DOMAINS.remove(domain)
+        domain.end()
 
 
 @pytest.fixture(scope="session")
@@ -180,20 +183,20 @@ def recorded() -> isotherm.Records:
     return recorded
 
 
-def wait_for(condition: Callable[[], bool], what: str) -> None:
+def wait_for(condition: Callable[[], bool], event: str) -> None:
     begun = time.monotonic()
     while not condition():
-        if time.monotonic() - begun > PATIENCE:
-            raise AssertionError(f"waited in vain: {what}")
+        if time.monotonic() - begun > TIMEOUT:
+            raise AssertionError(f"waited in vain: {event}")
         time.sleep(0.01)
 
 
 def same(got: isotherm.Records, right: isotherm.Records) -> bool:
-    """Equal but for session and delivery, bit for bit."""
+    """Whether both are equal bit for bit, except for session and delivery."""
     names = ("sequence", "timestamp_ns", "interval_ns", "table")
     bits = [array["velocity_increment"].view(np.uint64) for array in (got, right)]
     flags = [array["flags"] & ((1 << 21) - 1) for array in (got, right)]
     return all((got[name] == right[name]).all() for name in names) and bool((bits[0] == bits[1]).all() and (flags[0] == flags[1]).all())
 
 
-__all__ = ["BINARY", "CAMPAIGN", "EXAMPLES", "PATIENCE", "REPOSITORY", "RUN", "TABLE", "Service", "World", "same", "signal", "wait_for"]
+__all__ = ["BINARY", "CAMPAIGN", "EXAMPLES", "REPOSITORY", "RUN", "TABLE", "TIMEOUT", "DomainUnderTest", "Service", "same", "signal", "wait_for"]

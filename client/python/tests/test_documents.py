@@ -1,4 +1,4 @@
-"""The examples and what docs/python.md and the README show are run."""
+"""Runs the examples, and the code of docs/python.md and of the README."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import isotherm
 import pytest
-from conftest import BINARY, CAMPAIGN, EXAMPLES, PATIENCE, REPOSITORY, RUN, TABLE, World
+from conftest import BINARY, CAMPAIGN, EXAMPLES, REPOSITORY, RUN, TABLE, TIMEOUT, DomainUnderTest
 
 DOCUMENT = REPOSITORY / "docs/python.md"
 
@@ -25,17 +25,17 @@ def example(name: str, *arguments: str | Path) -> str:
     return done.stdout
 
 
-def test_acquisition_and_reader(world: World) -> None:
-    world.serve()
-    reader = world.start(sys.executable, EXAMPLES / "reader.py", "--count", "60")
+def test_acquisition_and_reader(domain: DomainUnderTest) -> None:
+    domain.serve()
+    reader = domain.start(sys.executable, EXAMPLES / "reader.py", "--count", "60")
     assert reader.stdout is not None and reader.stdout.readline() == "connected\n"
     assert "60 samples, velocity [" in example("acquisition.py", "--count", "60")
-    assert reader.communicate(timeout=PATIENCE)[0].endswith("60 increments\n")
+    assert reader.communicate(timeout=TIMEOUT)[0].endswith("60 increments\n")
     assert reader.returncode == 0
 
 
-def test_round_trip(world: World) -> None:
-    world.serve()
+def test_round_trip(domain: DomainUnderTest) -> None:
+    domain.serve()
     assert len(example("round_trip.py", "--blocks", "1").splitlines()) == 7
 
 
@@ -46,17 +46,17 @@ def test_calibrate(tmp_path: Path) -> None:
     assert (tmp_path / "calibration.html").stat().st_size > 10_000
 
 
-def test_the_plain_way(world: World, table: isotherm.Table) -> None:
-    """iceoryx2's wheel and ctypes alone: the increments are ours, and a reader of ours sees them too."""
-    world.serve()
-    with isotherm.IncrementReader("imu-a", timeout=PATIENCE) as reader:
+def test_the_plain_way(domain: DomainUnderTest, table: isotherm.Table) -> None:
+    """The example with only iceoryx2's wheel and ctypes: an `IncrementReader` reads the same increments at the same time."""
+    domain.serve()
+    with isotherm.IncrementReader("imu-a", timeout=TIMEOUT) as reader:
         out = example("plain_iceoryx2.py", "--isotherm", BINARY, "--count", "20")
-        seen = reader.read_available()
+        read = reader.read_available()
     rows = [line.split() for line in out.splitlines()]
     assert [int(row[0]) for row in rows] == list(range(20))
-    assert [[float(value) for value in row[1:4]] for row in rows] == seen["velocity_increment"].tolist()
+    assert [[float(value) for value in row[1:4]] for row in rows] == read["velocity_increment"].tolist()
     assert {row[4] for row in rows} == {f"{table.id:016x}"}
-    assert seen["session"][0] > 0 and seen["sequence"].tolist() == list(range(20))
+    assert read["session"][0] > 0 and read["sequence"].tolist() == list(range(20))
 
 
 def test_the_document_shows_the_plain_example() -> None:
@@ -64,13 +64,13 @@ def test_the_document_shows_the_plain_example() -> None:
 
 
 @pytest.mark.parametrize("document", [DOCUMENT, REPOSITORY / "client/python/README.md"], ids=["docs", "readme"])
-def test_what_the_documents_show(world: World, document: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All blocks of a document, one after the other, as one program beside a service."""
-    world.serve()
+def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs all blocks of a document, one after the other, as one program with a service."""
+    domain.serve()
     for file in (TABLE, RUN, CAMPAIGN, CAMPAIGN.with_name("samples.csv")):
-        shutil.copy(file, world.folder)
-    world.isotherm("simulate", "run", "-o", world.folder / "still", "--interval", "1")
-    monkeypatch.chdir(world.folder)
+        shutil.copy(file, domain.folder)
+    domain.isotherm("simulate", "run", "-o", domain.folder / "still", "--interval", "1")
+    monkeypatch.chdir(domain.folder)
     plain = (EXAMPLES / "plain_iceoryx2.py").read_text()
     program = "\n".join(block for block in blocks(document) if block != plain)
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=150)

@@ -1,4 +1,4 @@
-"""Tables, recordings and the offline tools: equal to the commands, to the last bit."""
+"""Tables, recordings and the offline tools: their results equal those of the commands to the last bit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def command(*arguments: str | Path) -> str:
 
 
 def without_what_differs(text: str) -> str:
-    """A table file less what tells the program and the time."""
+    """A table file without the lines for the program and the time."""
     return re.sub(r"^(tool|time) = .*\n", "", text, flags=re.MULTILINE)
 
 
@@ -98,7 +98,7 @@ def test_replay_is_the_command_byte_for_byte(table: isotherm.Table, recorded: is
     assert (tmp_path / "array.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
     read = isotherm.read_increments(tmp_path / "command.csv")
     assert (read == increments).all()
-    # A data frame of the recording, as pandas reads it, with an index of its own.
+    # A data frame of the recording, as pandas reads it, with another index.
     frame = pd.read_csv(RUN).set_index(pd.RangeIndex(10, 10 + len(recorded)))
     result = isotherm.replay(table, frame)
     assert list(result.columns) == (tmp_path / "command.csv").read_text().partition("\n")[0].split(",")
@@ -121,7 +121,7 @@ def test_a_recording_reads_back(recorded: isotherm.Records, tmp_path: Path) -> N
         isotherm.read_recording(tmp_path / "none.csv")
     with pytest.raises(isotherm.RecordingFault, match="missing columns"):
         isotherm.read_increments(RUN)
-    # What cannot be written leaves nothing, and what was there.
+    # A failed write leaves no new file, and the old file stays.
     with pytest.raises(TypeError):
         isotherm.write_recording(path, np.zeros(3))
     with pytest.raises(FileNotFoundError):
@@ -154,7 +154,7 @@ def test_any_layout_gives_the_same(table: isotherm.Table, recorded: isotherm.Rec
     frame = pd.read_csv(RUN)
     assert len(isotherm.replay(table, frame[:0])) == 0
     assert (isotherm.replay(table, frame[::7])["a1_dv"] == isotherm.replay(table, frame)["a1_dv"][::7]).all()
-    # Contiguous records are read where they are.
+    # Contiguous records are not copied.
     assert np.shares_memory(_offline.as_bytes(_offline.records(recorded, isotherm.RAW_SAMPLE)), recorded)
 
 
@@ -205,7 +205,7 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
     calibration.report(tmp_path / "python.html")
     assert isotherm.Table.load(tmp_path / "python.toml") == calibration.table
     assert "</svg>" in (tmp_path / "python.html").read_text()
-    # The figures are those of the file.
+    # The object's figures are those of the file.
     provenance = calibration.provenance
     assert provenance["dwells"] == len(calibration.dwells) == len(calibration.residuals)
     rms = np.sqrt((calibration.residuals**2).mean(axis=0))
@@ -215,7 +215,7 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
         assert (orders["selected"], orders["reason"]) == (curve["order"], curve["reason"])
         assert orders["orders"][curve["order"] - 1]["f"] > 100.0
     assert calibration.findings == [] or all(len(finding) == 3 for finding in calibration.findings)
-    # From a data frame and a mapping, the same table.
+    # A data frame and a mapping give the same table.
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     settings = tomllib.loads(CAMPAIGN.read_text())
     for other in (isotherm.calibrate(CAMPAIGN, samples), isotherm.calibrate(settings, samples)):
@@ -235,7 +235,7 @@ def test_calibrate_follows_its_options(tmp_path: Path) -> None:
         isotherm.calibrate(CAMPAIGN, method="other")  # type: ignore[arg-type]
 
 
-def test_a_campaign_with_faults_says_which(tmp_path: Path) -> None:
+def test_a_campaign_reports_its_faults(tmp_path: Path) -> None:
     settings = tomllib.loads(CAMPAIGN.read_text())
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     with pytest.raises(isotherm.TableError, match="gravity_local"):
@@ -301,7 +301,7 @@ def test_regress_is_the_command(tmp_path: Path) -> None:
     )
     got = isotherm.regress(frame["x"].to_numpy(), frame["y"].tolist(), weights=frame["w"], max_order=4, min_effect=0.5)
     assert got["orders"] == right["orders"] and got["reason"] == right["reason"]
-    # A perfect fit has no F.
+    # A perfect fit has no F value.
     assert isotherm.regress([1, 2, 3, 4], [1, 2, 3, 4], max_order=1)["orders"][0]["f"] is None
     for x, y, options, match in [
         ([1, 2], [1], {}, "one length"),

@@ -1,4 +1,4 @@
-//! One runner in a folder, and what others may ask of it.
+//! The lock that allows one runner in a folder, and how other processes inspect and stop this runner.
 
 use super::progress::{STATUS, Snapshot};
 use isotherm_failure::{Exit, Failure};
@@ -9,23 +9,23 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Its file in the campaign's folder: locked while a runner lives, with its process id in it.
+/// The lock file in the campaign's folder: locked while a runner lives, and contains the runner's process id.
 const LOCK: &str = "runner.lock";
-/// One who only looks holds the lock this short.
-const LOOK: Duration = Duration::from_millis(500);
-/// Pause between two looks.
-const RETRY: Duration = Duration::from_millis(20);
+/// How long a new runner retries the lock: a process that inspects the folder holds it for a shorter time.
+const LOCK_PATIENCE: Duration = Duration::from_millis(500);
+/// Pause between two attempts.
+const RETRY_PAUSE: Duration = Duration::from_millis(20);
 
-/// The folder is this process's until it is dropped, or the process ends in whatever way.
+/// Exclusive ownership of the campaign's folder, until this value is dropped or the process ends.
 pub struct Lock {
     _file: File,
 }
 
 impl Lock {
-    /// Takes the folder.
+    /// Locks the folder.
     ///
     /// # Errors
-    /// If another runner has it, or the file cannot be written.
+    /// If another runner has locked it, or the file cannot be written.
     pub fn take(folder: &Path) -> Result<Self, Failure> {
         let path = folder.join(LOCK);
         let failed = |error: io::Error| Failure::io("locking", &path, &error);
@@ -36,7 +36,7 @@ impl Lock {
             match file.try_lock() {
                 Ok(()) => break,
                 Err(TryLockError::Error(error)) => return Err(failed(error)),
-                Err(TryLockError::WouldBlock) if begun.elapsed() < LOOK => thread::sleep(RETRY),
+                Err(TryLockError::WouldBlock) if begun.elapsed() < LOCK_PATIENCE => thread::sleep(RETRY_PAUSE),
                 Err(TryLockError::WouldBlock) => {
                     let message = format!(
                         "{}: pid {} runs this campaign; see `isotherm campaign status`",
@@ -64,11 +64,11 @@ fn pid_in(file: &mut File) -> Option<i32> {
     text.trim().parse().ok()
 }
 
-/// The process that runs the campaign in `folder`; `None` if nobody does.
+/// The id of the process that runs the campaign in `folder`; `None` if no process does, or if its id cannot be read.
 ///
 /// # Errors
-/// If the lock cannot be looked at.
-pub fn runner(folder: &Path) -> Result<Option<i32>, Failure> {
+/// If the lock cannot be inspected.
+pub fn runner_pid(folder: &Path) -> Result<Option<i32>, Failure> {
     let path = folder.join(LOCK);
     let mut file = match File::open(&path) {
         Ok(file) => file,
@@ -82,30 +82,30 @@ pub fn runner(folder: &Path) -> Result<Option<i32>, Failure> {
     }
 }
 
-/// What the runner last said of itself; `None` if none has yet.
+/// The runner's last snapshot; `None` if there is none, or if another version wrote it.
 ///
 /// # Errors
-/// If its file cannot be read.
+/// If the status file cannot be read.
 pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
     let path = folder.join(STATUS);
     match fs::read_to_string(&path) {
-        // Of another version: as if there were none.
+        // A file of another version counts as missing.
         Ok(text) => Ok(serde_json::from_str(&text).ok()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(Failure::io("reading", &path, &error)),
     }
 }
 
-/// Asks the runner to go into the safe state and waits until it has ended; whether there was one.
+/// Asks the runner to end in the safe state and waits until it has ended. Returns whether there was a runner.
 ///
 /// # Errors
 /// If it does not end within `timeout`.
 pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
-    let Some(pid) = runner(folder)? else { return Ok(false) };
-    // One that ends at this moment has ended, which is what is asked for.
+    let Some(pid) = runner_pid(folder)? else { return Ok(false) };
+    // The signal fails if the runner has just ended by itself, which is fine.
     let _ = Pid::from_raw(pid).map(|pid| kill_process(pid, Signal::TERM));
     let begun = Instant::now();
-    while runner(folder)?.is_some() {
+    while runner_pid(folder)?.is_some() {
         if begun.elapsed() > timeout {
             let message = format!(
                 "pid {pid} has not ended within {} s; look at the instruments, then kill -9 {pid}",
@@ -113,7 +113,7 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<bool, Failure> {
             );
             return Err(Failure::new(Exit::Failed, message));
         }
-        thread::sleep(RETRY);
+        thread::sleep(RETRY_PAUSE);
     }
     Ok(true)
 }

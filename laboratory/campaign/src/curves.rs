@@ -1,39 +1,39 @@
-//! The campaign so far as curves, at a size that does not grow: a campaign takes days, and its page is drawn every few seconds.
+//! The curves of the live page in bounded memory: a campaign takes days, and the page is drawn every few seconds.
 
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 
-/// Curves of one row: the chamber's air and set point, then the heads and the boards.
+/// Number of curves: the chamber's air and set point, then the heads and the boards.
 pub const CURVES: usize = 2 + 2 * AXES;
-/// Stretches of time that the whole campaign is kept in. When they are full, neighbours are joined, and each is twice as long.
-const MAX_STRETCHES: usize = 2048;
-/// Rows of the last while that are kept as they are: three hours of one every 5 s are 2160.
+/// Largest number of time bins of the whole campaign. When there are more, pairs of bins are merged, and new bins are longer.
+const MAX_BINS: usize = 2048;
+/// Number of the latest rows that are kept unthinned: three hours of one row every 5 s are 2160.
 const MAX_RECENT: usize = 4096;
 
-/// Values at one time; NaN where there is none.
+/// The values at one time; NaN where one is missing.
 #[derive(Clone, Copy, Debug)]
 pub struct CurveRow {
     /// Unix time \[s\].
     pub unix_s: f64,
-    /// In the order of [`CURVES`].
+    /// One value for each curve, in the order that [`CURVES`] states.
     pub values: [f64; CURVES],
 }
 
-/// The lowest and highest values in a stretch of time.
+/// The lowest and highest value of each curve in an interval of time.
 #[derive(Clone, Copy, Debug)]
-struct Stretch {
+struct Bin {
     begin_s: f64,
     end_s: f64,
     low: [f64; CURVES],
     high: [f64; CURVES],
 }
 
-/// All rows so far, thinned.
+/// All rows so far as bins, and the latest rows unthinned.
 #[derive(Clone, Debug, Default)]
 pub struct Curves {
-    /// Length of a stretch, Unix time \[s\]; 0 while every row has one of its own.
+    /// Length of a bin \[s\]; 0 while every row has its own bin.
     length_s: f64,
-    stretches: Vec<Stretch>,
+    bins: Vec<Bin>,
     recent: VecDeque<CurveRow>,
     begin_s: Option<f64>,
 }
@@ -46,52 +46,53 @@ impl Curves {
         if self.recent.len() > MAX_RECENT {
             self.recent.pop_front();
         }
-        let stretch = Stretch { begin_s: row.unix_s, end_s: row.unix_s, low: row.values, high: row.values };
-        match self.stretches.last_mut() {
-            Some(last) if row.unix_s - last.begin_s < self.length_s => last.join(&stretch),
-            _ => self.stretches.push(stretch),
+        let bin = Bin { begin_s: row.unix_s, end_s: row.unix_s, low: row.values, high: row.values };
+        match self.bins.last_mut() {
+            Some(last) if row.unix_s - last.begin_s < self.length_s => last.merge(&bin),
+            _ => self.bins.push(bin),
         }
-        if self.stretches.len() > MAX_STRETCHES {
-            self.halve();
+        if self.bins.len() > MAX_BINS {
+            self.merge_pairs();
         }
     }
 
-    fn halve(&mut self) {
-        let joined = self.stretches.chunks(2).map(|pair| {
-            let mut stretch = pair[0];
-            pair[1..].iter().for_each(|other| stretch.join(other));
-            stretch
+    /// Merges pairs of bins.
+    fn merge_pairs(&mut self) {
+        let merged = self.bins.chunks(2).map(|pair| {
+            let mut bin = pair[0];
+            pair[1..].iter().for_each(|other| bin.merge(other));
+            bin
         });
-        self.stretches = joined.collect();
+        self.bins = merged.collect();
         let passed_s = self.recent.back().map_or(0.0, |row| row.unix_s) - self.begin_s.unwrap_or_default();
-        self.length_s = (2.0 * self.length_s).max(passed_s / (MAX_STRETCHES / 2) as f64);
+        self.length_s = (2.0 * self.length_s).max(passed_s / (MAX_BINS / 2) as f64);
     }
 
-    /// Time of the first and of the last row, Unix time \[s\]; `None` before any.
+    /// Unix time of the first and of the last row \[s\]; `None` before the first row.
     pub fn span_s(&self) -> Option<[f64; 2]> {
         Some([self.begin_s?, self.recent.back()?.unix_s])
     }
 
-    /// Curve number `curve` of the whole campaign: Unix time \[s\] and value, the extremes of each stretch of time.
+    /// Curve number `curve` of the whole campaign: Unix time \[s\] and value, lowest and highest of each bin.
     pub fn all(&self, curve: usize) -> impl Iterator<Item = (f64, f64)> {
-        self.stretches.iter().flat_map(move |stretch| {
-            let ends = [(stretch.begin_s, stretch.low[curve]), (stretch.end_s, stretch.high[curve])];
-            ends.into_iter().take(if stretch.begin_s < stretch.end_s { 2 } else { 1 })
+        self.bins.iter().flat_map(move |bin| {
+            let ends = [(bin.begin_s, bin.low[curve]), (bin.end_s, bin.high[curve])];
+            ends.into_iter().take(if bin.begin_s < bin.end_s { 2 } else { 1 })
         })
     }
 
-    /// Curve number `curve` since `since_s`, as far as it is kept row by row: Unix time \[s\] and value.
+    /// Curve number `curve` since `since_s`, as far as rows are kept unthinned: Unix time \[s\] and value.
     pub fn recent(&self, curve: usize, since_s: f64) -> impl Iterator<Item = (f64, f64)> {
         let rows = self.recent.iter().filter(move |row| row.unix_s >= since_s);
         rows.map(move |row| (row.unix_s, row.values[curve]))
     }
 }
 
-impl Stretch {
-    fn join(&mut self, other: &Self) {
+impl Bin {
+    fn merge(&mut self, other: &Self) {
         self.end_s = other.end_s;
         for curve in 0..CURVES {
-            // The other value where one is NaN.
+            // `min` and `max` give the other value where one is NaN.
             self.low[curve] = self.low[curve].min(other.low[curve]);
             self.high[curve] = self.high[curve].max(other.high[curve]);
         }
@@ -102,7 +103,7 @@ impl Stretch {
 mod tests {
     use super::*;
 
-    /// A week of a row every 5 s, with one spike: bounded, and neither the ends nor the spike are lost.
+    /// A week with a row every 5 s and one spike.
     #[test]
     fn a_week_is_kept_at_a_bounded_size_with_its_extremes() {
         let mut curves = Curves::default();
@@ -112,17 +113,17 @@ mod tests {
             values[1] = if row == rows / 3 { 95.0 } else { f64::from(row) / f64::from(rows) };
             values[2] = f64::NAN;
             curves.add(CurveRow { unix_s: 1e9 + 5.0 * f64::from(row), values });
-            assert!(curves.stretches.len() <= MAX_STRETCHES && curves.recent.len() <= MAX_RECENT);
+            assert!(curves.bins.len() <= MAX_BINS && curves.recent.len() <= MAX_RECENT);
         }
         let [begin_s, end_s] = curves.span_s().unwrap();
         assert_eq!((begin_s, end_s), (1e9, 1e9 + 5.0 * f64::from(rows - 1)));
         let all: Vec<_> = curves.all(1).collect();
-        assert!(all.len() > MAX_STRETCHES / 2, "{}", all.len());
+        assert!(all.len() > MAX_BINS / 2, "{}", all.len());
         assert!(all.is_sorted_by(|a, b| a.0 <= b.0));
         assert_eq!(all.iter().filter(|point| point.1 == 95.0).count(), 1);
         assert!((all[0].1 - 0.0).abs() < 1e-3 && (all[all.len() - 1].1 - 1.0).abs() < 1e-3);
         assert!(curves.all(2).all(|point| point.1.is_nan()));
-        // The last three hours are there row by row.
+        // The last three hours are kept unthinned.
         assert_eq!(curves.recent(0, end_s - 3.0 * 3600.0).count(), 3 * 720 + 1);
     }
 

@@ -1,8 +1,8 @@
-//! After the data: fit, verify, install.
+//! The steps after the campaign's data are complete: fit, verify, install.
 
 use super::journal::{Entry, Journal};
 use super::plan::{Plan, SAMPLES};
-use super::runner::{runs, stopped_by};
+use super::runner::{run_files, stopped_by};
 use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::provenance::{CampaignSource, Hashed, now, sealed_table, sha256, tool};
@@ -10,7 +10,7 @@ use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::stability::{Collector, Setup};
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Guard, LoadError, StagedText, load_table, open_recording, print, read_text, replace};
+use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, open_recording, print, read_text, replace};
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_shared::table::CoefficientTable;
 use std::fs;
@@ -20,46 +20,46 @@ use std::sync::atomic::AtomicUsize;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The fitted table's name in the campaign's folder.
+/// The name of the fitted table in the campaign's folder.
 pub const TABLE: &str = "table.toml";
-/// A service that watches the file takes the table within milliseconds.
-const IN_FORCE_WITHIN: Duration = Duration::from_secs(10);
+/// Longest time until the service has the installed table in force; it takes milliseconds if the service watches the file.
+const IN_FORCE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// What is asked for.
+/// Options of the steps after the data.
 #[derive(Clone, Copy, Debug)]
 pub struct Finish {
-    /// Least factor of every axis in every verification run; without one nothing is installed.
+    /// Smallest factor that every axis must reach in every verification run; `None` installs nothing.
     pub require: Option<f64>,
     /// Whether the table gets an alignment matrix.
     pub alignment: bool,
 }
 
 impl Finish {
-    /// Fits the table, looks at every verification run, and installs the table if all of them hold and nobody has asked it to end.
+    /// Fits the table, verifies it with every run, and installs it if all runs reach the factor and no signal has asked to end.
     ///
     /// # Errors
-    /// What has failed; the table that was in force is then untouched.
+    /// The step that has failed. A failure before the installation leaves the installed table unchanged.
     pub fn run(
         self,
         plan: &Plan,
         journal: &mut Journal,
         options: &Options,
-        ended: &AtomicUsize,
+        stop_signal: &AtomicUsize,
     ) -> Result<(), Failure> {
         let folder = &plan.output;
         let table = folder.join(TABLE);
         print_message("fitting");
         let tilt = calibrate_campaign(folder, &table, self.alignment)?;
-        let (fitted, _) = load_table(&table, Some(&plan.imu), Guard::Lax)?;
-        journal.lasting(Entry::Calibrated { digest: fitted.digest().to_string() })?;
+        let (fitted, _) = load_table(&table, Some(&plan.imu), WorldWritable::Allow)?;
+        journal.write_synced(Entry::Calibrated { digest: fitted.digest().to_string() })?;
         let gravity = plan.campaign.gravity_local;
-        // On a base as tilted as it was found to be.
+        // The attitude includes the tilt of the base that the fit has found.
         let attitude = plan.verify.map(|verify| plan.campaign.force(&verify.position(), tilt).0);
         let setup = Setup::new(attitude, Some(gravity), &fitted);
         let mut failed = Vec::new();
-        for run in runs(plan) {
-            asked_to_end(ended)?;
-            // All of them are looked at before any decides.
+        for run in run_files(plan) {
+            check_stop_signal(stop_signal)?;
+            // All runs are verified and reported before a failure ends the function.
             if let Err(failure) = verify_run(&fitted, &table, &folder.join(&run), &setup, self.require) {
                 failed.push(Failure::new(failure.exit, format!("{run}: {failure}")));
             }
@@ -82,18 +82,18 @@ impl Finish {
             ));
             return Ok(());
         }
-        asked_to_end(ended)?;
+        check_stop_signal(stop_signal)?;
         install(&table, target)?;
-        journal.lasting(Entry::Installed { digest: fitted.digest().to_string(), file: target.clone() })?;
+        journal.write_synced(Entry::Installed { digest: fitted.digest().to_string(), file: target.clone() })?;
         print_message(&format!("{} is installed as {}", fitted.digest(), target.display()));
         wait_until_in_force(plan, &fitted, options)
     }
 }
 
-/// Fits the table of a campaign whose data are in `folder`, and writes it with its report. The tilt of the base, where it was found.
+/// Fits the table of the campaign in `folder`, and writes it with its report. Returns the tilt of the base, if it was fitted.
 fn calibrate_campaign(folder: &Path, table: &Path, alignment: bool) -> Result<Option<[f64; 2]>, Failure> {
     let (file, samples) = (folder.join("campaign.toml"), folder.join(SAMPLES));
-    let (text, _) = read_text(&file, Guard::Lax)?;
+    let (text, _) = read_text(&file, WorldWritable::Allow)?;
     let campaign = Campaign::from_toml(&text);
     let campaign = campaign.map_err(|faults| LoadError::Refused { path: file.clone(), faults })?;
     let source = open_recording(&samples).map_err(|error| Failure::io("opening the samples", &samples, &error))?;
@@ -117,7 +117,7 @@ fn calibrate_campaign(folder: &Path, table: &Path, alignment: bool) -> Result<Op
         print_message(&format!("warning: {}", finding.located(locate)));
     }
     let _ = io::stderr().write_all(report::text::calibration(&calibration).as_bytes());
-    // Both files, or none.
+    // Both files are complete before either gets its final name.
     let page = StagedText::create(Some(&folder.join("calibration.html")))?;
     let page = page.write(&report::calibration::html(&campaign, &calibration, &source))?;
     let written = StagedText::create(Some(table))?.write(&sealed)?;
@@ -126,10 +126,10 @@ fn calibrate_campaign(folder: &Path, table: &Path, alignment: bool) -> Result<Op
     Ok(calibration.solution.tilt)
 }
 
-/// Length of the windows of a verification \[s\].
+/// Length of the windows of the stability \[s\].
 const WINDOW_S: f64 = 10.0;
 
-/// Prints the stability of a verification run, writes its report, and holds it to the required factor.
+/// Prints the stability of a verification run, writes its report, and checks it against the required factor.
 fn verify_run(
     table: &CoefficientTable,
     table_file: &Path,
@@ -144,7 +144,7 @@ fn verify_run(
     }
     let stability = collector.finish(setup);
     let stability = stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", recording.display())))?;
-    if let Some(warning) = stability.not_gravity() {
+    if let Some(warning) = stability.gravity_mismatch() {
         print_message(&format!("warning: {}: {warning}", recording.display()));
     }
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
@@ -164,28 +164,28 @@ fn verify_run(
     verdict.map_err(|message| Failure::new(Exit::Failed, message))
 }
 
-fn asked_to_end(ended: &AtomicUsize) -> Result<(), Failure> {
+fn check_stop_signal(stop_signal: &AtomicUsize) -> Result<(), Failure> {
     let stopped = |signal| Err(Failure::new(Exit::Failed, format!("{signal}; nothing is installed")));
-    stopped_by(ended).map_or(Ok(()), stopped)
+    stopped_by(stop_signal).map_or(Ok(()), stopped)
 }
 
 fn print_message(message: &str) {
     let _ = writeln!(io::stderr(), "isotherm: {message}");
 }
 
-/// Renames it into place, so that a service that watches the file sees a whole one.
+/// Installs the table by a rename, so that a service that watches the file never sees a part of it.
 fn install(table: &Path, target: &Path) -> Result<(), Failure> {
     let text = fs::read_to_string(table).map_err(|error| Failure::io("reading", table, &error))?;
     replace(target, &text).map_err(|error| Failure::io("installing", target, &error))
 }
 
-/// Waits until the service says that the table is in force.
+/// Waits until the service's status shows the table in force.
 fn wait_until_in_force(plan: &Plan, table: &CoefficientTable, options: &Options) -> Result<(), Failure> {
     let begun = Instant::now();
     let digest = table.digest().to_string();
     loop {
         let status = fetch_status(options);
-        let why = match &status {
+        let cause = match &status {
             Ok(status) => match status.imus.iter().find(|imu| imu.id == plan.imu.to_string()) {
                 Some(imu) if imu.table.as_deref() == Some(&digest) => {
                     print_message("the service has it in force");
@@ -196,8 +196,8 @@ fn wait_until_in_force(plan: &Plan, table: &CoefficientTable, options: &Options)
             },
             Err(error) => error.to_string(),
         };
-        if begun.elapsed() > IN_FORCE_WITHIN {
-            let message = format!("the table is installed, but the service does not have it in force: {why}");
+        if begun.elapsed() > IN_FORCE_TIMEOUT {
+            let message = format!("the table is installed, but the service does not have it in force: {cause}");
             return Err(Failure::new(Exit::Unavailable, message));
         }
         thread::sleep(Duration::from_millis(50));

@@ -1,4 +1,6 @@
-//! The journal: what has happened, one line of JSON each, only ever appended to. A unit of data counts when its line is on the disk.
+//! The journal: one line of JSON for each event, only ever appended to. A unit of the data counts when its line is on the disk.
+//!
+//! Over 400 lines: the entries, their writing and their reading define one file format.
 
 use super::plan::{Plan, SAMPLES};
 use isotherm_calibration::provenance::sha256;
@@ -10,95 +12,95 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Its file in the campaign's folder.
+/// The journal's file in the campaign's folder.
 pub const JOURNAL: &str = "journal.jsonl";
-/// The version of its lines.
+/// Version of the format of the lines.
 const FORMAT: u32 = 1;
 
-/// A line.
+/// A line of the journal.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct JournalLine {
-    /// Seconds since 1970.
+    /// Unix time \[s\].
     pub unix_s: f64,
-    /// What has happened.
+    /// The event.
     #[serde(flatten)]
     pub entry: Entry,
 }
 
-/// What has happened.
+/// An event of the campaign.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Entry {
-    /// The campaign begins: the first line, and again if the plan has changed before anything was taken.
+    /// The campaign begins: the first line, and again if the plan has changed before any unit was kept.
     Begin {
-        /// Version of the lines.
+        /// Version of the format of the lines.
         format: u32,
-        /// What wrote it.
+        /// Name and version of the program.
         tool: String,
-        /// What of the plan makes the data what they are.
+        /// The plan's settings that determine the data: [`Plan::identity`].
         plan: Vec<(String, String)>,
     },
-    /// A runner has taken over.
+    /// A runner has started.
     Started {
-        /// Its process.
+        /// Its process id.
         pid: u32,
-        /// Laboratory time over real time.
+        /// Ratio of laboratory time to real time.
         speed: f64,
-        /// The unit that it begins with.
+        /// Index of its first unit, from 0.
         unit: usize,
     },
     /// Both instruments have answered.
     Connected {
-        /// What the chamber calls itself.
+        /// Identity of the chamber.
         chamber: String,
-        /// What the table calls itself.
+        /// Identity of the turntable.
         table: String,
     },
     /// The chamber is at a set point.
     Reached {
-        /// \[degC\]
+        /// The set point \[degC\].
         set_point_c: f64,
     },
-    /// The chamber has left the set point, or is told to.
+    /// The chamber has left the set point, by itself or on command.
     Left,
     /// A unit is complete.
     Kept(Kept),
-    /// The unit in progress was thrown away.
+    /// The unit in progress was discarded.
     Discarded {
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// Nothing is commanded until all is well again.
+    /// A pause has begun: nothing is commanded until all is well again.
     Paused {
-        /// Why.
+        /// The cause.
         cause: String,
     },
-    /// It goes on.
+    /// The pause is over.
     Resumed {
-        /// Laboratory time that the pause took \[s\].
+        /// Laboratory time since all was well before the pause \[s\].
         after_s: f64,
     },
-    /// The safe state.
+    /// A runner, or `campaign stop`, has brought the instruments into the safe state.
     Safe {
-        /// Why.
+        /// The reason.
         reason: String,
-        /// What came of the table.
+        /// The outcome for the turntable, as messages show it.
         table: String,
-        /// What came of the chamber.
+        /// The outcome for the chamber, as messages show it.
         chamber: String,
-        /// Whether both are certain.
+        /// Whether both instruments have confirmed the safe state.
         certain: bool,
     },
-    /// The table of coefficients is made.
+    /// The coefficient table is fitted.
     Calibrated {
-        /// Its digest.
+        /// Digest of the table.
         digest: String,
     },
-    /// The table of coefficients is where the service reloads it.
+    /// The coefficient table is installed.
     Installed {
-        /// Its digest.
+        /// Digest of the table.
         digest: String,
-        /// Where.
+        /// The installed file.
         file: PathBuf,
     },
 }
@@ -106,19 +108,19 @@ pub enum Entry {
 /// A complete unit.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Kept {
-    /// Its number, from 0.
+    /// Its index, from 0.
     pub unit: usize,
-    /// Its name, for people.
+    /// Its name, as messages show it.
     pub name: String,
-    /// Its file, in the folder.
+    /// The name of its file in the campaign's folder.
     pub file: String,
-    /// Where in the file it begins.
+    /// Where it begins in the file \[bytes\].
     pub from: u64,
-    /// Where in the file it ends.
+    /// Where it ends in the file \[bytes\].
     pub to: u64,
     /// SHA-256 of these bytes.
     pub sha256: String,
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
     /// Counted time \[s\].
     pub seconds: f64,
@@ -126,26 +128,26 @@ pub struct Kept {
     pub end_ns: u64,
     /// The acquisition's session.
     pub session: u64,
-    /// What was added to that session's timestamps, so that time rises \[ns\].
+    /// Shift that was added to the session's timestamps \[ns\], so that time rises over all sessions.
     pub shift_ns: u64,
-    /// Gaps in the sequence.
+    /// Number of gaps in the sequence.
     pub gaps: u64,
-    /// Samples that were left out: stale or no telemetry, saturated, without a valid interval.
+    /// Number of samples left out: telemetry too old or missing, counter saturated, interval or time invalid.
     pub left_out: u64,
 }
 
-/// What an earlier runner has left.
+/// The state of a campaign that the lines of its journal give.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// Complete units, in order.
     pub kept: Vec<Kept>,
-    /// The last set point that was reached, and when.
+    /// The set point that is reached \[degC\], and since when, Unix time \[s\]; `None` if none is.
     pub reached: Option<(f64, f64)>,
-    /// When the last of them was complete, seconds since 1970.
+    /// When the last unit was kept, Unix time \[s\]; 0 if none was.
     pub kept_unix_s: f64,
-    /// Whether a runner has begun.
+    /// Whether a runner has started.
     pub begun: bool,
-    /// Whether the last runner has ended in the safe state, for certain.
+    /// Whether the instruments are in a confirmed safe state since the last runner.
     pub safe: bool,
 }
 
@@ -153,20 +155,20 @@ pub struct History {
 pub struct Journal {
     file: File,
     path: PathBuf,
-    /// Whole lines \[bytes\]; `None` when half a line could not be taken away again.
+    /// Length of the complete lines \[bytes\]; `None` if an incomplete line could not be removed.
     length: Option<u64>,
 }
 
-/// The name of a samples' file that is in `folder`.
-fn existing(folder: &Path) -> Option<&'static str> {
+/// The name of a data file that exists in `folder`.
+fn existing_data(folder: &Path) -> Option<&'static str> {
     [SAMPLES, "campaign.toml"].into_iter().find(|name| folder.join(name).exists())
 }
 
 impl Journal {
-    /// Opens the journal of `plan`, or begins it. A last line that was cut off is taken away.
+    /// Opens the journal of `plan`, or creates it. An incomplete last line is removed.
     ///
     /// # Errors
-    /// If it cannot be read or written, is damaged, belongs to another plan, or data that it lists are not what they were.
+    /// If it cannot be read or written, is damaged or belongs to another plan, or if data that it lists have changed.
     pub fn open(plan: &Plan) -> Result<(Self, History), Failure> {
         let path = plan.output.join(JOURNAL);
         let failed = |error: io::Error| Failure::io("opening the journal", &path, &error);
@@ -174,46 +176,46 @@ impl Journal {
         let file = open(&path, whole).map_err(failed)?;
         let mut journal = Self { file, path: path.clone(), length: Some(whole) };
         if lines.is_empty() {
-            if let Some(name) = existing(&plan.output) {
+            if let Some(name) = existing_data(&plan.output) {
                 let message = format!(
                     "{}: there is a {name} without a journal; give another output folder, or move this one away",
                     plan.output.display()
                 );
                 return Err(Failure::new(Exit::Config, message));
             }
-            journal.lasting(begin(plan))?;
-            // The file's name is the folder's to keep.
+            journal.write_synced(begin_entry(plan))?;
+            // The name of a new file is durable only when its folder is synced.
             File::open(&plan.output).and_then(|folder| folder.sync_all()).map_err(failed)?;
             return Ok((journal, History::default()));
         }
         let mut history = history(&lines);
-        match same_plan(&path, &lines, plan) {
+        match check_same_plan(&path, &lines, plan) {
             Ok(()) => {}
-            // Nothing has been taken by the other one.
+            // Another plan may take the folder over while no unit is kept.
             Err(_) if history.kept.is_empty() => {
-                journal.lasting(begin(plan))?;
+                journal.write_synced(begin_entry(plan))?;
                 history.reached = None;
             }
             Err(failure) => return Err(failure),
         }
-        intact(&plan.output, &history.kept)?;
+        check_unchanged(&plan.output, &history.kept)?;
         Ok((journal, history))
     }
 
     /// Appends an entry.
     ///
     /// # Errors
-    /// If the operating system does not take it.
+    /// If the operating system cannot write it.
     pub fn write(&mut self, entry: Entry) -> Result<(), Failure> {
         let line = JournalLine { unix_s: unix_s(), entry };
         let failed = |error: io::Error| Failure::io("writing the journal", &self.path, &error);
         let text = serde_json::to_string(&line).map_err(|error| failed(error.into()))? + "\n";
         let Some(length) = self.length else {
-            return Err(failed(io::Error::other("half a line is at its end, and cannot be taken away")));
+            return Err(failed(io::Error::other("it ends with an incomplete line that cannot be removed")));
         };
-        // In one piece: a kill leaves the line or nothing of it, a power loss at most a part, which is cut off.
+        // One write for the line: SIGKILL leaves all or nothing of it. The next start removes a part that a power loss left.
         if let Err(error) = self.file.write_all(text.as_bytes()) {
-            // A full disk has taken a part.
+            // A full disk may have taken a part of the line.
             self.length = self.file.set_len(length).is_ok().then_some(length);
             return Err(failed(error));
         }
@@ -221,20 +223,20 @@ impl Journal {
         Ok(())
     }
 
-    /// Appends an entry and returns when it is on the disk.
+    /// Appends an entry and syncs it to the disk.
     ///
     /// # Errors
     /// As [`write`](Self::write).
-    pub fn lasting(&mut self, entry: Entry) -> Result<(), Failure> {
+    pub fn write_synced(&mut self, entry: Entry) -> Result<(), Failure> {
         self.write(entry)?;
         self.file.sync_data().map_err(|error| Failure::io("writing the journal", &self.path, &error))
     }
 }
 
-/// The lines of a journal, and the length of those that are whole. None if there is no journal.
+/// The complete lines of a journal, and their length \[bytes\]. No lines if there is no journal.
 ///
 /// # Errors
-/// If it cannot be read, or a line but the last is none.
+/// If the journal cannot be read, or a complete line is not an entry.
 pub fn read(path: &Path) -> Result<(Vec<JournalLine>, u64), Failure> {
     let text = match fs::read(path) {
         Ok(text) => text,
@@ -246,7 +248,7 @@ pub fn read(path: &Path) -> Result<(Vec<JournalLine>, u64), Failure> {
     let lines = lines.map(|(index, line)| {
         serde_json::from_slice(line).map_err(|error| {
             let message = format!(
-                "{}:{}: no line of a journal: {error}; restore it, or begin anew in another folder",
+                "{}:{}: not a line of a journal: {error}; restore it, or begin anew in another folder",
                 path.display(),
                 index + 1
             );
@@ -256,7 +258,7 @@ pub fn read(path: &Path) -> Result<(Vec<JournalLine>, u64), Failure> {
     Ok((lines.collect::<Result<_, _>>()?, whole as u64))
 }
 
-/// Whether a runner has begun in `folder` and none has reached the safe state since, or nobody can tell.
+/// Whether a runner has started in `folder` without a confirmed safe state since, or the journal cannot be read.
 #[must_use]
 pub fn needs_safe_state(folder: &Path) -> bool {
     read(&folder.join(JOURNAL)).map_or(true, |(lines, _)| {
@@ -265,7 +267,7 @@ pub fn needs_safe_state(folder: &Path) -> bool {
     })
 }
 
-/// Appends an entry to the journal of `folder`, whatever the plan is. A last line that was cut off is taken away.
+/// Appends an entry to the journal of `folder` without a check of the plan. An incomplete last line is removed.
 ///
 /// # Errors
 /// If it cannot be read or written.
@@ -273,7 +275,7 @@ pub fn append(folder: &Path, entry: Entry) -> Result<(), Failure> {
     let path = folder.join(JOURNAL);
     let (_, whole) = read(&path)?;
     let file = open(&path, whole).map_err(|error| Failure::io("opening the journal", &path, &error))?;
-    Journal { file, path, length: Some(whole) }.lasting(entry)
+    Journal { file, path, length: Some(whole) }.write_synced(entry)
 }
 
 fn open(path: &Path, whole: u64) -> io::Result<File> {
@@ -282,7 +284,7 @@ fn open(path: &Path, whole: u64) -> io::Result<File> {
     Ok(file)
 }
 
-/// What the lines of a journal amount to.
+/// The state that the lines of a journal give.
 pub fn history(lines: &[JournalLine]) -> History {
     let mut history = History::default();
     for line in lines {
@@ -301,12 +303,12 @@ pub fn history(lines: &[JournalLine]) -> History {
     history
 }
 
-fn begin(plan: &Plan) -> Entry {
+fn begin_entry(plan: &Plan) -> Entry {
     Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() }
 }
 
-/// Whether the plan that the last campaign of `lines` began with makes the same data as `plan`.
-fn same_plan(path: &Path, lines: &[JournalLine], plan: &Plan) -> Result<(), Failure> {
+/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`.
+fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan) -> Result<(), Failure> {
     let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
     let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
@@ -331,8 +333,8 @@ fn same_plan(path: &Path, lines: &[JournalLine], plan: &Plan) -> Result<(), Fail
     ))
 }
 
-/// Whether every unit's bytes are what they were.
-fn intact(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
+/// Checks that the bytes of every kept unit are unchanged.
+fn check_unchanged(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
     let mut buffer = Vec::new();
     for unit in kept {
         let path = folder.join(&unit.file);
@@ -370,10 +372,10 @@ mod tests {
         let plan = plan(folder.path());
         let (mut journal, history) = Journal::open(&plan).unwrap();
         assert_eq!(history, History::default());
-        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
-        journal.lasting(Entry::Left).unwrap();
+        journal.write_synced(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        journal.write_synced(Entry::Left).unwrap();
         assert_eq!(Journal::open(&plan).unwrap().1.reached, None);
-        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        journal.write_synced(Entry::Reached { set_point_c: 5.0 }).unwrap();
         let whole = fs::read(folder.path().join(JOURNAL)).unwrap();
         for cut in 1..40 {
             let torn = [&whole[..], &whole[..cut]].concat();
@@ -402,7 +404,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let first = plan(folder.path());
         let (mut journal, _) = Journal::open(&first).unwrap();
-        journal.lasting(Entry::Reached { set_point_c: 5.0 }).unwrap();
+        journal.write_synced(Entry::Reached { set_point_c: 5.0 }).unwrap();
         let second = Plan { set_points_c: vec![5.0], ..first.clone() };
         let (mut journal, history) = Journal::open(&second).unwrap();
         assert_eq!(
@@ -413,7 +415,7 @@ mod tests {
         fs::write(folder.path().join("campaign.csv"), "").unwrap();
         let nothing = sha256(b"");
         let kept = Kept { file: "campaign.csv".to_owned(), sha256: nothing, ..Kept::default() };
-        journal.lasting(Entry::Kept(kept)).unwrap();
+        journal.write_synced(Entry::Kept(kept)).unwrap();
         assert_eq!(Journal::open(&second).unwrap().1.kept.len(), 1);
         let refused = Journal::open(&first).err().unwrap();
         assert_eq!(refused.exit, Exit::Config);

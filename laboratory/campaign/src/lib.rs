@@ -1,11 +1,11 @@
-//! The automatic campaign: chamber and table are led through a plan while the IMU's samples are taken.
+//! The automatic campaign: it drives chamber and turntable through a plan and takes the IMU's samples meanwhile.
 //!
 //! ```text
-//! plan.toml -> plan -> machine (what next?) <- readings and samples
-//!                         | orders              ^
+//! plan.toml -> plan -> machine (decides) <----- readings and samples
+//!                         | actions             ^
 //!                      runner: station (limits, instruments), recorder (samples), journal, progress
 //! ```
-//! The machine decides and does nothing; the runner does and decides nothing; the journal says what lasts.
+//! The machine decides the next action and has no side effects. The runner executes it. The journal lists the complete units.
 
 pub mod control;
 mod curves;

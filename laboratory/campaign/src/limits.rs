@@ -1,21 +1,21 @@
-//! What no command and no reading may exceed: the plan's own limits, inside absolute ones that no plan can widen.
+//! Limits of commands and readings: the plan's own limits, within absolute limits that no plan can widen.
 
 use isotherm_shared::document::Section;
 
-/// Chamber, commanded and measured \[degC\].
+/// Absolute limits of the chamber's temperature, commanded and measured \[degC\].
 pub const CHAMBER_C: [f64; 2] = [-65.0, 100.0];
-/// Rate at which the chamber is led \[degC/min\].
+/// Absolute limit of the ramp of the chamber's set point \[degC/min\].
 pub const RAMP_C_PER_MIN: f64 = 10.0;
-/// Each of the table's angles \[deg\].
+/// Absolute limits of each angle of the turntable \[deg\].
 pub const ANGLE_DEG: [f64; 2] = [-720.0, 720.0];
-/// Each axis \[deg/s\].
+/// Absolute limit of each axis's rate \[deg/s\].
 pub const RATE_DEG_S: f64 = 200.0;
-/// Each axis \[deg/s2\].
+/// Absolute limit of each axis's acceleration \[deg/s2\].
 pub const ACCELERATION_DEG_S2: f64 = 500.0;
-/// A reading may be over an angle's or a rate's limit by so much: noise and overshoot of a servo.
-const SERVO_DEG: f64 = 1.0;
+/// A reading may exceed the limit of an angle \[deg\] or a rate \[deg/s\] by this much: noise and overshoot of the servo.
+const SERVO_MARGIN: f64 = 1.0;
 
-/// A plan's limits, none wider than the absolute ones.
+/// A plan's limits. None is wider than the absolute limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     chamber_c: [f64; 2],
@@ -25,7 +25,7 @@ pub struct Limits {
     acceleration_deg_s2: f64,
 }
 
-/// Reads `[limits]`. What is missing or wrong is a fault, and the absolute limit stands in for it.
+/// Reads `[limits]`. The absolute limit replaces a missing or wrong one, which is reported as a fault.
 pub fn read(section: Section<'_, '_>) -> Limits {
     let range = |key, absolute, right| range(&section, key, absolute, right);
     let chamber_c =
@@ -57,7 +57,7 @@ fn range(section: &Section<'_, '_>, key: &'static str, absolute: [f64; 2], right
 }
 
 impl Limits {
-    /// The widest limits that there are.
+    /// The absolute limits.
     pub const ABSOLUTE: Self = Self {
         chamber_c: CHAMBER_C,
         angles_deg: [ANGLE_DEG; 2],
@@ -66,52 +66,52 @@ impl Limits {
         acceleration_deg_s2: ACCELERATION_DEG_S2,
     };
 
-    /// What is wrong with a chamber temperature \[degC\], commanded or measured.
+    /// The fault of a chamber temperature \[degC\], commanded or measured; `None` if it is within the limits.
     pub fn chamber(&self, celsius: f64) -> Option<String> {
         let [low, high] = self.chamber_c;
         (!(low..=high).contains(&celsius))
             .then(|| format!("{celsius:?} degC is outside limits.chamber_c, {low:?} to {high:?} degC"))
     }
 
-    /// The nearest chamber temperature that may be commanded \[degC\].
+    /// The chamber temperature within the limits that is nearest to `celsius` \[degC\].
     pub const fn clamp_chamber(&self, celsius: f64) -> f64 {
         celsius.clamp(self.chamber_c[0], self.chamber_c[1])
     }
 
-    /// What is wrong with a ramp \[degC/min\].
+    /// The fault of a ramp \[degC/min\]; `None` if it is within the limit.
     pub fn ramp(&self, per_min: f64) -> Option<String> {
         let most = self.ramp_c_per_min;
         (per_min > most).then(|| format!("{per_min:.3} degC/min is over limits.ramp_c_per_min, {most:?}"))
     }
 
-    /// What is wrong with angles \[deg\] that are to be commanded.
+    /// The fault of angles to command \[deg\]; `None` if they are within the limits.
     pub fn angles(&self, angles: [f64; 2]) -> Option<String> {
         self.angle(angles, 0.0)
     }
 
-    /// What is wrong with a rate \[deg/s\] that is to be commanded.
+    /// The fault of a rate to command \[deg/s\]; `None` if it is within the limit.
     pub fn rate(&self, rate: f64) -> Option<String> {
         let most = self.rate_deg_s;
         (rate > most).then(|| format!("{rate:?} deg/s is over limits.rate_deg_s, {most:?}"))
     }
 
-    /// What is wrong with an acceleration \[deg/s2\] that is to be commanded.
+    /// The fault of an acceleration to command \[deg/s2\]; `None` if it is within the limit.
     pub fn acceleration(&self, acceleration: f64) -> Option<String> {
         let most = self.acceleration_deg_s2;
         (acceleration > most).then(|| format!("{acceleration:?} deg/s2 is over limits.acceleration_deg_s2, {most:?}"))
     }
 
-    /// What is wrong with angles \[deg\] and rates \[deg/s\] as they are read.
+    /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's margin.
     pub fn reading(&self, angles: [f64; 2], rates: [f64; 2]) -> Option<String> {
-        let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_DEG);
+        let fast = rates.iter().find(|rate| rate.is_nan() || rate.abs() > self.rate_deg_s + SERVO_MARGIN);
         let fast = fast.map(|rate| format!("the table turns at {rate:.3} deg/s, over limits.rate_deg_s"));
-        fast.or_else(|| self.angle(angles, SERVO_DEG))
+        fast.or_else(|| self.angle(angles, SERVO_MARGIN))
     }
 
     fn angle(&self, angles: [f64; 2], margin: f64) -> Option<String> {
         let axes = ["outer", "inner"].into_iter().zip(angles).zip(self.angles_deg);
         axes.into_iter().find_map(|((name, angle), [low, high])| {
-            // A table may tell -0.001 as 359.999; a command is taken as it stands.
+            // A turntable may report -0.001 as 359.999; therefore readings (margin over 0), not commands, are taken modulo 360.
             let turns: &[f64] = if margin > 0.0 { &[0.0, -360.0, 360.0] } else { &[0.0] };
             let inside = turns.iter().any(|turn| (low - margin..=high + margin).contains(&(angle + turn)));
             (!inside)

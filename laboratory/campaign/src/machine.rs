@@ -1,54 +1,57 @@
-//! What comes next: a state machine over time and readings, without any input or output of its own.
+//! The campaign's state machine: it decides the next action from time, readings and samples. It does no input or output.
 //!
 //! ```text
 //! approach -> soak -> [ travel -> settle -> dwell ] for each position -> stay -> the next set point
-//!    ^          |            ^_______________| the table left its place
-//!    `----------'____________________________| the chamber left its set point, an interruption
+//!    ^          |            ^_______________| the turntable left its position
+//!    `----------'____________________________| the chamber left its set point, or an interruption
 //! ```
-//! A verification run is a dwell in which the chamber is swept. A unit, which is a dwell or a run, is kept whole or not at all.
+//! In a verification run the phase `sweep` takes the place of `dwell`: samples are taken while the chamber ramps. A dwell or a
+//! verification run is a unit. A unit is kept whole or not at all.
+//!
+//! Over 400 lines: this is one state machine, and its transitions are read together.
 
 use super::plan::Plan;
 use super::stability::Trends;
 use isotherm_instruments::{ChamberReading, TurntableReading, turn_deg};
 
-/// Steps that the chamber's set point is led in \[degC\]: some controllers keep every set point in a memory that wears.
-const STEP_C: f64 = 0.5;
-/// Set points as a controller keeps them agree to this \[degC\].
-const SAME_C: f64 = 0.11;
-/// Reached is this part of the tolerance, left is all of it: noise at the edge is neither.
-const REACHED: f64 = 0.8;
-/// However long nobody looked, the set point is led on by a step or by what this time allows \[s\].
-const LEAD_S: f64 = 60.0;
-/// Without enough samples a dwell may take so many times its length.
-const LONG: f64 = 1.5;
+/// Smallest step of a set point that ramps \[degC\]: some controllers store every set point in a memory that wears out.
+const MIN_STEP_C: f64 = 0.5;
+/// Two set points that differ by at most this are the same \[degC\]: some controllers store tenths of a degree.
+const SAME_SET_POINT_C: f64 = 0.11;
+/// Hysteresis: a set point counts as reached within this fraction of the tolerance and as left beyond the whole tolerance.
+const REACHED_FRACTION: f64 = 0.8;
+/// After a delay of the loop, the set point catches up with its ramp for at most this time, or by one step \[s\].
+const MAX_CATCH_UP_S: f64 = 60.0;
+/// A dwell without enough usable samples is interrupted after this multiple of its length and the stream's patience.
+const MAX_DWELL_FACTOR: f64 = 1.5;
 
-/// A unit of the data.
+/// A unit of the data: it is kept whole or not at all.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Unit {
-    /// A dwell: indices of set point and position.
+    /// A dwell.
     Dwell {
-        /// Index of the set point.
+        /// Index into the plan's set points; the same temperature may be listed more than once.
         visit: usize,
-        /// Index of the position.
+        /// Index into the plan's positions.
         position: usize,
     },
-    /// A verification run, from 0.
+    /// A verification run, counted from 0.
     Run(usize),
 }
 
 impl Unit {
-    /// The unit of this number, from 0; `None` after the last.
-    pub fn of(plan: &Plan, unit: usize) -> Option<Self> {
+    /// The unit of this index, from 0; `None` after the last.
+    pub fn of(plan: &Plan, index: usize) -> Option<Self> {
         let positions = plan.positions.len();
         let dwells = plan.set_points_c.len() * positions;
-        if unit < dwells {
-            return Some(Self::Dwell { visit: unit / positions, position: unit % positions });
+        if index < dwells {
+            return Some(Self::Dwell { visit: index / positions, position: index % positions });
         }
         let runs = plan.verify.map_or(0, |verify| verify.runs as usize);
-        (unit < dwells + runs).then(|| Self::Run(unit - dwells))
+        (index < dwells + runs).then(|| Self::Run(index - dwells))
     }
 
-    /// Chamber at its beginning \[degC\].
+    /// The chamber's set point at the beginning of the unit \[degC\].
     pub fn set_point_c(self, plan: &Plan) -> f64 {
         match self {
             Self::Dwell { visit, .. } => plan.set_points_c[visit],
@@ -56,7 +59,7 @@ impl Unit {
         }
     }
 
-    /// The table's angles \[deg\].
+    /// Outer and inner angle of the turntable \[deg\].
     pub fn angles_deg(self, plan: &Plan) -> [f64; 2] {
         match self {
             Self::Dwell { position, .. } => plan.positions[position].angles.unwrap_or_default(),
@@ -64,118 +67,118 @@ impl Unit {
         }
     }
 
-    /// For people.
+    /// The name that messages show.
     pub fn name(self, plan: &Plan) -> String {
         match self {
             Self::Dwell { visit, position } => {
-                let there = &plan.positions[position];
-                format!("{} degC, position {} ({})", plan.set_points_c[visit], there.number, there.label)
+                let position = &plan.positions[position];
+                format!("{} degC, position {} ({})", plan.set_points_c[visit], position.number, position.label)
             }
             Self::Run(run) => format!("verification run {}", run + 1),
         }
     }
 }
 
-/// What the machine looks at. Times are the laboratory's \[s\].
+/// The input of the machine. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
-    /// Now.
+    /// The present time.
     pub now: f64,
-    /// The last reading of the chamber, and when it was there.
+    /// The last reading of the chamber, and its time.
     pub chamber: (&'a ChamberReading, f64),
-    /// The last reading of the table, and when it was there.
-    pub table: (&'a TurntableReading, f64),
-    /// Rates of change.
+    /// The last reading of the turntable, and its time.
+    pub turntable: (&'a TurntableReading, f64),
+    /// Rates of change of the temperatures.
     pub trends: &'a Trends,
     /// Counted time of the unit in progress \[s\].
     pub collected_s: f64,
-    /// Whether that is all of a dwell.
+    /// Whether `collected_s` is enough for a dwell.
     pub complete: bool,
     /// Why the unit in progress cannot be used.
     pub spoiled: Option<&'a str>,
 }
 
-/// What is to be done now. One at a time; an order that fails is an interruption.
+/// One action for the runner, which pauses or ends the campaign if the action fails.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// Nothing.
+    /// Do nothing now.
     Wait,
     /// Set the chamber's set point \[degC\].
     SetPoint(f64),
-    /// Let the chamber run.
-    Run,
-    /// Move the table to these angles \[deg\].
+    /// Start the chamber.
+    StartChamber,
+    /// Move the turntable to these angles \[deg\].
     Move([f64; 2]),
-    /// The set point has been reached.
+    /// Record that this set point has been reached \[degC\].
     Reached(f64),
-    /// The table has settled: take samples from now on.
+    /// The turntable has settled: take samples of this unit from now on.
     Collect(Unit),
-    /// Once more, because of this: throw away what was taken of the unit in progress.
+    /// Discard the samples of the unit in progress for this reason. The machine attempts the unit again.
     Discard(String),
-    /// The unit in progress is complete.
+    /// Keep this unit: it is complete.
     Keep(Unit),
-    /// There is nothing left to do.
+    /// The campaign is complete.
     Done,
 }
 
-/// Why the machine does not go on.
+/// Why the machine cannot go on.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Halt {
-    /// Look again, and go on if all is well: a pause.
+    /// Pause, and go on when all is well again.
     Interrupted(String),
-    /// Into the safe state.
+    /// End the campaign in the safe state.
     GivenUp(String),
 }
 
-/// Where in the sequence it is.
+/// The state of the machine. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Phase {
-    /// Before anything.
+    /// The start, or a new start after an interruption.
     Begin,
-    /// The chamber goes to the set point.
+    /// The chamber ramps to the set point.
     Approach {
-        /// When all of the way was commanded.
-        led: Option<f64>,
+        /// When the final set point was commanded; `None` while the ramp goes on.
+        commanded_at: Option<f64>,
     },
-    /// At the set point, until time and rates are right.
+    /// The chamber is at the set point. The soak time and the rates of change are waited for.
     Soak {
-        /// Since when it is watched.
+        /// When the phase began.
         since: f64,
     },
-    /// The table moves.
+    /// The turntable moves.
     Travel {
-        /// When it was told to; `None` if it has not been.
+        /// When the motion was commanded; `None` before that.
         begun: Option<f64>,
     },
-    /// The table is there.
+    /// The turntable is at its angles and at rest, but not yet for long enough.
     Settle {
-        /// When it was told to move.
+        /// When the motion was commanded.
         begun: f64,
-        /// Since when it is there.
+        /// When the turntable arrived.
         since: f64,
     },
     /// Samples are taken.
     Dwell {
-        /// Since when.
+        /// When the phase began.
         begun: f64,
-        /// When all of them were there; the table must be in its place after that.
+        /// When the samples were complete. A later reading must confirm that the turntable is still in its position.
         complete: Option<f64>,
     },
-    /// Samples are taken while the chamber goes.
+    /// Samples are taken while the chamber ramps.
     Sweep {
-        /// Since when.
+        /// When the phase began.
         begun: f64,
-        /// Since when it is at the other end.
+        /// When the chamber arrived at the end of the ramp.
         arrived: Option<f64>,
     },
-    /// All positions are done, the least time at the set point is not over.
+    /// All positions are done; the shortest time at the set point is not over yet.
     Stay,
-    /// Everything is done.
+    /// The campaign is complete.
     Done,
 }
 
 impl Phase {
-    /// For people.
+    /// The name that messages and files show.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Begin | Self::Approach { .. } => "approach",
@@ -190,77 +193,79 @@ impl Phase {
     }
 }
 
-/// The state machine.
+/// The state machine: [`step`](Self::step) gives one action at a time.
 #[derive(Clone, Debug)]
-pub struct Machine<'p> {
+pub struct CampaignMachine<'p> {
     plan: &'p Plan,
-    /// No wait that gives up is shorter \[s\].
-    floor_s: f64,
-    unit: usize,
+    /// Lower bound of every time-out \[s\].
+    min_timeout_s: f64,
+    /// Number of complete units.
+    completed: usize,
     phase: Phase,
-    /// The chamber's commanded set point \[degC\], and when it was led on last.
-    lead: Option<(f64, f64)>,
-    /// Whether the chamber has been told to run.
-    running: bool,
-    /// When the last order went to the chamber, and to the table.
-    ordered: [f64; 2],
+    /// The chamber's commanded set point \[degC\], and the time from which its next step is computed \[s\].
+    commanded: Option<(f64, f64)>,
+    /// Whether the chamber has been commanded to run.
+    chamber_started: bool,
+    /// When the last command went to the chamber, and to the turntable \[s\].
+    last_command: [f64; 2],
+    /// When the set point was reached \[s\].
     reached: Option<f64>,
     attempts: u32,
     interruptions: u32,
 }
 
-impl<'p> Machine<'p> {
-    /// Goes on with `unit`. `floor_s` bounds every wait that gives up from below: at a high speed of a simulated laboratory the
-    /// machine that simulates it needs some real time.
-    pub const fn new(plan: &'p Plan, unit: usize, floor_s: f64) -> Self {
+impl<'p> CampaignMachine<'p> {
+    /// Goes on after `completed` units. `min_timeout_s` is the lower bound of every time-out: a fast simulated laboratory needs
+    /// some real time too.
+    pub const fn new(plan: &'p Plan, completed: usize, min_timeout_s: f64) -> Self {
         Self {
             plan,
-            floor_s,
-            unit,
+            min_timeout_s,
+            completed,
             phase: Phase::Begin,
-            lead: None,
-            running: false,
-            ordered: [f64::NEG_INFINITY; 2],
+            commanded: None,
+            chamber_started: false,
+            last_command: [f64::NEG_INFINITY; 2],
             reached: None,
             attempts: 0,
             interruptions: 0,
         }
     }
 
-    /// Where it is.
+    /// The present phase.
     pub const fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// Units that are complete.
-    pub const fn unit(&self) -> usize {
-        self.unit
+    /// Number of complete units.
+    pub const fn completed(&self) -> usize {
+        self.completed
     }
 
-    /// The unit that it works on.
-    pub fn place(&self) -> Option<Unit> {
-        Unit::of(self.plan, self.unit)
+    /// The unit in progress; `None` when all are complete.
+    pub fn unit(&self) -> Option<Unit> {
+        Unit::of(self.plan, self.completed)
     }
 
-    /// When the set point was reached.
+    /// When the set point was reached \[s\]; `None` if it has not been.
     pub const fn reached(&self) -> Option<f64> {
         self.reached
     }
 
     /// The chamber's commanded set point \[degC\].
     pub fn commanded_c(&self) -> Option<f64> {
-        self.lead.map(|(commanded_c, _)| commanded_c)
+        self.commanded.map(|(commanded_c, _)| commanded_c)
     }
 
-    /// After an interruption of `away_s`: where to go on. The unit in progress is lost. `reached` is when the set point had been
-    /// reached, if it had.
+    /// Chooses the phase to go on with after an interruption of `interruption_s`. The unit in progress is lost. `reached` is when
+    /// the set point had been reached, if it had.
     ///
     /// # Errors
-    /// [`Halt::GivenUp`] after too many without a unit completed.
+    /// [`Halt::GivenUp`] after too many interruptions without a complete unit between them.
     pub fn resume(
         &mut self,
         now: f64,
-        away_s: f64,
+        interruption_s: f64,
         reached: Option<f64>,
         chamber: &ChamberReading,
     ) -> Result<(), Halt> {
@@ -269,52 +274,55 @@ impl<'p> Machine<'p> {
             let message = format!("{} interruptions without a dwell completed", self.interruptions);
             return Err(Halt::GivenUp(message));
         }
-        let Some(place) = self.place() else {
+        let Some(unit) = self.unit() else {
             self.phase = Phase::Done;
             return Ok(());
         };
-        let target = place.set_point_c(self.plan);
-        let near = |value: f64, within: f64| (value - target).abs() <= within;
-        let held =
-            chamber.running && near(chamber.set_point_c, SAME_C) && near(chamber.air_c, self.plan.soak.tolerance_c);
-        self.reached = reached.filter(|_| held && away_s <= self.plan.patience.resoak_s.max(self.floor_s));
-        self.running = false;
+        let target = unit.set_point_c(self.plan);
+        let near = |value: f64, tolerance: f64| (value - target).abs() <= tolerance;
+        let held = chamber.running
+            && near(chamber.set_point_c, SAME_SET_POINT_C)
+            && near(chamber.air_c, self.plan.soak.tolerance_c);
+        self.reached =
+            reached.filter(|_| held && interruption_s <= self.plan.patience.resoak_s.max(self.min_timeout_s));
+        self.chamber_started = false;
         self.phase = Phase::Begin;
         if self.reached.is_some() {
-            (self.phase, self.running, self.lead) = (Phase::Soak { since: now }, true, Some((target, now)));
-            self.ordered[0] = now;
+            (self.phase, self.chamber_started, self.commanded) =
+                (Phase::Soak { since: now }, true, Some((target, now)));
+            self.last_command[0] = now;
         }
         Ok(())
     }
 
-    /// What is to be done, seen all this.
+    /// Decides the next action. It must be done before the next step.
     ///
     /// # Errors
     /// [`Halt`] if it cannot go on.
-    pub fn step(&mut self, seen: &Observation<'_>) -> Result<Action, Halt> {
-        let Some(place) = self.place() else {
+    pub fn step(&mut self, observation: &Observation<'_>) -> Result<Action, Halt> {
+        let Some(unit) = self.unit() else {
             self.phase = Phase::Done;
             return Ok(Action::Done);
         };
-        self.obeyed(seen)?;
+        self.check_chamber_follows(observation)?;
         match self.phase {
             Phase::Begin => {
-                self.phase = Phase::Approach { led: None };
+                self.phase = Phase::Approach { commanded_at: None };
                 self.reached = None;
-                let air_c = self.plan.limits.clamp_chamber(seen.chamber.0.air_c);
-                self.lead = Some((to_tenths(air_c), seen.now));
-                self.order_set_point(seen)
+                let air_c = self.plan.limits.clamp_chamber(observation.chamber.0.air_c);
+                self.commanded = Some((to_tenths(air_c), observation.now));
+                self.command_set_point(observation)
             }
-            Phase::Approach { led } => self.approach(place, seen, led),
-            Phase::Soak { since } => self.soak(place, seen, since),
-            Phase::Travel { begun } => self.travel(place, seen, begun),
-            Phase::Settle { begun, since } => self.settle(place, seen, begun, since),
-            Phase::Dwell { begun, complete } => self.dwell(place, seen, begun, complete),
-            Phase::Sweep { begun, arrived } => self.sweep(place, seen, begun, arrived),
+            Phase::Approach { commanded_at } => self.approach(unit, observation, commanded_at),
+            Phase::Soak { since } => self.soak(unit, observation, since),
+            Phase::Travel { begun } => self.travel(unit, observation, begun),
+            Phase::Settle { begun, since } => self.settle(unit, observation, begun, since),
+            Phase::Dwell { begun, complete } => self.dwell(unit, observation, begun, complete),
+            Phase::Sweep { begun, arrived } => self.sweep(unit, observation, begun, arrived),
             Phase::Stay => {
-                let left_at = self.reached.unwrap_or(seen.now) + self.plan.soak.stay_s;
-                if seen.now >= left_at {
-                    self.next_place(seen);
+                let left_at = self.reached.unwrap_or(observation.now) + self.plan.soak.stay_s;
+                if observation.now >= left_at {
+                    self.leave_set_point(observation);
                 }
                 Ok(Action::Wait)
             }
@@ -322,14 +330,16 @@ impl<'p> Machine<'p> {
         }
     }
 
-    /// Whether the chamber does what it was told. If not, somebody has gone to it, or it has stopped by itself: nothing is commanded
-    /// against that.
-    fn obeyed(&self, seen: &Observation<'_>) -> Result<(), Halt> {
-        let (chamber, at) = seen.chamber;
-        let Some((commanded, _)) = self.lead.filter(|_| self.running && at > self.ordered[0]) else { return Ok(()) };
+    /// Checks that the chamber runs at the commanded set point. If not, an operator has changed it, or it has stopped by itself:
+    /// then the campaign ends instead of commanding it again.
+    fn check_chamber_follows(&self, observation: &Observation<'_>) -> Result<(), Halt> {
+        let (chamber, at) = observation.chamber;
+        let Some((commanded, _)) = self.commanded.filter(|_| self.chamber_started && at > self.last_command[0]) else {
+            return Ok(());
+        };
         let wrong = if !chamber.running {
             "it has stopped".to_owned()
-        } else if (chamber.set_point_c - commanded).abs() > SAME_C {
+        } else if (chamber.set_point_c - commanded).abs() > SAME_SET_POINT_C {
             format!("its set point is {:?} degC, commanded was {commanded:?}", chamber.set_point_c)
         } else {
             return Ok(());
@@ -339,97 +349,106 @@ impl<'p> Machine<'p> {
         )))
     }
 
-    fn order_set_point(&mut self, seen: &Observation<'_>) -> Result<Action, Halt> {
-        self.ordered[0] = seen.now;
+    fn command_set_point(&mut self, observation: &Observation<'_>) -> Result<Action, Halt> {
+        self.last_command[0] = observation.now;
         Ok(self.commanded_c().map_or(Action::Wait, Action::SetPoint))
     }
 
-    /// Leads the set point on towards `target`; `None` when nothing is to be commanded now.
-    fn led(&mut self, target: f64, ramp_c_per_s: f64, seen: &Observation<'_>) -> Option<f64> {
-        let (commanded, at) = self.lead?;
-        let left = target - commanded;
-        let most = STEP_C.max(ramp_c_per_s * LEAD_S.max(self.floor_s / 50.0));
-        let allowed = (ramp_c_per_s * (seen.now - at)).min(most);
-        if left == 0.0 || allowed < left.abs().min(STEP_C) {
+    /// Advances the set point towards `target` along the ramp; `None` when no new set point is due.
+    fn advance_set_point(&mut self, target: f64, ramp_c_per_s: f64, observation: &Observation<'_>) -> Option<f64> {
+        let (commanded, at) = self.commanded?;
+        let remaining = target - commanded;
+        // At a high speed, one turn of the loop takes long in laboratory time; therefore the bound grows with the speed.
+        let max_step = MIN_STEP_C.max(ramp_c_per_s * MAX_CATCH_UP_S.max(self.min_timeout_s / 50.0));
+        let allowed = (ramp_c_per_s * (observation.now - at)).min(max_step);
+        if remaining == 0.0 || allowed < remaining.abs().min(MIN_STEP_C) {
             return None;
         }
-        let next = if allowed >= left.abs() { target } else { commanded + allowed.copysign(left) };
+        let next = if allowed >= remaining.abs() { target } else { commanded + allowed.copysign(remaining) };
         let next = if next == target { next } else { to_tenths(next) };
-        self.lead = Some((next, seen.now));
+        self.commanded = Some((next, observation.now));
         Some(next)
     }
 
-    fn approach(&mut self, place: Unit, seen: &Observation<'_>, led: Option<f64>) -> Result<Action, Halt> {
-        if !self.running {
-            self.running = true;
-            self.ordered[0] = seen.now;
-            return Ok(Action::Run);
+    fn approach(
+        &mut self,
+        unit: Unit,
+        observation: &Observation<'_>,
+        commanded_at: Option<f64>,
+    ) -> Result<Action, Halt> {
+        if !self.chamber_started {
+            self.chamber_started = true;
+            self.last_command[0] = observation.now;
+            return Ok(Action::StartChamber);
         }
-        let target = place.set_point_c(self.plan);
-        if self.led(target, self.plan.ramp_c_per_s, seen).is_some() {
-            return self.order_set_point(seen);
+        let target = unit.set_point_c(self.plan);
+        if self.advance_set_point(target, self.plan.ramp_c_per_s, observation).is_some() {
+            return self.command_set_point(observation);
         }
         if self.commanded_c() != Some(target) {
             return Ok(Action::Wait);
         }
-        let since = led.unwrap_or(seen.now);
-        self.phase = Phase::Approach { led: Some(since) };
-        let (chamber, at) = seen.chamber;
-        if at > self.ordered[0] && (chamber.air_c - target).abs() <= REACHED * self.plan.soak.tolerance_c {
-            self.reached = Some(seen.now);
-            self.phase = Phase::Soak { since: seen.now };
+        let since = commanded_at.unwrap_or(observation.now);
+        self.phase = Phase::Approach { commanded_at: Some(since) };
+        let (chamber, at) = observation.chamber;
+        if at > self.last_command[0] && (chamber.air_c - target).abs() <= REACHED_FRACTION * self.plan.soak.tolerance_c
+        {
+            self.reached = Some(observation.now);
+            self.phase = Phase::Soak { since: observation.now };
             return Ok(Action::Reached(target));
         }
-        self.on_its_way(target, since, seen)
+        self.wait_for_chamber(target, since, observation)
     }
 
-    /// The chamber may take its time to `target`, all of which was commanded at `since`, but not for ever.
-    fn on_its_way(&self, target: f64, since: f64, seen: &Observation<'_>) -> Result<Action, Halt> {
-        let patience = self.plan.patience.approach_s.max(self.floor_s);
-        if seen.now - since <= patience {
+    /// Waits for the chamber's air to reach `target`, which was commanded at `since`; gives up after the patience of the plan.
+    fn wait_for_chamber(&self, target: f64, since: f64, observation: &Observation<'_>) -> Result<Action, Halt> {
+        let patience = self.plan.patience.approach_s.max(self.min_timeout_s);
+        if observation.now - since <= patience {
             return Ok(Action::Wait);
         }
-        let air_c = seen.chamber.0.air_c;
+        let air_c = observation.chamber.0.air_c;
         let message =
             format!("the chamber does not get to {target:?} degC: {air_c:?} degC {patience:.0} s after it was told to");
         Err(Halt::GivenUp(message))
     }
 
-    fn soak(&mut self, place: Unit, seen: &Observation<'_>, since: f64) -> Result<Action, Halt> {
-        if let Some(reason) = self.left_set_point(place, seen) {
-            return self.again(Phase::Approach { led: None }, reason);
+    fn soak(&mut self, unit: Unit, observation: &Observation<'_>, since: f64) -> Result<Action, Halt> {
+        if let Some(reason) = self.chamber_deviation(unit, observation) {
+            return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
         let soak = &self.plan.soak;
-        let soaked = seen.now - self.reached.unwrap_or(seen.now);
+        let soaked = observation.now - self.reached.unwrap_or(observation.now);
         if soaked < soak.time_s {
             return Ok(Action::Wait);
         }
-        let Some(unsettled) = seen.trends.unsettled(soak) else {
+        let Some(unsettled) = observation.trends.unsettled(soak) else {
             self.phase = Phase::Travel { begun: None };
             return Ok(Action::Wait);
         };
-        // After an interruption the rates are watched anew, however long ago the soak was over.
-        let watched = (seen.now - since).min(soaked - soak.time_s);
-        if watched > soak.window_s + self.plan.patience.stable_s.max(self.floor_s) {
+        // An interruption empties the windows of the rates; therefore it also restarts this time-out.
+        let measured = (observation.now - since).min(soaked - soak.time_s);
+        if measured > soak.window_s + self.plan.patience.stable_s.max(self.min_timeout_s) {
             let message = format!(
                 "not settled {soaked:.0} s after {:?} degC was reached: {unsettled}",
-                place.set_point_c(self.plan)
+                unit.set_point_c(self.plan)
             );
             return Err(Halt::GivenUp(message));
         }
         Ok(Action::Wait)
     }
 
-    fn left_set_point(&self, place: Unit, seen: &Observation<'_>) -> Option<String> {
-        let target = place.set_point_c(self.plan);
-        let air = seen.chamber.0.air_c;
-        let off = (air - target).abs() > self.plan.soak.tolerance_c;
-        off.then(|| format!("the chamber left its set point: air at {air:?} degC instead of {target:?}"))
+    /// Why the chamber is not at the set point of `unit`; `None` if it is.
+    fn chamber_deviation(&self, unit: Unit, observation: &Observation<'_>) -> Option<String> {
+        let target = unit.set_point_c(self.plan);
+        let air = observation.chamber.0.air_c;
+        let outside = (air - target).abs() > self.plan.soak.tolerance_c;
+        outside.then(|| format!("the chamber left its set point: air at {air:?} degC instead of {target:?}"))
     }
 
-    fn left_place(&self, place: Unit, seen: &Observation<'_>) -> Option<String> {
-        let ([outer, inner], motion) = (place.angles_deg(self.plan), &self.plan.motion);
-        let TurntableReading { angles_deg, rates_deg_s, .. } = seen.table.0;
+    /// Why the turntable is not at rest at the angles of `unit`; `None` if it is.
+    fn turntable_deviation(&self, unit: Unit, observation: &Observation<'_>) -> Option<String> {
+        let ([outer, inner], motion) = (unit.angles_deg(self.plan), &self.plan.motion);
+        let TurntableReading { angles_deg, rates_deg_s, .. } = observation.turntable.0;
         let off = [turn_deg(outer, angles_deg[0]), turn_deg(inner, angles_deg[1])];
         let near = off.iter().all(|off| off.abs() <= motion.tolerance_deg);
         let still = rates_deg_s.iter().all(|rate| rate.abs() <= motion.still_deg_s);
@@ -441,8 +460,8 @@ impl<'p> Machine<'p> {
         })
     }
 
-    /// Once more, from `phase` on.
-    fn again(&mut self, phase: Phase, reason: String) -> Result<Action, Halt> {
+    /// Attempts the unit again from `phase` on.
+    fn retry_from(&mut self, phase: Phase, reason: String) -> Result<Action, Halt> {
         self.attempts += 1;
         if self.attempts >= self.plan.patience.attempts {
             return Err(Halt::GivenUp(format!("{reason}; {} attempts", self.attempts)));
@@ -454,133 +473,143 @@ impl<'p> Machine<'p> {
         Ok(Action::Discard(reason))
     }
 
-    fn travel(&mut self, place: Unit, seen: &Observation<'_>, begun: Option<f64>) -> Result<Action, Halt> {
-        if let Some(reason) = self.left_set_point(place, seen) {
-            return self.again(Phase::Approach { led: None }, reason);
+    fn travel(&mut self, unit: Unit, observation: &Observation<'_>, begun: Option<f64>) -> Result<Action, Halt> {
+        if let Some(reason) = self.chamber_deviation(unit, observation) {
+            return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
         let Some(begun) = begun else {
-            self.ordered[1] = seen.now;
-            self.phase = Phase::Travel { begun: Some(seen.now) };
-            return Ok(Action::Move(place.angles_deg(self.plan)));
+            self.last_command[1] = observation.now;
+            self.phase = Phase::Travel { begun: Some(observation.now) };
+            return Ok(Action::Move(unit.angles_deg(self.plan)));
         };
-        let at = seen.table.1;
-        if at <= self.ordered[1] {
+        let at = observation.turntable.1;
+        if at <= self.last_command[1] {
             return Ok(Action::Wait);
         }
-        let Some(off) = self.left_place(place, seen) else {
+        let Some(deviation) = self.turntable_deviation(unit, observation) else {
             self.phase = Phase::Settle { begun, since: at };
             return Ok(Action::Wait);
         };
         let motion = &self.plan.motion;
-        let way = 360.0 / motion.rate_deg_s + 2.0 * motion.rate_deg_s / motion.acceleration_deg_s2;
-        if seen.now - begun > way + motion.settle_s + self.plan.patience.settle_s.max(self.floor_s) {
-            return self.again(Phase::Travel { begun: None }, format!("the table does not settle: {off}"));
+        // The longest motion: one turn, and twice the time to accelerate.
+        let longest = 360.0 / motion.rate_deg_s + 2.0 * motion.rate_deg_s / motion.acceleration_deg_s2;
+        if observation.now - begun > longest + motion.settle_s + self.plan.patience.settle_s.max(self.min_timeout_s) {
+            return self.retry_from(Phase::Travel { begun: None }, format!("the table does not settle: {deviation}"));
         }
         Ok(Action::Wait)
     }
 
-    fn settle(&mut self, place: Unit, seen: &Observation<'_>, begun: f64, since: f64) -> Result<Action, Halt> {
-        if self.left_place(place, seen).is_some() {
+    fn settle(&mut self, unit: Unit, observation: &Observation<'_>, begun: f64, since: f64) -> Result<Action, Halt> {
+        if self.turntable_deviation(unit, observation).is_some() {
             self.phase = Phase::Travel { begun: Some(begun) };
-        } else if seen.table.1 - since >= self.plan.motion.settle_s && seen.table.1 > since {
-            self.phase = match place {
-                Unit::Dwell { .. } => Phase::Dwell { begun: seen.now, complete: None },
-                Unit::Run(_) => Phase::Sweep { begun: seen.now, arrived: None },
+        } else if observation.turntable.1 - since >= self.plan.motion.settle_s && observation.turntable.1 > since {
+            self.phase = match unit {
+                Unit::Dwell { .. } => Phase::Dwell { begun: observation.now, complete: None },
+                Unit::Run(_) => Phase::Sweep { begun: observation.now, arrived: None },
             };
-            return Ok(Action::Collect(place));
+            return Ok(Action::Collect(unit));
         }
         Ok(Action::Wait)
     }
 
     fn dwell(
         &mut self,
-        place: Unit,
-        seen: &Observation<'_>,
+        unit: Unit,
+        observation: &Observation<'_>,
         begun: f64,
         complete: Option<f64>,
     ) -> Result<Action, Halt> {
-        let moved = self.left_place(place, seen).or_else(|| seen.spoiled.map(str::to_owned));
+        let moved = self.turntable_deviation(unit, observation).or_else(|| observation.spoiled.map(str::to_owned));
         if let Some(reason) = moved {
-            return self.again(Phase::Travel { begun: None }, reason);
+            return self.retry_from(Phase::Travel { begun: None }, reason);
         }
-        if let Some(reason) = self.left_set_point(place, seen) {
-            return self.again(Phase::Approach { led: None }, reason);
+        if let Some(reason) = self.chamber_deviation(unit, observation) {
+            return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
-        if seen.complete {
-            let complete = complete.unwrap_or(seen.now);
+        if observation.complete {
+            let complete = complete.unwrap_or(observation.now);
             self.phase = Phase::Dwell { begun, complete: Some(complete) };
-            if seen.table.1 > complete {
-                self.kept(seen);
-                return Ok(Action::Keep(place));
+            if observation.turntable.1 > complete {
+                self.complete_unit(observation);
+                return Ok(Action::Keep(unit));
             }
             return Ok(Action::Wait);
         }
-        let patience = LONG * self.plan.dwell.time_s + self.plan.patience.stream_s.max(self.floor_s);
-        if seen.now - begun > patience {
-            let message = format!("only {:.1} s of usable samples in {patience:.0} s", seen.collected_s);
+        let patience = MAX_DWELL_FACTOR * self.plan.dwell.time_s + self.plan.patience.stream_s.max(self.min_timeout_s);
+        if observation.now - begun > patience {
+            let message = format!("only {:.1} s of usable samples in {patience:.0} s", observation.collected_s);
             return Err(Halt::Interrupted(message));
         }
         Ok(Action::Wait)
     }
 
-    fn sweep(&mut self, place: Unit, seen: &Observation<'_>, begun: f64, arrived: Option<f64>) -> Result<Action, Halt> {
-        if let Some(reason) = self.left_place(place, seen).or_else(|| seen.spoiled.map(str::to_owned)) {
-            // From the beginning: the chamber is on its way.
-            return self.again(Phase::Approach { led: None }, reason);
+    fn sweep(
+        &mut self,
+        unit: Unit,
+        observation: &Observation<'_>,
+        begun: f64,
+        arrived: Option<f64>,
+    ) -> Result<Action, Halt> {
+        if let Some(reason) =
+            self.turntable_deviation(unit, observation).or_else(|| observation.spoiled.map(str::to_owned))
+        {
+            // The chamber is on its ramp; therefore the whole run begins again.
+            return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
         let Some(verify) = self.plan.verify else { return Ok(Action::Wait) };
-        if seen.now - begun < verify.hold_s {
-            return match self.left_set_point(place, seen) {
-                Some(reason) => self.again(Phase::Approach { led: None }, reason),
+        if observation.now - begun < verify.hold_s {
+            return match self.chamber_deviation(unit, observation) {
+                Some(reason) => self.retry_from(Phase::Approach { commanded_at: None }, reason),
                 None => Ok(Action::Wait),
             };
         }
-        if arrived.is_none() && seen.now - begun - verify.hold_s < LEAD_S.max(self.floor_s / 50.0) {
-            // The ramp begins now, not when the set point was reached.
-            self.lead = self.lead.map(|(commanded, at)| (commanded, at.max(begun + verify.hold_s)));
+        if arrived.is_none() && observation.now - begun - verify.hold_s < MAX_CATCH_UP_S.max(self.min_timeout_s / 50.0)
+        {
+            // The ramp begins at the end of the hold, not at the last command.
+            self.commanded = self.commanded.map(|(commanded, at)| (commanded, at.max(begun + verify.hold_s)));
         }
-        if self.led(verify.to_c, verify.ramp_c_per_s, seen).is_some() {
-            return self.order_set_point(seen);
+        if self.advance_set_point(verify.to_c, verify.ramp_c_per_s, observation).is_some() {
+            return self.command_set_point(observation);
         }
         if self.commanded_c() != Some(verify.to_c) {
             return Ok(Action::Wait);
         }
-        if arrived.is_none() && (seen.chamber.0.air_c - verify.to_c).abs() > self.plan.soak.tolerance_c {
-            let commanded_at = self.lead.map_or(seen.now, |(_, at)| at);
-            return self.on_its_way(verify.to_c, commanded_at, seen);
+        if arrived.is_none() && (observation.chamber.0.air_c - verify.to_c).abs() > self.plan.soak.tolerance_c {
+            let commanded_at = self.commanded.map_or(observation.now, |(_, at)| at);
+            return self.wait_for_chamber(verify.to_c, commanded_at, observation);
         }
-        let arrived = arrived.unwrap_or(seen.now);
+        let arrived = arrived.unwrap_or(observation.now);
         self.phase = Phase::Sweep { begun, arrived: Some(arrived) };
-        if seen.now - arrived < verify.hold_s {
+        if observation.now - arrived < verify.hold_s {
             return Ok(Action::Wait);
         }
-        self.kept(seen);
-        Ok(Action::Keep(place))
+        self.complete_unit(observation);
+        Ok(Action::Keep(unit))
     }
 
-    /// The unit in progress is complete.
-    fn kept(&mut self, seen: &Observation<'_>) {
-        let before = self.place();
-        self.unit += 1;
+    /// Counts the unit in progress as complete, and chooses the next phase.
+    fn complete_unit(&mut self, observation: &Observation<'_>) {
+        let before = self.unit();
+        self.completed += 1;
         (self.attempts, self.interruptions) = (0, 0);
-        match (before, self.place()) {
+        match (before, self.unit()) {
             (Some(Unit::Dwell { visit, .. }), Some(Unit::Dwell { visit: next, .. })) if visit == next => {
                 self.phase = Phase::Travel { begun: None };
             }
             (Some(Unit::Dwell { .. }), Some(_)) => self.phase = Phase::Stay,
-            _ => self.next_place(seen),
+            _ => self.leave_set_point(observation),
         }
     }
 
-    /// Leaves the set point.
-    fn next_place(&mut self, seen: &Observation<'_>) {
+    /// Begins the way to the next set point.
+    fn leave_set_point(&mut self, observation: &Observation<'_>) {
         self.reached = None;
-        self.phase = Phase::Approach { led: None };
-        self.lead = self.lead.map(|(commanded, _)| (commanded, seen.now));
+        self.phase = Phase::Approach { commanded_at: None };
+        self.commanded = self.commanded.map(|(commanded, _)| (commanded, observation.now));
     }
 }
 
-/// What every controller can keep \[degC\].
+/// Rounds to a set point that every controller can store \[degC\].
 fn to_tenths(celsius: f64) -> f64 {
     (celsius * 10.0).round() / 10.0
 }

@@ -1,4 +1,4 @@
-//! The live page: the campaign so far as curves, in one file that a browser loads again by itself.
+//! The live page: state and curves of the campaign in one HTML file that a browser reloads by itself.
 
 use super::curves::Curves;
 use super::plan::Plan;
@@ -10,28 +10,28 @@ use isotherm_shared::table::AXIS_NAMES;
 use std::fs;
 use std::io;
 
-/// Its file in the campaign's folder.
+/// The page's file in the campaign's folder.
 const PAGE: &str = "live.html";
-/// How often a browser loads it again \[s\].
-pub const EVERY_S: u32 = 10;
-/// The curves of the last while are drawn once more \[h\].
+/// Period at which the page is written, and reloaded by a browser \[s\].
+pub const PERIOD_S: u32 = 10;
+/// Length of the additional figures of the latest curves \[h\].
 const RECENT_H: f64 = 3.0;
 
-/// A name, and its number among the curves.
+/// The name of a curve in the legend, and its number in [`Curves`].
 type NamedCurve = (&'static str, usize);
 
 const CHAMBER: [NamedCurve; 2] = [("air", 0), ("set point", 1)];
 const HEADS: [NamedCurve; 3] = [(AXIS_NAMES[0], 2), (AXIS_NAMES[1], 3), (AXIS_NAMES[2], 4)];
 const BOARDS: [NamedCurve; 3] = [(AXIS_NAMES[0], 5), (AXIS_NAMES[1], 6), (AXIS_NAMES[2], 7)];
 
-/// Writes the page anew.
+/// Replaces the page.
 ///
 /// # Errors
-/// As the operating system gives them.
+/// If the operating system cannot write it.
 pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &Curves) -> io::Result<()> {
-    let next = plan.output.join("live.html.new");
-    fs::write(&next, html(plan, snapshot, curves))?;
-    fs::rename(next, plan.output.join(PAGE))
+    let staged = plan.output.join("live.html.new");
+    fs::write(&staged, html(plan, snapshot, curves))?;
+    fs::rename(staged, plan.output.join(PAGE))
 }
 
 fn html(plan: &Plan, snapshot: &Snapshot, curves: &Curves) -> String {
@@ -46,7 +46,7 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &Curves) -> String {
         (None, None) => page.note(NoteKind::Good, "Running", &snapshot.line()),
     }
     if snapshot.ended.is_none() {
-        page.reload_every(EVERY_S);
+        page.reload_every(PERIOD_S);
     }
     let [begin_s, end_s] = curves.span_s().unwrap_or_default();
     let hours = |unix_s: f64| (unix_s - begin_s) * snapshot.speed / 3600.0;

@@ -1,139 +1,139 @@
-//! The plan of a campaign: everything that is asked for, checked before anything moves.
+//! The plan of a campaign: everything that the operator specifies. It is checked before anything moves.
 
 mod read;
 
 use super::limits::Limits;
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::positions::Position;
-use isotherm_files::{Guard, LoadError, read_text};
+use isotherm_files::{LoadError, WorldWritable, read_text};
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::document::{Document, Faults};
 use isotherm_shared::stream::ImuId;
 use std::path::{Path, PathBuf};
 
-/// The samples' file in the campaign's folder.
+/// The file of the dwells' samples in the campaign's folder.
 pub const SAMPLES: &str = "campaign.csv";
 
-/// A checked plan. Times \[s\] are the laboratory's.
+/// A checked plan. Times are laboratory time \[s\].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Whose campaign it is.
+    /// The IMU to calibrate.
     pub imu: ImuId,
-    /// Folder of everything that the campaign writes.
+    /// The folder for everything that the campaign writes.
     pub output: PathBuf,
     /// Chamber temperatures, in order \[degC\].
     pub set_points_c: Vec<f64>,
-    /// At each set point, in order; all with angles.
+    /// Positions of the turntable at each set point, in order; all have angles.
     pub positions: Vec<Position>,
     /// When a set point counts as reached and settled.
     pub soak: Soak,
-    /// What is taken in a position.
-    pub dwell: Dwell,
-    /// How the chamber is led.
+    /// The samples to take in a position.
+    pub dwell: DwellPlan,
+    /// Ramp of the chamber's set point \[degC/s\].
     pub ramp_c_per_s: f64,
-    /// How the table moves, and when it counts as arrived.
+    /// How the turntable moves, and when it counts as arrived.
     pub motion: Motion,
-    /// What no command and no reading may exceed.
+    /// Limits of commands and readings.
     pub limits: Limits,
-    /// How long things may take that should not.
+    /// Time-outs, and the number of attempts.
     pub patience: Patience,
-    /// The safe state's chamber: a set point to hold \[degC\], or standby.
+    /// The set point that the chamber holds in the safe state \[degC\]; `None` for standby.
     pub ambient_c: Option<f64>,
-    /// Verification runs.
-    pub verify: Option<Verify>,
-    /// Where the table goes if the verification holds.
+    /// Verification runs; `None` for none.
+    pub verify: Option<VerificationPlan>,
+    /// The file that the coefficient table is installed as if the verification holds.
     pub install: Option<PathBuf>,
     /// The chamber's driver and line.
     pub chamber: ChamberConfig,
-    /// The table's driver and line.
-    pub table: TurntableConfig,
-    /// The campaign file that will lie beside the samples.
+    /// The turntable's driver and line.
+    pub turntable: TurntableConfig,
+    /// Text of the campaign file that is written beside the samples.
     pub campaign_toml: String,
-    /// The same, read.
+    /// The same campaign file, parsed.
     pub campaign: Campaign,
 }
 
-/// When a set point counts as settled.
+/// When a set point counts as reached and settled. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Soak {
-    /// At the set point before the first position.
+    /// Shortest time at the set point before the first position.
     pub time_s: f64,
-    /// At the set point in all.
+    /// Shortest time at the set point in all.
     pub stay_s: f64,
-    /// The air is at the set point within this \[degC\].
+    /// Largest difference between the air and the set point \[degC\].
     pub tolerance_c: f64,
-    /// Rates of change are taken over this.
+    /// Window over which rates of change are measured.
     pub window_s: f64,
     /// Largest rate of change of the air \[degC/h\].
     pub chamber_c_per_h: f64,
-    /// Largest rate of change of each of the IMU's temperatures \[unit/h\].
+    /// Largest rate of change of each of the IMU's temperatures \[unit/h\]; `None` for no limit.
     pub telemetry_per_h: Option<f64>,
 }
 
-/// What is taken in a position.
+/// The samples to take in a position. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dwell {
-    /// Counted time.
+pub struct DwellPlan {
+    /// Counted time: the sum of the samples' intervals.
     pub time_s: f64,
-    /// Samples are summed into rows of this; 0 for every sample.
+    /// Samples are summed into rows of this length; 0 writes every sample.
     pub row_s: f64,
 }
 
-/// How the table moves.
+/// How the turntable moves, and when it counts as arrived.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// \[deg/s\]
+    /// Commanded rate of each axis \[deg/s\].
     pub rate_deg_s: f64,
-    /// \[deg/s2\]
+    /// Commanded acceleration of each axis \[deg/s2\].
     pub acceleration_deg_s2: f64,
-    /// Arrived: this near \[deg\],
+    /// Largest angle error of an axis that has arrived \[deg\].
     pub tolerance_deg: f64,
-    /// this slow \[deg/s\],
+    /// Largest rate of an axis at rest \[deg/s\].
     pub still_deg_s: f64,
-    /// for this long.
+    /// How long both must hold \[s\].
     pub settle_s: f64,
 }
 
-/// How long things may take that should not, before the campaign pauses or gives up.
+/// Time-outs after which the campaign pauses or gives up, and the number of attempts. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patience {
-    /// A pause: an instrument or the IMU's stream is away.
+    /// Longest pause because an instrument or the IMU's stream is missing.
     pub pause_s: f64,
-    /// Without a usable sample.
+    /// Longest time without a usable sample.
     pub stream_s: f64,
-    /// To the set point, beyond the ramp.
+    /// Longest time to the set point after the end of the ramp.
     pub approach_s: f64,
-    /// Until stable, beyond the soak.
+    /// Longest time until the rates of change are within their limits, after the soak and one window.
     pub stable_s: f64,
-    /// Until the table has settled, beyond the way.
+    /// Longest time until the turntable has settled, after the longest motion.
     pub settle_s: f64,
-    /// An interruption that is longer makes the soak begin anew.
+    /// After a longer interruption the soak begins anew.
     pub resoak_s: f64,
-    /// Attempts at one dwell, and interruptions between two.
+    /// Most attempts at one unit, and most interruptions without a complete unit between them.
     pub attempts: u32,
 }
 
-/// Verification: the IMU at rest while the chamber runs.
+/// The verification runs: the IMU is at rest while the chamber ramps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Verify {
-    /// How many.
+pub struct VerificationPlan {
+    /// Number of runs.
     pub runs: u32,
-    /// Chamber at the beginning \[degC\].
+    /// Set point of the chamber at the beginning \[degC\].
     pub from_c: f64,
-    /// Chamber at the end \[degC\].
+    /// Set point of the chamber at the end \[degC\].
     pub to_c: f64,
     /// The ramp between them \[degC/s\].
     pub ramp_c_per_s: f64,
-    /// Before the ramp, and again after it.
+    /// Hold time before the ramp, and again after it \[s\].
     pub hold_s: f64,
-    /// Outer and inner angle \[deg\].
+    /// Outer and inner angle of the turntable \[deg\].
     pub angles_deg: [f64; 2],
-    /// Direction of the specific force there.
+    /// Direction of the specific force along A1, A2, A3 at these angles.
     pub attitude: [f64; 3],
 }
 
-impl Verify {
-    /// Where the IMU is at rest.
+impl VerificationPlan {
+    /// The attitude of the runs as a position.
     pub const fn position(&self) -> Position {
         let label = String::new();
         Position { number: 0, label, angles: Some(self.angles_deg), specific_force: self.attitude }
@@ -141,28 +141,28 @@ impl Verify {
 }
 
 impl Plan {
-    /// Reads a plan. Paths in it are relative to its folder.
+    /// Reads a plan. Its paths are relative to the folder of the file.
     ///
     /// # Errors
-    /// Everything that is wrong with the file.
+    /// All faults of the file.
     pub fn load(path: &Path) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, Guard::Lax)?;
+        let (text, _) = read_text(path, WorldWritable::Allow)?;
         Self::from_toml(&text, folder(path)).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
 
-    /// As [`load`](Self::load), for a plan that is to be run here: the folder of `install` must be there.
+    /// As [`load`](Self::load), for a plan that will run on this computer: the folder of `install` must exist.
     ///
     /// # Errors
     /// As [`load`](Self::load).
     pub fn load_to_run(path: &Path) -> Result<Self, LoadError> {
-        let (text, _) = read_text(path, Guard::Lax)?;
+        let (text, _) = read_text(path, WorldWritable::Allow)?;
         Self::parse(&text, folder(path), true).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
     }
 
-    /// Reads a plan's text; `folder` is where its relative paths begin.
+    /// Parses the text of a plan. Its paths are relative to `folder`.
     ///
     /// # Errors
-    /// Everything that is wrong with it.
+    /// All faults of the text.
     pub fn from_toml(text: &str, folder: &Path) -> Result<Self, Faults> {
         Self::parse(text, folder, false)
     }
@@ -175,13 +175,13 @@ impl Plan {
         document.finish(plan)
     }
 
-    /// Whether the text of a TOML file is a plan.
+    /// Whether a TOML document is meant as a plan: it has one of the sections of a plan.
     #[must_use]
     pub fn is_meant(document: &Document<'_>) -> bool {
         ["set_points", "soak", "dwell", "chamber", "limits", "patience", "verify"].iter().any(|key| document.has(key))
     }
 
-    /// What makes the data what they are, for telling whether a journal is this plan's: key and value.
+    /// The settings that determine the data, as keys and values. The journal keeps them to recognise the plan that it belongs to.
     #[must_use]
     pub fn identity(&self) -> Vec<(String, String)> {
         let pair = |key: &str, value: String| (key.to_owned(), value);
@@ -205,17 +205,16 @@ impl Plan {
         identity.push(pair("set_points", format!("{:?}", self.set_points_c)));
         identity.extend(soak.telemetry_per_h.map(|limit| pair("soak.telemetry_per_h", format!("{limit:?}"))));
         if let Some(verify) = &self.verify {
-            let Verify { runs, from_c, to_c, ramp_c_per_s, hold_s, angles_deg, .. } = verify;
+            let VerificationPlan { runs, from_c, to_c, ramp_c_per_s, hold_s, angles_deg, .. } = verify;
             let ramp = ramp_c_per_s * 3600.0;
             let value = format!(
                 "{runs} runs, {from_c:?} to {to_c:?} degC at {ramp:?} degC/h, hold {hold_s:?} s, at {angles_deg:?} deg"
             );
             identity.push(pair("verify", value));
         }
-        // What stands above the positions: imu, gravity and the like.
-        let above = self.campaign_toml.lines().take_while(|line| !line.starts_with('['));
-        identity
-            .extend(above.filter_map(|line| line.split_once(" = ")).map(|(key, value)| pair(key, value.to_owned())));
+        // The keys before the first section of the campaign file: imu, gravity and others.
+        let top = self.campaign_toml.lines().take_while(|line| !line.starts_with('['));
+        identity.extend(top.filter_map(|line| line.split_once(" = ")).map(|(key, value)| pair(key, value.to_owned())));
         identity.extend(self.positions.iter().map(|position| {
             let Position { number, angles, specific_force, .. } = position;
             pair(&format!("position.{number}"), format!("{:?} deg, {specific_force:?}", angles.unwrap_or_default()))
@@ -224,7 +223,7 @@ impl Plan {
     }
 }
 
-/// Where the relative paths of a plan begin.
+/// The folder of a plan's file, which its paths are relative to.
 fn folder(plan: &Path) -> &Path {
     plan.parent().unwrap_or(Path::new(""))
 }

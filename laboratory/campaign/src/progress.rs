@@ -1,4 +1,4 @@
-//! What a runner says of itself: a file for others, bars on a terminal, lines in the log.
+//! The state that a runner shows: a status file for other processes, bars on a terminal, lines in a log.
 
 use super::timeline::duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -8,87 +8,89 @@ use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Its file in the campaign's folder.
+/// The status file in the campaign's folder.
 pub const STATUS: &str = "status.json";
-/// How often the file is written.
-const WRITTEN_EVERY: Duration = Duration::from_secs(1);
-/// How often the bars are drawn.
-const DRAWN_EVERY: Duration = Duration::from_millis(200);
-/// How often the log has a line, in laboratory and in real time.
-const LOGGED_EVERY_S: f64 = 600.0;
-const LOGGED_EVERY: Duration = Duration::from_secs(10);
+/// Period of the status file.
+const FILE_PERIOD: Duration = Duration::from_secs(1);
+/// Period of the bars.
+const BARS_PERIOD: Duration = Duration::from_millis(200);
+/// Shortest time between two log lines with the state, laboratory time \[s\].
+const LOG_PERIOD_S: f64 = 600.0;
+/// Shortest time between two log lines with the state, real time.
+const LOG_PERIOD: Duration = Duration::from_secs(10);
 
-/// A runner at one moment. Times are the laboratory's.
+/// The state of a campaign at one moment. Durations are laboratory time.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Snapshot {
-    /// Seconds since 1970.
+    /// Unix time \[s\].
     pub unix_s: f64,
-    /// Laboratory time over real time.
+    /// Ratio of laboratory time to real time.
     pub speed: f64,
-    /// What it does.
+    /// The machine's phase.
     pub phase: String,
-    /// Where: set point and position, or verification run.
+    /// Name of the unit in progress: set point and position, or verification run.
     pub place: String,
-    /// Units that are complete.
+    /// Number of complete units.
     pub unit: usize,
-    /// Units in all.
+    /// Number of all units.
     pub units: usize,
-    /// What it waits for.
+    /// What the machine waits for.
     pub waits_for: String,
-    /// Chamber: target \[degC\]; null when there is none.
+    /// Chamber: set point of the unit in progress \[degC\]; null when all are complete.
     pub target_c: Option<f64>,
-    /// Chamber: commanded set point \[degC\]; null until one was.
+    /// Chamber: commanded set point \[degC\]; null before the first command.
     pub commanded_c: Option<f64>,
-    /// Chamber: air \[degC\]; null until read.
+    /// Chamber: air \[degC\]; null before the first reading.
     pub air_c: Option<f64>,
-    /// Chamber: rate \[degC/h\]; null until known.
+    /// Chamber: rate of change of the air \[degC/h\]; null until its window is full.
     pub chamber_c_per_h: Option<f64>,
-    /// IMU: fastest temperature \[unit/h\]; null until known.
+    /// IMU: rate of change of the fastest temperature \[unit/h\]; null until all windows are full.
     pub telemetry_per_h: Option<f64>,
-    /// Turntable \[deg\]; null until read.
+    /// Turntable: outer and inner angle \[deg\]; null before the first reading.
     pub angles_deg: Option<[f64; 2]>,
-    /// Requests to the chamber, and to the table, that had to be repeated.
+    /// Repeated requests to the chamber, and to the turntable.
     pub repeated: [u64; 2],
     /// Counted time of the unit in progress \[s\].
     pub collected_s: f64,
-    /// What is left \[s\], if nothing happens.
+    /// Estimated time until the campaign is complete, without interruptions \[s\].
     pub left_s: f64,
-    /// Why it pauses; null if it does not.
+    /// Cause of the pause; null outside a pause.
     pub paused: Option<String>,
-    /// The last time that all was well, seconds since 1970.
+    /// The last time that all was well, Unix time \[s\].
     pub well_unix_s: f64,
-    /// How it ended; null while it runs.
+    /// How the runner ended; null while it runs.
     pub ended: Option<String>,
-    /// Whether it ended in the safe state, for certain.
+    /// Whether the runner ended in a confirmed safe state.
     pub safe: bool,
 }
 
 impl Snapshot {
-    /// One line for people.
+    /// The state in one line of text.
     pub fn line(&self) -> String {
-        format!("{} | {} | {} left", self.doing(), self.readings(), self.remaining())
+        format!("{} | {} | {} left", self.state(), self.readings(), self.remaining())
     }
 
-    /// What it does.
-    fn doing(&self) -> String {
+    /// Progress, phase and unit as text.
+    fn state(&self) -> String {
         let state = self.paused.as_ref().map_or_else(|| self.waits_for.clone(), |cause| format!("PAUSED: {cause}"));
         let colon = if state.is_empty() { "" } else { ": " };
         format!("{} of {} | {} {}{colon}{state}", self.unit, self.units, self.phase, self.place)
     }
 
-    /// What the instruments say.
+    /// Readings of the instruments as text.
     fn readings(&self) -> String {
-        let or = |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.digits$}"));
+        let number =
+            |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.digits$}"));
         let rate =
             |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |rate| format!("{rate:+.digits$}"));
         let mut text = format!(
             "chamber {} of {} degC, {} degC/h | IMU {} per h | table {} {} deg",
-            or(self.air_c, 1),
-            or(self.target_c, 1),
+            number(self.air_c, 1),
+            number(self.target_c, 1),
             rate(self.chamber_c_per_h, 2),
             rate(self.telemetry_per_h, 4),
-            or(self.angles_deg.map(|angles| angles[0]), 3),
-            or(self.angles_deg.map(|angles| angles[1]), 3)
+            number(self.angles_deg.map(|angles| angles[0]), 3),
+            number(self.angles_deg.map(|angles| angles[1]), 3)
         );
         for (count, name) in self.repeated.iter().zip(["chamber", "table"]).filter(|(count, _)| **count > 0) {
             text += &format!(" | {count} requests to the {name} repeated");
@@ -96,19 +98,19 @@ impl Snapshot {
         text
     }
 
-    /// What is left, in real time.
+    /// Estimated real time until the campaign is complete, as text.
     pub fn remaining(&self) -> String {
         duration(self.left_s / self.speed)
     }
 }
 
-/// Writes the status file. What cannot be written now is written the next time.
+/// Writes the status file. A failure is only logged, because the file is soon written again.
 pub fn write(path: &Path, snapshot: &Snapshot) {
-    // Renamed, but not forced onto the disk every second: the journal is what lasts.
-    let aside = path.with_extension("json.new");
+    // Renamed, but not synced: the journal is the durable record.
+    let staged = path.with_extension("json.new");
     let write = || {
-        fs::write(&aside, serde_json::to_string_pretty(snapshot)?)?;
-        fs::rename(&aside, path)
+        fs::write(&staged, serde_json::to_string_pretty(snapshot)?)?;
+        fs::rename(&staged, path)
     };
     let result: io::Result<()> = write();
     if let Err(error) = result {
@@ -120,10 +122,10 @@ fn due(last: Option<Instant>, every: Duration) -> bool {
     last.is_none_or(|last| last.elapsed() >= every)
 }
 
-/// Tells everybody.
+/// Publishes the state of the campaign: status file, and bars on a terminal or lines in the log.
 pub struct Progress {
     path: PathBuf,
-    /// All units; the one in progress; what the instruments say.
+    /// On a terminal: all units, the unit in progress, and the readings.
     bars: Option<[ProgressBar; 3]>,
     written: Option<Instant>,
     phase: &'static str,
@@ -132,7 +134,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// For the campaign in `folder` with so many units.
+    /// For the campaign in `folder` with this number of units.
     pub fn new(folder: &Path, units: usize) -> Self {
         let bars = io::stderr().is_terminal().then(|| {
             let bars = indicatif::MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(5));
@@ -140,14 +142,14 @@ impl Progress {
                 let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
                 bars.add(ProgressBar::new(length).with_style(style))
             };
-            // A line that is too long for the terminal is cut, not wrapped.
+            // `wide_msg` truncates a line that is too long for the terminal.
             const BAR: &str = "{bar:20} {wide_msg}";
             [bar(units as u64, BAR), bar(1000, BAR), bar(1000, "{wide_msg}")]
         });
         Self { path: folder.join(STATUS), bars, written: None, phase: "", drawn: None, logged: None }
     }
 
-    /// Something has happened.
+    /// Prints an event above the bars, or into the log.
     pub fn event(&self, text: &str) {
         match &self.bars {
             Some([bar, ..]) => bar.println(format!("{}  {text}", isotherm_calibration::provenance::now())),
@@ -155,49 +157,49 @@ impl Progress {
         }
     }
 
-    /// Whether anybody wants to be told now; `now` is laboratory time \[s\]. Another phase is always told.
+    /// Whether the status file, the bars or the log are due at laboratory time `now` \[s\]. A change of phase makes the file due.
     pub fn is_due(&mut self, now: f64, phase: &'static str) -> bool {
         if phase != self.phase {
             (self.phase, self.written) = (phase, None);
         }
-        due(self.written, WRITTEN_EVERY) || self.draws() || self.logs(now)
+        due(self.written, FILE_PERIOD) || self.bars_due() || self.log_due(now)
     }
 
-    fn draws(&self) -> bool {
-        self.bars.is_some() && due(self.drawn, DRAWN_EVERY)
+    fn bars_due(&self) -> bool {
+        self.bars.is_some() && due(self.drawn, BARS_PERIOD)
     }
 
-    fn logs(&self, now: f64) -> bool {
-        let due = |(real, at): (Instant, f64)| real.elapsed() >= LOGGED_EVERY && now - at >= LOGGED_EVERY_S;
+    fn log_due(&self, now: f64) -> bool {
+        let due = |(real, at): (Instant, f64)| real.elapsed() >= LOG_PERIOD && now - at >= LOG_PERIOD_S;
         self.bars.is_none() && self.logged.is_none_or(due)
     }
 
-    /// The state of the moment at laboratory time `now` \[s\]; `part` is how much of the unit in progress is done.
-    pub fn tell(&mut self, now: f64, part: f64, snapshot: &Snapshot) {
-        if due(self.written, WRITTEN_EVERY) {
+    /// Updates what is due with the state at laboratory time `now` \[s\]. `fraction` of the unit in progress is done, 0 to 1.
+    pub fn update(&mut self, now: f64, fraction: f64, snapshot: &Snapshot) {
+        if due(self.written, FILE_PERIOD) {
             self.written = Some(Instant::now());
             self.write(snapshot);
         }
-        if self.logs(now) {
+        if self.log_due(now) {
             self.logged = Some((Instant::now(), now));
             tracing::info!("{}", snapshot.line());
         }
-        if let Some([units, unit, readings]) = self.bars.as_ref().filter(|_| self.draws()) {
+        if let Some([units, unit, readings]) = self.bars.as_ref().filter(|_| self.bars_due()) {
             units.set_position(snapshot.unit as u64);
             units.set_message(format!("{} of {}, {} left", snapshot.unit, snapshot.units, snapshot.remaining()));
-            unit.set_position((part * 1000.0) as u64);
-            unit.set_message(snapshot.doing());
+            unit.set_position((fraction * 1000.0) as u64);
+            unit.set_message(snapshot.state());
             readings.set_message(snapshot.readings());
             self.drawn = Some(Instant::now());
         }
     }
 
-    /// For those who look at it from outside.
+    /// Writes the status file now.
     pub fn write(&self, snapshot: &Snapshot) {
         write(&self.path, snapshot);
     }
 
-    /// Takes the bars away.
+    /// Removes the bars from the terminal.
     pub fn finish(&self) {
         self.bars.iter().flatten().for_each(ProgressBar::finish_and_clear);
     }

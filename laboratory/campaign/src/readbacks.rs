@@ -1,4 +1,4 @@
-//! What chamber, turntable and the IMU's telemetry said, beside the samples: readbacks.csv, and curves of it for the live page.
+//! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, and its curves for the live page.
 
 use crate::curves::{CURVES, CurveRow, Curves};
 use isotherm_client::unix_s;
@@ -9,17 +9,18 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Its file in the campaign's folder.
+/// The file in the campaign's folder.
 const READBACKS: &str = "readbacks.csv";
 const HEADER: &str = "unix_s,laboratory_s,phase,chamber_air_c,chamber_set_point_c,chamber_running,outer_deg,inner_deg,\
                       outer_deg_s,inner_deg_s,a1_head,a1_board,a2_head,a2_board,a3_head,a3_board\n";
-/// Columns of a row's time, and of its [`CURVES`].
+/// Column of a row's time.
 const UNIX_S: usize = 0;
+/// Columns of the [`CURVES`], in their order.
 const PLOTTED: [usize; CURVES] = [3, 4, 10, 12, 14, 11, 13, 15];
-/// A longer line is none of ours.
+/// Length limit of a line that is read \[bytes\]: rows are shorter.
 const MAX_LINE: u64 = 4096;
 
-/// The open file.
+/// The open file and its curves.
 pub struct Readbacks {
     file: File,
     path: PathBuf,
@@ -27,7 +28,7 @@ pub struct Readbacks {
 }
 
 impl Readbacks {
-    /// Opens the file, or begins it. What is in it already is read once.
+    /// Opens the file or creates it, and reads the curves of the rows that it has.
     ///
     /// # Errors
     /// If it cannot be read or written.
@@ -37,7 +38,7 @@ impl Readbacks {
         Ok(Self { file, path, curves })
     }
 
-    /// Adds a row; `telemetry` is head and board of each accelerometer, NaN before the first sample.
+    /// Appends a row. `telemetry` is head and board of each accelerometer, NaN before the first sample.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -63,7 +64,7 @@ impl Readbacks {
         Ok(())
     }
 
-    /// The rows so far as curves.
+    /// The curves of all rows.
     pub const fn curves(&self) -> &Curves {
         &self.curves
     }
@@ -76,7 +77,7 @@ fn open(path: &Path) -> io::Result<(File, Curves)> {
     loop {
         line.clear();
         let length = (&mut reader).take(MAX_LINE).read_line(&mut line)?;
-        // A row that was cut off goes.
+        // An incomplete last row is removed below.
         if !line.ends_with('\n') {
             break;
         }
@@ -92,7 +93,7 @@ fn open(path: &Path) -> io::Result<(File, Curves)> {
     Ok((file, curves))
 }
 
-/// The values of a row that are plotted; NaN where there is no number.
+/// The values of a row that are plotted; NaN where a field is not a number.
 fn curve_row(row: &str) -> CurveRow {
     let fields: Vec<_> = row.trim_end().split(',').collect();
     let number = |column: usize| fields.get(column).and_then(|field| field.parse().ok()).unwrap_or(f64::NAN);

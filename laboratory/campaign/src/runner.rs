@@ -1,18 +1,20 @@
-//! The loop that lets the machine see, and does what it orders.
+//! The loop that gives the machine its observations and executes its actions.
 //!
-//! One thread talks to both instruments, so that no table moves while a reply is outstanding; another takes the samples off the stream.
-//! Every command is held to the limits before it is sent and every reading when it is there. Whatever ends the loop ends in the safe
-//! state.
+//! One thread talks to both instruments, one request at a time, so that nothing is commanded while a reply is outstanding.
+//! Another thread takes the samples off the stream. Every command is checked against the limits before it is sent, and every
+//! reading when it arrives. However the loop ends, the runner brings the instruments into the safe state.
+//!
+//! Over 400 lines: one loop and its pauses, which share the runner's state and are read together.
 
 use super::journal::{Entry, History, Journal};
-use super::machine::{Action, Halt, Machine, Observation, Phase, Unit};
+use super::machine::{Action, CampaignMachine, Halt, Observation, Phase, Unit};
 use super::page;
 use super::plan::Plan;
 use super::progress::{Progress, Snapshot};
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleTap, file_of};
 use super::stability::{Trend, Trends};
-use super::station::{Station, Watch};
+use super::station::{Station, StationError};
 use super::timeline::{left_s, unit_s, units};
 use isotherm_client::{Options, unix_s};
 use isotherm_failure::{Exit, Failure};
@@ -24,29 +26,33 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// No wait that gives up is shorter in real time, however fast the laboratory is.
-const FLOOR: Duration = Duration::from_secs(10);
-/// How often the chamber is read, in laboratory and at most in real time \[s\].
-const CHAMBER_EVERY_S: [f64; 2] = [5.0, 0.05];
-/// How often the table is read \[s\]: on its way and settling, and at rest.
-const TABLE_EVERY_S: [f64; 2] = [0.5, 2.0];
-/// Longest and shortest pause of the loop.
-const PAUSES: [Duration; 2] = [Duration::from_millis(100), Duration::from_millis(2)];
-/// Pauses between two attempts to reach an instrument: the first, and the longest.
-const RETRIES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
-/// The air's rate is watched over this \[s\].
+/// Lower bound of every time-out in real time, at any speed of the laboratory.
+const MIN_TIMEOUT: Duration = Duration::from_secs(10);
+/// Period of the chamber's readings: in laboratory time, and at least this in real time \[s\].
+const CHAMBER_PERIOD_S: [f64; 2] = [5.0, 0.05];
+/// Period of the turntable's readings in laboratory time \[s\]: while it moves or settles, and at rest.
+const TURNTABLE_PERIOD_S: [f64; 2] = [0.5, 2.0];
+/// Longest pause of the loop between two turns.
+const MAX_LOOP_PAUSE: Duration = Duration::from_millis(100);
+/// Shortest pause of the loop between two turns.
+const MIN_LOOP_PAUSE: Duration = Duration::from_millis(2);
+/// First pause between two attempts to reach an instrument; each pause is twice the one before.
+const FIRST_RETRY_PAUSE: Duration = Duration::from_millis(100);
+/// Longest pause between two attempts to reach an instrument.
+const MAX_RETRY_PAUSE: Duration = Duration::from_secs(5);
+/// Window over which the air's rate of change is compared with the ramp's limit, in laboratory time \[s\].
 const RAMP_WINDOW_S: f64 = 300.0;
 
-/// Why the loop has ended before the campaign has.
+/// Why the loop has stopped before the campaign is complete.
 pub enum RunnerError {
-    /// Look again, and go on if all is well.
+    /// Pause, and go on when all is well again.
     Interrupted(String),
-    /// Into the safe state.
+    /// End the campaign in the safe state.
     GivenUp(Failure),
 }
 
 impl RunnerError {
-    /// Into the safe state, for this reason.
+    /// Ends the campaign in the safe state for this reason.
     pub fn given_up(message: impl Into<String>) -> Self {
         Self::GivenUp(Failure::new(Exit::Failed, message))
     }
@@ -67,11 +73,11 @@ impl From<Halt> for RunnerError {
     }
 }
 
-/// A running campaign.
+/// A running campaign. Times without a unit in their name are laboratory time \[s\].
 pub struct Runner<'p> {
     plan: &'p Plan,
     clock: LaboratoryClock,
-    machine: Machine<'p>,
+    machine: CampaignMachine<'p>,
     station: Station<'p>,
     tap: SampleTap,
     recorder: SampleRecorder<'p>,
@@ -81,60 +87,64 @@ pub struct Runner<'p> {
     trends: Trends,
     ramp: Trend,
     chamber: (ChamberReading, f64),
-    table: (TurntableReading, f64),
-    /// Head and board of each accelerometer, as last read.
+    turntable: (TurntableReading, f64),
+    /// Head and board of each accelerometer in the last usable sample.
     telemetry: [[f64; 2]; AXES],
-    /// When the live page was written.
+    /// When the live page was last written.
     page: Option<Instant>,
-    /// Ends of the samples' file and of nothing else: what is kept.
-    kept: u64,
-    /// Why the stream has nothing, as the transport says it.
+    /// Length of the kept part of the dwells' file \[bytes\].
+    kept_bytes: u64,
+    /// The transport's last error; `None` after a sample.
     stream_error: Option<String>,
     /// Name of the service's domain.
     domain: String,
-    ended: Arc<AtomicUsize>,
-    /// The last time that all was well: laboratory time, and seconds since 1970.
+    /// The number of the signal that asks the runner to end; 0 before one.
+    stop_signal: Arc<AtomicUsize>,
+    /// The last time that all was well.
     well_at: f64,
+    /// The same as Unix time \[s\].
     well_unix_s: f64,
-    /// Whether the journal says that the set point is reached.
-    told_reached: bool,
-    /// Units that the journal lists.
+    /// Whether the journal's last entry about the set point says that it is reached.
+    reached_in_journal: bool,
+    /// Number of complete units in the journal.
     units_kept: usize,
-    /// When the set point had been reached when an earlier runner ended, and how long ago that was.
+    /// When an earlier runner had reached the present set point; negative, because laboratory time 0 is this runner's start.
     reached: Option<f64>,
-    away_s: f64,
+    /// Time from the last moment that all was well with an earlier runner until this runner's start.
+    interruption_s: f64,
+    /// The cause of the pause; `None` outside a pause.
     paused: Option<String>,
 }
 
 impl<'p> Runner<'p> {
-    /// Goes on where `history` ends. A signal's number in `ended` asks it to end in the safe state.
+    /// Goes on where `history` ends. The number of a signal in `stop_signal` asks the runner to end in the safe state.
     ///
     /// # Errors
-    /// If a file or thread cannot be made.
+    /// If a file or a thread cannot be created.
     pub fn new(
         plan: &'p Plan,
         (journal, history): (Journal, &History),
         options: Options,
         speed: f64,
-        ended: Arc<AtomicUsize>,
+        stop_signal: Arc<AtomicUsize>,
     ) -> Result<Self, Failure> {
         let clock = LaboratoryClock::new(speed);
-        let floor_s = FLOOR.as_secs_f64() * speed;
+        let min_timeout_s = MIN_TIMEOUT.as_secs_f64() * speed;
         let ago_s = |unix: f64| (unix_s() - unix).max(0.0) * speed;
         let well_unix_s = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.well_unix_s);
-        let target = Unit::of(plan, history.kept.len()).map(|place| place.set_point_c(plan));
+        let target = Unit::of(plan, history.kept.len()).map(|unit| unit.set_point_c(plan));
         let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
         let last_dwell = history.kept.iter().rfind(|kept| kept.file == super::plan::SAMPLES);
         let domain = options.domain.name().to_owned();
         let tap = SampleTap::start(plan.imu.clone(), options);
         let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
-        // All was well when something was journalled as taken or reached, too.
+        // All was well too when the journal recorded a reached set point or a complete unit.
         let last_well = history.reached.map_or(0.0, |(_, unix)| unix).max(history.kept_unix_s).max(well_unix_s);
-        let away_s = ago_s(last_well);
+        let interruption_s = ago_s(last_well);
         Ok(Self {
             plan,
             clock,
-            machine: Machine::new(plan, history.kept.len(), floor_s),
+            machine: CampaignMachine::new(plan, history.kept.len(), min_timeout_s),
             station: Station::new(plan, history.begun && !history.safe),
             tap,
             recorder: SampleRecorder::new(plan, clock, history.kept.last(), ago_s(history.kept_unix_s)),
@@ -144,57 +154,58 @@ impl<'p> Runner<'p> {
             trends: Trends::new(plan.soak.window_s),
             ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),
-            table: (TurntableReading::default(), f64::NEG_INFINITY),
+            turntable: (TurntableReading::default(), f64::NEG_INFINITY),
             telemetry: [[f64::NAN; 2]; AXES],
             page: None,
-            kept: last_dwell.map_or(0, |kept| kept.to),
+            kept_bytes: last_dwell.map_or(0, |kept| kept.to),
             stream_error: None,
             domain,
-            ended,
+            stop_signal,
             well_at: 0.0,
-            told_reached: reached.is_some(),
+            reached_in_journal: reached.is_some(),
             units_kept: history.kept.len(),
             well_unix_s,
             reached: reached.map(|(_, unix)| -ago_s(unix)),
-            away_s,
+            interruption_s,
             paused: None,
         })
     }
 
-    /// Takes everything that is missing, and ends in the safe state.
+    /// Takes all missing units, and ends in the safe state.
     ///
     /// # Errors
-    /// Why it could not, with the safe state that was reached.
+    /// Why the campaign is not complete, or why the safe state is not certain.
     pub fn run(mut self) -> Result<(), Failure> {
-        // Whatever happens, a defect of the program included, passes through the safe state.
-        let result =
-            catch_unwind(AssertUnwindSafe(|| self.begin().and_then(|()| self.connect()).and_then(|()| self.all())));
+        // Every end passes through the safe state, a panic included.
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            self.journal_start().and_then(|()| self.connect()).and_then(|()| self.run_loop())
+        }));
         let failure = match result {
             Ok(Ok(())) => None,
             Ok(Err(RunnerError::GivenUp(failure))) => Some(failure),
             Ok(Err(RunnerError::Interrupted(cause))) => Some(Failure::new(Exit::Failed, cause)),
             Err(_) => Some(Failure::new(Exit::Failed, "the program has failed; its message is above")),
         };
-        let (table, chamber) = self.station.safe();
+        let (turntable, chamber) = self.station.enter_safe_state();
         self.recorder.discard();
         let reason = failure.as_ref().map_or_else(|| "all data are taken".to_owned(), ToString::to_string);
-        let words = format!("{reason}\nsafe state: {table}; {chamber}");
+        let message = format!("{reason}\nsafe state: {turntable}; {chamber}");
         if failure.is_none() {
-            self.progress.event(&words.replace('\n', "; "));
+            self.progress.event(&message.replace('\n', "; "));
         }
         self.progress.finish();
-        let certain = table.is_reached() && chamber.is_reached();
-        let (table, chamber) = (table.to_string(), chamber.to_string());
-        let safe = self.journal.lasting(Entry::Safe { reason, table, chamber, certain });
-        let end = Snapshot { ended: Some(words.clone()), paused: None, safe: certain, ..self.snapshot() };
+        let certain = turntable.is_reached() && chamber.is_reached();
+        let (table, chamber) = (turntable.to_string(), chamber.to_string());
+        let safe = self.journal.write_synced(Entry::Safe { reason, table, chamber, certain });
+        let end = Snapshot { ended: Some(message.clone()), paused: None, safe: certain, ..self.snapshot() };
         self.progress.write(&end);
-        self.draw(&end);
+        self.write_page(&end);
         match failure {
             None if certain => safe,
-            None => Err(Failure::new(Exit::Unavailable, words)),
+            None => Err(Failure::new(Exit::Unavailable, message)),
             Some(failure) => {
                 let message = format!(
-                    "{words}\n{} units are complete; `isotherm campaign run` goes on with the next",
+                    "{message}\n{} units are complete; `isotherm campaign run` goes on with the next",
                     self.units_kept
                 );
                 Err(Failure::new(if certain { failure.exit } else { Exit::Unavailable }, message))
@@ -202,17 +213,19 @@ impl<'p> Runner<'p> {
         }
     }
 
-    fn begin(&mut self) -> Result<(), RunnerError> {
-        let (unit, speed) = (self.machine.unit(), self.clock.speed);
-        self.journal.lasting(Entry::Started { pid: std::process::id(), speed, unit })?;
+    /// Journals and logs that this runner begins.
+    fn journal_start(&mut self) -> Result<(), RunnerError> {
+        let (unit, speed) = (self.machine.completed(), self.clock.speed);
+        self.journal.write_synced(Entry::Started { pid: std::process::id(), speed, unit })?;
         let left = super::timeline::duration(self.left_s() / speed);
         self.progress.event(&format!("{unit} of {} units are complete; about {left} to go", units(self.plan)));
         Ok(())
     }
 
-    fn all(&mut self) -> Result<(), RunnerError> {
+    /// Runs until the campaign is complete. An interruption becomes a pause.
+    fn run_loop(&mut self) -> Result<(), RunnerError> {
         loop {
-            match self.turn() {
+            match self.run_once() {
                 Ok(true) => return Ok(()),
                 Ok(false) => {}
                 Err(RunnerError::Interrupted(cause)) => self.pause(cause)?,
@@ -221,99 +234,101 @@ impl<'p> Runner<'p> {
         }
     }
 
-    /// One turn of the loop; whether everything is done.
-    fn turn(&mut self) -> Result<bool, RunnerError> {
+    /// One turn of the loop. Returns whether the campaign is complete.
+    fn run_once(&mut self) -> Result<bool, RunnerError> {
         let begun = Instant::now();
-        self.asked_to_end()?;
+        self.check_stop_signal()?;
         self.drain()?;
-        self.stream_is_alive()?;
+        self.check_stream()?;
         let now = self.clock.now();
-        if now - self.chamber.1 >= CHAMBER_EVERY_S[0].max(CHAMBER_EVERY_S[1] * self.clock.speed) {
+        if now - self.chamber.1 >= CHAMBER_PERIOD_S[0].max(CHAMBER_PERIOD_S[1] * self.clock.speed) {
             self.read_chamber()?;
         }
         let moving = matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. });
-        if now - self.table.1 >= TABLE_EVERY_S[usize::from(!moving)] {
-            self.read_table()?;
+        if now - self.turntable.1 >= TURNTABLE_PERIOD_S[usize::from(!moving)] {
+            self.read_turntable()?;
         }
-        // What has been sent while the table was read was taken while it was there.
+        // Samples that arrived during the reading were taken while the turntable was at the measured angles.
         self.drain()?;
         loop {
-            let seen = Observation {
+            let observation = Observation {
                 now: self.clock.now(),
                 chamber: (&self.chamber.0, self.chamber.1),
-                table: (&self.table.0, self.table.1),
+                turntable: (&self.turntable.0, self.turntable.1),
                 trends: &self.trends,
                 collected_s: self.recorder.collected_s(),
                 complete: self.recorder.complete(),
                 spoiled: self.recorder.spoiled(),
             };
-            match self.machine.step(&seen)? {
+            match self.machine.step(&observation)? {
                 Action::Wait => break,
                 Action::Done => return Ok(true),
-                order => self.obey(order)?,
+                action => self.execute(action)?,
             }
         }
-        if self.told_reached && self.machine.reached().is_none() {
-            self.told_reached = false;
+        if self.reached_in_journal && self.machine.reached().is_none() {
+            self.reached_in_journal = false;
             self.journal.write(Entry::Left)?;
         }
         (self.well_at, self.well_unix_s) = (self.clock.now(), unix_s());
-        self.tell();
-        let pause = Duration::from_secs_f64(TABLE_EVERY_S[usize::from(!moving)] / self.clock.speed);
-        let pause = pause.clamp(PAUSES[1], PAUSES[0]);
+        self.update_progress();
+        let pause = Duration::from_secs_f64(TURNTABLE_PERIOD_S[usize::from(!moving)] / self.clock.speed);
+        let pause = pause.clamp(MIN_LOOP_PAUSE, MAX_LOOP_PAUSE);
         thread::sleep(pause.saturating_sub(begun.elapsed()));
         Ok(false)
     }
 
-    fn obey(&mut self, order: Action) -> Result<(), RunnerError> {
-        match order {
+    fn execute(&mut self, action: Action) -> Result<(), RunnerError> {
+        match action {
             Action::Wait | Action::Done => {}
             Action::SetPoint(celsius) => self.station.set_point(celsius)?,
-            Action::Run => self.station.run()?,
+            Action::StartChamber => self.station.start_chamber()?,
             Action::Move(angles) => self.station.move_to(angles)?,
             Action::Reached(set_point_c) => {
                 self.journal.write(Entry::Reached { set_point_c })?;
-                self.told_reached = true;
+                self.reached_in_journal = true;
                 self.progress.event(&format!("{set_point_c} degC reached"));
             }
-            Action::Collect(place) => {
-                let kept = if matches!(place, Unit::Dwell { .. }) { self.kept } else { 0 };
-                self.recorder.begin(place, self.clock.now(), kept)?;
+            Action::Collect(unit) => {
+                let kept = if matches!(unit, Unit::Dwell { .. }) { self.kept_bytes } else { 0 };
+                self.recorder.begin(unit, self.clock.now(), kept)?;
             }
             Action::Discard(reason) => self.discard(reason)?,
-            Action::Keep(place) => self.keep(place)?,
+            Action::Keep(unit) => self.keep(unit)?,
         }
         Ok(())
     }
 
-    fn keep(&mut self, place: Unit) -> Result<(), Failure> {
-        let number = self.machine.unit() - 1;
+    /// Makes the unit last: its samples are synced, then it is journalled.
+    fn keep(&mut self, unit: Unit) -> Result<(), Failure> {
+        let number = self.machine.completed() - 1;
         let Some(kept) = self.recorder.keep(number)? else { return Ok(()) };
-        if matches!(place, Unit::Dwell { .. }) {
-            self.kept = kept.to;
+        if matches!(unit, Unit::Dwell { .. }) {
+            self.kept_bytes = kept.to;
         }
-        let mut words = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
-        for (count, what) in [(kept.gaps, "gaps"), (kept.left_out, "samples left out")] {
+        let mut message = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
+        for (count, name) in [(kept.gaps, "gaps"), (kept.left_out, "samples left out")] {
             if count > 0 {
-                words += &format!(", {count} {what}");
+                message += &format!(", {count} {name}");
             }
         }
-        self.journal.lasting(Entry::Kept(kept))?;
+        self.journal.write_synced(Entry::Kept(kept))?;
         self.units_kept += 1;
-        self.progress.event(&words);
+        self.progress.event(&message);
         Ok(())
     }
 
     fn discard(&mut self, reason: String) -> Result<(), Failure> {
         self.recorder.discard();
-        self.progress.event(&format!("{} is begun again: {reason}", self.place_name()));
+        self.progress.event(&format!("{} is begun again: {reason}", self.unit_name()));
         self.journal.write(Entry::Discarded { reason })
     }
 
-    fn asked_to_end(&self) -> Result<(), RunnerError> {
-        stopped_by(&self.ended).map_or(Ok(()), |signal| Err(RunnerError::given_up(signal)))
+    fn check_stop_signal(&self) -> Result<(), RunnerError> {
+        stopped_by(&self.stop_signal).map_or(Ok(()), |signal| Err(RunnerError::given_up(signal)))
     }
 
+    /// Gives all received samples to the recorder and the trends.
     fn drain(&mut self) -> Result<(), Failure> {
         while let Some(next) = self.tap.take_sample() {
             match next {
@@ -330,9 +345,9 @@ impl<'p> Runner<'p> {
         Ok(())
     }
 
-    /// Whether usable samples come.
-    fn stream_is_alive(&self) -> Result<(), RunnerError> {
-        let patience = self.plan.patience.stream_s.max(FLOOR.as_secs_f64() * self.clock.speed);
+    /// Checks that the last usable sample is not too old.
+    fn check_stream(&self) -> Result<(), RunnerError> {
+        let patience = self.plan.patience.stream_s.max(MIN_TIMEOUT.as_secs_f64() * self.clock.speed);
         let age = self.clock.now() - self.recorder.usable_at().unwrap_or(f64::NEG_INFINITY);
         if age <= patience {
             return Ok(());
@@ -356,60 +371,60 @@ impl<'p> Runner<'p> {
         self.trends.chamber(now, self.chamber.0.air_c);
         self.ramp.add(now, self.chamber.0.air_c);
         let phase = self.machine.phase().name();
-        self.readbacks.write(&self.chamber.0, &self.table.0, self.telemetry, phase, now)?;
-        self.station.watch_ramp(self.ramp.per_h())?;
+        self.readbacks.write(&self.chamber.0, &self.turntable.0, self.telemetry, phase, now)?;
+        self.station.check_ramp(self.ramp.per_h())?;
         Ok(())
     }
 
-    fn read_table(&mut self) -> Result<(), RunnerError> {
-        self.table = (self.station.read_table()?, self.clock.now());
+    fn read_turntable(&mut self) -> Result<(), RunnerError> {
+        self.turntable = (self.station.read_turntable()?, self.clock.now());
         Ok(())
     }
 
-    /// The beginning: everything must be there before anything is commanded.
+    /// Connects both instruments and waits for samples. Nothing is commanded but the turntable's engagement, after a stop if an
+    /// earlier runner left it engaged.
     fn connect(&mut self) -> Result<(), RunnerError> {
         let reached = self.reached;
-        self.until_well(FLOOR.as_secs_f64() * self.clock.speed + self.plan.patience.stream_s)?;
+        self.wait_until_well(MIN_TIMEOUT.as_secs_f64() * self.clock.speed + self.plan.patience.stream_s)?;
         let names = self.station.names();
         self.progress.event(&format!("chamber: {}; table: {}", names[0], names[1]));
         let [chamber, table] = names;
         self.journal.write(Entry::Connected { chamber, table })?;
         let now = self.clock.now();
-        if self.reached.is_some() || self.machine.unit() > 0 {
-            self.machine.resume(now, self.away_s + now, reached, &self.chamber.0)?;
+        if self.reached.is_some() || self.machine.completed() > 0 {
+            self.machine.resume(now, self.interruption_s + now, reached, &self.chamber.0)?;
         }
         Ok(())
     }
 
-    /// Nothing is commanded until all is well again; the unit in progress is lost.
+    /// Commands nothing until all is well again. The unit in progress is lost.
     fn pause(&mut self, cause: String) -> Result<(), RunnerError> {
         self.progress.event(&format!("paused: {cause}"));
         self.journal.write(Entry::Paused { cause: cause.clone() })?;
         self.recorder.discard();
-        self.recorder.forget();
+        self.recorder.reset_timing();
         let reached = self.machine.reached();
-        let away = self.well_at;
+        let well_at = self.well_at;
         if matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. }) {
-            self.station.stop_table();
+            self.station.stop_turntable();
         }
         self.paused = Some(cause);
-        self.until_well(self.plan.patience.pause_s.max(FLOOR.as_secs_f64() * self.clock.speed))?;
+        self.wait_until_well(self.plan.patience.pause_s.max(MIN_TIMEOUT.as_secs_f64() * self.clock.speed))?;
         let now = self.clock.now();
-        self.journal.write(Entry::Resumed { after_s: now - away })?;
+        self.journal.write(Entry::Resumed { after_s: now - well_at })?;
         self.progress.event("all is well again");
         self.trends.clear();
         self.ramp.clear();
-        self.machine.resume(now, now - away, reached, &self.chamber.0)?;
+        self.machine.resume(now, now - well_at, reached, &self.chamber.0)?;
         Ok(())
     }
 
-    /// Until both instruments answer and samples come, for at most `patience_s`.
-    fn until_well(&mut self, patience_s: f64) -> Result<(), RunnerError> {
+    /// Waits until both instruments answer and samples arrive, for at most `patience_s`.
+    fn wait_until_well(&mut self, patience_s: f64) -> Result<(), RunnerError> {
         let begun = self.clock.now();
-        let mut retry = RETRIES[0];
+        let mut retry = FIRST_RETRY_PAUSE;
         loop {
-            let attempt = self.attempt();
-            let cause = match attempt {
+            let cause = match self.check_all_well() {
                 Ok(()) => {
                     self.paused = None;
                     return Ok(());
@@ -423,67 +438,71 @@ impl<'p> Runner<'p> {
             self.paused.get_or_insert_with(|| cause.clone());
             let waited = Instant::now();
             while waited.elapsed() < retry {
-                self.asked_to_end()?;
+                self.check_stop_signal()?;
                 self.drain()?;
-                self.tell();
-                thread::sleep(PAUSES[0].min(retry));
+                self.update_progress();
+                thread::sleep(MAX_LOOP_PAUSE.min(retry));
             }
-            retry = (retry * 2).min(RETRIES[1]);
+            retry = (retry * 2).min(MAX_RETRY_PAUSE);
         }
     }
 
-    fn attempt(&mut self) -> Result<(), RunnerError> {
-        self.asked_to_end()?;
-        // An alarm of one of them is not overheard because the other one is away.
+    /// Connects and reads both instruments, and checks the stream.
+    fn check_all_well(&mut self) -> Result<(), RunnerError> {
+        self.check_stop_signal()?;
+        // Both instruments are read even if one is lost: an alarm of either ends the campaign.
         let chamber = self.station.connect_chamber().map_err(RunnerError::from).and_then(|()| self.read_chamber());
         if let Err(RunnerError::GivenUp(failure)) = chamber {
             return Err(RunnerError::GivenUp(failure));
         }
-        let table = self.station.connect_table().map_err(RunnerError::from).and_then(|()| self.read_table());
-        if let Err(RunnerError::GivenUp(failure)) = table {
+        let turntable =
+            self.station.connect_turntable().map_err(RunnerError::from).and_then(|()| self.read_turntable());
+        if let Err(RunnerError::GivenUp(failure)) = turntable {
             return Err(RunnerError::GivenUp(failure));
         }
-        chamber.and(table)?;
+        chamber.and(turntable)?;
         self.drain()?;
-        self.stream_is_alive()
+        self.check_stream()
     }
 
-    fn place_name(&self) -> String {
-        self.machine.place().map_or_else(|| "end".to_owned(), |place| place.name(self.plan))
+    fn unit_name(&self) -> String {
+        self.machine.unit().map_or_else(|| "end".to_owned(), |unit| unit.name(self.plan))
     }
 
-    /// How much of the unit in progress is taken, 0 to 1.
-    fn part(&self) -> f64 {
-        match self.machine.place() {
+    /// Fraction of the dwell in progress that is taken, 0 to 1; 0 outside a dwell.
+    fn dwell_fraction(&self) -> f64 {
+        match self.machine.unit() {
             Some(Unit::Dwell { .. }) => (self.recorder.collected_s() / self.plan.dwell.time_s).min(1.0),
             _ => 0.0,
         }
     }
 
+    /// Estimated time until the campaign is complete.
     fn left_s(&self) -> f64 {
-        let unit = self.machine.unit();
-        let begun = unit_s(self.plan, unit).unwrap_or_default();
+        let unit = self.machine.completed();
+        let takes_s = unit_s(self.plan, unit).unwrap_or_default();
         let soaked =
             self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(self.plan.soak.time_s));
-        let first = matches!(self.machine.place(), Some(Unit::Dwell { position: 0, .. } | Unit::Run(_)));
+        let first = matches!(self.machine.unit(), Some(Unit::Dwell { position: 0, .. } | Unit::Run(_)));
         let done = self.recorder.collected_s() + if first { soaked } else { 0.0 };
-        left_s(self.plan, unit) - done.min(begun)
+        left_s(self.plan, unit) - done.min(takes_s)
     }
 
-    fn tell(&mut self) {
+    /// Updates status file, bars, log and live page, each as often as it is due.
+    fn update_progress(&mut self) {
         let now = self.clock.now();
         if self.progress.is_due(now, self.machine.phase().name()) {
             let snapshot = self.snapshot();
-            self.progress.tell(now, self.part(), &snapshot);
-            if self.page.is_none_or(|written| written.elapsed() >= Duration::from_secs(page::EVERY_S.into())) {
+            self.progress.update(now, self.dwell_fraction(), &snapshot);
+            if self.page.is_none_or(|written| written.elapsed() >= Duration::from_secs(page::PERIOD_S.into())) {
                 self.page = Some(Instant::now());
-                self.draw(&snapshot);
+                self.write_page(&snapshot);
             }
         }
     }
 
-    /// The live page. What cannot be written now is written the next time.
-    fn draw(&self, snapshot: &Snapshot) {
+    /// Writes the live page. A failure is only logged, because the page is soon written again.
+    fn write_page(&self, snapshot: &Snapshot) {
         if let Err(error) = page::write(self.plan, snapshot, self.readbacks.curves()) {
             tracing::warn!("writing the live page: {error}");
         }
@@ -507,16 +526,16 @@ impl<'p> Runner<'p> {
             unix_s: unix_s(),
             speed: self.clock.speed,
             phase: self.machine.phase().name().to_owned(),
-            place: self.place_name(),
+            place: self.unit_name(),
             unit: self.units_kept,
             units: units(self.plan),
             waits_for,
-            target_c: self.machine.place().map(|place| place.set_point_c(self.plan)),
+            target_c: self.machine.unit().map(|unit| unit.set_point_c(self.plan)),
             commanded_c: self.machine.commanded_c(),
             air_c: read_at(self.chamber.1).then_some(self.chamber.0.air_c),
             chamber_c_per_h: self.trends.chamber_c_per_h(),
             telemetry_per_h: self.trends.telemetry_per_h().map(|(rate, _)| rate),
-            angles_deg: read_at(self.table.1).then_some(self.table.0.angles_deg),
+            angles_deg: read_at(self.turntable.1).then_some(self.turntable.0.angles_deg),
             repeated: self.station.repeated(),
             collected_s: self.recorder.collected_s(),
             left_s: self.left_s(),
@@ -528,26 +547,25 @@ impl<'p> Runner<'p> {
     }
 }
 
-/// What a run's file is called, for the finish.
-pub fn runs(plan: &Plan) -> Vec<String> {
+/// Names of the verification runs' files.
+pub fn run_files(plan: &Plan) -> Vec<String> {
     (0..plan.verify.map_or(0, |verify| verify.runs as usize)).map(|run| file_of(Unit::Run(run))).collect()
 }
 
-/// Which signal has asked to end, if one has.
-pub fn stopped_by(ended: &AtomicUsize) -> Option<String> {
-    let signal = ended.load(Relaxed) as i32;
+/// The message for the signal that has asked to end; `None` before one.
+pub fn stopped_by(stop_signal: &AtomicUsize) -> Option<String> {
+    let signal = stop_signal.load(Relaxed) as i32;
     let name = signal_hook::low_level::signal_name(signal).unwrap_or("a signal");
-    // What `campaign stop` sends is what the system sends too.
-    let who = if signal == signal_hook::consts::SIGTERM { ", as by campaign stop" } else { "" };
-    (signal != 0).then(|| format!("stopped by {name}{who}"))
+    // `campaign stop` sends SIGTERM, but so do others.
+    let sender = if signal == signal_hook::consts::SIGTERM { ", as by campaign stop" } else { "" };
+    (signal != 0).then(|| format!("stopped by {name}{sender}"))
 }
 
-/// A word about what is watched.
-impl From<Watch> for RunnerError {
-    fn from(watch: Watch) -> Self {
-        match watch {
-            Watch::Lost(cause) => Self::Interrupted(cause),
-            Watch::Alarm(reason) => Self::given_up(reason),
+impl From<StationError> for RunnerError {
+    fn from(error: StationError) -> Self {
+        match error {
+            StationError::Lost(cause) => Self::Interrupted(cause),
+            StationError::Alarm(reason) => Self::given_up(reason),
         }
     }
 }

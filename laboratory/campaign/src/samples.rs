@@ -1,10 +1,14 @@
-//! The IMU's raw samples: tapped beside the service, told apart by when they were taken, summed into rows, written.
+//! The IMU's raw samples: tapped from the raw stream, assigned to a unit by their time, summed into rows, and written.
 //!
 //! # Which samples belong to a dwell
-//! Those whose whole interval lies after the table had settled, and before it is told to move, which is after the last was received.
-//! A sample carries the acquisition's clock, the readings of the table the runner's. Of the samples of the last minutes, the one that
-//! took the least time from its end to its sending maps one clock onto the other. One that took longer makes no difference, so that a
-//! sample that comes late is not taken for one that was taken late.
+//! A sample belongs to a dwell if its whole interval lies after the turntable had settled and before the next motion is
+//! commanded. Only the first condition needs a test: the motion is commanded after the last sample was received.
+//!
+//! A sample has the time of the acquisition's clock, a reading of the turntable that of the runner's. The sample of the last
+//! minutes with the shortest time from its end to its sending gives the offset between the two clocks. Other samples do not
+//! change the offset; therefore a sample that arrives late is not mistaken for one that was taken late.
+//!
+//! Over 400 lines: tap, clock offset, recorder and row form one path of a sample, in this order.
 
 use super::journal::Kept;
 use super::machine::Unit;
@@ -22,65 +26,65 @@ use std::io::{self, BufWriter, Seek as _, SeekFrom};
 use std::mem;
 use std::time::{Duration, Instant};
 
-/// Pause of the tap when nothing is there: at 2 kHz it fills a sixth of the queue.
+/// Pause of the tap when the stream is empty: at 2 kHz, a sixth of the queue is filled meanwhile.
 const TAP_PAUSE: Duration = Duration::from_millis(5);
-/// Samples between tap and runner; more, if the runner is held up, are lost and show as a gap.
+/// Capacity of the queue between tap and runner \[samples\]. Further samples are lost and count as a gap.
 const TAP_DEPTH: usize = 1 << 16;
-/// Pause before a tap that has ended by an error is started again.
+/// Pause before a tap that an error has ended is started again.
 const TAP_RETRY: Duration = Duration::from_millis(500);
-/// The clocks are compared over this and up to twice this, in laboratory time \[s\] and in real time \[s\].
-const COMPARED_S: [f64; 2] = [300.0, 30.0];
-/// A sample that claims to have been on its way for longer does not tell when it was sent \[ns\].
-const ON_ITS_WAY_NS: u64 = 10_000_000_000;
+/// Span of the clock offset's maximum: in laboratory time, and at least this in real time \[s\].
+const OFFSET_SPAN_S: [f64; 2] = [300.0, 30.0];
+/// Longest credible time from a sample's sending to its reception \[ns\]. Beyond it, the time of reception replaces `sent_ns`.
+const MAX_TRANSIT_NS: u64 = 10_000_000_000;
 
-/// A sample that is so far ahead of the one before has a wrong time \[ns\]: a day.
-const FAR_AHEAD_NS: u64 = 86_400_000_000_000;
+/// Largest credible step of the timestamp from one sample to the next \[ns\]: a day.
+const MAX_STEP_NS: u64 = 86_400_000_000_000;
 
-/// Laboratory time: real time, times the speed of a simulated laboratory.
+/// Laboratory time: real time multiplied by the speed of a simulated laboratory.
 #[derive(Clone, Copy, Debug)]
 pub struct LaboratoryClock {
     origin_ns: u64,
-    /// Laboratory time over real time.
+    /// Ratio of laboratory time to real time.
     pub speed: f64,
 }
 
 impl LaboratoryClock {
-    /// One that begins now.
+    /// A clock that begins at 0 now.
     pub fn new(speed: f64) -> Self {
         Self { origin_ns: monotonic_ns(), speed }
     }
 
-    /// Now \[s\].
+    /// The present laboratory time \[s\].
     pub fn now(&self) -> f64 {
         self.at(monotonic_ns())
     }
 
-    /// At a time of `CLOCK_MONOTONIC` \[s\].
+    /// The laboratory time \[s\] at a time of `CLOCK_MONOTONIC` \[ns\].
     pub fn at(&self, ns: u64) -> f64 {
         (ns as f64 - self.origin_ns as f64) / 1e9 * self.speed
     }
 }
 
-/// The IMU's raw stream, tapped for as long as the campaign takes: what stands in the way is told, and tried again.
+/// A tap on the IMU's raw stream for the whole campaign. Its errors are returned, and the tap is started again.
 pub struct SampleTap {
     imu: ImuId,
     options: Options,
     tap: Tap,
-    /// When the tap has ended by an error, and is started again.
+    /// When a tap that an error has ended is started again; `None` while it runs.
     retry_at: Option<Instant>,
 }
 
 impl SampleTap {
-    /// Begins.
+    /// Starts the tap.
     ///
     /// # Errors
-    /// If there can be no thread.
+    /// If no thread can be started.
     pub fn start(imu: ImuId, options: Options) -> io::Result<Self> {
-        let tap = tap(&imu, &options)?;
+        let tap = start_tap(&imu, &options)?;
         Ok(Self { imu, options, tap, retry_at: None })
     }
 
-    /// The next sample and when it was received, `CLOCK_MONOTONIC` \[ns\]; or why there is none.
+    /// The next sample and the time of its reception, `CLOCK_MONOTONIC` \[ns\]; or the next error; `None` if there is neither.
     pub fn take_sample(&mut self) -> Option<Result<(RawSample, u64), String>> {
         while let Some(tapped) = self.tap.pop() {
             if let StreamSample::Raw(sample) = tapped.sample {
@@ -98,7 +102,7 @@ impl SampleTap {
             Some(at) if now < at => None,
             Some(_) => {
                 self.retry_at = None;
-                match tap(&self.imu, &self.options) {
+                match start_tap(&self.imu, &self.options) {
                     Ok(tap) => {
                         let ended = mem::replace(&mut self.tap, tap);
                         ended.finish().err().map(|error| Err(error.to_string()))
@@ -114,54 +118,59 @@ impl SampleTap {
     }
 }
 
-fn tap(imu: &ImuId, options: &Options) -> io::Result<Tap> {
+fn start_tap(imu: &ImuId, options: &Options) -> io::Result<Tap> {
     let settings = TapSettings { depth: TAP_DEPTH, pause: TAP_PAUSE, realtime: Realtime::default() };
     Tap::start(&[(imu.clone(), StreamKind::Raw)], options, settings)
 }
 
-/// The acquisition's clock less ours \[s\]: the largest of the last while, which is the one of the sample that came with the least delay.
+/// Offset of the acquisition's clock from laboratory time \[s\]: the largest over the last one to two spans, which is that of the
+/// sample with the least delay.
 struct ClockOffset {
     span_s: f64,
-    /// When the present span began, and the largest of it and of the one before.
+    /// When the present span began.
     began_at: f64,
-    most: [f64; 2],
+    /// The largest offset of the present span, and of the one before.
+    largest: [f64; 2],
 }
 
 impl ClockOffset {
     fn new(speed: f64) -> Self {
-        let span_s = COMPARED_S[0].max(COMPARED_S[1] * speed);
-        Self { span_s, began_at: f64::NEG_INFINITY, most: [f64::NEG_INFINITY; 2] }
+        let span_s = OFFSET_SPAN_S[0].max(OFFSET_SPAN_S[1] * speed);
+        Self { span_s, began_at: f64::NEG_INFINITY, largest: [f64::NEG_INFINITY; 2] }
     }
 
     fn add(&mut self, at: f64, offset: f64) {
         if at - self.began_at > self.span_s {
             self.began_at = at;
-            self.most = [f64::NEG_INFINITY, self.most[0]];
+            self.largest = [f64::NEG_INFINITY, self.largest[0]];
         }
-        self.most[0] = self.most[0].max(offset);
+        self.largest[0] = self.largest[0].max(offset);
     }
 
-    fn most(&self) -> f64 {
-        self.most[0].max(self.most[1])
+    fn largest(&self) -> f64 {
+        self.largest[0].max(self.largest[1])
     }
 }
 
-/// The file of a unit's samples.
-pub fn file_of(place: Unit) -> String {
-    match place {
+/// The name of the file of a unit's samples.
+pub fn file_of(unit: Unit) -> String {
+    match unit {
         Unit::Dwell { .. } => SAMPLES.to_owned(),
         Unit::Run(run) => format!("verify-{}.csv", run + 1),
     }
 }
 
-/// What becomes of the samples.
+/// Decides which samples are used, and writes those of the unit in progress.
 pub struct SampleRecorder<'p> {
     plan: &'p Plan,
     clock: LaboratoryClock,
-    /// The last kept unit's end, session and shift, and how long ago that was \[s\] when this began.
-    before: Option<(u64, u64, u64)>,
-    away_s: f64,
+    /// End \[ns\], session and shift \[ns\] of the last kept unit.
+    previous: Option<(u64, u64, u64)>,
+    /// Age of the last kept unit at laboratory time 0 \[s\]; negative if it was kept later.
+    previous_age_s: f64,
+    /// The last usable sample.
     last: Option<RawSample>,
+    /// Added to the timestamps of the present session \[ns\].
     shift_ns: u64,
     /// Laboratory time of the last usable sample \[s\].
     usable_at: Option<f64>,
@@ -169,35 +178,40 @@ pub struct SampleRecorder<'p> {
     open: Option<OpenUnit>,
 }
 
-/// Bytes on their way to a file.
+/// The file of a unit, buffered, with the hash of what is written.
 type Sink = Hashed<BufWriter<File>>;
 
 /// The unit in progress.
 struct OpenUnit {
-    place: Unit,
-    /// Laboratory time since which samples count \[s\].
+    unit: Unit,
+    /// Laboratory time after which samples belong to the unit \[s\].
     since: f64,
-    /// Where it begins in its file.
+    /// Where the unit begins in its file \[bytes\].
     from: u64,
     sink: RawCsvWriter<Sink>,
     row: Option<RowSum>,
+    /// Number of rows written.
     rows: u64,
-    ns: u64,
+    /// Counted time: the sum of the rows' intervals \[ns\].
+    counted_ns: u64,
+    /// The session of the first sample; `None` before it.
     session: Option<u64>,
+    /// End of the last row, as written \[ns\].
     end_ns: u64,
     gaps: u64,
     left_out: u64,
+    /// Why the unit cannot be used.
     spoiled: Option<String>,
 }
 
 impl<'p> SampleRecorder<'p> {
-    /// Goes on after `before`, the last unit that was kept, `away_s` of laboratory time ago.
-    pub fn new(plan: &'p Plan, clock: LaboratoryClock, before: Option<&Kept>, away_s: f64) -> Self {
+    /// Goes on after `previous`, the last kept unit, which was kept `previous_age_s` of laboratory time ago.
+    pub fn new(plan: &'p Plan, clock: LaboratoryClock, previous: Option<&Kept>, previous_age_s: f64) -> Self {
         Self {
             plan,
             clock,
-            before: before.map(|kept| (kept.end_ns, kept.session, kept.shift_ns)),
-            away_s,
+            previous: previous.map(|kept| (kept.end_ns, kept.session, kept.shift_ns)),
+            previous_age_s,
             last: None,
             shift_ns: 0,
             usable_at: None,
@@ -213,14 +227,14 @@ impl<'p> SampleRecorder<'p> {
 
     /// Counted time of the unit in progress \[s\].
     pub fn collected_s(&self) -> f64 {
-        self.open.as_ref().map_or(0.0, |unit| unit.ns as f64 / 1e9)
+        self.open.as_ref().map_or(0.0, |open| open.counted_ns as f64 / 1e9)
     }
 
-    /// Whether that is all of a dwell: half a row less is nearer than half a row more.
+    /// Whether the counted time is enough for a dwell. It may be short by half a row, which is nearer than another row.
     pub fn complete(&self) -> bool {
-        self.open.as_ref().is_some_and(|unit| {
-            let row = unit.ns as f64 / unit.rows.max(1) as f64;
-            unit.rows > 0 && unit.ns as f64 + 0.5 * row >= self.plan.dwell.time_s * 1e9
+        self.open.as_ref().is_some_and(|open| {
+            let row = open.counted_ns as f64 / open.rows.max(1) as f64;
+            open.rows > 0 && open.counted_ns as f64 + 0.5 * row >= self.plan.dwell.time_s * 1e9
         })
     }
 
@@ -229,26 +243,26 @@ impl<'p> SampleRecorder<'p> {
         self.open.as_ref()?.spoiled.as_deref()
     }
 
-    /// Takes the next sample, received at `received_ns` of `CLOCK_MONOTONIC`; whether it was usable.
+    /// Takes the next sample, received at `received_ns` of `CLOCK_MONOTONIC`. Returns whether it is usable.
     ///
     /// # Errors
     /// If a row cannot be written.
     pub fn take(&mut self, sample: &RawSample, received_ns: u64) -> Result<bool, Failure> {
         let sent_ns = sample.sent_ns;
-        let plausible = sent_ns <= received_ns && received_ns - sent_ns < ON_ITS_WAY_NS;
+        let plausible = sent_ns <= received_ns && received_ns - sent_ns < MAX_TRANSIT_NS;
         let sent_at = self.clock.at(if plausible { sent_ns } else { received_ns });
         let new_session = self.last.is_none_or(|last| last.session != sample.session);
         if new_session {
             self.offset = ClockOffset::new(self.clock.speed);
             self.shift_ns = self.shift(sample);
-            if let Some(unit) = self.open.as_mut().filter(|unit| unit.session.is_some()) {
-                unit.spoiled = Some("the acquisition was started anew".to_owned());
+            if let Some(open) = self.open.as_mut().filter(|open| open.session.is_some()) {
+                open.spoiled = Some("the acquisition was started anew".to_owned());
             }
         }
         let last = self.last.filter(|_| !new_session);
         if self.unusable(sample, last.as_ref()) {
-            if let Some(unit) = &mut self.open {
-                unit.left_out += 1;
+            if let Some(open) = &mut self.open {
+                open.left_out += 1;
             }
             return Ok(false);
         }
@@ -260,51 +274,52 @@ impl<'p> SampleRecorder<'p> {
         Ok(true)
     }
 
-    /// What a new session's timestamps need so that they follow those that are written.
+    /// The shift of a new session's timestamps that makes them follow those already written \[ns\].
     fn shift(&self, sample: &RawSample) -> u64 {
         let begin = sample.timestamp_ns.saturating_sub(sample.interval_ns);
-        match self.before {
+        match self.previous {
             Some((_, session, shift_ns)) if session == sample.session => shift_ns,
             Some((end_ns, ..)) if begin < end_ns => {
-                let away_ns = ((self.away_s + self.clock.now()).max(0.0) * 1e9) as u64;
+                let away_ns = ((self.previous_age_s + self.clock.now()).max(0.0) * 1e9) as u64;
                 end_ns.saturating_add(away_ns) - begin
             }
             _ => 0,
         }
     }
 
-    /// Whether a sample is left out: `calibrate` could not use it, its time is wrong, or its telemetry too old.
+    /// Whether a sample is left out: `calibrate` would refuse it, its time is wrong, or its telemetry is too old.
     fn unusable(&self, sample: &RawSample, last: Option<&RawSample>) -> bool {
         let RawSample { timestamp_ns, interval_ns, telemetry_ns, .. } = *sample;
         let previous_ns = last.map(|last| last.timestamp_ns);
-        let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > FAR_AHEAD_NS);
+        let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > MAX_STEP_NS);
         let age_s = timestamp_ns.saturating_sub(telemetry_ns) as f64 / 1e9;
         let stale = telemetry_ns > 0 && self.plan.campaign.max_age_s.is_some_and(|most| age_s > most);
         implausible(sample, previous_ns).is_some() || timestamp_ns < interval_ns || far_ahead || stale
     }
 
+    /// Adds a usable sample to the unit in progress if it belongs to it, and writes the row that it completes.
     fn add(&mut self, sample: &RawSample, gap: bool) -> Result<(), Failure> {
         let complete = self.complete();
-        let Some(unit) = &mut self.open else { return Ok(()) };
-        if complete && matches!(unit.place, Unit::Dwell { .. }) || unit.spoiled.is_some() {
+        let Some(open) = &mut self.open else { return Ok(()) };
+        if complete && matches!(open.unit, Unit::Dwell { .. }) || open.spoiled.is_some() {
             return Ok(());
         }
-        if unit.session.is_none() {
+        if open.session.is_none() {
             let begin_s = (sample.timestamp_ns - sample.interval_ns) as f64 / 1e9;
-            if begin_s < unit.since + self.offset.most() {
+            if begin_s < open.since + self.offset.largest() {
                 return Ok(());
             }
-            unit.session = Some(sample.session);
+            open.session = Some(sample.session);
         } else {
-            unit.gaps += u64::from(gap);
+            open.gaps += u64::from(gap);
         }
         let row_ns = (self.plan.dwell.row_s * 1e9) as u64;
-        let row = match unit.row.take() {
+        let row = match open.row.take() {
             None => RowSum::new(sample),
             Some(row) => row.with(sample),
         };
         if row.sum.interval_ns + sample.interval_ns / 2 < row_ns && row.has_room() {
-            unit.row = Some(row);
+            open.row = Some(row);
             return Ok(());
         }
         let mut written = row.mean();
@@ -312,39 +327,40 @@ impl<'p> SampleRecorder<'p> {
         if written.telemetry_ns > 0 {
             written.telemetry_ns = written.telemetry_ns.saturating_add(self.shift_ns);
         }
-        unit.rows += 1;
-        unit.ns += written.interval_ns;
-        unit.end_ns = written.timestamp_ns;
-        let leading = match unit.place {
+        open.rows += 1;
+        open.counted_ns += written.interval_ns;
+        open.end_ns = written.timestamp_ns;
+        let leading = match open.unit {
             Unit::Dwell { visit, position } => {
                 let (set_point, number) = (self.plan.set_points_c[visit], self.plan.positions[position].number);
                 format!("{set_point},{number},{}", written.session)
             }
             Unit::Run(_) => written.session.to_string(),
         };
-        let file = file_of(unit.place);
-        unit.sink.write(leading, &written).map_err(|error| self.failed("writing", &file, &error))
+        let file = file_of(open.unit);
+        open.sink.write(leading, &written).map_err(|error| self.failed("writing", &file, &error))
     }
 
     fn failed(&self, phase: &str, file: &str, error: &io::Error) -> Failure {
         Failure::io(phase, &self.plan.output.join(file), error)
     }
 
-    /// Begins a unit: samples that begin after the laboratory time `since` belong to it. `kept` is how much of its file is kept.
+    /// Begins a unit: samples that begin after the laboratory time `since` belong to it. `kept` is the length of the kept part of
+    /// its file \[bytes\].
     ///
     /// # Errors
     /// If its file cannot be opened.
-    pub fn begin(&mut self, place: Unit, since: f64, kept: u64) -> Result<(), Failure> {
-        let name = file_of(place);
-        let sink = self.sink(place, &name, kept).map_err(|error| self.failed("opening", &name, &error))?;
+    pub fn begin(&mut self, unit: Unit, since: f64, kept: u64) -> Result<(), Failure> {
+        let name = file_of(unit);
+        let sink = self.sink(unit, &name, kept).map_err(|error| self.failed("opening", &name, &error))?;
         self.open = Some(OpenUnit {
-            place,
+            unit,
             since,
             from: kept,
             sink,
             row: None,
             rows: 0,
-            ns: 0,
+            counted_ns: 0,
             session: None,
             end_ns: 0,
             gaps: 0,
@@ -354,80 +370,81 @@ impl<'p> SampleRecorder<'p> {
         Ok(())
     }
 
-    fn sink(&self, place: Unit, name: &str, kept: u64) -> io::Result<RawCsvWriter<Sink>> {
+    fn sink(&self, unit: Unit, name: &str, kept: u64) -> io::Result<RawCsvWriter<Sink>> {
         let path = self.plan.output.join(name);
         let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
-        // Nothing but what the journal lists stays.
+        // Remove everything that the journal does not list.
         file.set_len(kept)?;
         file.seek(SeekFrom::Start(kept))?;
         let sink = Hashed::new(BufWriter::new(file));
-        let leading = if matches!(place, Unit::Dwell { .. }) { "set_point_c,position,session" } else { "session" };
+        let leading = if matches!(unit, Unit::Dwell { .. }) { "set_point_c,position,session" } else { "session" };
         if kept == 0 { RawCsvWriter::new(sink, leading, true) } else { Ok(RawCsvWriter::resume(sink, true, true)) }
     }
 
-    /// Whatever comes next may begin anywhere: one sample with a wrong time must not make all others late.
-    pub fn forget(&mut self) {
+    /// Forgets the last sample and the clock offset, after an interruption: one sample with a wrong time must not make all later
+    /// ones unusable.
+    pub fn reset_timing(&mut self) {
         self.last = None;
         self.offset = ClockOffset::new(self.clock.speed);
     }
 
-    /// Throws the unit in progress away.
+    /// Discards the unit in progress.
     pub fn discard(&mut self) {
-        if let Some(unit) = self.open.take() {
-            let path = self.plan.output.join(file_of(unit.place));
-            let from = unit.from;
-            // Written out now or never.
-            drop(unit.sink);
-            // What stays is cut off when the next unit begins.
+        if let Some(open) = self.open.take() {
+            let path = self.plan.output.join(file_of(open.unit));
+            let from = open.from;
+            // Dropping the sink flushes its buffer: before the file is truncated, not after it.
+            drop(open.sink);
+            // A failure is ignored: the next unit of the file truncates it again.
             let _ = OpenOptions::new().write(true).open(path).and_then(|file| file.set_len(from));
         }
     }
 
-    /// Makes the unit in progress last; `None` if there is none.
+    /// Completes the unit in progress and syncs its file; `None` if there is no unit.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn keep(&mut self, number: usize) -> Result<Option<Kept>, Failure> {
-        let Some(unit) = self.open.take() else { return Ok(None) };
-        let file = file_of(unit.place);
+        let Some(open) = self.open.take() else { return Ok(None) };
+        let file = file_of(open.unit);
         let failed = |error: io::Error| Failure::io("writing", &self.plan.output.join(&file), &error);
-        let sink = unit.sink.finish().map_err(failed)?;
+        let sink = open.sink.finish().map_err(failed)?;
         let (sink, sha256) = sink.finish();
         sink.get_ref().sync_data().map_err(failed)?;
         let to = sink.get_ref().metadata().map_err(failed)?.len();
-        if unit.from == 0 {
-            // The file's name is the folder's to keep.
+        if open.from == 0 {
+            // The name of a new file is durable only when its folder is synced.
             File::open(&self.plan.output).and_then(|folder| folder.sync_all()).map_err(failed)?;
         }
-        let session = unit.session.unwrap_or_default();
-        self.before = Some((unit.end_ns, session, self.shift_ns));
-        self.away_s = -self.clock.now();
+        let session = open.session.unwrap_or_default();
+        self.previous = Some((open.end_ns, session, self.shift_ns));
+        self.previous_age_s = -self.clock.now();
         Ok(Some(Kept {
             unit: number,
-            name: unit.place.name(self.plan),
-            from: unit.from,
+            name: open.unit.name(self.plan),
+            from: open.from,
             to,
             sha256,
-            rows: unit.rows,
-            seconds: unit.ns as f64 / 1e9,
-            end_ns: unit.end_ns,
+            rows: open.rows,
+            seconds: open.counted_ns as f64 / 1e9,
+            end_ns: open.end_ns,
             session,
             shift_ns: self.shift_ns,
-            gaps: unit.gaps,
-            left_out: unit.left_out,
+            gaps: open.gaps,
+            left_out: open.left_out,
             file,
         }))
     }
 }
 
-/// Samples summed into a row: pulses and intervals added up, telemetry averaged over time.
+/// The sum of the samples of a row: pulses and intervals are added, telemetry is averaged over time.
 struct RowSum {
     sum: RawSample,
     count: u32,
     first: RawSample,
     seconds: f64,
     telemetry: [[f64; 2]; AXES],
-    /// When the telemetry was read, times the interval \[ns2\]; 0 if that is unknown of a sample.
+    /// Sum of each sample's telemetry time times its interval \[ns2\]; 0 if a sample has no telemetry time.
     read_ns2: u128,
 }
 
@@ -457,21 +474,21 @@ impl RowSum {
         self
     }
 
-    /// Whether another sample like those before fits into the counters.
+    /// Whether the counters have room for as much again.
     fn has_room(&self) -> bool {
         let most = self.sum.positive_pulses.iter().chain(&self.sum.negative_pulses).max();
         most.is_none_or(|most| *most < u32::MAX / 2) && self.sum.interval_ns < MAX_INTERVAL_NS / 2
     }
 
-    /// A row of one sample is that sample.
+    /// The row. A row of one sample is that sample.
     fn mean(&self) -> RawSample {
         if self.count == 1 {
             return self.first;
         }
-        let of = |part: usize| [0, 1, 2].map(|axis: usize| self.telemetry[axis][part] / self.seconds);
-        // A mean is not over the largest.
+        let mean_of = |part: usize| [0, 1, 2].map(|axis: usize| self.telemetry[axis][part] / self.seconds);
+        // The mean fits into u64: it is at most the largest telemetry time.
         let telemetry_ns = (self.read_ns2 / u128::from(self.sum.interval_ns)) as u64;
-        RawSample { head_temperature: of(0), board_temperature: of(1), telemetry_ns, ..self.sum }
+        RawSample { head_temperature: mean_of(0), board_temperature: mean_of(1), telemetry_ns, ..self.sum }
     }
 }
 
@@ -479,7 +496,7 @@ impl RowSum {
 ///
 /// # Errors
 /// If it cannot be written.
-pub fn describe(plan: &Plan) -> Result<(), Failure> {
+pub fn write_campaign_file(plan: &Plan) -> Result<(), Failure> {
     let path = plan.output.join("campaign.toml");
     if fs::read_to_string(&path).is_ok_and(|text| text == plan.campaign_toml) {
         return Ok(());

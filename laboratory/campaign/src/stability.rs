@@ -1,40 +1,40 @@
-//! Rates of change, over a window that slides.
+//! Rates of change over a sliding window, and whether they are low enough.
 
 use super::plan::Soak;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::collections::VecDeque;
 
-/// Points of a window, at least; what comes faster is averaged, so that memory does not grow with the sampling rate.
-const POINTS: f64 = 64.0;
-/// A window is full when its points reach over this part of it.
-const FULL: f64 = 0.9;
-/// A slope needs so many points.
-const LEAST: usize = 4;
+/// Least number of points of a window where values are frequent. More frequent values are averaged, so that memory is bounded.
+const POINTS_PER_WINDOW: f64 = 64.0;
+/// A window counts as full when its points span this fraction of it.
+const FULL_FRACTION: f64 = 0.9;
+/// Least number of points of a slope.
+const MIN_POINTS: usize = 4;
 
-/// A straight line through what came in the last while.
+/// The slope of a straight line through the values of the last `window_s`.
 #[derive(Clone, Debug)]
 pub struct Trend {
     window_s: f64,
-    /// Time \[s\] and value.
+    /// Time \[s\] and value of each point.
     points: VecDeque<[f64; 2]>,
-    /// What the next point is the mean of: their count, sums of time and value.
+    /// The values that the next point will be the mean of: count, sum of times, sum of values.
     open: [f64; 3],
 }
 
 impl Trend {
-    /// Over `window_s`.
+    /// An empty window of `window_s`.
     pub const fn new(window_s: f64) -> Self {
         Self { window_s, points: VecDeque::new(), open: [0.0; 3] }
     }
 
-    /// Forgets everything.
+    /// Removes all points.
     pub fn clear(&mut self) {
         self.points.clear();
         self.open = [0.0; 3];
     }
 
-    /// Adds `value` at `time_s`. A time that falls begins anew; a value that is no number is left out.
+    /// Adds `value` at `time_s`. A time before the last point clears the window first. A NaN or infinite value is ignored.
     pub fn add(&mut self, time_s: f64, value: f64) {
         if !value.is_finite() {
             return;
@@ -44,25 +44,26 @@ impl Trend {
         }
         let [count, time, sum] = self.open;
         self.open = [count + 1.0, time + time_s, sum + value];
-        if self.points.back().is_none_or(|last| time_s - last[0] >= self.window_s / POINTS) {
+        if self.points.back().is_none_or(|last| time_s - last[0] >= self.window_s / POINTS_PER_WINDOW) {
             let [count, time, sum] = self.open;
             self.points.push_back([time / count, sum / count]);
             self.open = [0.0; 3];
         }
-        // A point goes when the others fill the window without it: where points are rare it is longer instead.
-        while self.points.len() > LEAST && self.points.get(1).is_some_and(|second| time_s - second[0] >= self.window_s)
+        // The first point is removed when the others fill the window without it. Where points are rare, the window gets longer.
+        while self.points.len() > MIN_POINTS
+            && self.points.get(1).is_some_and(|second| time_s - second[0] >= self.window_s)
         {
             self.points.pop_front();
         }
     }
 
-    /// Change per hour; `None` until the window is full.
+    /// Rate of change per hour; `None` until the window is full.
     pub fn per_h(&self) -> Option<f64> {
         let span = self.points.back()?[0] - self.points.front()?[0];
-        (span >= FULL * self.window_s && self.points.len() >= LEAST).then(|| self.slope() * 3600.0)
+        (span >= FULL_FRACTION * self.window_s && self.points.len() >= MIN_POINTS).then(|| self.slope() * 3600.0)
     }
 
-    /// Change per second of the points that there are, by least squares.
+    /// Rate of change per second of all points, by least squares.
     fn slope(&self) -> f64 {
         let count = self.points.len() as f64;
         let [time, value] = self.points.iter().fold([0.0; 2], |[t, v], p| [t + p[0] / count, v + p[1] / count]);
@@ -74,33 +75,33 @@ impl Trend {
     }
 }
 
-/// The rates that say whether a set point has settled.
+/// The rates of change that decide whether a set point has settled.
 #[derive(Clone, Debug)]
 pub struct Trends {
     chamber: Trend,
-    /// Of each accelerometer, head and board.
+    /// Head and board of each accelerometer.
     imu: [[Trend; 2]; AXES],
 }
 
 impl Trends {
-    /// Over `window_s`.
+    /// Empty windows of `window_s`.
     pub fn new(window_s: f64) -> Self {
         let trend = || Trend::new(window_s);
         Self { chamber: trend(), imu: [0, 1, 2].map(|_| [trend(), trend()]) }
     }
 
-    /// Forgets everything, after an interruption.
+    /// Empties all windows, after an interruption.
     pub fn clear(&mut self) {
         self.chamber.clear();
         self.imu.iter_mut().flatten().for_each(Trend::clear);
     }
 
-    /// The chamber's air \[degC\] at a laboratory time.
+    /// Adds the temperature of the chamber's air \[degC\] at a laboratory time.
     pub fn chamber(&mut self, time_s: f64, air_c: f64) {
         self.chamber.add(time_s, air_c);
     }
 
-    /// A sample, at its own time.
+    /// Adds the telemetry of a sample, at the sample's own timestamp.
     pub fn sample(&mut self, sample: &RawSample) {
         let time_s = sample.timestamp_ns as f64 / 1e9;
         for (axis, trends) in self.imu.iter_mut().enumerate() {
@@ -109,12 +110,12 @@ impl Trends {
         }
     }
 
-    /// Rate of the chamber's air \[degC/h\].
+    /// Rate of change of the chamber's air \[degC/h\]; `None` until its window is full.
     pub fn chamber_c_per_h(&self) -> Option<f64> {
         self.chamber.per_h()
     }
 
-    /// The fastest of the IMU's temperatures \[unit/h\], and which.
+    /// Rate of change of the IMU's fastest temperature \[unit/h\], and its name; `None` until all windows are full.
     pub fn telemetry_per_h(&self) -> Option<(f64, String)> {
         let mut fastest: Option<(f64, String)> = None;
         for (axis, trends) in self.imu.iter().enumerate() {
@@ -128,7 +129,7 @@ impl Trends {
         fastest
     }
 
-    /// What is not settled yet; `None` if everything is.
+    /// Which rate is not within its limit yet; `None` if all are.
     pub fn unsettled(&self, soak: &Soak) -> Option<String> {
         let window = soak.window_s;
         let Some(chamber) = self.chamber_c_per_h() else {

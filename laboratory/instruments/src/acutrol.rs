@@ -1,22 +1,22 @@
 //! ACUTROL 3000: the ACUTROL Command Language.
 //!
-//! A request is `:read:position? 1`, ended by CR LF. A reply is a number or a word, to a command `OK`. Over TCP eight bytes stand in
-//! front of each reply and nothing need stand behind it, so that there a pause ends it too.
+//! A request is a line such as `:read:position? 1`, ended by CR LF. The reply to a query is a number or a word, the reply to a
+//! command is `OK`. Over TCP a reply has a header of eight bytes and may have no line end, so a pause ends it too.
 
-use super::line::{Framing, Line, Wrong, line_feed, number, text};
+use super::line::{ExchangeError, Framing, Line, line_feed, number, text};
 use super::line_config::{LineConfig, axes, seconds};
-use super::{Fault, FaultKind, Turntable, TurntableReading};
+use super::{FaultKind, InstrumentFault, Turntable, TurntableReading};
 use isotherm_shared::document::Section;
 use std::time::Duration;
 
 /// Keys of this driver.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct AcutrolSettings {
     /// Numbers of the outer and the inner axis.
     pub axes: [u8; 2],
-    /// Bytes in front of a reply.
+    /// Length of the header before each reply \[bytes\].
     pub header: usize,
-    /// A pause that ends a reply without a line feed.
+    /// A pause of this length ends a reply without a line feed.
     pub gap: Option<Duration>,
     /// Whether commands are answered.
     pub acknowledge: bool,
@@ -24,11 +24,11 @@ pub struct Settings {
     pub decimals: usize,
     /// Whether angles are sent as 0 to 360 degrees.
     pub wrap: bool,
-    /// Whether `stop` holds the axes with rate 0 instead of switching them off.
+    /// Whether a stop holds the axes at rate 0 instead of switching them off.
     pub hold: bool,
 }
 
-impl Settings {
+impl AcutrolSettings {
     pub(super) fn read(section: &Section<'_, '_>) -> Self {
         let tcp = section.optional_string("port").is_some_and(|port| port.starts_with("tcp://"));
         let gap = seconds(section, "gap_s", if tcp { 0.05 } else { 0.0 }, 10.0);
@@ -47,70 +47,71 @@ impl Settings {
 /// The driver.
 pub struct Acutrol {
     line: Line,
-    settings: Settings,
+    settings: AcutrolSettings,
 }
 
 impl Acutrol {
-    pub(super) fn open(config: &LineConfig, settings: &Settings) -> Result<Self, Fault> {
+    pub(super) fn open(config: &LineConfig, settings: &AcutrolSettings) -> Result<Self, InstrumentFault> {
         Ok(Self { line: Line::open("table", config)?, settings: settings.clone() })
     }
 
-    fn ask<T>(&mut self, request: &str, read: impl Fn(&str) -> Result<T, Wrong>) -> Result<T, Fault> {
+    fn ask<T>(&mut self, request: &str, read: impl Fn(&str) -> Result<T, ExchangeError>) -> Result<T, InstrumentFault> {
         let header = self.settings.header;
-        // The header may hold any byte.
-        let whole = |bytes: &[u8]| line_feed(bytes.get(header..)?).map(|length| header + length);
-        let framing = Framing { whole: &whole, gap: self.settings.gap };
+        // The header may contain any byte, a line feed too.
+        let reply_length = |bytes: &[u8]| line_feed(bytes.get(header..)?).map(|length| header + length);
+        let framing = Framing { reply_length: &reply_length, gap: self.settings.gap };
         self.line.ask(format!("{request}\r\n").as_bytes(), framing, |reply| {
-            let body = reply.get(header..).filter(|body| !body.is_empty()).ok_or_else(|| Wrong::garbled(reply))?;
+            let body =
+                reply.get(header..).filter(|body| !body.is_empty()).ok_or_else(|| ExchangeError::garbled(reply))?;
             match text(body)? {
                 refused if refused.to_ascii_lowercase().starts_with("error") => {
-                    Err(Wrong(FaultKind::Refused, format!("refused, \"{refused}\"")))
+                    Err(ExchangeError(FaultKind::Refused, format!("refused, \"{refused}\"")))
                 }
                 reply => read(reply),
             }
         })
     }
 
-    fn number(&mut self, request: &str) -> Result<f64, Fault> {
-        self.ask(request, |reply| number(reply).ok_or_else(|| Wrong::garbled(reply.as_bytes())))
+    fn number(&mut self, request: &str) -> Result<f64, InstrumentFault> {
+        self.ask(request, |reply| number(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))
     }
 
-    fn command(&mut self, request: &str) -> Result<(), Fault> {
+    fn command(&mut self, request: &str) -> Result<(), InstrumentFault> {
         if !self.settings.acknowledge {
-            return self.line.tell(format!("{request}\r\n").as_bytes());
+            return self.line.send_without_reply(format!("{request}\r\n").as_bytes());
         }
         self.ask(request, |reply| match reply {
             "OK" => Ok(()),
-            // A reading is an earlier request's.
-            other if number(other).is_some() => Err(Wrong::garbled(other.as_bytes())),
-            other => Err(Wrong(FaultKind::Refused, format!("refused, \"{other}\""))),
+            // A number is a late reply to an earlier query.
+            other if number(other).is_some() => Err(ExchangeError::garbled(other.as_bytes())),
+            other => Err(ExchangeError(FaultKind::Refused, format!("refused, \"{other}\""))),
         })
     }
 
-    /// State of an axis's interlock, as the controller names it.
-    fn interlock(&mut self, axis: u8) -> Result<String, Fault> {
+    /// State of an axis's interlock, as the controller reports it.
+    fn interlock(&mut self, axis: u8) -> Result<String, InstrumentFault> {
         self.ask(&format!(":interlock? {axis}"), |reply| match number(reply) {
             None if reply != "OK" => Ok(reply.to_owned()),
-            _ => Err(Wrong::garbled(reply.as_bytes())),
+            _ => Err(ExchangeError::garbled(reply.as_bytes())),
         })
     }
 
     /// Axes whose interlock is at fault, and axes whose interlock is open.
-    fn interlocks(&mut self) -> Result<[Vec<String>; 2], Fault> {
+    fn interlocks(&mut self) -> Result<[Vec<String>; 2], InstrumentFault> {
         let mut found = [const { Vec::new() }; 2];
         for axis in self.settings.axes {
             let state = self.interlock(axis)?;
-            let said = state.to_ascii_lowercase();
-            if let Some(list) = ["fault", "open"].iter().position(|word| said.contains(word)) {
+            let lower = state.to_ascii_lowercase();
+            if let Some(list) = ["fault", "open"].iter().position(|word| lower.contains(word)) {
                 found[list].push(format!("interlock of axis {axis}: {state}"));
             }
         }
         Ok(found)
     }
 
-    fn stop_axis(&mut self, axis: u8) -> Result<(), Fault> {
+    fn stop_axis(&mut self, axis: u8) -> Result<(), InstrumentFault> {
         let commands = if self.settings.hold {
-            // The demand first: an earlier one would move the axis.
+            // The demand is set before the mode: an earlier demand would move the axis.
             [format!(":demand:rate {axis},0"), format!(":mode:rate {axis}")]
         } else {
             [format!(":mode:off {axis}"), format!(":interlock:open {axis}")]
@@ -121,27 +122,27 @@ impl Acutrol {
 }
 
 impl Turntable for Acutrol {
-    fn identify(&mut self) -> Result<String, Fault> {
+    fn identify(&mut self) -> Result<String, InstrumentFault> {
         self.ask("*idn?", |reply| match number(reply) {
             None if reply != "OK" => Ok(reply.to_owned()),
-            _ => Err(Wrong::garbled(reply.as_bytes())),
+            _ => Err(ExchangeError::garbled(reply.as_bytes())),
         })
     }
 
-    fn engage(&mut self) -> Result<(), Fault> {
+    fn engage(&mut self) -> Result<(), InstrumentFault> {
         self.command(":utility:lockout on")?;
         for axis in self.settings.axes {
             self.command(&format!(":interlock:reset {axis}"))?;
             self.command(&format!(":interlock:close {axis}"))?;
         }
-        let wrong = self.interlocks()?.concat();
-        if wrong.is_empty() {
+        let not_closed = self.interlocks()?.concat();
+        if not_closed.is_empty() {
             return Ok(());
         }
-        Err(self.line.fault(Wrong(FaultKind::Alarm, wrong.join(", "))))
+        Err(self.line.fault(ExchangeError(FaultKind::Alarm, not_closed.join(", "))))
     }
 
-    fn read(&mut self) -> Result<TurntableReading, Fault> {
+    fn read(&mut self) -> Result<TurntableReading, InstrumentFault> {
         let mut reading = TurntableReading::default();
         for (index, axis) in self.settings.axes.into_iter().enumerate() {
             reading.angles_deg[index] = self.number(&format!(":read:position? {axis}"))?;
@@ -151,22 +152,27 @@ impl Turntable for Acutrol {
         Ok(reading)
     }
 
-    fn move_to(&mut self, angles_deg: [f64; 2], rate_deg_s: f64, acceleration_deg_s2: f64) -> Result<(), Fault> {
-        let Settings { axes, decimals, wrap, .. } = self.settings;
+    fn move_to(
+        &mut self,
+        angles_deg: [f64; 2],
+        rate_deg_s: f64,
+        acceleration_deg_s2: f64,
+    ) -> Result<(), InstrumentFault> {
+        let AcutrolSettings { axes, decimals, wrap, .. } = self.settings;
         for (axis, angle) in axes.into_iter().zip(angles_deg) {
             let angle = if wrap { angle.rem_euclid(360.0) } else { angle };
             self.command(&format!(":limit:rate pos,{axis},{rate_deg_s:.decimals$}"))?;
             self.command(&format!(":limit:acc pos,{axis},{acceleration_deg_s2:.decimals$}"))?;
             self.command(&format!(":demand:position {axis},{angle:.decimals$}"))?;
         }
-        // Both axes start together, as nearly as the line allows.
+        // The modes come last, so that both axes start at nearly the same time.
         for axis in axes {
             self.command(&format!(":mode:position {axis}"))?;
         }
         Ok(())
     }
 
-    fn stop(&mut self) -> Result<(), Fault> {
+    fn stop(&mut self) -> Result<(), InstrumentFault> {
         let [outer, inner] = self.settings.axes.map(|axis| self.stop_axis(axis));
         outer.and(inner)
     }

@@ -1,25 +1,25 @@
 //! Ideal Aerosmith: the Aerosmith Table Language.
 //!
-//! A request is a command of three letters with its argument, `MOV90.000`, ended by CR LF; with two axes the axis stands in it too, where
-//! `form` says. A reply is a line, which may be empty, and a line with the prompt.
+//! A request is a command of three letters with its argument, `MOV90.000`, ended by CR LF. For a table with two axes it also
+//! contains the number of the axis; `form` defines where. A reply is a line, which may be empty, and a line with the prompt.
 
-use super::line::{Framing, Line, Wrong, number, text};
+use super::line::{ExchangeError, Framing, Line, number, text};
 use super::line_config::{LineConfig, axes};
-use super::{Fault, FaultKind, Turntable, TurntableReading};
+use super::{FaultKind, InstrumentFault, Turntable, TurntableReading};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct AerosmithSettings {
     /// Numbers of the outer and the inner axis.
     pub axes: [u8; 2],
-    /// What a request looks like: `{axis}`, `{command}`, `{value}`.
+    /// Template of a request with `{axis}`, `{command}` and `{value}`.
     pub form: String,
     /// The command that moves to an angle.
     pub move_command: String,
     /// A command that powers an axis; empty for none.
     pub engage: String,
-    /// Lines of a reply, the prompt's included.
+    /// Number of lines of a reply, including the line of the prompt.
     pub reply_lines: usize,
     /// Decimals of angles, rates and accelerations.
     pub decimals: usize,
@@ -27,14 +27,14 @@ pub struct Settings {
     pub fault_mask: u32,
 }
 
-impl Settings {
+impl AerosmithSettings {
     pub(super) fn read(section: &Section<'_, '_>) -> Self {
         let string = |key, default: &str| section.optional_string(key).unwrap_or(default).to_owned();
         let form = string("form", "{axis}{command}{value}");
-        let right = ["{axis}", "{command}", "{value}"].iter().all(|part| form.matches(part).count() == 1);
+        let valid = ["{axis}", "{command}", "{value}"].iter().all(|part| form.matches(part).count() == 1);
         section.refuse(
             "form",
-            (!right).then(|| format!("is {form:?}, give {{axis}}, {{command}} and {{value}} once each")),
+            (!valid).then(|| format!("is {form:?}, give {{axis}}, {{command}} and {{value}} once each")),
         );
         Self {
             axes: axes(section),
@@ -52,43 +52,49 @@ impl Settings {
     }
 }
 
-/// The end of the `lines`th line of a reply.
-fn end_of(lines: usize, bytes: &[u8]) -> Option<usize> {
+/// Length of the first `lines` lines of a reply, up to the carriage return of the last one; `None` while they are incomplete.
+fn reply_length(lines: usize, bytes: &[u8]) -> Option<usize> {
     bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\r').nth(lines - 1).map(|(end, _)| end + 1)
 }
 
 /// The driver.
 pub struct Aerosmith {
     line: Line,
-    settings: Settings,
+    settings: AerosmithSettings,
 }
 
 impl Aerosmith {
-    pub(super) fn open(config: &LineConfig, settings: &Settings) -> Result<Self, Fault> {
+    pub(super) fn open(config: &LineConfig, settings: &AerosmithSettings) -> Result<Self, InstrumentFault> {
         Ok(Self { line: Line::open("table", config)?, settings: settings.clone() })
     }
 
-    fn ask<T>(&mut self, axis: u8, command: &str, value: &str, read: impl Fn(&str) -> Option<T>) -> Result<T, Fault> {
+    fn ask<T>(
+        &mut self,
+        axis: u8,
+        command: &str,
+        value: &str,
+        read: impl Fn(&str) -> Option<T>,
+    ) -> Result<T, InstrumentFault> {
         let lines = self.settings.reply_lines;
-        let whole = |bytes: &[u8]| end_of(lines, bytes);
-        let framing = Framing { whole: &whole, gap: None };
+        let reply_length = |bytes: &[u8]| reply_length(lines, bytes);
+        let framing = Framing { reply_length: &reply_length, gap: None };
         self.line.ask(self.settings.request(axis, command, value).as_bytes(), framing, |reply| {
             let first = &reply[..reply.iter().position(|&byte| byte == b'\r').unwrap_or(reply.len())];
             text(reply)?;
-            read(text(first)?).ok_or_else(|| Wrong::garbled(reply))
+            read(text(first)?).ok_or_else(|| ExchangeError::garbled(reply))
         })
     }
 
-    fn number(&mut self, axis: u8, command: &str) -> Result<f64, Fault> {
+    fn number(&mut self, axis: u8, command: &str) -> Result<f64, InstrumentFault> {
         self.ask(axis, command, "", number)
     }
 
-    /// A command's reply says nothing that public drivers read; a number would be an earlier request's.
-    fn command(&mut self, axis: u8, command: &str, value: &str) -> Result<(), Fault> {
+    /// Sends a command. Public drivers do not evaluate the reply to a command; a number is a late reply to an earlier query.
+    fn command(&mut self, axis: u8, command: &str, value: &str) -> Result<(), InstrumentFault> {
         self.ask(axis, command, value, |reply| number(reply).is_none().then_some(()))
     }
 
-    fn faults(&mut self) -> Result<Vec<String>, Fault> {
+    fn faults(&mut self) -> Result<Vec<String>, InstrumentFault> {
         let mut faults = Vec::new();
         for axis in self.settings.axes {
             let status = self.ask(axis, "STA", "", |reply| reply.parse::<u32>().ok())?;
@@ -101,14 +107,15 @@ impl Aerosmith {
 }
 
 impl Turntable for Aerosmith {
-    /// The protocol has no command for that; the status of both axes shows that it is spoken.
-    fn identify(&mut self) -> Result<String, Fault> {
+    /// The protocol has no identification command. Reading the status of both axes shows that a controller of this protocol
+    /// answers.
+    fn identify(&mut self) -> Result<String, InstrumentFault> {
         let [outer, inner] = self.settings.axes;
         self.faults()?;
         Ok(format!("Aerosmith Table Language, axes {outer} and {inner}"))
     }
 
-    fn engage(&mut self) -> Result<(), Fault> {
+    fn engage(&mut self) -> Result<(), InstrumentFault> {
         let command = self.settings.engage.clone();
         for axis in self.settings.axes.into_iter().filter(|_| !command.is_empty()) {
             self.command(axis, &command, "")?;
@@ -117,10 +124,10 @@ impl Turntable for Aerosmith {
         if faults.is_empty() {
             return Ok(());
         }
-        Err(self.line.fault(Wrong(FaultKind::Alarm, faults.join(", "))))
+        Err(self.line.fault(ExchangeError(FaultKind::Alarm, faults.join(", "))))
     }
 
-    fn read(&mut self) -> Result<TurntableReading, Fault> {
+    fn read(&mut self) -> Result<TurntableReading, InstrumentFault> {
         let mut reading = TurntableReading::default();
         for (index, axis) in self.settings.axes.into_iter().enumerate() {
             reading.angles_deg[index] = self.number(axis, "PPO")?;
@@ -130,8 +137,13 @@ impl Turntable for Aerosmith {
         Ok(reading)
     }
 
-    fn move_to(&mut self, angles_deg: [f64; 2], rate_deg_s: f64, acceleration_deg_s2: f64) -> Result<(), Fault> {
-        let Settings { axes, decimals, .. } = self.settings;
+    fn move_to(
+        &mut self,
+        angles_deg: [f64; 2],
+        rate_deg_s: f64,
+        acceleration_deg_s2: f64,
+    ) -> Result<(), InstrumentFault> {
+        let AerosmithSettings { axes, decimals, .. } = self.settings;
         let value = |number: f64| format!("{number:.decimals$}");
         for axis in axes {
             self.command(axis, "VEL", &value(rate_deg_s))?;
@@ -144,7 +156,7 @@ impl Turntable for Aerosmith {
         Ok(())
     }
 
-    fn stop(&mut self) -> Result<(), Fault> {
+    fn stop(&mut self) -> Result<(), InstrumentFault> {
         let [outer, inner] = self.settings.axes.map(|axis| self.command(axis, "STO", ""));
         outer.and(inner)
     }
@@ -159,8 +171,8 @@ mod tests {
     use super::*;
     use crate::line_config::settings_of;
 
-    fn settings(toml: &str) -> Settings {
-        settings_of(toml, Settings::read)
+    fn settings(toml: &str) -> AerosmithSettings {
+        settings_of(toml, AerosmithSettings::read)
     }
 
     #[test]
@@ -169,11 +181,11 @@ mod tests {
         assert_eq!(settings("form = \"{command}{axis},{value}\"").request(1, "VEL", "5"), "VEL1,5\r\n");
     }
 
-    // The two lines that actigraph/RateTableSweepGUI, RateSweepGUI.py reads after each request.
+    // actigraph/RateTableSweepGUI, RateSweepGUI.py reads these two lines after each request.
     #[test]
     fn a_reply_is_a_line_and_the_prompt() {
-        assert_eq!(end_of(2, b"12.5\r\n>\r\n"), Some(8));
-        assert_eq!(end_of(2, b"12.5\r\n>"), None);
-        assert_eq!(end_of(2, b"\r\n>\r"), Some(4));
+        assert_eq!(reply_length(2, b"12.5\r\n>\r\n"), Some(8));
+        assert_eq!(reply_length(2, b"12.5\r\n>"), None);
+        assert_eq!(reply_length(2, b"\r\n>\r"), Some(4));
     }
 }

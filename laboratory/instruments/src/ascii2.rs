@@ -1,33 +1,33 @@
 //! Voetsch and Weiss: ASCII-2.
 //!
-//! `$01I` CR asks for everything: numbers in a fixed order, a blank between two, then the digital outputs as a word of 0 and 1.
-//! `$01E 0023.0 0100000000000000` CR sets the nominal values in their order and the outputs.
+//! `$01I` CR reads everything: the reply has the values in a fixed order, separated by blanks, then the digital outputs as a word
+//! of 0 and 1. `$01E 0023.0 0100000000000000` CR sets the nominal values, in their order, and the digital outputs.
 
-use super::line::{Framing, Line, Wrong, carriage_return, number, text};
+use super::line::{ExchangeError, Framing, Line, carriage_return, number, text};
 use super::line_config::LineConfig;
-use super::{Chamber, ChamberReading, Fault, FaultKind};
+use super::{Chamber, ChamberReading, FaultKind, InstrumentFault};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct Ascii2Settings {
     /// Address of the chamber.
     pub address: u8,
-    /// Which number of the reply is the nominal temperature, from 0.
+    /// Index of the nominal temperature in the reply, from 0.
     pub nominal: usize,
-    /// Which number of the reply is the measured temperature, from 0.
+    /// Index of the measured temperature in the reply, from 0.
     pub actual: usize,
-    /// Which digital output starts the chamber, from 0.
+    /// Index of the digital output that starts the chamber, from 0.
     pub start_bit: usize,
-    /// Which digital output says that there is an alarm, from 0.
+    /// Index of the digital output that signals an alarm, from 0.
     pub alarm_bit: Option<usize>,
-    /// Nominal values after the temperature's, as the chamber is to have them.
+    /// Nominal values that are sent after the temperature's.
     pub other_values: Vec<f64>,
     /// Whether the chamber answers `$01E`.
     pub acknowledge: bool,
 }
 
-impl Settings {
+impl Ascii2Settings {
     pub(super) fn read(section: &Section<'_, '_>) -> Self {
         let index = |key, most: i64| section.optional_integer(key, 0..=most).map(|index| index as usize);
         let right = "numbers, one for each nominal value after the temperature";
@@ -52,7 +52,7 @@ impl Settings {
         settings
     }
 
-    fn reading(&self, reply: &str) -> Option<Reading> {
+    fn parse_reading(&self, reply: &str) -> Option<Reading> {
         let mut fields: Vec<_> = reply.split_ascii_whitespace().collect();
         let bits = fields.pop().filter(|bits| bits.len() >= 8 && bits.bytes().all(|bit| matches!(bit, b'0' | b'1')))?;
         let values = fields.into_iter().map(number).collect::<Option<Vec<_>>>()?;
@@ -72,8 +72,8 @@ impl Settings {
         })
     }
 
-    /// Sets the temperature and the start bit; the other outputs stay as they are.
-    fn writing(&self, celsius: f64, running: bool, bits: &str) -> String {
+    /// The request that sets the temperature and the start bit. The other outputs keep their values `bits`.
+    fn write_request(&self, celsius: f64, running: bool, bits: &str) -> String {
         let mut request = format!("${:02}E {}", self.address, value(celsius));
         self.other_values.iter().for_each(|other| request = format!("{request} {}", value(*other)));
         let bits = bits.char_indices().map(|(index, bit)| match running {
@@ -85,13 +85,13 @@ impl Settings {
     }
 }
 
-/// Six characters with one decimal, `0023.0` or `-025.0`.
+/// A value in six characters with one decimal, `0023.0` or `-025.0`.
 fn value(number: f64) -> String {
-    // -0.0 would be -000.0.
+    // Adding 0 turns -0.0, which would be written as -000.0, into 0.0.
     format!("{:06.1}", (number * 10.0).round() / 10.0 + 0.0)
 }
 
-/// What `$01I` says.
+/// The content of a reply to `$01I`.
 #[derive(Clone, Debug, PartialEq)]
 struct Reading {
     nominal: f64,
@@ -99,41 +99,43 @@ struct Reading {
     running: bool,
     alarm: bool,
     bits: String,
+    /// Number of values.
     values: usize,
 }
 
 /// The driver.
 pub struct Ascii2 {
     line: Line,
-    settings: Settings,
+    settings: Ascii2Settings,
 }
 
 impl Ascii2 {
-    pub(super) fn open(config: &LineConfig, settings: &Settings) -> Result<Self, Fault> {
+    pub(super) fn open(config: &LineConfig, settings: &Ascii2Settings) -> Result<Self, InstrumentFault> {
         Ok(Self { line: Line::open("chamber", config)?, settings: settings.clone() })
     }
 
-    fn reading(&mut self) -> Result<Reading, Fault> {
+    fn reading(&mut self) -> Result<Reading, InstrumentFault> {
         let settings = &self.settings;
         let request = format!("${:02}I\r", settings.address);
-        self.line.ask(request.as_bytes(), Framing { whole: &carriage_return, gap: None }, |reply| {
-            settings.reading(text(reply)?).ok_or_else(|| Wrong::garbled(reply))
+        self.line.ask(request.as_bytes(), Framing { reply_length: &carriage_return, gap: None }, |reply| {
+            settings.parse_reading(text(reply)?).ok_or_else(|| ExchangeError::garbled(reply))
         })
     }
 
-    /// Sets and looks whether it is set. What the chamber answers to `$01E` is not documented: only that it is no reading counts.
-    fn set(&mut self, celsius: Option<f64>, running: Option<bool>) -> Result<(), Fault> {
+    /// Sets temperature and running state and reads them back; `None` keeps a value. The reply to `$01E` is not documented: any
+    /// reply that is not a reading is accepted.
+    fn set(&mut self, celsius: Option<f64>, running: Option<bool>) -> Result<(), InstrumentFault> {
         let before = self.reading()?;
         let celsius = celsius.unwrap_or(before.nominal);
         let running = running.unwrap_or(before.running);
-        let request = self.settings.writing(celsius, running, &before.bits);
+        let request = self.settings.write_request(celsius, running, &before.bits);
         if self.settings.acknowledge {
             let settings = &self.settings;
-            self.line.ask(request.as_bytes(), Framing { whole: &carriage_return, gap: None }, |reply| {
-                settings.reading(text(reply)?).map_or(Ok(()), |_| Err(Wrong::garbled(reply)))
+            self.line.ask(request.as_bytes(), Framing { reply_length: &carriage_return, gap: None }, |reply| {
+                settings.parse_reading(text(reply)?).map_or(Ok(()), |_| Err(ExchangeError::garbled(reply)))
             })?;
         } else {
-            self.line.tell(request.as_bytes())?;
+            self.line.send_without_reply(request.as_bytes())?;
         }
         let after = self.reading()?;
         if (after.nominal - celsius).abs() < 0.05 + 1e-9 && after.running == running {
@@ -142,9 +144,9 @@ impl Ascii2 {
         let Reading { nominal, running: now, alarm, .. } = after;
         let state = format!("its set point is {nominal} and it is {} after {}", on(now), request.trim_ascii_end());
         Err(self.line.fault(if alarm {
-            Wrong(FaultKind::Alarm, format!("alarm; {state}"))
+            ExchangeError(FaultKind::Alarm, format!("alarm; {state}"))
         } else {
-            Wrong(FaultKind::Mismatch, state)
+            ExchangeError(FaultKind::Mismatch, state)
         }))
     }
 }
@@ -154,27 +156,27 @@ const fn on(running: bool) -> &'static str {
 }
 
 impl Chamber for Ascii2 {
-    /// The protocol's list of fields is free text; their number shows that it is spoken.
-    fn identify(&mut self) -> Result<String, Fault> {
+    /// The protocol's list of fields is free text, so the number of values and outputs identifies the chamber.
+    fn identify(&mut self) -> Result<String, InstrumentFault> {
         let reading = self.reading()?;
         Ok(format!("ASCII-2, {} values, {} digital outputs", reading.values, reading.bits.len()))
     }
 
-    fn read(&mut self) -> Result<ChamberReading, Fault> {
+    fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         let Reading { nominal, actual, running, alarm, .. } = self.reading()?;
         let alarms = if alarm { vec!["alarm output".to_owned()] } else { Vec::new() };
         Ok(ChamberReading { air_c: actual, set_point_c: nominal, running, alarms })
     }
 
-    fn set_point(&mut self, celsius: f64) -> Result<(), Fault> {
+    fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault> {
         self.set(Some(celsius), None)
     }
 
-    fn run(&mut self) -> Result<(), Fault> {
+    fn run(&mut self) -> Result<(), InstrumentFault> {
         self.set(None, Some(true))
     }
 
-    fn standby(&mut self) -> Result<(), Fault> {
+    fn standby(&mut self) -> Result<(), InstrumentFault> {
         self.set(None, Some(false))
     }
 
@@ -188,31 +190,31 @@ mod tests {
     use super::*;
     use crate::line_config::settings_of;
 
-    fn settings(toml: &str) -> Settings {
-        settings_of(toml, Settings::read)
+    fn settings(toml: &str) -> Ascii2Settings {
+        settings_of(toml, Ascii2Settings::read)
     }
 
-    // The request that ondrejh/VT4002, VT4002.py sends at -25 degC, but for its line feed.
+    // The request that ondrejh/VT4002, VT4002.py sends for -25 degC, without its line feed.
     #[test]
     fn writes_as_a_public_driver() {
         let others = "other_values = [80, 27.5, 0, 27, -191.3, 0, -191.3, 25.5, -191.3]";
-        let request = settings(others).writing(-25.0, true, "0011000000000000");
+        let request = settings(others).write_request(-25.0, true, "0011000000000000");
         let expected = "$01E -025.0 0080.0 0027.5 0000.0 0027.0 -191.3 0000.0 -191.3 0025.5 -191.3 0111000000000000\r";
         assert_eq!(request, expected);
-        assert_eq!(settings("").writing(23.04, false, "0111"), "$01E 0023.0 0011\r");
+        assert_eq!(settings("").write_request(23.04, false, "0111"), "$01E 0023.0 0011\r");
         assert_eq!(value(-0.04), "0000.0");
     }
 
     #[test]
     fn fields_are_where_the_settings_say() {
         let reply = "0023.0 0022.4 0080.0 0027.5 0000.0 0027.0 -191.3 0000.0 -191.3 0025.5 0101000000000000";
-        let reading = settings("").reading(reply).unwrap();
+        let reading = settings("").parse_reading(reply).unwrap();
         assert_eq!((reading.nominal, reading.actual, reading.running), (23.0, 22.4, true));
         let other =
-            settings("nominal_field = 1\nactual_field = 0\nstart_bit = 2\nalarm_bit = 3").reading(reply).unwrap();
+            settings("nominal_field = 1\nactual_field = 0\nstart_bit = 2\nalarm_bit = 3").parse_reading(reply).unwrap();
         assert_eq!((other.nominal, other.actual, other.running, other.alarm), (22.4, 23.0, false, true));
         for wrong in ["0", "", "0023.0 0022.4", "0023.0 01010000", "x 1 01010000", "0023.0 0022.4 0101"] {
-            assert_eq!(settings("").reading(wrong), None, "{wrong}");
+            assert_eq!(settings("").parse_reading(wrong), None, "{wrong}");
         }
     }
 }

@@ -1,57 +1,57 @@
-//! Which instrument is where: the `[chamber]` and `[table]` sections of a campaign plan.
+//! Instruments and their ports: the `[chamber]` and `[table]` sections of a campaign plan.
 
 use super::line_config::LineConfig;
-use super::{Chamber, Fault, Turntable, acutrol, aerosmith, ascii2, espec, f4t};
+use super::{Chamber, InstrumentFault, Turntable, acutrol, aerosmith, ascii2, espec, f4t};
 use isotherm_shared::document::Section;
 
 /// A checked `[chamber]` section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChamberConfig {
-    /// Where it is.
+    /// Port and line settings.
     pub line: LineConfig,
-    /// What it speaks.
+    /// Protocol and its settings.
     pub driver: ChamberDriver,
 }
 
-/// What a chamber speaks.
+/// A chamber's protocol and its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ChamberDriver {
     /// ESPEC P-300, SCP-220.
-    Espec(espec::Settings),
+    Espec(espec::EspecSettings),
     /// Watlow F4T, Modbus RTU.
-    F4t(f4t::Settings),
+    F4t(f4t::F4tSettings),
     /// Voetsch and Weiss, ASCII-2.
-    Ascii2(ascii2::Settings),
+    Ascii2(ascii2::Ascii2Settings),
 }
 
 /// A checked `[table]` section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TurntableConfig {
-    /// Where it is.
+    /// Port and line settings.
     pub line: LineConfig,
-    /// What it speaks.
+    /// Protocol and its settings.
     pub driver: TurntableDriver,
 }
 
-/// What a table speaks.
+/// A turntable's protocol and its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TurntableDriver {
     /// ACUTROL 3000, ACL.
-    Acutrol(acutrol::Settings),
+    Acutrol(acutrol::AcutrolSettings),
     /// Ideal Aerosmith Table Language.
-    Aerosmith(aerosmith::Settings),
+    Aerosmith(aerosmith::AerosmithSettings),
 }
 
 impl ChamberConfig {
-    /// Asks for every key of a chamber's driver and line; faults go to the document. The caller asks for keys of its own, then finishes
-    /// the section.
+    /// Reads every key of a chamber's driver and line; errors are collected in the document. The caller may read more keys, then
+    /// finishes the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
-        type Read = fn(&Section<'_, '_>) -> ChamberDriver;
-        let drivers: [((i64, f64, Read), &str); 3] = [
-            ((9600, 0.0, |section| ChamberDriver::Espec(espec::Settings::read(section))), "espec"),
-            ((38400, f4t::PAUSE_S, |section| ChamberDriver::F4t(f4t::Settings::read(section))), "watlow-f4t"),
-            ((9600, 0.0, |section| ChamberDriver::Ascii2(ascii2::Settings::read(section))), "ascii2"),
+        type ReadDriver = fn(&Section<'_, '_>) -> ChamberDriver;
+        let drivers: [((i64, f64, ReadDriver), &str); 3] = [
+            ((9600, 0.0, |section| ChamberDriver::Espec(espec::EspecSettings::read(section))), "espec"),
+            ((38400, f4t::PAUSE_S, |section| ChamberDriver::F4t(f4t::F4tSettings::read(section))), "watlow-f4t"),
+            ((9600, 0.0, |section| ChamberDriver::Ascii2(ascii2::Ascii2Settings::read(section))), "ascii2"),
         ];
         let driver = section.choice("driver", &drivers);
         let (baud, pause_s, _) = driver.unwrap_or(drivers[0].0);
@@ -61,7 +61,7 @@ impl ChamberConfig {
         Some(Self { line: line?, driver })
     }
 
-    pub(super) fn open(&self) -> Result<Box<dyn Chamber>, Fault> {
+    pub(super) fn open(&self) -> Result<Box<dyn Chamber>, InstrumentFault> {
         Ok(match &self.driver {
             ChamberDriver::Espec(settings) => Box::new(espec::Espec::open(&self.line, settings)?),
             ChamberDriver::F4t(settings) => Box::new(f4t::F4t::open(&self.line, settings)?),
@@ -71,14 +71,14 @@ impl ChamberConfig {
 }
 
 impl TurntableConfig {
-    /// Asks for every key of a table's driver and line; faults go to the document. The caller asks for keys of its own, then finishes
-    /// the section.
+    /// Reads every key of a turntable's driver and line; errors are collected in the document. The caller may read more keys,
+    /// then finishes the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
-        type Read = fn(&Section<'_, '_>) -> TurntableDriver;
-        let drivers: [((i64, Read), &str); 2] = [
-            ((19200, |section| TurntableDriver::Acutrol(acutrol::Settings::read(section))), "acutrol"),
-            ((9600, |section| TurntableDriver::Aerosmith(aerosmith::Settings::read(section))), "aerosmith"),
+        type ReadDriver = fn(&Section<'_, '_>) -> TurntableDriver;
+        let drivers: [((i64, ReadDriver), &str); 2] = [
+            ((19200, |section| TurntableDriver::Acutrol(acutrol::AcutrolSettings::read(section))), "acutrol"),
+            ((9600, |section| TurntableDriver::Aerosmith(aerosmith::AerosmithSettings::read(section))), "aerosmith"),
         ];
         let driver = section.choice("driver", &drivers);
         let line = LineConfig::read(section, driver.map_or(9600, |(baud, _)| baud), 0.0);
@@ -87,7 +87,7 @@ impl TurntableConfig {
         Some(Self { line: line?, driver })
     }
 
-    pub(super) fn open(&self) -> Result<Box<dyn Turntable>, Fault> {
+    pub(super) fn open(&self) -> Result<Box<dyn Turntable>, InstrumentFault> {
         Ok(match &self.driver {
             TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::open(&self.line, settings)?),
             TurntableDriver::Aerosmith(settings) => Box::new(aerosmith::Aerosmith::open(&self.line, settings)?),

@@ -1,60 +1,60 @@
 //! Watlow F4T: Modbus RTU, holding registers.
 //!
-//! Temperatures are floats of 32 bits in two registers, the low word first unless `word_order` says otherwise, in the unit that the
-//! controller's Modbus map has; that unit is read, not assumed. What starts and stops a chamber is its maker's choice: by default the
-//! loop's control mode, automatic or off.
+//! A temperature is a 32-bit float in two registers, the low word first unless `word_order` says otherwise. Its unit is that of
+//! the controller's Modbus map; the driver reads the unit and assumes none. How a chamber is started and stopped depends on its
+//! maker; by default the driver sets the loop's control mode to automatic or off.
 
-use super::line::{Framing, Line, Wrong};
+use super::line::{ExchangeError, Framing, Line};
 use super::line_config::LineConfig;
-use super::{Chamber, ChamberReading, Fault, FaultKind};
+use super::{Chamber, ChamberReading, FaultKind, InstrumentFault};
 use isotherm_shared::document::Section;
 use rmodbus::client::ModbusRequest;
 use rmodbus::{ErrorKind, ModbusProto};
 
-/// Silence before a request that this controller needs.
+/// Silence that this controller needs before a request \[s\].
 pub const PAUSE_S: f64 = 0.03;
 
-/// Registers of loop 1, and how far apart the loops are.
+/// Registers of loop 1, and the offset from one loop to the next.
 const CONTROL_MODE: u16 = 2730;
 const SET_POINT: u16 = 2782;
 const ACTUAL_MODE: u16 = 2814;
 const PROCESS_VALUE: u16 = 2820;
-const LOOP: u16 = 160;
-/// State of alarm 1, and how far apart the alarms are.
+const LOOP_STEP: u16 = 160;
+/// Register with the state of alarm 1, and the offset from one alarm to the next.
 const ALARM: u16 = 1356;
 const ALARM_STEP: u16 = 100;
-/// Alarm states that are none: startup, none, and the one that public drivers take for that too.
+/// States that mean no alarm: startup, none, and a third one that public drivers treat the same.
 const NO_ALARM: [u16; 3] = [88, 61, 12];
-/// Unit of the Modbus map, and its two values.
+/// Register with the unit of the Modbus map, and its two values.
 const UNIT: u16 = 14080;
 const UNIT_C: u16 = 15;
 const UNIT_F: u16 = 30;
-/// Values of a control mode.
+/// Values of the control mode.
 const AUTO: u16 = 10;
 const OFF: u16 = 62;
 
 /// Keys of this driver.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct F4tSettings {
     /// Modbus address.
     pub address: u8,
     /// Added to the registers of loop 1.
     pub offset: u16,
     /// Whether the low word of a float comes first.
     pub low_word_first: bool,
-    /// Register and values that start and stop.
+    /// Register that starts and stops the chamber, value that starts it, value that stops it.
     pub start: [u16; 3],
-    /// Register that says whether it runs, and the value when it does not.
+    /// Register with the running state, and its value while the chamber is stopped.
     pub stopped: [u16; 2],
-    /// Alarms that are read.
+    /// Number of alarms that are read.
     pub alarms: u16,
 }
 
-impl Settings {
+impl F4tSettings {
     pub(super) fn read(section: &Section<'_, '_>) -> Self {
         let register =
             |key, default: u16| section.optional_integer(key, 0..=65535).map_or(default, |value| value as u16);
-        let offset = LOOP * (section.optional_integer("loop", 1..=4).unwrap_or(1) as u16 - 1);
+        let offset = LOOP_STEP * (section.optional_integer("loop", 1..=4).unwrap_or(1) as u16 - 1);
         Self {
             address: section.optional_integer("address", 1..=247).unwrap_or(1) as u8,
             offset,
@@ -85,26 +85,26 @@ impl Settings {
 /// The driver.
 pub struct F4t {
     line: Line,
-    settings: Settings,
+    settings: F4tSettings,
     /// Unit of the Modbus map, once it is known.
     fahrenheit: Option<bool>,
 }
 
-/// How long the reply to `request` is: five bytes if it is an exception, else what the function says.
-fn whole(request: &[u8], reply: &[u8]) -> Option<usize> {
+/// Length of the reply to `request`: five bytes for an exception, else as the function defines it. `None` while it is incomplete.
+fn reply_length(request: &[u8], reply: &[u8]) -> Option<usize> {
     let function = *reply.get(1)?;
     let length = match function {
         _ if function & 0x80 != 0 => 5,
         3 => 5 + usize::from(*reply.get(2)?),
         _ => 8,
     };
-    // A reply of another function, or from another address, ends with the time-out, and is garbled then.
-    let ours = request.first() == reply.first() && request.get(1) == Some(&(function & 0x7f));
-    (ours && reply.len() >= length).then_some(length)
+    // A reply of another function or address never counts as complete: at the time-out it is garbled.
+    let matches = request.first() == reply.first() && request.get(1) == Some(&(function & 0x7f));
+    (matches && reply.len() >= length).then_some(length)
 }
 
 impl F4t {
-    pub(super) fn open(config: &LineConfig, settings: &Settings) -> Result<Self, Fault> {
+    pub(super) fn open(config: &LineConfig, settings: &F4tSettings) -> Result<Self, InstrumentFault> {
         Ok(Self { line: Line::open("chamber", config)?, settings: settings.clone(), fahrenheit: None })
     }
 
@@ -112,20 +112,22 @@ impl F4t {
         &mut self,
         generate: impl Fn(&mut ModbusRequest, &mut Vec<u8>) -> Result<(), ErrorKind>,
         read: impl Fn(&ModbusRequest, &[u8]) -> Result<T, ErrorKind>,
-    ) -> Result<T, Fault> {
+    ) -> Result<T, InstrumentFault> {
         let (mut modbus, mut request) = (ModbusRequest::new(self.settings.address, ModbusProto::Rtu), Vec::new());
-        let made = generate(&mut modbus, &mut request);
-        made.map_err(|error| self.line.fault(Wrong(FaultKind::Refused, format!("making the request: {error}"))))?;
-        let framing = Framing { whole: &|reply| whole(&request, reply), gap: None };
+        let generated = generate(&mut modbus, &mut request);
+        generated.map_err(|error| {
+            self.line.fault(ExchangeError(FaultKind::Refused, format!("making the request: {error}")))
+        })?;
+        let framing = Framing { reply_length: &|reply| reply_length(&request, reply), gap: None };
         self.line.ask(&request, framing, |reply| {
             read(&modbus, reply).map_err(|error| match error {
-                ErrorKind::FrameBroken | ErrorKind::FrameCRCError | ErrorKind::OOB => Wrong::garbled(reply),
-                exception => Wrong(FaultKind::Refused, format!("Modbus exception, {exception}")),
+                ErrorKind::FrameBroken | ErrorKind::FrameCRCError | ErrorKind::OOB => ExchangeError::garbled(reply),
+                exception => ExchangeError(FaultKind::Refused, format!("Modbus exception, {exception}")),
             })
         })
     }
 
-    fn registers<const N: usize>(&mut self, register: u16) -> Result<[u16; N], Fault> {
+    fn registers<const N: usize>(&mut self, register: u16) -> Result<[u16; N], InstrumentFault> {
         let count = N as u16;
         self.ask(
             |modbus, request| modbus.generate_get_holdings(register, count, request),
@@ -137,8 +139,8 @@ impl F4t {
         )
     }
 
-    /// The reply repeats register and value, or count, of the request.
-    fn write(&mut self, register: u16, values: &[u16]) -> Result<(), Fault> {
+    /// Writes registers and checks the reply: it repeats the request's register, and its value (one register) or count (several).
+    fn write(&mut self, register: u16, values: &[u16]) -> Result<(), InstrumentFault> {
         let echo = match *values {
             [value] => [register, value],
             _ => [register, values.len() as u16],
@@ -156,7 +158,7 @@ impl F4t {
         )
     }
 
-    fn fahrenheit(&mut self) -> Result<bool, Fault> {
+    fn fahrenheit(&mut self) -> Result<bool, InstrumentFault> {
         if let Some(known) = self.fahrenheit {
             return Ok(known);
         }
@@ -166,25 +168,25 @@ impl F4t {
             UNIT_F => true,
             other => {
                 let message = format!("register {UNIT}, the unit, is {other}, not {UNIT_C} (C) or {UNIT_F} (F)");
-                return Err(self.line.fault(Wrong(FaultKind::Mismatch, message)));
+                return Err(self.line.fault(ExchangeError(FaultKind::Mismatch, message)));
             }
         };
         self.fahrenheit = Some(fahrenheit);
         Ok(fahrenheit)
     }
 
-    fn temperature(&mut self, register: u16) -> Result<f64, Fault> {
+    fn temperature(&mut self, register: u16) -> Result<f64, InstrumentFault> {
         let fahrenheit = self.fahrenheit()?;
         let words = self.registers(register + self.settings.offset)?;
         let number = f64::from(self.settings.float(words));
         if number.is_nan() || number.abs() >= 1000.0 {
             let message = format!("register {register} is {number:e}; try the other word_order");
-            return Err(self.line.fault(Wrong(FaultKind::Mismatch, message)));
+            return Err(self.line.fault(ExchangeError(FaultKind::Mismatch, message)));
         }
         Ok(if fahrenheit { (number - 32.0) / 1.8 } else { number })
     }
 
-    fn alarms(&mut self) -> Result<Vec<String>, Fault> {
+    fn alarms(&mut self) -> Result<Vec<String>, InstrumentFault> {
         let mut alarms = Vec::new();
         for index in 0..self.settings.alarms {
             let [state] = self.registers(ALARM + ALARM_STEP * index)?;
@@ -195,12 +197,13 @@ impl F4t {
         Ok(alarms)
     }
 
-    fn is_running(&mut self) -> Result<bool, Fault> {
+    fn is_running(&mut self) -> Result<bool, InstrumentFault> {
         let [register, stopped] = self.settings.stopped;
         Ok(self.registers(register)? != [stopped])
     }
 
-    fn switch(&mut self, value: u16, running: bool) -> Result<(), Fault> {
+    /// Starts or stops the chamber and checks its state.
+    fn switch(&mut self, value: u16, running: bool) -> Result<(), InstrumentFault> {
         let [register, ..] = self.settings.start;
         self.write(register, &[value])?;
         if self.is_running()? == running {
@@ -210,21 +213,21 @@ impl F4t {
         let message = format!("it {state} after {value} was written to register {register}");
         let alarms = self.alarms()?;
         Err(self.line.fault(match alarms.is_empty() {
-            true => Wrong(FaultKind::Mismatch, message),
-            false => Wrong(FaultKind::Alarm, format!("{}; {message}", alarms.join(", "))),
+            true => ExchangeError(FaultKind::Mismatch, message),
+            false => ExchangeError(FaultKind::Alarm, format!("{}; {message}", alarms.join(", "))),
         }))
     }
 }
 
 impl Chamber for F4t {
-    /// The controller's part number is not in the registers that public drivers know.
-    fn identify(&mut self) -> Result<String, Fault> {
+    /// Public drivers know no register with the controller's part number.
+    fn identify(&mut self) -> Result<String, InstrumentFault> {
         let unit = if self.fahrenheit()? { "F" } else { "C" };
-        let number = self.settings.offset / LOOP + 1;
+        let number = self.settings.offset / LOOP_STEP + 1;
         Ok(format!("Watlow F4T, address {}, loop {number}, unit {unit}", self.settings.address))
     }
 
-    fn read(&mut self) -> Result<ChamberReading, Fault> {
+    fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         Ok(ChamberReading {
             air_c: self.temperature(PROCESS_VALUE)?,
             set_point_c: self.temperature(SET_POINT)?,
@@ -233,25 +236,25 @@ impl Chamber for F4t {
         })
     }
 
-    fn set_point(&mut self, celsius: f64) -> Result<(), Fault> {
-        let sent = if self.fahrenheit()? { celsius * 1.8 + 32.0 } else { celsius };
-        let words = self.settings.words(sent as f32);
+    fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault> {
+        let number = if self.fahrenheit()? { celsius * 1.8 + 32.0 } else { celsius };
+        let words = self.settings.words(number as f32);
         self.write(SET_POINT + self.settings.offset, &words)?;
         let now = self.temperature(SET_POINT)?;
         if (now - celsius).abs() < 0.01 {
             return Ok(());
         }
-        Err(self.line.fault(Wrong(
+        Err(self.line.fault(ExchangeError(
             FaultKind::Mismatch,
             format!("its set point is {now:.2} degC after {celsius:.2} was written"),
         )))
     }
 
-    fn run(&mut self) -> Result<(), Fault> {
+    fn run(&mut self) -> Result<(), InstrumentFault> {
         self.switch(self.settings.start[1], true)
     }
 
-    fn standby(&mut self) -> Result<(), Fault> {
+    fn standby(&mut self) -> Result<(), InstrumentFault> {
         self.switch(self.settings.start[2], false)
     }
 
@@ -265,11 +268,11 @@ mod tests {
     use super::*;
     use crate::line_config::settings_of;
 
-    fn settings(toml: &str) -> Settings {
-        settings_of(toml, Settings::read)
+    fn settings(toml: &str) -> F4tSettings {
+        settings_of(toml, F4tSettings::read)
     }
 
-    // Word order as StaflSystems/ChamberConnectLibrary, chamberconnectlibrary/modbus.py packs floats, low_word_first True and False.
+    // Word order as in StaflSystems/ChamberConnectLibrary, chamberconnectlibrary/modbus.py, with low_word_first True and False.
     #[test]
     fn floats_have_the_word_order_of_the_settings() {
         assert_eq!(settings("").words(25.5), [0x0000, 0x41cc]);
@@ -280,7 +283,8 @@ mod tests {
         }
     }
 
-    // The first two are the examples that the Modbus literature gives for functions 3 and 16, the CRC of 02 07 is the specification's.
+    // The first two frames are the usual examples of the Modbus literature for functions 3 and 16. The CRC of 02 07 is the
+    // example of the specification.
     #[test]
     fn frames_are_those_of_modbus_rtu() {
         let (mut modbus, mut request) = (ModbusRequest::new(0x11, ModbusProto::Rtu), Vec::new());
@@ -294,7 +298,7 @@ mod tests {
         assert_eq!((crc(&request), crc(&[0x02, 0x07])), (0, 0x1241));
     }
 
-    /// CRC-16 of Modbus, bit by bit; 0 over a frame with its CRC.
+    /// CRC-16 of Modbus, bit by bit. Over a frame with its CRC it is 0.
     fn crc(bytes: &[u8]) -> u16 {
         bytes.iter().fold(0xffff, |crc, byte| {
             (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xa001 } else { crc >> 1 })
@@ -304,10 +308,10 @@ mod tests {
     #[test]
     fn a_reply_ends_where_its_function_says() {
         let read = [1, 3, 0, 0, 0, 2];
-        assert_eq!(whole(&read, &[1, 3, 4, 0, 0, 0, 0, 9]), None);
-        assert_eq!(whole(&read, &[1, 3, 4, 0, 0, 0, 0, 9, 9, 7]), Some(9));
-        assert_eq!(whole(&read, &[1, 0x83, 2, 9, 9]), Some(5));
-        assert_eq!(whole(&read, &[1, 6, 0, 0, 0, 0, 9, 9]), None);
-        assert_eq!(whole(&read, &[2, 3, 4, 0, 0, 0, 0, 9, 9]), None);
+        assert_eq!(reply_length(&read, &[1, 3, 4, 0, 0, 0, 0, 9]), None);
+        assert_eq!(reply_length(&read, &[1, 3, 4, 0, 0, 0, 0, 9, 9, 7]), Some(9));
+        assert_eq!(reply_length(&read, &[1, 0x83, 2, 9, 9]), Some(5));
+        assert_eq!(reply_length(&read, &[1, 6, 0, 0, 0, 0, 9, 9]), None);
+        assert_eq!(reply_length(&read, &[2, 3, 4, 0, 0, 0, 0, 9, 9]), None);
     }
 }

@@ -1,8 +1,9 @@
-//! Temperature chambers and turntables: two small traits, and drivers that a configuration names.
+//! Temperature chambers and turntables: one trait for each, and the drivers that a configuration can name.
 //!
-//! Every driver speaks through a [`line`]: one request, then its reply or a time-out, never two requests at once. What an instrument
-//! did wrong is a [`Fault`]; its [`FaultKind`] decides what a campaign does about it. A driver repeats what had no reply or a garbled
-//! one as often as `retries` says, which is safe: every request reads, or sets what it sets however often it is sent.
+//! Every driver uses a line (module `line`): it sends one request, then waits for the reply or the time-out, and never has two
+//! requests under way. An error of an instrument or its line is an [`InstrumentFault`]; its [`FaultKind`] decides how a campaign
+//! reacts. A driver repeats a request without a reply, or with a garbled one, up to `retries` times. That is safe because every
+//! request is idempotent: it reads, or it sets an absolute value.
 
 pub mod acutrol;
 pub mod aerosmith;
@@ -20,48 +21,48 @@ use std::fmt;
 
 /// A temperature chamber. All temperatures \[degC\].
 pub trait Chamber: Send {
-    /// Type or identity as the controller tells it.
+    /// Type or identity as the controller reports it.
     ///
     /// # Errors
-    /// What the chamber or the line did wrong.
-    fn identify(&mut self) -> Result<String, Fault>;
+    /// A fault of the chamber or the line.
+    fn identify(&mut self) -> Result<String, InstrumentFault>;
 
-    /// What the controller measures and does now.
+    /// Measured values and state of the controller.
     ///
     /// # Errors
-    /// What the chamber or the line did wrong.
-    fn read(&mut self) -> Result<ChamberReading, Fault>;
+    /// A fault of the chamber or the line.
+    fn read(&mut self) -> Result<ChamberReading, InstrumentFault>;
 
     /// Sets the set point, reads it back and compares.
     ///
     /// # Errors
-    /// What the chamber or the line did wrong, [`FaultKind::Mismatch`] if another set point is read back.
-    fn set_point(&mut self, celsius: f64) -> Result<(), Fault>;
+    /// A fault of the chamber or the line; [`FaultKind::Mismatch`] if another set point is read back.
+    fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault>;
 
-    /// Constant mode at the set point.
+    /// Starts the constant mode: the chamber holds the set point.
     ///
     /// # Errors
-    /// What the chamber or the line did wrong.
-    fn run(&mut self) -> Result<(), Fault>;
+    /// A fault of the chamber or the line.
+    fn run(&mut self) -> Result<(), InstrumentFault>;
 
-    /// The safe state: no heating, no cooling.
+    /// Enters the safe state: no heating, no cooling.
     ///
     /// # Errors
-    /// What the chamber or the line did wrong.
-    fn standby(&mut self) -> Result<(), Fault>;
+    /// A fault of the chamber or the line.
+    fn standby(&mut self) -> Result<(), InstrumentFault>;
 
     /// Requests on this line that had to be repeated.
     fn repeated(&self) -> u64;
 }
 
-/// What a chamber says.
+/// Measured values and state of a chamber.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ChamberReading {
-    /// Air \[degC\].
+    /// Measured air temperature \[degC\].
     pub air_c: f64,
     /// Set point \[degC\].
     pub set_point_c: f64,
-    /// Whether it heats and cools.
+    /// Whether it controls the temperature: heats and cools.
     pub running: bool,
     /// Active alarms as the controller names them; empty for none.
     pub alarms: Vec<String>,
@@ -69,90 +70,96 @@ pub struct ChamberReading {
 
 /// A two-axis turntable. Angles \[deg\], rates \[deg/s\]. Axis 0 is the outer (first) axis, 1 the inner.
 pub trait Turntable: Send {
-    /// Type or identity as the controller tells it.
+    /// Type or identity as the controller reports it.
     ///
     /// # Errors
-    /// What the table or the line did wrong.
-    fn identify(&mut self) -> Result<String, Fault>;
+    /// A fault of the turntable or the line.
+    fn identify(&mut self) -> Result<String, InstrumentFault>;
 
-    /// Faults reset, interlocks closed, axes powered; no motion.
+    /// Resets faults, closes the interlocks and powers the axes. Nothing moves.
     ///
     /// # Errors
-    /// What the table or the line did wrong.
-    fn engage(&mut self) -> Result<(), Fault>;
+    /// A fault of the turntable or the line.
+    fn engage(&mut self) -> Result<(), InstrumentFault>;
 
-    /// Where it is now.
+    /// Angles, rates and state.
     ///
     /// # Errors
-    /// What the table or the line did wrong.
-    fn read(&mut self) -> Result<TurntableReading, Fault>;
+    /// A fault of the turntable or the line.
+    fn read(&mut self) -> Result<TurntableReading, InstrumentFault>;
 
-    /// Starts moving both axes; returns when that is commanded, not when they are there.
+    /// Starts moving both axes. Returns when the move is commanded, not when it is complete.
     ///
     /// # Errors
-    /// What the table or the line did wrong.
-    fn move_to(&mut self, angles_deg: [f64; 2], rate_deg_s: f64, acceleration_deg_s2: f64) -> Result<(), Fault>;
+    /// A fault of the turntable or the line.
+    fn move_to(
+        &mut self,
+        angles_deg: [f64; 2],
+        rate_deg_s: f64,
+        acceleration_deg_s2: f64,
+    ) -> Result<(), InstrumentFault>;
 
-    /// The safe state: motion stopped, held or off. Both axes are told to, whatever the first one says.
+    /// Enters the safe state: the motion stops, the axes are held or without power. Both axes are commanded, even if the first
+    /// one fails.
     ///
     /// # Errors
-    /// What the table or the line did wrong.
-    fn stop(&mut self) -> Result<(), Fault>;
+    /// A fault of the turntable or the line.
+    fn stop(&mut self) -> Result<(), InstrumentFault>;
 
     /// Requests on this line that had to be repeated.
     fn repeated(&self) -> u64;
 }
 
-/// What a table says.
+/// Measured values and state of a turntable.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TurntableReading {
-    /// \[deg\]
+    /// Angles of the outer and the inner axis \[deg\].
     pub angles_deg: [f64; 2],
-    /// \[deg/s\]
+    /// Rates of the outer and the inner axis \[deg/s\].
     pub rates_deg_s: [f64; 2],
     /// Active faults as the controller names them; empty for none.
     pub faults: Vec<String>,
-    /// Axes without power, as the controller names them, where it tells: interlocks that are open.
+    /// Axes without power (open interlocks), as the controller names them; always empty for controllers that do not report it.
     pub open: Vec<String>,
 }
 
-/// From `a` to `b` the short way, -180 to 180 \[deg\]: 359.999 and 0 are neighbours.
+/// The shortest rotation from `a` to `b`, over -180 and up to 180 \[deg\]: from 359.999 to 0 it is 0.001.
 #[must_use]
 pub fn turn_deg(a: f64, b: f64) -> f64 {
     let turn = (b - a).rem_euclid(360.0);
     if turn > 180.0 { turn - 360.0 } else { turn }
 }
 
-/// Of what kind a [`Fault`] is.
+/// The kind of an [`InstrumentFault`].
 #[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
 pub enum FaultKind {
     /// The port is lost or refused.
     Line,
     /// No reply in time.
     NoReply,
-    /// A reply that is none of this request's.
+    /// The reply is damaged, or does not belong to this request.
     Garbled,
     /// The instrument refuses the request: `NA:`, a Modbus exception, an error reply.
     Refused,
-    /// The instrument has an alarm or a fault of its own and does not do what it is asked to.
+    /// The instrument has an alarm or an internal fault and does not carry out the request.
     Alarm,
-    /// What is read back differs from what was set.
+    /// The value that is read back differs from the value that was set.
     Mismatch,
 }
 
-/// What an instrument did wrong.
+/// A fault of an instrument or its line.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub struct Fault {
-    /// Decides what a campaign does.
+pub struct InstrumentFault {
+    /// Decides how a campaign reacts.
     pub kind: FaultKind,
     /// The instrument and its port.
     pub instrument: String,
-    /// What was tried and what came of it.
+    /// The request and its result.
     pub message: String,
 }
 
-/// Phase, cause, remedy.
-impl fmt::Display for Fault {
+/// Instrument, request and cause, remedy.
+impl fmt::Display for InstrumentFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let remedy = match self.kind {
             FaultKind::Line => "check cable, power and the port's name, and that no other program has it",
@@ -170,14 +177,14 @@ impl fmt::Display for Fault {
 ///
 /// # Errors
 /// If the port cannot be opened.
-pub fn chamber(config: &ChamberConfig) -> Result<Box<dyn Chamber>, Fault> {
+pub fn chamber(config: &ChamberConfig) -> Result<Box<dyn Chamber>, InstrumentFault> {
     config.open()
 }
 
-/// Opens the line to a table.
+/// Opens the line to a turntable.
 ///
 /// # Errors
 /// If the port cannot be opened.
-pub fn turntable(config: &TurntableConfig) -> Result<Box<dyn Turntable>, Fault> {
+pub fn turntable(config: &TurntableConfig) -> Result<Box<dyn Turntable>, InstrumentFault> {
     config.open()
 }

@@ -1,15 +1,16 @@
 //! The line to an instrument: one request, then its reply or a time-out.
 //!
 //! # Rules
-//! - Never two requests at once. What is in the input before a request is none of its reply and is thrown away.
-//! - These protocols carry no tag that says which request a reply belongs to. So after a time-out, or a reply that made no sense, a
-//!   reply may still be on its way: nothing is sent until the line has been quiet for `quiet_s`.
-//! - Every wait has an end: a request takes at most (retries + 1) times (opening + drain + `timeout_s`), where a drain ends after ten
+//! - There are never two requests at once. Bytes that are in the input before a request do not belong to its reply and are
+//!   discarded.
+//! - These protocols do not mark which request a reply belongs to. After a time-out or a garbled reply, a late reply may still
+//!   arrive: nothing is sent until the line has been quiet for `quiet_s`.
+//! - Every wait is bounded: a request takes at most (retries + 1) times (opening + drain + `timeout_s`). A drain ends after ten
 //!   times `quiet_s`, whatever the instrument does.
-//! - A port that is lost is closed, and opened again for the next request.
+//! - A lost port is closed, and opened again for the next request.
 
 use super::line_config::LineConfig;
-use super::{Fault, FaultKind};
+use super::{FaultKind, InstrumentFault};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::SerialPort;
 use std::io::{self, Read as _, Write as _};
@@ -17,41 +18,41 @@ use std::net::{TcpStream, ToSocketAddrs as _};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longest reply; nothing that an instrument says is as long.
+/// Longest reply \[bytes\]; no reply of these protocols is as long.
 const MAX_REPLY: usize = 4096;
-/// A drain ends after so many times `quiet_s`.
+/// Longest drain, in units of `quiet_s`.
 const DRAIN: u32 = 10;
 
-/// What is wrong with a reply, or with what it says.
+/// Why an exchange failed: kind and message, without the instrument's name, which [`Line::fault`] adds.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Wrong(pub FaultKind, pub String);
+pub struct ExchangeError(pub FaultKind, pub String);
 
-impl Wrong {
-    /// A reply that is none of the request's.
+impl ExchangeError {
+    /// A reply that is damaged, or does not belong to the request.
     pub fn garbled(reply: &[u8]) -> Self {
         Self(FaultKind::Garbled, format!("a reply that makes no sense: \"{}\"", reply.escape_ascii()))
     }
 }
 
-/// Where a reply ends.
+/// How the end of a reply is found.
 #[derive(Clone, Copy)]
 pub struct Framing<'a> {
-    /// How long the reply at the beginning of these bytes is, once it is whole.
-    pub whole: &'a dyn Fn(&[u8]) -> Option<usize>,
-    /// A pause that ends a reply too, if any.
+    /// Length of the reply at the beginning of these bytes, or `None` while it is incomplete.
+    pub reply_length: &'a dyn Fn(&[u8]) -> Option<usize>,
+    /// A pause of this length ends a reply too.
     pub gap: Option<Duration>,
 }
 
-/// A line, open or to be opened again.
+/// A line. A lost port is opened again for the next request.
 pub struct Line {
     /// Instrument and port, for messages.
     instrument: String,
     config: LineConfig,
-    port: Option<Port>,
-    /// Whether a reply may still be on its way.
+    port: Option<InstrumentPort>,
+    /// Whether a late reply may still arrive.
     stale: bool,
-    /// When bytes last went or came.
-    last: Instant,
+    /// When bytes were last sent or received.
+    last_activity: Instant,
     repeated: u64,
 }
 
@@ -60,12 +61,18 @@ impl Line {
     ///
     /// # Errors
     /// If that fails.
-    pub fn open(kind: &str, config: &LineConfig) -> Result<Self, Fault> {
+    pub fn open(kind: &str, config: &LineConfig) -> Result<Self, InstrumentFault> {
         let instrument = format!("{kind} at {}", config.port);
-        // Whoever had the port before may have left a reply on its way.
-        let mut line =
-            Self { instrument, config: config.clone(), port: None, stale: true, last: Instant::now(), repeated: 0 };
-        line.connect().map_err(|wrong| line.fault(wrong))?;
+        // A reply to the previous user of the port may still arrive.
+        let mut line = Self {
+            instrument,
+            config: config.clone(),
+            port: None,
+            stale: true,
+            last_activity: Instant::now(),
+            repeated: 0,
+        };
+        line.connect().map_err(|error| line.fault(error))?;
         Ok(line)
     }
 
@@ -74,158 +81,160 @@ impl Line {
         self.repeated
     }
 
-    /// As this line's fault.
-    pub fn fault(&self, Wrong(kind, message): Wrong) -> Fault {
-        Fault { kind, instrument: self.instrument.clone(), message }
+    /// Adds the instrument's name to an error.
+    pub fn fault(&self, ExchangeError(kind, message): ExchangeError) -> InstrumentFault {
+        InstrumentFault { kind, instrument: self.instrument.clone(), message }
     }
 
-    /// Sends a request and reads its reply with `read`. Repeated if there is none or it is garbled.
+    /// Sends a request and parses its reply with `read`. Repeats the request if there is no reply or a garbled one.
     ///
     /// # Errors
-    /// What was wrong in the last attempt, or what is wrong with what the reply says.
+    /// The error of the last attempt, or the refusal that the reply contains.
     pub fn ask<T>(
         &mut self,
         request: &[u8],
         framing: Framing<'_>,
-        read: impl Fn(&[u8]) -> Result<T, Wrong>,
-    ) -> Result<T, Fault> {
+        read: impl Fn(&[u8]) -> Result<T, ExchangeError>,
+    ) -> Result<T, InstrumentFault> {
         let shown = request.trim_ascii_end().escape_ascii().to_string();
         let mut attempt = 0;
         loop {
             let result = self.exchange(request, framing).and_then(|reply| read(&reply));
-            let wrong = match result {
+            let error = match result {
                 Ok(value) => return Ok(value),
-                Err(wrong) => wrong,
+                Err(error) => error,
             };
-            match wrong.0 {
+            match error.0 {
                 FaultKind::Line => (self.port, self.stale) = (None, true),
                 FaultKind::NoReply | FaultKind::Garbled => self.stale = true,
                 _ => attempt = self.config.retries,
             }
             if attempt == self.config.retries {
-                let Wrong(kind, message) = wrong;
-                return Err(self.fault(Wrong(kind, format!("asking \"{shown}\": {message}"))));
+                let ExchangeError(kind, message) = error;
+                return Err(self.fault(ExchangeError(kind, format!("asking \"{shown}\": {message}"))));
             }
             attempt += 1;
             self.repeated += 1;
         }
     }
 
-    /// Sends what is never answered.
+    /// Sends a request that the instrument never answers.
     ///
     /// # Errors
     /// If the port is lost.
-    pub fn tell(&mut self, request: &[u8]) -> Result<(), Fault> {
-        self.send(request).map_err(|wrong| {
+    pub fn send_without_reply(&mut self, request: &[u8]) -> Result<(), InstrumentFault> {
+        self.send(request).map_err(|error| {
             self.port = None;
-            self.fault(wrong)
+            self.fault(error)
         })
     }
 
-    fn connect(&mut self) -> Result<(), Wrong> {
+    fn connect(&mut self) -> Result<(), ExchangeError> {
         if self.port.is_none() {
-            let port = Port::open(&self.config);
-            self.port = Some(port.map_err(|error| Wrong(FaultKind::Line, format!("opening the port: {error}")))?);
+            let port = InstrumentPort::open(&self.config);
+            self.port =
+                Some(port.map_err(|error| ExchangeError(FaultKind::Line, format!("opening the port: {error}")))?);
         }
         Ok(())
     }
 
-    fn send(&mut self, request: &[u8]) -> Result<(), Wrong> {
+    fn send(&mut self, request: &[u8]) -> Result<(), ExchangeError> {
         self.connect()?;
         self.drain()?;
-        thread::sleep(self.config.pause.saturating_sub(self.last.elapsed()));
+        thread::sleep(self.config.pause.saturating_sub(self.last_activity.elapsed()));
         let Some(port) = &mut self.port else { return Ok(()) };
-        port.write(request).map_err(|error| Wrong(FaultKind::Line, format!("sending: {error}")))?;
-        self.last = Instant::now();
+        port.write(request).map_err(|error| ExchangeError(FaultKind::Line, format!("sending: {error}")))?;
+        self.last_activity = Instant::now();
         Ok(())
     }
 
-    /// One byte or more that come before `deadline`, appended; whether any came.
-    fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant) -> Result<bool, Wrong> {
+    /// Appends the next bytes, at least one, that arrive before `deadline`. Returns whether any arrived.
+    fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant) -> Result<bool, ExchangeError> {
         let mut buffer = [0; 512];
         let Some(port) = &mut self.port else { return Ok(false) };
         let count = loop {
             match port.read(&mut buffer, deadline.saturating_duration_since(Instant::now())) {
-                // By a signal, which ends the campaign, but not this wait: the reply is still on its way.
+                // A signal ends the campaign, but not this wait: the reply will still arrive.
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                other => break other.map_err(|error| Wrong(FaultKind::Line, format!("receiving: {error}")))?,
+                other => break other.map_err(|error| ExchangeError(FaultKind::Line, format!("receiving: {error}")))?,
             }
         };
         bytes.extend_from_slice(&buffer[..count]);
         if count > 0 {
-            self.last = Instant::now();
+            self.last_activity = Instant::now();
         }
         Ok(count > 0)
     }
 
-    /// Throws away what has come; if a reply may still be on its way, until the line is quiet.
-    fn drain(&mut self) -> Result<(), Wrong> {
-        let (begun, mut waste) = (Instant::now(), Vec::new());
+    /// Discards the input. If a late reply may still arrive, goes on until the line is quiet.
+    fn drain(&mut self) -> Result<(), ExchangeError> {
+        let (begun, mut discarded) = (Instant::now(), Vec::new());
         let quiet = if self.stale { self.config.quiet } else { Duration::ZERO };
-        while self.receive(&mut waste, Instant::now() + quiet)? {
-            waste.clear();
+        while self.receive(&mut discarded, Instant::now() + quiet)? {
+            discarded.clear();
             if begun.elapsed() > self.config.quiet * DRAIN {
-                return Err(Wrong(FaultKind::Garbled, "it talks without being asked".to_owned()));
+                return Err(ExchangeError(FaultKind::Garbled, "it sends data without a request".to_owned()));
             }
         }
         self.stale = false;
         Ok(())
     }
 
-    fn exchange(&mut self, request: &[u8], framing: Framing<'_>) -> Result<Vec<u8>, Wrong> {
+    fn exchange(&mut self, request: &[u8], framing: Framing<'_>) -> Result<Vec<u8>, ExchangeError> {
         self.send(request)?;
-        let deadline = self.last + self.config.timeout;
+        let deadline = self.last_activity + self.config.timeout;
         let mut reply = Vec::new();
         loop {
-            let gap_end = framing.gap.filter(|_| !reply.is_empty()).map(|gap| self.last + gap);
-            let came = self.receive(&mut reply, gap_end.map_or(deadline, |end| end.min(deadline)))?;
-            if let Some(length) = (framing.whole)(&reply) {
+            let gap_end = framing.gap.filter(|_| !reply.is_empty()).map(|gap| self.last_activity + gap);
+            let received = self.receive(&mut reply, gap_end.map_or(deadline, |end| end.min(deadline)))?;
+            if let Some(length) = (framing.reply_length)(&reply) {
                 reply.truncate(length);
                 return Ok(reply);
             }
-            if !came && gap_end.is_some() {
+            if !received && gap_end.is_some() {
                 return Ok(reply);
             }
-            if reply.len() > MAX_REPLY || (!came || Instant::now() >= deadline) && !reply.is_empty() {
-                return Err(Wrong::garbled(&reply[..reply.len().min(100)]));
+            if reply.len() > MAX_REPLY || (!received || Instant::now() >= deadline) && !reply.is_empty() {
+                return Err(ExchangeError::garbled(&reply[..reply.len().min(100)]));
             }
-            if !came {
+            if !received {
                 let timeout = self.config.timeout.as_secs_f64();
-                return Err(Wrong(FaultKind::NoReply, format!("no reply in {timeout} s")));
+                return Err(ExchangeError(FaultKind::NoReply, format!("no reply in {timeout} s")));
             }
         }
     }
 }
 
-/// A reply that ends with a line feed.
+/// Length of a reply that ends with a line feed.
 pub fn line_feed(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|&byte| byte == b'\n').map(|end| end + 1)
 }
 
-/// A reply that ends with a carriage return.
+/// Length of a reply that ends with a carriage return.
 pub fn carriage_return(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|&byte| byte == b'\r').map(|end| end + 1)
 }
 
-/// A reply's text without blanks around it; only printable ASCII is text.
-pub fn text(reply: &[u8]) -> Result<&str, Wrong> {
+/// The text of a reply without blanks around it. A reply with other bytes than printable ASCII is garbled.
+pub fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
     let trimmed = reply.trim_ascii();
     let printable = trimmed.iter().all(|&byte| matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t'));
     let text = core::str::from_utf8(trimmed).ok().filter(|_| printable);
-    text.ok_or_else(|| Wrong::garbled(reply))
+    text.ok_or_else(|| ExchangeError::garbled(reply))
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub fn number(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-enum Port {
+/// An open port.
+enum InstrumentPort {
     Serial(Box<dyn SerialPort>),
     Tcp(TcpStream),
 }
 
-impl Port {
+impl InstrumentPort {
     fn open(config: &LineConfig) -> io::Result<Self> {
         let Some(address) = config.port.strip_prefix("tcp://") else {
             let port = serialport::new(&config.port, config.baud)
@@ -259,7 +268,7 @@ impl Port {
         }
     }
 
-    /// Some bytes, or 0 if none come within `timeout`.
+    /// Reads at least one byte; returns 0 if none arrives within `timeout`.
     fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let result = match self {
             Self::Serial(port) => {

@@ -1,34 +1,34 @@
-//! The keys that every instrument's section has: its line, and what drivers share.
+//! The keys that every instrument's section has: its line, and keys that several drivers have.
 
 use isotherm_shared::document::Section;
 use serialport::{DataBits, Parity, StopBits};
 use std::time::Duration;
 
-/// A checked line.
+/// Checked settings of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineConfig {
     /// `/dev/ttyUSB0` or `tcp://host:port`.
     pub port: String,
-    /// \[Bd\]
+    /// Rate \[Bd\].
     pub baud: u32,
-    /// In a character.
+    /// Data bits of a character.
     pub data_bits: DataBits,
-    /// In a character.
+    /// Parity bit of a character.
     pub parity: Parity,
-    /// After a character.
+    /// Stop bits of a character.
     pub stop_bits: StopBits,
     /// Longest wait for a reply, and for a TCP connection.
     pub timeout: Duration,
-    /// After a reply that did not come or made no sense, how long the line must be quiet before the next request.
+    /// How long the line must be quiet before the next request, after a reply was missing or garbled.
     pub quiet: Duration,
-    /// Least silence before a request.
+    /// Shortest silence before a request.
     pub pause: Duration,
-    /// A request without a proper reply is repeated so often.
+    /// How often a request without a valid reply is repeated.
     pub retries: u32,
 }
 
 impl LineConfig {
-    /// Defaults: `baud`, 8N1, 1 s, quiet for as long as the time-out, `pause_s`, 2 retries.
+    /// Reads the keys. Defaults: `baud`, 8N1, a time-out of 1 s, `quiet_s` as long as the time-out, `pause_s`, 2 retries.
     pub(super) fn read(section: &Section<'_, '_>, baud: i64, pause_s: f64) -> Option<Self> {
         let port = section.string("port", "a device as \"/dev/ttyUSB0\", or \"tcp://host:port\"").and_then(|port| {
             let address = port.strip_prefix("tcp://");
@@ -59,7 +59,7 @@ impl LineConfig {
     }
 }
 
-/// A number of seconds from 0 to `most`.
+/// Reads a number of seconds from 0 to `most`.
 pub(super) fn seconds(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> Duration {
     let given = section.optional_number(key);
     let right = given.filter(|seconds| (0.0..=most).contains(seconds));
@@ -68,7 +68,7 @@ pub(super) fn seconds(section: &Section<'_, '_>, key: &'static str, default: f64
     Duration::from_secs_f64(right.unwrap_or(default))
 }
 
-/// The numbers of the outer and the inner axis.
+/// Reads the numbers of the outer and the inner axis.
 pub(super) fn axes(section: &Section<'_, '_>) -> [u8; 2] {
     let Some(axes) = section.optional_integers("axes", 0..=99) else { return [1, 2] };
     match axes[..] {
@@ -80,7 +80,7 @@ pub(super) fn axes(section: &Section<'_, '_>) -> [u8; 2] {
     }
 }
 
-/// A driver's settings from text.
+/// Reads a driver's settings from a text.
 #[cfg(test)]
 pub(super) fn settings_of<S>(toml: &str, read: impl Fn(&Section<'_, '_>) -> S) -> S {
     let document = isotherm_shared::document::Document::parse(toml).unwrap();

@@ -1,56 +1,56 @@
-//! The simulated chamber: what its controller makes of the air.
+//! The simulated chamber and its controller.
 
 use super::SimulatedStation;
-use super::faults::What;
-use super::link::Event;
+use super::faults::InjectedFault;
+use super::link::DeviceEvent;
 use super::server;
 use isotherm_calibration::simulate::{Chain, SimulatedChamber};
 
 /// Time constant of the controller's own sensor \[s\].
 const SENSOR_LAG_S: f64 = 20.0;
-/// How fast a chamber that is off goes to the laboratory's temperature \[degC/s\].
+/// Rate at which a chamber that is off drifts to the laboratory's temperature \[degC/s\].
 const DRIFT_C_PER_S: f64 = 0.2 / 60.0;
-/// How far a chamber that overshoots goes beyond its set point, and how far one that never gets there stays away \[degC\].
+/// Overshoot beyond the set point, and remaining difference to a set point that is never reached \[degC\].
 const OVERSHOOT_C: f64 = 3.0;
-const SHORT_C: f64 = 3.0;
-/// What it can be set to \[degC\].
+const SHORTFALL_C: f64 = 3.0;
+/// Range of the set point \[degC\].
 pub const RANGE_C: [f64; 2] = [-70.0, 150.0];
 
-/// What a controller does.
+/// Mode of the controller.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Mode {
-    /// Nothing.
+    /// No heating, no cooling.
     Off,
-    /// Nothing, but ready.
+    /// No heating, no cooling, but ready.
     Standby,
     /// Holds the set point.
     Constant,
 }
 
-/// SimulatedChamber and controller.
-pub struct ChamberMachine {
+/// The chamber with its controller.
+pub struct ChamberDevice {
     chamber: SimulatedChamber,
     ambient_c: f64,
     ramp_c_per_s: f64,
     now_s: f64,
     target_c: f64,
-    /// Where the air was when the set point was set.
+    /// Air temperature when the set point was set \[degC\].
     from_c: f64,
-    /// Where it goes before it goes to the set point.
+    /// Temperature of the overshoot, until it is reached \[degC\].
     beyond_c: Option<f64>,
     overshoots: bool,
     never_there: bool,
-    events: Vec<(f64, Event)>,
-    /// \[degC\]
+    events: Vec<(f64, DeviceEvent)>,
+    /// Set point \[degC\].
     pub set_point_c: f64,
-    /// What it does.
+    /// Mode of the controller.
     pub mode: Mode,
     /// Whether it has an alarm.
     pub alarm: bool,
 }
 
-impl ChamberMachine {
-    /// In equilibrium with the laboratory, off.
+impl ChamberDevice {
+    /// A chamber that is off, in equilibrium with the laboratory.
     pub fn new(station: &SimulatedStation) -> Self {
         let chain = Chain { head_lag_s: SENSOR_LAG_S, ..station.chain };
         let ambient_c = station.ambient_c;
@@ -71,7 +71,7 @@ impl ChamberMachine {
         }
     }
 
-    /// What the controller measures \[degC\].
+    /// Temperature that the controller measures \[degC\].
     pub fn air_c(&self) -> f64 {
         self.chamber.head_and_board_c().0
     }
@@ -84,50 +84,50 @@ impl ChamberMachine {
         }
         (self.set_point_c, self.from_c) = (celsius, self.chamber.air_c());
         self.beyond_c = self.overshoots.then(|| celsius + OVERSHOOT_C.copysign(celsius - self.from_c));
-        self.steer();
+        self.update_target();
         true
     }
 
     /// Changes the mode.
     pub fn switch(&mut self, mode: Mode) {
         self.mode = mode;
-        self.steer();
+        self.update_target();
     }
 
-    /// Where it makes for now.
-    fn steer(&mut self) {
+    /// Determines the target temperature, and starts a ramp if it has changed.
+    fn update_target(&mut self) {
         let (target_c, ramp_c_per_s) = if self.mode != Mode::Constant {
             (self.ambient_c, DRIFT_C_PER_S)
         } else if self.never_there {
-            (self.set_point_c + SHORT_C.copysign(self.from_c - self.set_point_c), self.ramp_c_per_s)
+            (self.set_point_c + SHORTFALL_C.copysign(self.from_c - self.set_point_c), self.ramp_c_per_s)
         } else {
             (self.beyond_c.unwrap_or(self.set_point_c), self.ramp_c_per_s)
         };
         if target_c != self.target_c {
             self.target_c = target_c;
             self.chamber.go_to(target_c, ramp_c_per_s);
-            self.events.push((self.now_s, Event::Chamber { target_c, ramp_c_per_s }));
+            self.events.push((self.now_s, DeviceEvent::Chamber { target_c, ramp_c_per_s }));
         }
     }
 }
 
-impl server::Machine for ChamberMachine {
-    fn advance(&mut self, now_s: f64, active: &[What]) {
+impl server::SimulatedDevice for ChamberDevice {
+    fn advance(&mut self, now_s: f64, active: &[InjectedFault]) {
         if now_s > self.now_s {
             self.chamber.wait(now_s - self.now_s);
             self.now_s = now_s;
         }
-        self.overshoots = active.contains(&What::Overshoot);
-        self.never_there = active.contains(&What::NeverThere);
-        self.alarm = active.contains(&What::Alarm);
+        self.overshoots = active.contains(&InjectedFault::Overshoot);
+        self.never_there = active.contains(&InjectedFault::NeverThere);
+        self.alarm = active.contains(&InjectedFault::Alarm);
         if self.alarm && self.mode == Mode::Constant {
             self.mode = Mode::Standby;
         }
         self.beyond_c = self.beyond_c.filter(|beyond_c| *beyond_c != self.chamber.air_c());
-        self.steer();
+        self.update_target();
     }
 
-    fn events(&mut self) -> Vec<(f64, Event)> {
+    fn events(&mut self) -> Vec<(f64, DeviceEvent)> {
         std::mem::take(&mut self.events)
     }
 }

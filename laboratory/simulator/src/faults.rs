@@ -1,10 +1,11 @@
-//! Faults on demand: DIR/faults, a line each, read again whenever the file changes.
+//! Faults that are injected on request: DIR/faults has one per line and is read again whenever it changes.
 //!
-//! `WHAT[:WHO][@WHEN]`: garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot, never-there; `chamber` or
-//! `table`, both unless given; `@3` the third request, `@3-5` the third to the fifth, `@100s-200s` simulated seconds, always unless
-//! given. Requests are counted from when the file was read.
+//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot or
+//! never-there. DEVICE is `chamber` or `table`; without it both have the fault. WHEN is `3` for the third request, `3-5` for the
+//! third to the fifth, or `100s-200s` for simulated seconds; without it the fault is permanent. Requests are counted from the
+//! last reading of the file.
 
-use super::Part;
+use super::StationProcess;
 use isotherm_files::Identity;
 use std::fs;
 use std::io::{self, Write as _};
@@ -12,35 +13,35 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// The file that faults are written into, in a station's folder.
+/// Name of the file with the faults, in a station's folder.
 pub const FAULTS: &str = "faults";
 
-/// What goes wrong.
+/// A fault that can be injected.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum What {
-    /// Bytes of a reply are destroyed.
+pub enum InjectedFault {
+    /// Bytes of the reply are overwritten.
     Garbled,
-    /// A reply comes after the time-out.
+    /// The reply is sent after the time-out.
     Late,
-    /// A reply does not come.
+    /// The reply is not sent.
     Missing,
-    /// A reply comes twice.
+    /// The reply is sent twice.
     Duplicated,
-    /// A request is refused, where the protocol has a way to say so, else unanswered.
+    /// The request is refused, or not answered if the protocol has no refusal.
     Na,
-    /// The machine has an alarm: the chamber stops heating and cooling, the table stops and opens its interlocks.
+    /// The device has an alarm: the chamber stops heating and cooling; the turntable stops, and its interlocks are at fault.
     Alarm,
-    /// The port is gone.
+    /// The port does not exist.
     PortLoss,
-    /// The table swings.
+    /// The turntable oscillates.
     NoSettle,
-    /// The chamber goes beyond its set point first.
+    /// The chamber overshoots each set point.
     Overshoot,
-    /// The chamber stays short of its set point.
+    /// The chamber never reaches its set point.
     NeverThere,
 }
 
-impl What {
+impl InjectedFault {
     /// Every fault with its name.
     pub const NAMES: [(Self, &'static str); 10] = [
         (Self::Garbled, "garbled"),
@@ -56,7 +57,7 @@ impl What {
     ];
 }
 
-/// When it goes wrong.
+/// When a fault is active.
 #[derive(Clone, Debug, PartialEq)]
 enum When {
     Always,
@@ -64,11 +65,12 @@ enum When {
     Seconds(RangeInclusive<f64>),
 }
 
-/// One line.
+/// One line of the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Injection {
-    what: What,
-    who: Option<Part>,
+    fault: InjectedFault,
+    /// `None` for both devices.
+    device: Option<StationProcess>,
     when: When,
 }
 
@@ -77,23 +79,23 @@ impl FromStr for Injection {
 
     fn from_str(line: &str) -> Result<Self, String> {
         let (rest, when) = line.split_once('@').map_or((line, None), |(rest, when)| (rest, Some(when)));
-        let (what, who) = rest.split_once(':').map_or((rest, None), |(what, who)| (what, Some(who)));
-        let names = || What::NAMES.map(|(_, name)| name).join(", ");
-        let what = What::NAMES.iter().find(|(_, name)| *name == what);
-        let (what, _) = *what.ok_or_else(|| format!("give one of {}", names()))?;
-        let who = match who {
+        let (fault, device) = rest.split_once(':').map_or((rest, None), |(fault, device)| (fault, Some(device)));
+        let names = || InjectedFault::NAMES.map(|(_, name)| name).join(", ");
+        let fault = InjectedFault::NAMES.iter().find(|(_, name)| *name == fault);
+        let (fault, _) = *fault.ok_or_else(|| format!("give one of {}", names()))?;
+        let device = match device {
             None => None,
-            Some("chamber") => Some(Part::Chamber),
-            Some("table") => Some(Part::Turntable),
+            Some("chamber") => Some(StationProcess::Chamber),
+            Some("table") => Some(StationProcess::Turntable),
             Some(_) => return Err("after the colon give chamber or table".to_owned()),
         };
-        let wrong = "after the @ give a request as 3, requests as 3-5, or seconds as 100s-200s";
-        let when = when.map_or(Some(When::Always), when_of).ok_or(wrong)?;
-        Ok(Self { what, who, when })
+        let expected = "after the @ give a request as 3, requests as 3-5, or seconds as 100s-200s";
+        let when = when.map_or(Some(When::Always), parse_when).ok_or(expected)?;
+        Ok(Self { fault, device, when })
     }
 }
 
-fn when_of(text: &str) -> Option<When> {
+fn parse_when(text: &str) -> Option<When> {
     let (from, to) = text.split_once('-').unwrap_or((text, text));
     if let (Some(from), Some(to)) = (from.strip_suffix('s'), to.strip_suffix('s')) {
         let (from, to): (f64, f64) = (from.parse().ok()?, to.parse().ok()?);
@@ -103,52 +105,54 @@ fn when_of(text: &str) -> Option<When> {
     (1 <= from && from <= to).then_some(When::Requests(from..=to))
 }
 
-/// The faults of one machine.
-pub struct Faults {
+/// The faults of one device.
+pub struct FaultSchedule {
     path: PathBuf,
-    read: Option<Identity>,
-    who: Part,
+    /// The version of the file that was read last.
+    version: Option<Identity>,
+    device: StationProcess,
     injections: Vec<Injection>,
     /// Requests since the file was read.
     requests: u64,
 }
 
-impl Faults {
-    /// Those of `who` in the station's folder.
-    pub fn new(folder: &Path, who: Part) -> Self {
-        Self { path: folder.join(FAULTS), read: None, who, injections: Vec::new(), requests: 0 }
+impl FaultSchedule {
+    /// The faults of `device`, from the file in the station's folder.
+    pub fn new(folder: &Path, device: StationProcess) -> Self {
+        Self { path: folder.join(FAULTS), version: None, device, injections: Vec::new(), requests: 0 }
     }
 
     /// Counts a request.
-    pub fn count(&mut self) {
-        self.look();
+    pub fn count_request(&mut self) {
+        self.reload_if_changed();
         self.requests += 1;
     }
 
-    /// What goes wrong at `now_s` and with the latest request.
-    pub fn active(&mut self, now_s: f64) -> Vec<What> {
-        self.look();
-        let mine = self.injections.iter().filter(|injection| injection.who.is_none_or(|who| who == self.who));
-        let now = mine.filter(|injection| match &injection.when {
+    /// The faults that are active at `now_s`, for the latest request.
+    pub fn active(&mut self, now_s: f64) -> Vec<InjectedFault> {
+        self.reload_if_changed();
+        let mine =
+            self.injections.iter().filter(|injection| injection.device.is_none_or(|device| device == self.device));
+        let active = mine.filter(|injection| match &injection.when {
             When::Always => true,
             When::Requests(range) => range.contains(&self.requests),
             When::Seconds(range) => range.contains(&now_s),
         });
-        now.map(|injection| injection.what).collect()
+        active.map(|injection| injection.fault).collect()
     }
 
-    /// Reads the file again if it is another. A line that is wrong is told of and passed over: the station goes on.
-    fn look(&mut self) {
-        let now = Identity::of(&self.path);
-        if now != self.read {
-            self.read = now;
+    /// Reads the file again if it has changed. An invalid line is reported and ignored, so that the station goes on.
+    fn reload_if_changed(&mut self) {
+        let version = Identity::of(&self.path);
+        if version != self.version {
+            self.version = version;
             let text = fs::read_to_string(&self.path).unwrap_or_default();
             self.injections.clear();
             for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty()) {
                 match line.trim().parse() {
                     Ok(injection) => self.injections.push(injection),
-                    // Told once, though both machines read it.
-                    Err(wrong) if self.who == Part::Chamber => {
+                    // Both devices read the file, one reports.
+                    Err(wrong) if self.device == StationProcess::Chamber => {
                         let path = self.path.display();
                         let _ = writeln!(
                             io::stderr(),
@@ -168,13 +172,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_what_who_and_when() {
+    fn a_line_has_fault_device_and_time() {
         let parse = |line: &str| line.parse::<Injection>();
-        let (what, who) = (What::Late, Some(Part::Turntable));
-        assert_eq!(parse("late:table@3-5"), Ok(Injection { what, who, when: When::Requests(3..=5) }));
-        assert_eq!(parse("late:table@7"), Ok(Injection { what, who, when: When::Requests(7..=7) }));
+        let (fault, device) = (InjectedFault::Late, Some(StationProcess::Turntable));
+        assert_eq!(parse("late:table@3-5"), Ok(Injection { fault, device, when: When::Requests(3..=5) }));
+        assert_eq!(parse("late:table@7"), Ok(Injection { fault, device, when: When::Requests(7..=7) }));
         let when = When::Seconds(100.0..=2e3);
-        assert_eq!(parse("port-loss@100s-2000s"), Ok(Injection { what: What::PortLoss, who: None, when }));
+        assert_eq!(parse("port-loss@100s-2000s"), Ok(Injection { fault: InjectedFault::PortLoss, device: None, when }));
         for wrong in ["", "lost", "late:imu", "late@0", "late@5-3", "late@1s-2", "late@", "late:table@x"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
@@ -183,14 +187,14 @@ mod tests {
     #[test]
     fn requests_count_from_when_the_file_was_read() {
         let folder = tempfile::tempdir().unwrap();
-        let mut faults = Faults::new(folder.path(), Part::Chamber);
-        faults.count();
+        let mut faults = FaultSchedule::new(folder.path(), StationProcess::Chamber);
+        faults.count_request();
         assert_eq!(faults.active(0.0), []);
         fs::write(folder.path().join(FAULTS), "late@2\nna:table\nalarm:chamber@5s-6s\nnonsense\n").unwrap();
-        faults.count();
-        assert_eq!(faults.active(5.5), [What::Alarm]);
-        faults.count();
-        assert_eq!(faults.active(0.0), [What::Late]);
+        faults.count_request();
+        assert_eq!(faults.active(5.5), [InjectedFault::Alarm]);
+        faults.count_request();
+        assert_eq!(faults.active(0.0), [InjectedFault::Late]);
         fs::remove_file(folder.path().join(FAULTS)).unwrap();
         assert_eq!(faults.active(5.5), []);
     }

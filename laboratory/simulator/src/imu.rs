@@ -1,11 +1,11 @@
-//! The process of the IMU: works the simulated time off in control periods and publishes raw samples, as an acquisition does.
+//! The process of the IMU: it simulates one control period after the other and publishes raw samples, as an acquisition does.
 
 use super::SimulatedStation;
-use super::link::{Answer, Asking, Event};
-use isotherm_calibration::simulate::{self, Random, SimulatedTurntable, Truth, specific_force};
+use super::link::{Answer, DeviceEvent, LinkClient};
+use isotherm_calibration::simulate::{self, RandomGenerator, SimulatedTurntable, Truth, specific_force};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Guard, load_table};
+use isotherm_files::{WorldWritable, load_table};
 use isotherm_shared::wire::RawSample;
 use std::collections::VecDeque;
 use std::io::{self, Write as _};
@@ -15,80 +15,81 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The stream of the seed for the table's positioning errors, as in a simulated campaign.
-const TURNTABLE: u64 = 3;
-/// Least pause between two questions to the machines.
+/// Number of the random stream for the turntable's positioning errors, the same as in a simulated campaign.
+const POSITIONING_STREAM: u64 = 3;
+/// Shortest pause between two questions to the devices.
 const PAUSE: Duration = Duration::from_millis(1);
-/// After so many samples without a pause there is one, so that whoever reads along can follow when a stall is made up for.
+/// Samples between two pauses when the IMU catches up after a stall. The pauses let the readers of the stream keep up.
 const BURST: u32 = 32;
-/// How often it looks for a service that is not there, and how long.
-const LOOK: Duration = Duration::from_millis(200);
-const PATIENCE: Duration = Duration::from_millis(20);
-/// How long a service may leave everything unanswered before samples are dropped.
-const SILENCE: Duration = Duration::from_secs(10);
-/// A set point that comes after so long at the last one is another visit.
+/// Interval between two attempts to connect to the service.
+const CONNECT_INTERVAL: Duration = Duration::from_millis(200);
+/// Longest wait for a connection, and for an increment while the queue is full.
+const REPLY_TIMEOUT: Duration = Duration::from_millis(20);
+/// Samples are dropped after the queue was full for this time.
+const DROP_AFTER: Duration = Duration::from_secs(10);
+/// A new set point begins another visit if the air was at the last one for longer than this \[s\].
 const VISIT_S: f64 = 600.0;
 
-/// Runs until SIGTERM or SIGINT, or until a machine has gone.
+/// Runs until SIGTERM or SIGINT, or until the process of a device has ended.
 ///
 /// # Errors
-/// If the truth cannot be read.
+/// If the IMU's true coefficients cannot be read.
 pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domain) -> Result<(), Failure> {
     let ended = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        // Without a handler the signal ends us as usual; the service cleans up behind us.
+        // If this fails, the signal ends the process at once, and the service cleans up.
         let _ = signal_hook::flag::register(signal, Arc::clone(&ended));
     }
     let failed = |error: io::Error| Failure::new(Exit::Io, format!("the simulated IMU: {error}"));
-    let table = load_table(&folder.join("truth.toml"), None, Guard::Lax)?.0;
+    let table = load_table(&folder.join("truth.toml"), None, WorldWritable::Allow)?.0;
     let SimulatedStation { tilt_rad, gravity_local, .. } = *station;
     let truth = Truth { tilt_rad, gravity_local, ..Truth::of(table) };
-    let mut machines = [Asking::new(io::stdin()).map_err(failed)?, Asking::new(io::stdout()).map_err(failed)?];
-    let mut body = Body::new(station, &truth);
+    let mut devices = [LinkClient::new(io::stdin()).map_err(failed)?, LinkClient::new(io::stdout()).map_err(failed)?];
+    let mut imu_model = MountedImu::new(station, &truth);
     let mut output = SampleSender::new(imu, domain, Arc::clone(&ended));
     while !ended.load(Ordering::Relaxed) {
         let mut known_s = f64::INFINITY;
-        for machine in &mut machines {
-            let Ok(Answer { now_s, events }) = machine.ask() else { return Ok(()) };
+        for device in &mut devices {
+            let Ok(Answer { now_s, events }) = device.ask() else { return Ok(()) };
             known_s = known_s.min(now_s);
-            body.events.extend(events);
+            imu_model.events.extend(events);
         }
-        body.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        imu_model.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
         let mut burst = 0;
-        while body.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
-            output.send(&body.step());
+        while imu_model.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
+            output.send(&imu_model.step());
             burst += 1;
             if burst % BURST == 0 {
                 thread::sleep(PAUSE);
             }
         }
         output.receive();
-        let left = (body.end_s() - station.now_s()) / station.speed;
+        let left = (imu_model.end_s() - station.now_s()) / station.speed;
         thread::sleep(Duration::from_secs_f64(left.clamp(0.0, 0.1)).max(PAUSE));
     }
     Ok(())
 }
 
-/// The IMU on its table in its chamber, as far as it has come.
-struct Body<'a> {
+/// The IMU with the turntable and the chamber that it is in, at the end of the last simulated period.
+struct MountedImu<'a> {
     truth: &'a Truth,
     imu: simulate::SimulatedImu,
     turntable: SimulatedTurntable,
     interval_ns: u64,
-    /// Periods that are over.
+    /// Number of simulated periods.
     periods: u64,
-    /// What the machines have begun, not come to yet.
-    events: VecDeque<(f64, Event)>,
-    /// Errors of the angles \[deg\]: another one after each move.
+    /// Events of the devices that are later than the last simulated period.
+    events: VecDeque<(f64, DeviceEvent)>,
+    /// Errors of the angles \[deg\], drawn anew for each move.
     errors_deg: [f64; 2],
     positioning_deg: f64,
-    random: Random,
+    random: RandomGenerator,
     target_c: f64,
-    /// Since when the air is where it was to go \[s\].
+    /// When the air reached its target temperature \[s\].
     arrived_s: f64,
 }
 
-impl<'a> Body<'a> {
+impl<'a> MountedImu<'a> {
     fn new(station: &SimulatedStation, truth: &'a Truth) -> Self {
         let SimulatedStation { chain, noise, ambient_c, seed, interval_ns, .. } = station;
         let mut imu = simulate::SimulatedImu::new(truth, chain, noise, *ambient_c, *seed);
@@ -102,7 +103,7 @@ impl<'a> Body<'a> {
             events: VecDeque::new(),
             errors_deg: [0.0; 2],
             positioning_deg: noise.positioning_rad.to_degrees(),
-            random: Random::new(*seed, TURNTABLE),
+            random: RandomGenerator::new(*seed, POSITIONING_STREAM),
             target_c: *ambient_c,
             arrived_s: 0.0,
         }
@@ -113,7 +114,7 @@ impl<'a> Body<'a> {
         ((self.periods + 1) * self.interval_ns) as f64 / 1e9
     }
 
-    /// Lets a period pass, with the angles of its middle. The chamber's events take effect from its beginning.
+    /// Simulates a period with the angles at its middle. Events of the chamber take effect from the beginning of the period.
     fn step(&mut self) -> RawSample {
         let begin_s = (self.periods * self.interval_ns) as f64 / 1e9;
         let (mut now_s, middle_s, end_s) = (begin_s, (begin_s + self.end_s()) / 2.0, self.end_s());
@@ -126,7 +127,7 @@ impl<'a> Body<'a> {
         self.turntable.wait(middle_s - now_s);
         let [outer, inner] = self.turntable.angles_deg();
         let force = specific_force(self.truth, outer + self.errors_deg[0], inner + self.errors_deg[1]);
-        // A turn begun in the second half.
+        // Events in the second half of the period.
         now_s = middle_s;
         while let Some((at_s, event)) = self.events.front().copied().filter(|(at_s, _)| *at_s <= end_s) {
             self.turntable.wait(at_s - now_s);
@@ -143,61 +144,63 @@ impl<'a> Body<'a> {
         raw
     }
 
-    fn begin(&mut self, event: Event, now_s: f64) {
+    fn begin(&mut self, event: DeviceEvent, now_s: f64) {
         match event {
-            Event::Chamber { target_c, ramp_c_per_s } => {
+            DeviceEvent::Chamber { target_c, ramp_c_per_s } => {
                 if now_s - self.arrived_s > VISIT_S {
                     self.imu.visit();
                 }
                 (self.target_c, self.arrived_s) = (target_c, now_s);
                 self.imu.go_to(target_c, ramp_c_per_s);
             }
-            Event::GoTo { axis, angle_deg, rate, acceleration } => {
+            DeviceEvent::GoTo { axis, angle_deg, rate, acceleration } => {
                 self.turntable.go_to(axis, angle_deg, rate, acceleration);
                 self.errors_deg[axis] = self.positioning_deg * self.random.normal();
             }
-            Event::Stop { axis, acceleration } => self.turntable.stop(axis, acceleration),
-            Event::Swing { amplitude_deg } => self.turntable.swing(amplitude_deg),
+            DeviceEvent::Stop { axis, acceleration } => self.turntable.stop(axis, acceleration),
+            DeviceEvent::Swing { amplitude_deg } => self.turntable.swing(amplitude_deg),
         }
     }
 }
 
-/// Where the samples go: to the service, while there is one.
+/// Sends the samples to the service while it runs.
 struct SampleSender {
     imu: ImuId,
     options: Options,
     acquisition: Option<Acquisition>,
-    looked: Option<Instant>,
-    /// What stood in the way when it last looked, so that it is told once.
+    last_attempt: Option<Instant>,
+    /// Error of the last attempt to connect, so that it is printed only once.
     obstacle: String,
-    /// When the service last had room.
-    heard: Instant,
+    /// When a sample was last sent, or the service connected.
+    last_progress: Instant,
     ended: Arc<AtomicBool>,
 }
 
 impl SampleSender {
     fn new(imu: &ImuId, domain: Domain, ended: Arc<AtomicBool>) -> Self {
-        let options = Options { domain, timeout: PATIENCE };
+        let options = Options { domain, timeout: REPLY_TIMEOUT };
         Self {
             imu: imu.clone(),
             options,
             acquisition: None,
-            looked: None,
+            last_attempt: None,
             obstacle: String::new(),
-            heard: Instant::now(),
+            last_progress: Instant::now(),
             ended,
         }
     }
 
-    /// Sends a sample. Without a service it is dropped, as in an IMU that nobody listens to; one that is behind is waited for.
+    /// Sends a sample. Without a service the sample is dropped, as with a real IMU. If the service is late, this waits for it.
     fn send(&mut self, raw: &RawSample) {
-        if self.acquisition.is_none() && self.looked.is_none_or(|looked| looked.elapsed() > LOOK) {
+        if self.acquisition.is_none()
+            && self.last_attempt.is_none_or(|last_attempt| last_attempt.elapsed() > CONNECT_INTERVAL)
+        {
             match Acquisition::connect(&self.imu, &self.options) {
                 Ok(acquisition) => (self.acquisition, self.obstacle) = (Some(acquisition), String::new()),
-                Err(error) => self.tell(&error.to_string()),
+                Err(error) => self.print_obstacle(&error.to_string()),
             }
-            self.looked = Some(Instant::now());
-            self.heard = Instant::now();
+            self.last_attempt = Some(Instant::now());
+            self.last_progress = Instant::now();
         }
         let Some(acquisition) = &mut self.acquisition else { return };
         let Ok(mut loan) = acquisition.loan() else { return };
@@ -206,33 +209,33 @@ impl SampleSender {
         loop {
             loan = match acquisition.send(loan) {
                 Ok(()) => {
-                    self.heard = Instant::now();
+                    self.last_progress = Instant::now();
                     break;
                 }
                 Err(SendError::Full(back)) => back,
-                // Another session begins with the next sample.
+                // The next sample begins another session.
                 Err(_) => return self.acquisition = None,
             };
-            let answered = acquisition.receive_timeout(PATIENCE);
+            let answered = acquisition.receive_timeout(REPLY_TIMEOUT);
             if answered.is_err() {
                 return self.acquisition = None;
             }
-            if self.heard.elapsed() > SILENCE || self.ended.load(Ordering::Relaxed) {
+            if self.last_progress.elapsed() > DROP_AFTER || self.ended.load(Ordering::Relaxed) {
                 return;
             }
         }
         self.receive();
     }
 
-    fn tell(&mut self, obstacle: &str) {
+    fn print_obstacle(&mut self, obstacle: &str) {
         if self.obstacle != obstacle {
             self.obstacle = obstacle.to_owned();
-            // Nobody may be reading.
-            let _ = writeln!(io::stderr(), "isotherm: the simulated IMU: {obstacle}; it goes on looking");
+            // Fails if stderr is closed.
+            let _ = writeln!(io::stderr(), "isotherm: the simulated IMU: {obstacle}; it keeps trying to connect");
         }
     }
 
-    /// Takes the answers that are there, and looks after the service.
+    /// Receives the increments that have arrived, and detects the end of the service.
     fn receive(&mut self) {
         let Some(acquisition) = &mut self.acquisition else { return };
         loop {

@@ -1,17 +1,18 @@
-//! A simulated station: chamber, table and IMU as processes of their own, coupled through the physics of the simulation.
+//! A simulated station: chamber, turntable and IMU, each in its own process, with the same simulated physics.
 //!
 //! # Time
-//! One clock for all: simulated time is `speed` times CLOCK_MONOTONIC since the station's start. Chamber and table act in it when they are
-//! asked or told; the IMU works it off in whole control periods. It asks both machines up to when they have told everything
-//! ([`link`]), and goes no further: a process that stalls delays the others, but nobody skips physics.
+//! All processes use one clock: simulated time is `speed` times CLOCK_MONOTONIC since the station's start. Chamber and turntable
+//! (the devices) advance to the current time at each request. The IMU advances in whole control periods. It asks both devices up
+//! to which time it knows all their events (module `link`), and does not simulate beyond it. So a process that stalls delays the
+//! others, but no event is missed.
 //!
 //! # Processes
 //! ```text
-//! isotherm simulate station ----+-- chamber   DIR/chamber or TCP, byte by byte    ^ events: where the chamber makes for
-//!    writes DIR, supervises     +-- table     DIR/table or TCP, byte by byte      | ... and the axes
+//! isotherm simulate station ----+-- chamber   DIR/chamber or TCP, byte by byte    | events: new targets of the chamber
+//!    writes DIR, supervises     +-- table     DIR/table or TCP, byte by byte      | ... and of the axes
 //!                               +-- imu       raw samples to the service   <------+
 //! ```
-//! A machine's reply passes through the [`faults`] that DIR/faults asks for.
+//! The faults that DIR/faults lists are injected into the devices and their replies (module `faults`).
 
 mod chamber;
 mod faults;
@@ -25,7 +26,7 @@ mod server;
 mod turntable;
 
 pub use faults::Injection;
-pub use launch::{follow, free_port};
+pub use launch::{end_with_parent, free_port};
 pub use protocol::{ChamberProtocol, TurntableProtocol};
 
 use isotherm_calibration::simulate::{Chain, Noise};
@@ -34,44 +35,44 @@ use isotherm_failure::{Exit, Failure};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A station: what its file DIR/station.json says.
+/// A station, as described in its file DIR/station.json.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct SimulatedStation {
     /// The IMU whose samples are published.
     pub imu: String,
-    /// What the chamber speaks.
+    /// Protocol of the chamber.
     pub chamber: ChamberProtocol,
-    /// Its port: a symbolic link to a pseudo-terminal, or `tcp://127.0.0.1:port`.
+    /// Port of the chamber: a symbolic link to a pseudo-terminal, or `tcp://127.0.0.1:port`.
     pub chamber_port: String,
-    /// What the table speaks.
+    /// Protocol of the turntable.
     pub table: TurntableProtocol,
-    /// Its port.
+    /// Port of the turntable.
     pub table_port: String,
-    /// Simulated seconds in a second.
+    /// Simulated seconds per second.
     pub speed: f64,
     /// CLOCK_MONOTONIC at simulated time 0 \[ns\].
     pub origin_ns: u64,
     /// Control period of the IMU \[ns\].
     pub interval_ns: u64,
-    /// Noise, and the phase of the chamber's oscillation.
+    /// Seed of the noise and of the phase of the chamber's oscillation.
     pub seed: u64,
-    /// The laboratory, and the chamber at the beginning \[degC\].
+    /// Temperature of the laboratory, and of the chamber at the beginning \[degC\].
     pub ambient_c: f64,
     /// The chamber's fastest ramp \[degC/s\].
     pub ramp_c_per_s: f64,
-    /// Tilt of the table's base \[rad\].
+    /// Tilt of the turntable's base \[rad\].
     pub tilt_rad: [f64; 2],
-    /// \[m/s2\]
+    /// Local gravity \[m/s2\].
     pub gravity_local: f64,
-    /// The IMU's hardware.
+    /// The IMU's measurement chain.
     pub chain: Chain,
-    /// What differs each time.
+    /// The random errors.
     pub noise: Noise,
 }
 
 /// One process of a station.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Part {
+pub enum StationProcess {
     /// The chamber.
     Chamber,
     /// The turntable.
@@ -80,12 +81,12 @@ pub enum Part {
     Imu,
 }
 
-impl Part {
-    /// Every part with its name.
+impl StationProcess {
+    /// Every process with its name.
     pub const NAMES: [(Self, &'static str); 3] =
         [(Self::Chamber, "chamber"), (Self::Turntable, "table"), (Self::Imu, "imu")];
 
-    /// Its name.
+    /// The name, as in file names and messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -102,33 +103,27 @@ impl SimulatedStation {
         monotonic_ns().saturating_sub(self.origin_ns) as f64 / 1e9 * self.speed
     }
 
-    /// Is a part of the station in `folder` until it is ended.
+    /// Runs one process of the station in `folder`, until it receives a signal or another process of the station has ended.
     ///
     /// # Errors
-    /// If the port cannot be made or another process of the station has gone.
-    pub fn run_part(part: Part, folder: &Path, domain: Domain) -> Result<(), Failure> {
+    /// If a file of the station cannot be read, or the port cannot be created or used.
+    pub fn run_process(process: StationProcess, folder: &Path, domain: Domain) -> Result<(), Failure> {
         let path = folder.join(launch::DESCRIPTION);
         let text = std::fs::read_to_string(&path).map_err(|error| Failure::io("reading", &path, &error))?;
         let station: Self = serde_json::from_str(&text)
             .map_err(|error| Failure::new(Exit::Config, format!("reading {}: {error}", path.display())))?;
-        match part {
-            Part::Chamber => {
-                let machine = chamber::ChamberMachine::new(&station);
-                server::serve(part, machine, station.chamber.speaker(), &station, &station.chamber_port, folder)
+        match process {
+            StationProcess::Chamber => {
+                let device = chamber::ChamberDevice::new(&station);
+                let protocol = station.chamber.implementation();
+                server::serve(process, device, protocol, &station, &station.chamber_port, folder)
             }
-            Part::Turntable => {
+            StationProcess::Turntable => {
                 let tcp = station.table_port.starts_with("tcp://");
-                let speaker = station.table.speaker(tcp);
-                server::serve(
-                    part,
-                    turntable::TurntableMachine::default(),
-                    speaker,
-                    &station,
-                    &station.table_port,
-                    folder,
-                )
+                let (device, protocol) = (turntable::TurntableDevice::default(), station.table.implementation(tcp));
+                server::serve(process, device, protocol, &station, &station.table_port, folder)
             }
-            Part::Imu => {
+            StationProcess::Imu => {
                 let imu: ImuId = station.imu.parse().map_err(|error| Failure::new(Exit::Config, format!("{error}")))?;
                 imu::run(&station, &imu, folder, domain)
             }

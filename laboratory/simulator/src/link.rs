@@ -1,43 +1,43 @@
-//! How the IMU hears of what the machines do: it asks `?`, and a machine answers a line with its time and all events since the last
-//! answer. What happens after that has a later time, so that up to it the IMU knows everything.
+//! The link from the devices to the IMU. The IMU sends `?`, and a device answers with a line: its time, and all events since the
+//! last answer. Later events have later times, so the IMU knows all events up to the time of the answer.
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 
-/// What a machine begins to do.
+/// The beginning of an action of a device.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-pub enum Event {
-    /// The chamber makes for a temperature \[degC\] at a rate \[degC/s\].
+pub enum DeviceEvent {
+    /// The chamber starts a ramp to a temperature \[degC\] at a rate \[degC/s\].
     Chamber { target_c: f64, ramp_c_per_s: f64 },
-    /// An axis makes for an angle \[deg\] at a rate \[deg/s\], with an acceleration \[deg/s2\].
+    /// An axis starts a move to an angle \[deg\] at a rate \[deg/s\] with an acceleration \[deg/s2\].
     GoTo { axis: usize, angle_deg: f64, rate: f64, acceleration: f64 },
-    /// An axis stops with an acceleration \[deg/s2\].
+    /// An axis brakes to rest with an acceleration \[deg/s2\].
     Stop { axis: usize, acceleration: f64 },
-    /// The table swings by an amplitude \[deg\].
+    /// The turntable starts to oscillate with an amplitude \[deg\]; 0 ends the oscillation.
     Swing { amplitude_deg: f64 },
 }
 
-/// A machine's answer.
+/// A device's answer.
 #[derive(Debug, Deserialize, Serialize)]
 pub struct Answer {
-    /// Simulated time \[s\].
+    /// Simulated time of the answer \[s\].
     pub now_s: f64,
-    /// With their times \[s\].
-    pub events: Vec<(f64, Event)>,
+    /// Events since the last answer, with their simulated times \[s\].
+    pub events: Vec<(f64, DeviceEvent)>,
 }
 
 /// The IMU's end.
-pub struct Asking(BufReader<UnixStream>);
+pub struct LinkClient(BufReader<UnixStream>);
 
-impl Asking {
-    /// By a socket that was handed over as a standard stream.
+impl LinkClient {
+    /// Uses a socket that was inherited as a standard stream.
     pub fn new(stream: impl AsFd) -> io::Result<Self> {
         Ok(Self(BufReader::new(stream.as_fd().try_clone_to_owned()?.into())))
     }
 
-    /// Asks, and waits for the answer.
+    /// Sends the question and waits for the answer.
     pub fn ask(&mut self) -> io::Result<Answer> {
         self.0.get_mut().write_all(b"?")?;
         let mut line = String::new();
@@ -46,16 +46,16 @@ impl Asking {
     }
 }
 
-/// A machine's end.
-pub struct Answering(pub UnixStream);
+/// A device's end.
+pub struct LinkServer(pub UnixStream);
 
-impl Answering {
-    /// By a socket that was handed over as a standard stream.
+impl LinkServer {
+    /// Uses a socket that was inherited as a standard stream.
     pub fn new(stream: impl AsFd) -> io::Result<Self> {
         Ok(Self(stream.as_fd().try_clone_to_owned()?.into()))
     }
 
-    /// Takes a question that `poll` has told of, and answers it. `false` if the IMU has gone.
+    /// Receives a question, which `poll` has reported, and answers it. Returns `false` if the IMU's process has ended.
     pub fn answer(&mut self, answer: &Answer) -> io::Result<bool> {
         if self.0.read(&mut [0])? == 0 {
             return Ok(false);

@@ -1,11 +1,11 @@
-//! The plan of a campaign at a simulated self.
+//! A campaign plan for a simulated station.
 
 use crate::SimulatedStation;
 use crate::protocol::{ChamberProtocol, TurntableProtocol};
 use isotherm_calibration::simulate::Truth;
 
 impl SimulatedStation {
-    /// A campaign plan for this station, whose instruments it names.
+    /// The text of a campaign plan with this station's instruments.
     #[must_use]
     pub fn plan_toml(&self, truth: &Truth) -> String {
         let content = truth.table.content();

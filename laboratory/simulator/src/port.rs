@@ -13,24 +13,24 @@ use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::{OpenOptionsExt as _, symlink};
 use std::path::PathBuf;
 
-/// A port, there or lost.
-pub struct Port {
-    place: Place,
-    open: Option<Open>,
+/// A port of a device. It may be lost for some time.
+pub struct SimulatedPort {
+    address: PortAddress,
+    open: Option<OpenPort>,
 }
 
-enum Place {
-    /// The symbolic link.
+enum PortAddress {
+    /// Path of the symbolic link to the pseudo-terminal.
     Link(PathBuf),
-    /// The address.
+    /// Address and port number.
     Tcp(String),
 }
 
-enum Open {
-    /// The other side is held too: a pseudo-terminal that nobody has open would report an error for ever.
+enum OpenPort {
+    /// The user side is kept open too: while no process has it open, the controller reports an error.
     Terminal {
-        ours: OwnedFd,
-        theirs: File,
+        controller: OwnedFd,
+        user_side: File,
     },
     Tcp {
         listener: TcpListener,
@@ -38,86 +38,86 @@ enum Open {
     },
 }
 
-impl Port {
-    /// Makes the port.
+impl SimulatedPort {
+    /// Creates the port.
     pub fn new(port: &str) -> io::Result<Self> {
-        let place = match port.strip_prefix("tcp://") {
-            Some(address) => Place::Tcp(address.to_owned()),
-            None => Place::Link(PathBuf::from(port)),
+        let address = match port.strip_prefix("tcp://") {
+            Some(address) => PortAddress::Tcp(address.to_owned()),
+            None => PortAddress::Link(PathBuf::from(port)),
         };
-        let mut port = Self { place, open: None };
+        let mut port = Self { address, open: None };
         port.restore()?;
         Ok(port)
     }
 
-    /// Makes it again, if it is lost.
+    /// Creates the port again if it is lost.
     pub fn restore(&mut self) -> io::Result<()> {
         if self.open.is_some() {
             return Ok(());
         }
-        self.open = Some(match &self.place {
-            Place::Tcp(address) => {
+        self.open = Some(match &self.address {
+            PortAddress::Tcp(address) => {
                 let listener = TcpListener::bind(address)?;
                 listener.set_nonblocking(true)?;
-                Open::Tcp { listener, stream: None }
+                OpenPort::Tcp { listener, stream: None }
             }
-            Place::Link(link) => {
-                let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
-                grantpt(&ours)?;
-                unlockpt(&ours)?;
-                let name = ptsname(&ours, Vec::new())?;
+            PortAddress::Link(link) => {
+                let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+                grantpt(&controller)?;
+                unlockpt(&controller)?;
+                let name = ptsname(&controller, Vec::new())?;
                 let name = OsStr::from_bytes(name.as_bytes());
-                let theirs = OpenOptions::new()
+                let user_side = OpenOptions::new()
                     .read(true)
                     .write(true)
                     .custom_flags(OFlags::NOCTTY.bits().cast_signed())
                     .open(name)?;
-                let mut settings = tcgetattr(&theirs)?;
+                let mut settings = tcgetattr(&user_side)?;
                 settings.make_raw();
-                tcsetattr(&theirs, OptionalActions::Now, &settings)?;
-                rustix::io::ioctl_fionbio(&ours, true)?;
-                // One of an earlier station.
+                tcsetattr(&user_side, OptionalActions::Now, &settings)?;
+                rustix::io::ioctl_fionbio(&controller, true)?;
+                // A link of an earlier station may exist.
                 let _ = fs::remove_file(link);
                 symlink(name, link)?;
-                Open::Terminal { ours, theirs }
+                OpenPort::Terminal { controller, user_side }
             }
         });
         Ok(())
     }
 
-    /// Loses it.
+    /// Closes the port and removes its link.
     pub fn lose(&mut self) {
         if self.open.take().is_some()
-            && let Place::Link(link) = &self.place
+            && let PortAddress::Link(link) = &self.address
         {
             let _ = fs::remove_file(link);
         }
     }
 
-    /// What tells of bytes to read, or of somebody to be accepted.
+    /// The descriptor to poll: readable when bytes arrive, or when a connection is to be accepted.
     pub fn readable(&self) -> Option<BorrowedFd<'_>> {
         self.open.as_ref().map(|open| match open {
-            Open::Terminal { ours, .. } => ours.as_fd(),
-            Open::Tcp { stream: Some(stream), .. } => stream.as_fd(),
-            Open::Tcp { listener, .. } => listener.as_fd(),
+            OpenPort::Terminal { controller, .. } => controller.as_fd(),
+            OpenPort::Tcp { stream: Some(stream), .. } => stream.as_fd(),
+            OpenPort::Tcp { listener, .. } => listener.as_fd(),
         })
     }
 
-    /// Appends what has come.
+    /// Appends the bytes that have arrived, or accepts a connection.
     pub fn read(&mut self, input: &mut Vec<u8>) -> io::Result<()> {
         let mut buffer = [0; 512];
         match &mut self.open {
             None => {}
-            Some(Open::Terminal { ours, theirs }) => {
-                // A program that was killed has left the terminal locked for the next one.
-                let _ = ioctl_tiocnxcl(theirs.as_fd());
-                match rustix::io::read(&*ours, &mut buffer) {
+            Some(OpenPort::Terminal { controller, user_side }) => {
+                // A killed program leaves the terminal in exclusive mode, which would exclude the next one.
+                let _ = ioctl_tiocnxcl(user_side.as_fd());
+                match rustix::io::read(&*controller, &mut buffer) {
                     Ok(count) => input.extend_from_slice(&buffer[..count]),
                     Err(Errno::AGAIN) => {}
                     Err(error) => return Err(error.into()),
                 }
             }
-            Some(Open::Tcp { listener, stream }) => {
+            Some(OpenPort::Tcp { listener, stream }) => {
                 let Some(connected) = stream else {
                     if let Ok((accepted, _)) = listener.accept() {
                         accepted.set_nonblocking(true)?;
@@ -127,7 +127,7 @@ impl Port {
                     return Ok(());
                 };
                 match connected.read(&mut buffer) {
-                    // Bytes of another connection are no part of a request of the next.
+                    // Bytes of this connection are not part of a request of the next one.
                     Ok(0) => (*stream, *input) = (None, Vec::new()),
                     Ok(count) => input.extend_from_slice(&buffer[..count]),
                     Err(error) if error.kind() == ErrorKind::WouldBlock => {}
@@ -138,11 +138,13 @@ impl Port {
         Ok(())
     }
 
-    /// Sends. What nobody takes is lost, as on a wire.
+    /// Sends bytes. They are lost if nobody is connected, as on a cable.
     pub fn write(&mut self, bytes: &[u8]) {
         let _ = match &mut self.open {
-            Some(Open::Terminal { ours, .. }) => rustix::io::write(&*ours, bytes).map_err(io::Error::from),
-            Some(Open::Tcp { stream: Some(stream), .. }) => stream.write(bytes),
+            Some(OpenPort::Terminal { controller, .. }) => {
+                rustix::io::write(&*controller, bytes).map_err(io::Error::from)
+            }
+            Some(OpenPort::Tcp { stream: Some(stream), .. }) => stream.write(bytes),
             _ => Ok(0),
         };
     }

@@ -1,84 +1,85 @@
-//! The process of a machine: requests in, replies out, with the faults that are asked for.
+//! The process of a device: it answers requests on its port, with the injected faults.
 
-use super::faults::{Faults, What};
-use super::link::{Answer, Answering, Event};
-use super::port::Port;
-use super::{Part, SimulatedStation};
+use super::faults::{FaultSchedule, InjectedFault};
+use super::link::{Answer, DeviceEvent, LinkServer};
+use super::port::SimulatedPort;
+use super::{SimulatedStation, StationProcess};
 use isotherm_failure::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// A late reply comes after the time-out of the station's plan, and before the line would be quiet.
-pub const LATE: Duration = Duration::from_millis(1500);
-/// How often the faults are looked at while nothing happens.
-const LOOK: Duration = Duration::from_millis(20);
-/// Longest input that is no request.
+/// Delay of a late reply: more than the plan's time-out, less than time-out plus `quiet_s`.
+pub const LATE_REPLY: Duration = Duration::from_millis(1500);
+/// How often the faults are checked while nothing happens.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// Longest input without a complete request \[bytes\].
 const MAX_INPUT: usize = 4096;
 
-/// The physics of a machine.
-pub trait Machine {
-    /// Goes on to `now_s`; `active` is what goes wrong.
-    fn advance(&mut self, now_s: f64, active: &[What]);
-    /// What it has begun to do since it was last asked.
-    fn events(&mut self) -> Vec<(f64, Event)>;
+/// The physics of a device.
+pub trait SimulatedDevice {
+    /// Advances to `now_s`; `active` has the faults that are active.
+    fn advance(&mut self, now_s: f64, active: &[InjectedFault]);
+    /// Takes the events since the last call.
+    fn events(&mut self) -> Vec<(f64, DeviceEvent)>;
 }
 
-/// What a machine speaks.
-pub trait Speaker<M> {
-    /// Takes the first whole request out of the input.
-    fn take(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>>;
-    /// Does what a request asks for; the reply's bytes, none for none.
-    fn answer(&mut self, request: &[u8], machine: &mut M) -> Vec<u8>;
-    /// Refuses a request; none if the protocol has no way to.
+/// The protocol of a device.
+pub trait Protocol<M> {
+    /// Takes the first complete request out of the input.
+    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>>;
+    /// Executes a request and returns the reply; empty if there is no reply.
+    fn answer(&mut self, request: &[u8], device: &mut M) -> Vec<u8>;
+    /// The reply that refuses a request; empty if the protocol has none.
     fn refuse(&self, request: &[u8]) -> Vec<u8>;
 }
 
-/// Serves until the IMU's process has gone.
+/// Serves until the IMU's process has ended.
 ///
 /// # Errors
-/// If the port cannot be made.
-pub fn serve<M: Machine>(
-    part: Part,
-    machine: M,
-    speaker: Box<dyn Speaker<M>>,
+/// If the port cannot be created or used.
+pub fn serve<M: SimulatedDevice>(
+    process: StationProcess,
+    device: M,
+    protocol: Box<dyn Protocol<M>>,
     station: &SimulatedStation,
     port: &str,
     folder: &Path,
 ) -> Result<(), Failure> {
-    let failed = |error: io::Error| Failure::new(Exit::Io, format!("the simulated {} at {port}: {error}", part.name()));
-    let mut server = Server {
-        machine,
-        speaker,
+    let failed =
+        |error: io::Error| Failure::new(Exit::Io, format!("the simulated {} at {port}: {error}", process.name()));
+    let mut server = ProtocolServer {
+        device,
+        protocol,
         station,
-        port: Port::new(port).map_err(failed)?,
-        link: Answering::new(io::stdin()).map_err(failed)?,
-        faults: Faults::new(folder, part),
+        port: SimulatedPort::new(port).map_err(failed)?,
+        link: LinkServer::new(io::stdin()).map_err(failed)?,
+        faults: FaultSchedule::new(folder, process),
         input: Vec::new(),
-        late: Vec::new(),
+        delayed: Vec::new(),
     };
-    while server.turn().map_err(failed)? {}
+    while server.poll_once().map_err(failed)? {}
     Ok(())
 }
 
-struct Server<'a, M> {
-    machine: M,
-    speaker: Box<dyn Speaker<M>>,
+struct ProtocolServer<'a, M> {
+    device: M,
+    protocol: Box<dyn Protocol<M>>,
     station: &'a SimulatedStation,
-    port: Port,
-    link: Answering,
-    faults: Faults,
+    port: SimulatedPort,
+    link: LinkServer,
+    faults: FaultSchedule,
     input: Vec<u8>,
-    /// Replies that wait, with their time.
-    late: Vec<(Instant, Vec<u8>)>,
+    /// Delayed replies, with the time at which they are sent.
+    delayed: Vec<(Instant, Vec<u8>)>,
 }
 
-impl<M: Machine> Server<'_, M> {
-    /// Waits for something and does it. `false` if the IMU has gone.
-    fn turn(&mut self) -> io::Result<bool> {
-        let next = self.late.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
-        let timeout = Timespec::try_from(next.unwrap_or(LOOK).min(LOOK)).map_err(io::Error::other)?;
+impl<M: SimulatedDevice> ProtocolServer<'_, M> {
+    /// Waits for input, a question of the IMU or a time-out, and handles it. Returns `false` if the IMU's process has ended.
+    fn poll_once(&mut self) -> io::Result<bool> {
+        let next = self.delayed.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
+        let timeout = Timespec::try_from(next.unwrap_or(POLL_INTERVAL).min(POLL_INTERVAL)).map_err(io::Error::other)?;
         let mut ready = vec![PollFd::new(&self.link.0, PollFlags::IN)];
         let port = self.port.readable();
         ready.extend(port.as_ref().map(|port| PollFd::new(port, PollFlags::IN)));
@@ -86,69 +87,72 @@ impl<M: Machine> Server<'_, M> {
             Ok(_) | Err(rustix::io::Errno::INTR) => {}
             Err(error) => return Err(error.into()),
         }
-        let asked = !ready[0].revents().is_empty();
-        let came = ready.get(1).is_some_and(|port| !port.revents().is_empty());
+        let query_waits = !ready[0].revents().is_empty();
+        let input_waits = ready.get(1).is_some_and(|port| !port.revents().is_empty());
 
         let active = self.advance();
-        if active.contains(&What::PortLoss) {
+        if active.contains(&InjectedFault::PortLoss) {
             self.port.lose();
             self.input.clear();
-            self.late.clear();
+            self.delayed.clear();
         } else {
             self.port.restore()?;
-            if came {
+            if input_waits {
                 self.port.read(&mut self.input)?;
             }
-            while let Some(request) = self.speaker.take(&mut self.input) {
+            while let Some(request) = self.protocol.take_request(&mut self.input) {
                 self.reply(&request);
             }
             if self.input.len() > MAX_INPUT {
                 self.input.clear();
             }
         }
-        for (due, reply) in std::mem::take(&mut self.late) {
+        for (due, reply) in std::mem::take(&mut self.delayed) {
             if due > Instant::now() {
-                self.late.push((due, reply));
+                self.delayed.push((due, reply));
             } else {
                 self.port.write(&reply);
             }
         }
-        if asked {
-            // After all else, so that what happens from here on happens later.
+        if query_waits {
+            // The answer comes last, so that all later events have later times.
             let now_s = self.station.now_s();
             let active = self.faults.active(now_s);
-            self.machine.advance(now_s, &active);
-            return self.link.answer(&Answer { now_s, events: self.machine.events() });
+            self.device.advance(now_s, &active);
+            return self.link.answer(&Answer { now_s, events: self.device.events() });
         }
         Ok(true)
     }
 
-    fn advance(&mut self) -> Vec<What> {
+    fn advance(&mut self) -> Vec<InjectedFault> {
         let now_s = self.station.now_s();
         let active = self.faults.active(now_s);
-        self.machine.advance(now_s, &active);
+        self.device.advance(now_s, &active);
         active
     }
 
     fn reply(&mut self, request: &[u8]) {
-        self.faults.count();
+        self.faults.count_request();
         let active = self.advance();
-        let is = |what| active.contains(&what);
-        let mut reply =
-            if is(What::Na) { self.speaker.refuse(request) } else { self.speaker.answer(request, &mut self.machine) };
-        if is(What::Missing) {
+        let is = |fault| active.contains(&fault);
+        let mut reply = if is(InjectedFault::Na) {
+            self.protocol.refuse(request)
+        } else {
+            self.protocol.answer(request, &mut self.device)
+        };
+        if is(InjectedFault::Missing) {
             return;
         }
-        if is(What::Garbled) {
-            // Line ends are left, so that a reply is still one.
+        if is(InjectedFault::Garbled) {
+            // Line ends are kept, so that it is still one reply.
             let bytes = reply.iter_mut().filter(|byte| !matches!(**byte, b'\r' | b'\n'));
             bytes.step_by(3).for_each(|byte| *byte = 0xff);
         }
-        if is(What::Duplicated) {
+        if is(InjectedFault::Duplicated) {
             reply.extend_from_within(..);
         }
-        if is(What::Late) {
-            self.late.push((Instant::now() + LATE, reply));
+        if is(InjectedFault::Late) {
+            self.delayed.push((Instant::now() + LATE_REPLY, reply));
         } else {
             self.port.write(&reply);
         }

@@ -1,7 +1,7 @@
 //! Recordings in every format: CSV, Parquet and MCAP.
 //!
-//! [`read`] tells a file's format by its first bytes, and reads several pieces of one recording as one. [`write`] writes recordings that are
-//! whole up to the last flush at every moment.
+//! [`mod@read`] detects the format of a file by its first bytes and reads several pieces of a recording as one. [`mod@write`]
+//! writes recordings that are complete up to the last flush at every moment.
 
 mod protobuf;
 pub mod read;

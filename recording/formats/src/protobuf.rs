@@ -1,4 +1,4 @@
-//! Rows as protobuf messages and the descriptors of these messages: the small part of the encoding that recordings need.
+//! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings need.
 
 use crate::varint;
 use core::fmt::Display;
@@ -8,12 +8,13 @@ use isotherm_shared::stream::StreamKind;
 use std::collections::HashMap;
 use std::io::Write as _;
 
+// Wire types.
 const VARINT: u64 = 0;
 const FIXED_64: u64 = 1;
 const BYTES: u64 = 2;
 const FIXED_32: u64 = 5;
 
-/// The name of a stream's message, with its package.
+/// The name of a stream's message, with the package.
 pub const fn message(stream: StreamKind) -> &'static str {
     match stream {
         StreamKind::Raw => "isotherm.RawSample",
@@ -21,7 +22,7 @@ pub const fn message(stream: StreamKind) -> &'static str {
     }
 }
 
-/// Encodes a row as its stream's message: each column is the field whose number is the column's place, from 1.
+/// Encodes a row as its stream's message. The field number of a column is its index plus 1.
 pub fn encode(row: &RecordedRow, bytes: &mut Vec<u8>) {
     row.visit(&mut FieldWriter { bytes, number: 0, text: Vec::new() });
 }
@@ -33,9 +34,9 @@ struct FieldWriter<'a> {
 }
 
 impl FieldWriter<'_> {
-    fn tag(&mut self, wire: u64) {
+    fn tag(&mut self, wire_type: u64) {
         self.number += 1;
-        varint::write(self.bytes, self.number << 3 | wire);
+        varint::write(self.bytes, self.number << 3 | wire_type);
     }
 }
 
@@ -61,7 +62,7 @@ impl ValueVisitor for FieldWriter<'_> {
     }
 }
 
-/// The `google.protobuf.FileDescriptorSet` that describes a stream's message, from which a reader decodes it.
+/// The `google.protobuf.FileDescriptorSet` that describes a stream's message, so that any reader can decode it.
 pub fn descriptor(stream: StreamKind) -> Vec<u8> {
     let (package, name) = message(stream).split_once('.').unwrap_or_default();
     let mut fields = Vec::new();
@@ -106,20 +107,20 @@ fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
     out.extend_from_slice(value);
 }
 
-/// The value of a field, as its wire type has it.
+/// The value of a field, by wire type.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Value<'a> {
-    /// A whole number.
+    /// An integer.
     Varint(u64),
     /// The bits of a double.
     Fixed64(u64),
     /// The bits of a float.
     Fixed32(u32),
-    /// Text, or a message.
+    /// A text, or an embedded message.
     Bytes(&'a [u8]),
 }
 
-/// Calls `take` with number and value of each field of a message. False if the bytes are no message.
+/// Calls `take` with number and value of each field of a message. Returns false if the bytes are not a valid message.
 #[must_use]
 pub fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, Value<'a>)) -> bool {
     while !message.is_empty() {
@@ -156,16 +157,17 @@ fn next_field<'a>(message: &mut &'a [u8], take: &mut impl FnMut(u64, Value<'a>))
     Some(())
 }
 
-/// A field of a message that is described in a file: its number and its type, as `google.protobuf.FieldDescriptorProto` numbers them.
+/// Number and type of a field, from a descriptor in a file.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct FieldNumber {
     /// Number of the field.
     pub number: u64,
-    /// Number of its type.
+    /// Its type, as numbered in `google.protobuf.FieldDescriptorProto`.
     pub kind: u64,
 }
 
-/// The fields of the message `name` (with its package) in a `google.protobuf.FileDescriptorSet`; `None` if it is not described there.
+/// The fields of the message `name` (with package) in a `google.protobuf.FileDescriptorSet`; `None` if the set does not describe
+/// it.
 #[must_use]
 pub fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
     let mut found = None;
@@ -177,7 +179,7 @@ pub fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
             if full == name && found.is_none() {
                 let mut fields = HashMap::new();
                 each(message, 2, &mut |field| {
-                    let number = FieldNumber { number: whole(field, 3), kind: whole(field, 5) };
+                    let number = FieldNumber { number: integer(field, 3), kind: integer(field, 5) };
                     fields.insert(text(field, 1), number);
                 });
                 found = Some(fields);
@@ -187,9 +189,9 @@ pub fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
     found
 }
 
-/// Calls `take` with each value of a field that holds messages.
+/// Calls `take` with each value of the field `number`, which has texts or embedded messages.
 fn each<'a>(message: &'a [u8], number: u64, take: &mut dyn FnMut(&'a [u8])) {
-    // What is no message has no more fields.
+    // An invalid message is read up to the first error.
     let _ = decode(message, |own, value| {
         if let (true, Value::Bytes(bytes)) = (own == number, value) {
             take(bytes);
@@ -203,7 +205,7 @@ fn text(message: &[u8], number: u64) -> String {
     text
 }
 
-fn whole(message: &[u8], number: u64) -> u64 {
+fn integer(message: &[u8], number: u64) -> u64 {
     let mut found = 0;
     let _ = decode(message, |own, value| {
         if let (true, Value::Varint(value)) = (own == number, value) {

@@ -1,9 +1,11 @@
-//! `check`: validating files with the code that loads them.
+//! `check`: validates files with the code that loads them.
 
 use crate::config::Config;
 use clap::Args;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Guard, LoadError, check_written, load_table, read_text, remove_unfinished_on_signals, replace};
+use isotherm_files::{
+    LoadError, WorldWritable, check_written, load_table, read_text, remove_unfinished_on_signals, replace,
+};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::table::{CoefficientTable, Seal};
 use std::io::{self, Read as _, Write as _};
@@ -29,20 +31,20 @@ pub struct Check {
     files: Vec<PathBuf>,
 }
 
-/// A kind of file that a program knows besides tables and configurations.
+/// A kind of file that a program recognises besides tables and configurations.
 #[derive(Clone, Copy)]
 pub struct FileKind {
-    /// What it is, for messages, as in "a campaign plan".
+    /// Its name in messages, as in "a campaign plan".
     pub name: &'static str,
-    /// By which section a person recognises it, as in `[chamber]`.
+    /// The section by which a person recognises it, as in `[chamber]`.
     pub mark: &'static str,
-    /// Whether a document is meant to be one.
+    /// Whether a document is meant to be of this kind.
     pub is_meant: fn(&Document<'_>) -> bool,
-    /// Validates a text, which came from this path; a line for the operator if it is right.
+    /// Validates a text that was read from this path. Returns a line for the operator if it is valid.
     pub check: fn(&str, &Path) -> Result<String, Failure>,
 }
 
-/// What a document is meant to be.
+/// The kind of file that a document is meant to be.
 enum Meaning<'a> {
     Table,
     Config,
@@ -50,7 +52,7 @@ enum Meaning<'a> {
 }
 
 impl Check {
-    /// Validates the files; `others` are kinds that are looked for before tables and configurations.
+    /// Validates the files. A file is compared with the kinds in `others` first, then with tables and configurations.
     ///
     /// # Errors
     /// All faults of all files.
@@ -58,7 +60,7 @@ impl Check {
         remove_unfinished_on_signals()?;
         let mut failures = Vec::new();
         for path in &self.files {
-            match check(path, self.seal, Guard::allowing(self.allow_world_writable), others) {
+            match check(path, self.seal, WorldWritable::allow_if(self.allow_world_writable), others) {
                 Ok(line) => check_written(None, writeln!(io::stdout(), "{}: {line}", path.display()))?,
                 Err(failure) => failures.push(failure),
             }
@@ -67,8 +69,8 @@ impl Check {
     }
 }
 
-fn check(path: &Path, seal: bool, guard: Guard, others: &[FileKind]) -> Result<String, Failure> {
-    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, guard)?.0 };
+fn check(path: &Path, seal: bool, world_writable: WorldWritable, others: &[FileKind]) -> Result<String, Failure> {
+    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
     let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
     let unsealed =
         |name: &str| Err(Failure::new(Exit::Config, format!("{}: {name}; only tables are sealed", path.display())));
@@ -94,7 +96,7 @@ fn check(path: &Path, seal: bool, guard: Guard, others: &[FileKind]) -> Result<S
         Meaning::Other(kind) => (kind.check)(&text, path),
         Meaning::Config => {
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
-            let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), guard));
+            let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
             let failures = loaded.filter_map(Result::err).map(Failure::from).collect();
             Failure::all(failures).map_or_else(
                 || Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len())),
@@ -104,8 +106,8 @@ fn check(path: &Path, seal: bool, guard: Guard, others: &[FileKind]) -> Result<S
     }
 }
 
-/// What is wanted where a file is no TOML at all.
-const WANTED: &str = "give a coefficient table, a service configuration, a campaign file or a campaign plan";
+/// The remedy in the message for a file that is no TOML at all.
+const EXPECTED_KINDS: &str = "give a coefficient table, a service configuration, a campaign file or a campaign plan";
 
 fn read_stdin() -> Result<String, Failure> {
     let mut text = String::new();
@@ -118,9 +120,9 @@ fn read_stdin() -> Result<String, Failure> {
     Ok(text)
 }
 
-/// A table has `[[axis]]` and `[imu]`, a configuration `[[imu]]`.
+/// The kind of a file, from its keys: a table has `[[axis]]` and `[imu]`, a configuration has `[[imu]]`.
 fn meaning<'a>(text: &str, others: &'a [FileKind]) -> Result<Meaning<'a>, Faults> {
-    let document = Document::parse_as(text, WANTED)?;
+    let document = Document::parse_as(text, EXPECTED_KINDS)?;
     let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
     if let Some(kind) = others.iter().find(|kind| (kind.is_meant)(&document)) {
         Ok(Meaning::Other(kind))
@@ -138,10 +140,10 @@ fn meaning<'a>(text: &str, others: &'a [FileKind]) -> Result<Meaning<'a>, Faults
     }
 }
 
-/// Sets `digest` and leaves every other byte as the user wrote it.
+/// Writes the digest of the table into its file, and leaves every other byte as the user wrote it.
 fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(), Failure> {
     let sealed = with_digest(text, &format!("\"{}\"", table.digest()));
-    // Read back before anything is replaced: the result must be the same table, with a seal that holds.
+    // Read the result back before the file is replaced: it must be the same table, with a valid seal.
     let sealed = sealed.filter(|sealed| CoefficientTable::from_toml(sealed, None).as_ref() == Ok(table));
     let sealed = sealed.ok_or_else(|| {
         let (path, digest) = (path.display(), table.digest().to_string());
@@ -152,7 +154,7 @@ fn write_digest(path: &Path, text: &str, table: &CoefficientTable) -> Result<(),
     replace(path, &sealed).map_err(|error| Failure::io("writing", path, &error))
 }
 
-/// The text with another digest, or with one in a line of its own below `format`.
+/// The text with this digest: in the place of the old one, or in a new line below `format`.
 fn with_digest(text: &str, digest: &str) -> Option<String> {
     let document = Document::parse(text).ok()?;
     if let Some(span) = document.span("digest") {

@@ -1,4 +1,4 @@
-//! Commands of the daemon, one file each, and what command lines of all programs have in common.
+//! The commands of the daemon, one file each, and what the command lines of all programs share.
 
 pub mod check;
 pub mod serve;
@@ -9,19 +9,20 @@ use isotherm_failure::{Exit, Failure};
 use std::io::Write as _;
 use std::process::ExitCode;
 
-/// What the exit codes mean, below the help of every command.
+/// The meaning of the exit codes, shown below the help of every command.
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 64 usage, 65 bad recording or samples, 69 no service, stream or instrument, \
                           74 a file cannot be read or written, 78 bad configuration, table, campaign file or plan";
 
-/// The domain that a command line names, or else the environment.
+/// The domain that the command line names, else the one that the environment names, else the default.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not a valid domain.
 pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
     isotherm_client::domain(name).map_err(|error| Failure::new(Exit::Usage, error.to_string()))
 }
 
-/// Hides `--domain` in the help of commands that join no domain, each given by its path, as in "simulate run". It is accepted as before.
+/// Hides `--domain` in the help of commands that join no domain, but still accepts it. Each command is given by its path, as in
+/// "simulate run".
 #[must_use]
 pub fn hide_domain(command: clap::Command, paths: &[&str]) -> clap::Command {
     fn hide(command: clap::Command, path: &str) -> clap::Command {
@@ -37,7 +38,7 @@ pub fn hide_domain(command: clap::Command, paths: &[&str]) -> clap::Command {
     paths.iter().fold(command, |command, path| hide(command, path))
 }
 
-/// The command line of a program with the exit codes in every help, and with examples that name this `program`.
+/// Adds the exit codes to the help of every command, and makes the examples name this `program`.
 #[must_use]
 pub fn finish(command: clap::Command, program: &str) -> clap::Command {
     let help = command.get_after_help().map(|help| format!("{help}\n")).unwrap_or_default();
@@ -52,7 +53,7 @@ pub fn finish(command: clap::Command, program: &str) -> clap::Command {
     names.iter().fold(command, |command, name| command.mut_subcommand(name, |command| finish(command, program)))
 }
 
-/// Runs a program: prints help, version and errors where they belong, and makes an exit code of what `run` has come to.
+/// Runs a program: prints help and version to stdout, errors to stderr, and turns the result of `run` into an exit code.
 pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>, clap::Error>) -> ExitCode {
     match run() {
         Ok(Ok(())) => ExitCode::SUCCESS,
@@ -61,7 +62,7 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
             ExitCode::from(failure.exit as u8)
         }
         Err(error) => {
-            // Help and version go to stdout and are no failure; a closed pipe is none either.
+            // Help and version are no failure, and neither is a closed pipe.
             let _ = error.print();
             ExitCode::from(if error.use_stderr() { Exit::Usage as u8 } else { 0 })
         }

@@ -1,4 +1,4 @@
-//! `serve`: the service itself.
+//! `serve`: runs the service.
 
 use crate::config::{Config, Imu, MAX_IMUS};
 use crate::control;
@@ -6,7 +6,7 @@ use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::Guard;
+use isotherm_files::WorldWritable;
 use std::path::PathBuf;
 
 /// Run the compensation service until SIGTERM or SIGINT
@@ -38,12 +38,12 @@ impl Serve {
     /// Runs the service until SIGTERM or SIGINT.
     ///
     /// # Errors
-    /// Why it could not start or go on.
+    /// Why it could not start or continue.
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
-        let guard = Guard::allowing(self.allow_world_writable);
+        let world_writable = WorldWritable::allow_if(self.allow_world_writable);
         let mut config = match &self.config {
-            Some(path) => Config::load(path, guard)?,
+            Some(path) => Config::load(path, world_writable)?,
             None => Config::default(),
         };
         for imu in self.imu {
@@ -59,7 +59,7 @@ impl Serve {
             );
             return Err(Failure::new(Exit::Usage, message));
         }
-        control::run(domain, &config, self.allow_uncalibrated, guard)
+        control::run(domain, &config, self.allow_uncalibrated, world_writable)
     }
 }
 

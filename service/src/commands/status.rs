@@ -1,4 +1,4 @@
-//! `status`: what the running service tells about itself.
+//! `status`: shows the status of the running service.
 
 use clap::Args;
 use isotherm_client::{Domain, Options, fetch_status};

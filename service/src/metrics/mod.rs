@@ -1,23 +1,24 @@
-//! Prometheus metrics, from the same snapshot as the status. A thread of its own answers; workers and control thread never wait for it.
+//! Prometheus metrics, from the same snapshot as the status. A separate thread answers requests; workers and control thread never
+//! wait for it.
 
 mod server;
 mod text;
 
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::status::ServiceStatus;
-use server::Server;
+use server::MetricsServer;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tracing::{info, warn};
 
-/// An older snapshot is not shown: who made it hangs, and a monitor had better know.
-const FRESH: Duration = Duration::from_secs(5);
+/// An older snapshot is not shown: the control thread hangs, and the monitoring must notice that.
+const MAX_AGE: Duration = Duration::from_secs(5);
 
-/// What the control thread told last.
+/// The last status from the control thread, and when it came.
 type Latest = Mutex<Option<(Instant, Arc<ServiceStatus>)>>;
 
-/// The metrics' end in the control thread. Dropping it ends the server within a second.
+/// The control thread's handle to the metrics. Dropping it ends the server within a second.
 pub struct Metrics {
     latest: Arc<Latest>,
 }
@@ -26,7 +27,7 @@ impl Metrics {
     /// Listens on `address` and starts the thread that answers.
     ///
     /// # Errors
-    /// If the address cannot be had.
+    /// If it cannot listen on the address.
     pub fn start(address: SocketAddr) -> Result<Self, Failure> {
         let failed = |error: std::io::Error| {
             Failure::new(
@@ -37,11 +38,11 @@ impl Metrics {
             )
         };
         let listener = TcpListener::bind(address).map_err(failed)?;
-        let server = Server::new(listener).map_err(failed)?;
+        let server = MetricsServer::new(listener).map_err(failed)?;
         let address = server.address().map_err(failed)?;
         if !address.ip().is_loopback() {
             warn!(
-                "metrics.listen = \"{address}\": whoever reaches this port may read the metrics; they are neither encrypted nor asked for a password"
+                "metrics.listen = \"{address}\": anybody who reaches this port can read the metrics; there is no encryption and no password"
             );
         }
         let latest = Arc::<Latest>::default();
@@ -51,7 +52,7 @@ impl Metrics {
                 || shown.strong_count() > 0,
                 || {
                     let latest = shown.upgrade()?.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                    latest.filter(|(told, _)| told.elapsed() < FRESH).map(|(_, status)| text::of(&status))
+                    latest.filter(|(updated, _)| updated.elapsed() < MAX_AGE).map(|(_, status)| text::render(&status))
                 },
             );
         };
@@ -61,7 +62,7 @@ impl Metrics {
         Ok(Self { latest })
     }
 
-    /// Shows this from now on.
+    /// Replaces the status that is shown.
     pub fn update(&self, status: &Arc<ServiceStatus>) {
         let latest = Some((Instant::now(), Arc::clone(status)));
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = latest;

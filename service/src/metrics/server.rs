@@ -1,7 +1,8 @@
 //! A web server for one page and few readers, in one thread.
 //!
-//! Everything a peer can make it hold is bounded: [`PEERS`] connections, [`REQUEST`] bytes of a request, one page each, and [`PATIENCE`]
-//! for all of it. One connection more takes the place of the oldest: idle ones keep nobody out. Each connection gets one answer.
+//! The memory and the time that a peer can use are bounded: [`MAX_PEERS`] connections; for each of them [`MAX_REQUEST`] bytes of
+//! request, one page and [`CONNECTION_TIMEOUT`]. A further connection replaces the oldest, so idle connections keep nobody out.
+//! Each connection gets one answer.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -9,74 +10,75 @@ use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Connections at once.
-const PEERS: usize = 16;
-/// Longest request.
-const REQUEST: usize = 8 * 1024;
-/// How long a connection may take from its beginning to its end.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// How often is looked whether anybody wants the server any more.
-const LOOK: Duration = Duration::from_secs(1);
-/// Pause after each turn, so that a flood of connections cannot have the processor for itself.
+/// Most connections at the same time.
+const MAX_PEERS: usize = 16;
+/// Longest request \[bytes\].
+const MAX_REQUEST: usize = 8 * 1024;
+/// How long a connection may last.
+const CONNECTION_TIMEOUT: Duration = Duration::from_secs(5);
+/// How often the server checks whether it is still wanted, and how long it accepts nobody after descriptors have run out.
+const CHECK_INTERVAL: Duration = Duration::from_secs(1);
+/// Pause after each turn, so that a flood of connections cannot take the whole processor.
 const PAUSE: Duration = Duration::from_millis(1);
 
-/// The page's only place.
+/// The only path, the one of the page.
 const PATH: &str = "/metrics";
 
-/// A listener with the connections that came to it, the oldest first.
-pub struct Server {
+/// A listener with its connections, the oldest first.
+pub struct MetricsServer {
     listener: TcpListener,
     peers: Vec<Peer>,
-    /// Until then nobody is let in: there were no descriptors left.
+    /// No connection is accepted until then, because no descriptor was left.
     closed_until: Instant,
 }
 
-impl Server {
-    /// Of a listener.
+impl MetricsServer {
+    /// A server on this listener.
     ///
     /// # Errors
-    /// If it cannot be made not to block.
+    /// If the listener cannot be made non-blocking.
     pub fn new(listener: TcpListener) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
-        Ok(Self { listener, peers: Vec::with_capacity(PEERS), closed_until: Instant::now() })
+        Ok(Self { listener, peers: Vec::with_capacity(MAX_PEERS), closed_until: Instant::now() })
     }
 
-    /// Where it listens.
+    /// The address on which it listens.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The operating system's error.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// Answers while it is `wanted`, with the `page` of the moment or, without one, that there is none.
+    /// Answers requests while `wanted` returns true. The answer is the current `page`, or an error status if there is none.
     pub fn run(mut self, wanted: impl Fn() -> bool, page: impl Fn() -> Option<String>) {
         while wanted() {
             self.wait();
             self.accept();
             let now = Instant::now();
-            self.peers.retain_mut(|peer| now < peer.deadline && peer.go_on(&page));
+            self.peers.retain_mut(|peer| now < peer.deadline && peer.progress(&page));
             thread::sleep(PAUSE);
         }
     }
 
     fn wait(&self) {
         let open = Instant::now() >= self.closed_until;
-        let mut places: Vec<_> = self.peers.iter().map(|peer| PollFd::new(&peer.stream, peer.waits_for())).collect();
+        let mut places: Vec<_> =
+            self.peers.iter().map(|peer| PollFd::new(&peer.stream, peer.awaited_event())).collect();
         if open {
             places.push(PollFd::new(&self.listener, PollFlags::IN));
         }
-        let time = Timespec { tv_sec: LOOK.as_secs() as i64, tv_nsec: 0 };
-        // Interrupted is as good as over: everybody is looked at anyway.
+        let time = Timespec { tv_sec: CHECK_INTERVAL.as_secs() as i64, tv_nsec: 0 };
+        // The result does not matter, nor does an interruption: all peers are served next in any case.
         let _ = poll(&mut places, Some(&time));
     }
 
     fn accept(&mut self) {
-        // As many as there is room for, so that each gets a turn before it has to give way.
-        for _ in 0..PEERS {
+        // At most as many as there are places, so that each new connection gets a turn before it can be replaced.
+        for _ in 0..MAX_PEERS {
             match self.listener.accept() {
                 Ok((stream, _)) if stream.set_nonblocking(true).is_ok() => {
-                    if self.peers.len() == PEERS {
+                    if self.peers.len() == MAX_PEERS {
                         self.peers.remove(0);
                     }
                     self.peers.push(Peer::new(stream));
@@ -85,7 +87,7 @@ impl Server {
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock) => return,
                 Err(error) if matches!(error.kind(), ErrorKind::ConnectionAborted | ErrorKind::Interrupted) => {}
                 Err(_) => {
-                    self.closed_until = Instant::now() + LOOK;
+                    self.closed_until = Instant::now() + CHECK_INTERVAL;
                     return;
                 }
             }
@@ -98,22 +100,22 @@ struct Peer {
     stream: TcpStream,
     deadline: Instant,
     request: Vec<u8>,
-    /// What is to be sent, once the request is complete.
+    /// The answer, once the request is complete.
     answer: Option<Vec<u8>>,
     sent: usize,
 }
 
 impl Peer {
     fn new(stream: TcpStream) -> Self {
-        Self { stream, deadline: Instant::now() + PATIENCE, request: Vec::new(), answer: None, sent: 0 }
+        Self { stream, deadline: Instant::now() + CONNECTION_TIMEOUT, request: Vec::new(), answer: None, sent: 0 }
     }
 
-    const fn waits_for(&self) -> PollFlags {
+    const fn awaited_event(&self) -> PollFlags {
         if self.answer.is_some() { PollFlags::OUT } else { PollFlags::IN }
     }
 
-    /// Reads and writes what can be without waiting. Whether there will be more to do.
-    fn go_on(&mut self, page: &impl Fn() -> Option<String>) -> bool {
+    /// Reads and writes as much as is possible without waiting. Returns whether the connection is still needed.
+    fn progress(&mut self, page: &impl Fn() -> Option<String>) -> bool {
         match self.advance(page) {
             Ok(done) => !done,
             Err(error) => error.kind() == ErrorKind::WouldBlock,
@@ -130,7 +132,7 @@ impl Peer {
             self.request.extend_from_slice(&buffer[..length]);
             if is_complete(&self.request) {
                 self.answer = Some(answer(&self.request, page));
-            } else if self.request.len() > REQUEST {
+            } else if self.request.len() > MAX_REQUEST {
                 self.answer = Some(refusal("431 Request Header Fields Too Large", "the request is too long\n"));
             }
         }
@@ -143,7 +145,7 @@ impl Peer {
     }
 }
 
-/// An empty line ends a request's head; a body is nothing that we would want.
+/// Whether the head of the request is complete: an empty line ends it. A body is ignored.
 fn is_complete(request: &[u8]) -> bool {
     let ends = |end: &[u8]| request.windows(end.len()).any(|bytes| bytes == end);
     ends(b"\r\n\r\n") || ends(b"\n\n")
@@ -166,11 +168,11 @@ fn answer(request: &[u8], page: &impl Fn() -> Option<String>) -> Vec<u8> {
         return refusal("404 Not Found", &format!("the metrics are at {PATH}\n"));
     }
     match page() {
-        // The version of the text format, not ours.
+        // 0.0.4 is the version of Prometheus's text format.
         Some(page) => {
             response("200 OK", "Content-Type: text/plain; version=0.0.4; charset=utf-8\r\n", &page, method == "GET")
         }
-        None => refusal("503 Service Unavailable", "the service does not tell how it does: it starts, or hangs\n"),
+        None => refusal("503 Service Unavailable", "the service has no current status: it is starting, or hangs\n"),
     }
 }
 
@@ -194,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_of_all_sorts_are_answered() {
+    fn every_kind_of_request_is_answered() {
         for request in [
             "GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n",
             "GET /metrics?x=1 HTTP/1.0\n\n",

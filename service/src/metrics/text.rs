@@ -1,4 +1,5 @@
-//! The metrics in Prometheus's text format, version 0.0.4. Names and units keep its conventions: base units, counters end in `_total`.
+//! The metrics in Prometheus's text format, version 0.0.4. Names and units follow its conventions: base units, and counters that
+//! end in `_total`.
 
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, WorkerStatus};
 use isotherm_shared::wire::AXES;
@@ -7,7 +8,7 @@ use rustix::time::{ClockId, clock_gettime};
 use std::fmt::{Display, Write as _};
 use std::fs;
 
-/// Type of a family.
+/// Type of a metric family.
 #[derive(Clone, Copy)]
 enum Kind {
     Counter,
@@ -15,15 +16,15 @@ enum Kind {
     Histogram,
 }
 
-/// What has one value for each worker.
-type OfWorker = (Kind, &'static str, &'static str, fn(&WorkerStatus) -> f64);
-/// One of a sensor's telemetry and the ends of its range.
-type Chosen = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
-/// What has one value for each IMU.
-type OfImu = (Kind, &'static str, &'static str, fn(&ImuStatus) -> Option<f64>);
+/// A metric with one value for each worker: type, name, help text, value.
+type WorkerMetric = (Kind, &'static str, &'static str, fn(&WorkerStatus) -> f64);
+/// Chooses a sensor's telemetry value or one end of its range.
+type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
+/// A metric with one value for each IMU: type, name, help text, value.
+type ImuMetric = (Kind, &'static str, &'static str, fn(&ImuStatus) -> Option<f64>);
 
-/// What has one value for each IMU. Those without one are left out.
-const OF_IMU: [OfImu; 14] = [
+/// The metrics with one value for each IMU. An IMU without a value is left out.
+const IMU_METRICS: [ImuMetric; 14] = [
     (Kind::Counter, "isotherm_samples_received_total", "Raw samples received.", |imu| count(imu.received)),
     (Kind::Counter, "isotherm_increments_total", "Velocity increments published.", |imu| count(imu.compensated)),
     (Kind::Counter, "isotherm_samples_missing_total", "Raw samples that never came.", |imu| count(imu.missing)),
@@ -55,11 +56,11 @@ const fn count(count: u64) -> Option<f64> {
     Some(count as f64)
 }
 
-/// All metrics of a status, and of this process.
-pub fn of(status: &ServiceStatus) -> String {
+/// All metrics of a status and of this process, as text.
+pub fn render(status: &ServiceStatus) -> String {
     let mut text = Text(String::with_capacity(16 * 1024));
     text.service(status);
-    for (kind, name, help, value) in OF_IMU {
+    for (kind, name, help, value) in IMU_METRICS {
         text.family(kind, name, help);
         for imu in &status.imus {
             if let Some(value) = value(imu) {
@@ -76,7 +77,7 @@ pub fn of(status: &ServiceStatus) -> String {
     text.0
 }
 
-/// What has been written so far. Writing to a `String` cannot fail.
+/// The text so far. Writing to a `String` cannot fail.
 struct Text(String);
 
 impl Text {
@@ -100,7 +101,7 @@ impl Text {
         let _ = writeln!(self.0, "{end} {value}");
     }
 
-    /// A family of one sample.
+    /// A metric family with a single sample.
     fn single(&mut self, kind: Kind, name: &str, help: &str, value: impl Display) {
         self.family(kind, name, help);
         self.sample(name, &[], value);
@@ -156,9 +157,9 @@ impl Text {
         }
     }
 
-    /// Telemetry has the unit that the table says, so it can have none in its name.
+    /// The table gives the unit of telemetry, so the metric's name has none.
     fn telemetry(&mut self, status: &ServiceStatus) {
-        let families: [(&str, &str, Chosen); 3] = [
+        let families: [(&str, &str, ChooseValue); 3] = [
             ("isotherm_telemetry", "Temperature telemetry of the last sample, in the table's unit.", |value, _| value),
             ("isotherm_telemetry_range_low", "Where the table's calibrated range begins.", |_, range| Some(range?[0])),
             ("isotherm_telemetry_range_high", "Where the table's calibrated range ends.", |_, range| Some(range?[1])),
@@ -184,7 +185,7 @@ impl Text {
     }
 
     fn workers(&mut self, status: &ServiceStatus) {
-        let families: [OfWorker; 3] = [
+        let families: [WorkerMetric; 3] = [
             (Kind::Counter, "isotherm_worker_cpu_seconds_total", "Processor time of a worker.", |worker| worker.cpu_s),
             (
                 Kind::Counter,
@@ -204,7 +205,7 @@ impl Text {
         }
     }
 
-    /// The names that every exporter uses.
+    /// The process metrics, under the names that all exporters use.
     fn process(&mut self, started_unix_s: f64) {
         let cpu = clock_gettime(ClockId::ProcessCPUTime);
         let cpu = cpu.tv_sec as f64 + cpu.tv_nsec as f64 * 1e-9;

@@ -19,18 +19,18 @@ use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use rtrb::Consumer;
 use std::sync::Arc;
 
-/// After an answer, so many looks that find no raw sample collect what readers have returned.
-const COLLECT: u32 = 16;
+/// After an answer, this many polls that find no raw sample reclaim the samples that readers have returned.
+const RECLAIM_POLLS: u32 = 16;
 
 type LoanedIncrement = SampleMut<Ipc, CompensatedIncrement, ()>;
 
-/// What connects a channel with the control thread.
+/// The channel's ends of the queue and the counters that it shares with the control thread.
 pub struct ChannelLink {
     /// The IMU.
     pub imu: Imu,
-    /// New tables come in here; the newest counts.
+    /// New tables from the control thread; the newest is used.
     pub tables: Consumer<Arc<CoefficientTable>>,
-    /// The channel's counts, which the control thread reads.
+    /// The channel's counters, which the control thread reads.
     pub counters: CounterWriter,
 }
 
@@ -40,21 +40,21 @@ pub struct Channel {
     table: Option<Arc<CoefficientTable>>,
     counters: CounterWriter,
     budget_ns: u64,
-    /// Such looks that are left.
-    uncollected: u32,
+    /// Polls of [`RECLAIM_POLLS`] that are left.
+    reclaim_polls_left: u32,
     sequence: SequenceTracker,
-    /// Loaned ahead, so that loaning costs the answer no time.
+    /// Loaned in advance, so that the answer does not wait for the loan.
     spare: Option<LoanedIncrement>,
     publisher: Publisher<Ipc, CompensatedIncrement, ()>,
     raw: Subscriber<Ipc, RawSample, ()>,
 }
 
 impl Channel {
-    /// Creates the streams of an IMU, and the listener that wakes the worker for it. The increment publisher comes last:
-    /// clients take it for readiness.
+    /// Creates the streams of an IMU, and the listener that wakes the worker for it. The increment publisher is created last:
+    /// clients take it as the sign that the service is ready.
     ///
     /// # Errors
-    /// What stands in the way, for the operator.
+    /// Why a stream or port could not be created, as a message for the operator.
     pub fn open(
         node: &IpcNode,
         domain: &Domain,
@@ -101,7 +101,7 @@ impl Channel {
             table: None,
             counters: link.counters,
             budget_ns,
-            uncollected: 0,
+            reclaim_polls_left: 0,
             sequence: SequenceTracker::default(),
             spare: publisher.loan().ok(),
             publisher,
@@ -110,8 +110,8 @@ impl Channel {
         Ok((channel, listener))
     }
 
-    /// Takes over the newest table, if there is a new one. The control thread keeps every table until this side has let
-    /// go of it, so nothing is freed here.
+    /// Takes the newest table, if there is a new one. The control thread keeps every table until the worker has released it, so
+    /// nothing is freed here.
     #[inline]
     pub fn take_table(&mut self) {
         while let Ok(table) = self.tables.pop() {
@@ -120,14 +120,14 @@ impl Channel {
         }
     }
 
-    /// Answers the next raw sample, if there is one, and gives the time just before publishing.
+    /// Answers the next raw sample, if there is one, and returns the time just before publishing \[ns\].
     #[inline]
     pub fn serve(&mut self, clock: &mut Clock) -> Option<u64> {
         let sample = match self.raw.receive() {
             Ok(Some(sample)) => sample,
             Ok(None) => {
                 self.take_table();
-                self.collect();
+                self.reclaim();
                 return None;
             }
             Err(_) => {
@@ -135,14 +135,14 @@ impl Channel {
                 return None;
             }
         };
-        // Loaned ahead, so that loaning costs the answer no time; one is missing only after the transport has failed.
+        // There is a spare loan unless the transport failed to give one.
         let loan = self.spare.take().or_else(|| self.publisher.loan().ok());
         let Some(mut loan) = loan else {
             self.counters.transport_failed();
             return None;
         };
-        // The one copy out of shared memory. The optimizer cannot see through `black_box`, so nothing below reads shared memory again:
-        // what the sender changes there later has no effect.
+        // The only copy out of shared memory. The optimizer cannot see through `black_box`, so no code below reads shared memory
+        // again: a later change by the sender has no effect.
         let raw = core::hint::black_box(*sample);
         let since = if raw.sent_ns == 0 { clock.now() } else { raw.sent_ns };
         let arrival = self.sequence.note(raw.session, raw.sequence);
@@ -159,25 +159,25 @@ impl Channel {
         increment.flags = flags.0;
         let published = loan.send().is_ok();
 
-        // Published: the rest is off the answer's path. Returning the sample writes to memory that the sender reads, which costs a
-        // round trip between the cores.
+        // The increment is published: nothing below delays it. Returning the sample writes to memory that the sender reads, which
+        // costs a round trip between the cores.
         drop(sample);
         self.spare = self.publisher.loan().ok();
-        self.uncollected = COLLECT;
+        self.reclaim_polls_left = RECLAIM_POLLS;
         self.take_table();
         self.counters.answered(&raw, arrival, flags, latency_ns, published);
         Some(now)
     }
 
-    /// Reclaims what readers have returned, while there is nothing else to do.
+    /// Reclaims the samples that readers have returned, while there is nothing else to do.
     ///
-    /// The transport does so before it sends, and there the answer would wait for two cache lines that the reader has
-    /// just written: a sixth of a round trip. A loan over the limit is requested on purpose: it fails, but the transport first reclaims
-    /// returned samples.
+    /// The transport would do so before it sends, and the answer would then wait for two cache lines that the reader has just
+    /// written: a sixth of a round trip. This requests a loan over the limit on purpose: it fails, but the transport first
+    /// reclaims returned samples.
     #[inline]
-    fn collect(&mut self) {
-        if self.uncollected > 0 && self.spare.is_some() {
-            self.uncollected -= 1;
+    fn reclaim(&mut self) {
+        if self.reclaim_polls_left > 0 && self.spare.is_some() {
+            self.reclaim_polls_left -= 1;
             let _ = self.publisher.loan_uninit();
         }
     }

@@ -1,17 +1,19 @@
-//! What a worker counts and the control thread reads: a writer and readers as types, so that a second writer does not compile.
+//! Counters that a worker writes and the control thread reads. Writer and reader are types, so that a second writer does not
+//! compile.
 //!
-//! There is one writer, and every store is its own: it needs no atomic addition, a relaxed load and store will do.
+//! Only the one writer stores: it needs no atomic addition, a relaxed load and a relaxed store are enough.
 //!
+//! A second writer does not compile:
 //! ```compile_fail
 //! let (writer, reader) = isotherm_service::worker::counters::counters();
 //! let second = writer.clone();
 //! ```
-//! The same with a reader compiles:
+//! A second reader compiles:
 //! ```
 //! let (writer, reader) = isotherm_service::worker::counters::counters();
 //! let second = reader.clone();
 //! ```
-//! And so does one thread that writes while another reads, but not two that write:
+//! Two threads that write do not compile:
 //! ```compile_fail
 //! let (writer, _reader) = isotherm_service::worker::counters::counters();
 //! std::thread::scope(|scope| {
@@ -19,6 +21,7 @@
 //!     scope.spawn(|| writer.transport_failed());
 //! });
 //! ```
+//! One thread that writes and one that reads compile:
 //! ```
 //! let (mut writer, reader) = isotherm_service::worker::counters::counters();
 //! std::thread::scope(|scope| {
@@ -33,7 +36,7 @@ use isotherm_shared::wire::{AXES, Flags, RawSample};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Flags that are counted, by bit.
+/// How many flags are counted: bits 0 to 25.
 const FLAGS: usize = 26;
 
 /// The counters of one IMU since the start of the service.
@@ -48,19 +51,19 @@ struct Counters {
     transport_errors: AtomicU64,
     flagged: [AtomicU64; FLAGS],
     table: AtomicU64,
-    /// Telemetry of the last sample, as bits: heads, then boards.
+    /// Temperature telemetry of the last sample, as bits of an `f64`: heads, then boards.
     telemetry: [AtomicU64; 2 * AXES],
     latency: Histogram,
 }
 
-/// The counters of one IMU: the half that writes, and the half that reads.
+/// New counters of one IMU: the half that writes and the half that reads.
 #[must_use]
 pub fn counters() -> (CounterWriter, CounterReader) {
     let counters = Arc::<Counters>::default();
     (CounterWriter(Arc::clone(&counters)), CounterReader(counters))
 }
 
-/// The half that writes: the worker's, and the only one.
+/// The half that writes. There is only one; the worker has it.
 #[derive(Debug)]
 pub struct CounterWriter(Arc<Counters>);
 
@@ -68,7 +71,7 @@ pub struct CounterWriter(Arc<Counters>);
 #[derive(Clone, Debug)]
 pub struct CounterReader(Arc<Counters>);
 
-/// Adds to a counter of the calling half's own.
+/// Adds to a counter. Only the counter's one writer may call it.
 #[inline]
 fn add(counter: &AtomicU64, by: u64) {
     counter.store(counter.load(Relaxed).saturating_add(by), Relaxed);
@@ -129,22 +132,22 @@ impl CounterReader {
         self.0.compensated.load(Relaxed)
     }
 
-    /// Samples before which others of their session were missing.
+    /// Gaps: samples before which others of their session were missing.
     pub fn gaps(&self) -> u64 {
         self.0.gaps.load(Relaxed)
     }
 
-    /// How many were missing in all.
+    /// How many samples were missing in all gaps.
     pub fn missing(&self) -> u64 {
         self.0.missing.load(Relaxed)
     }
 
-    /// Samples whose sequence did not rise: resends.
+    /// Resends: samples whose sequence number was not above the highest of their session.
     pub fn repeats(&self) -> u64 {
         self.0.repeats.load(Relaxed)
     }
 
-    /// Sessions begun.
+    /// Sessions that have begun.
     pub fn sessions(&self) -> u64 {
         self.0.sessions.load(Relaxed)
     }
@@ -164,12 +167,12 @@ impl CounterReader {
         self.0.table.load(Relaxed)
     }
 
-    /// The last sample's telemetry, heads and boards; `None` where it is not finite, or there was no sample yet.
+    /// Telemetry of the last sample, heads and boards; `None` where it is not finite or no sample has come yet.
     pub fn telemetry(&self) -> [[Option<f64>; AXES]; 2] {
-        let seen = self.received() > 0;
+        let has_sample = self.received() > 0;
         let value = |place: usize| {
             let value = f64::from_bits(self.0.telemetry[place].load(Relaxed));
-            (seen && value.is_finite()).then_some(value)
+            (has_sample && value.is_finite()).then_some(value)
         };
         [0, AXES].map(|first| core::array::from_fn(|axis| value(first + axis)))
     }
@@ -180,23 +183,23 @@ impl CounterReader {
     }
 }
 
-/// A sign of life of a thread: the half that gives it, and the half that looks for it.
+/// A new heartbeat of a thread: the half that beats, and the half that counts the beats.
 #[must_use]
 pub fn heartbeat() -> (HeartbeatWriter, HeartbeatReader) {
     let beats = Arc::<AtomicU64>::default();
     (HeartbeatWriter(Arc::clone(&beats)), HeartbeatReader(beats))
 }
 
-/// The half that gives signs of life.
+/// The half that beats; the worker has it.
 #[derive(Debug)]
 pub struct HeartbeatWriter(Arc<AtomicU64>);
 
-/// The half that looks for them.
+/// The half that reads the count.
 #[derive(Clone, Debug)]
 pub struct HeartbeatReader(Arc<AtomicU64>);
 
 impl HeartbeatWriter {
-    /// Gives one.
+    /// Adds a beat.
     #[inline]
     pub fn beat(&mut self) {
         add(&self.0, 1);
@@ -204,7 +207,7 @@ impl HeartbeatWriter {
 }
 
 impl HeartbeatReader {
-    /// How many there were.
+    /// How many beats there were since the start.
     pub fn count(&self) -> u64 {
         self.0.load(Relaxed)
     }
@@ -215,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn telemetry_is_told_when_it_has_come_and_is_finite() {
+    fn telemetry_is_given_only_when_it_has_come_and_is_finite() {
         let (mut writer, reader) = counters();
         assert_eq!(reader.telemetry(), [[None; 3]; 2]);
         let (head_temperature, board_temperature) = ([1.0, f64::NAN, -3.0], [4.0, 5.0, f64::INFINITY]);

@@ -1,9 +1,9 @@
-//! A log-linear histogram of latencies that one thread fills and others read, without locks.
+//! A log-linear histogram of latencies. One thread writes it and others read it, without locks.
 
 use isotherm_shared::status::{LATENCY_BOUNDS_NS, LatencyDistribution, LatencySummary};
 use std::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
 
-/// Buckets an octave: values are kept to within 1/32 of themselves.
+/// Buckets in an octave: the relative resolution is 1/32.
 const SUB: u32 = 32;
 const SUB_BITS: u32 = SUB.trailing_zeros();
 const BUCKETS: usize = ((32 - SUB_BITS + 1) * SUB) as usize;
@@ -25,7 +25,8 @@ impl Histogram {
     /// Adds one value. Only the one writer of [`CounterWriter`](super::counters::CounterWriter) calls it.
     #[inline]
     pub(super) fn record(&self, value: u32) {
-        // The maximum first, and read last: no value is seen counted that is over the maximum that is seen.
+        // The maximum is written before the count, and read after the counts: a reader never finds a counted value above the
+        // maximum.
         if u64::from(value) > self.max.load(Relaxed) {
             self.max.store(value.into(), Relaxed);
         }
@@ -33,7 +34,7 @@ impl Histogram {
         bucket.store(bucket.load(Relaxed).saturating_add(1), Release);
     }
 
-    /// The counts so far.
+    /// The counts since the start.
     pub fn counts(&self) -> BucketCounts {
         let counts = self.buckets.iter().map(|count| count.load(Acquire)).collect();
         BucketCounts { counts, max: self.max.load(Relaxed) }
@@ -49,29 +50,29 @@ pub struct BucketCounts {
 }
 
 impl BucketCounts {
-    /// What has been counted since `before`, of the same histogram.
+    /// What the same histogram has counted since `before`.
     pub fn since(&self, before: &Self) -> Growth {
         let then = before.counts.iter().copied().chain(std::iter::repeat(0));
         let grown = self.counts.iter().zip(then).map(|(now, then)| now.saturating_sub(then)).enumerate();
         Growth { grown: grown.filter(|(_, count)| *count > 0).collect(), max: self.max }
     }
 
-    /// What has been counted in several stretches of time.
-    pub fn sum<'a>(stretches: impl IntoIterator<Item = &'a Growth>) -> Self {
+    /// The sum of what was counted in several intervals.
+    pub fn sum<'a>(intervals: impl IntoIterator<Item = &'a Growth>) -> Self {
         let mut sum = Self { counts: vec![0; BUCKETS], max: 0 };
-        for stretch in stretches {
-            for (bucket, count) in &stretch.grown {
+        for interval in intervals {
+            for (bucket, count) in &interval.grown {
                 sum.counts[*bucket] += count;
             }
-            sum.max = sum.max.max(stretch.max);
+            sum.max = sum.max.max(interval.max);
         }
         sum
     }
 
     /// Percentiles and maximum; `None` if nothing was counted.
     ///
-    /// Each is the upper end of its bucket, but for what is over the largest value since the start: at most 1/32 more than the value itself,
-    /// and never less.
+    /// Each is the upper end of its bucket, but not over the largest value since the start: never less than the value itself, and
+    /// at most 1/32 more.
     pub fn summary(&self) -> Option<LatencySummary> {
         let total: u64 = self.counts.iter().sum();
         let percentile = |part: f64| {
@@ -92,7 +93,8 @@ impl BucketCounts {
         })
     }
 
-    /// The same in few buckets. A bucket that reaches over a bound counts above it: no value is told smaller than it was.
+    /// The same counts in fewer buckets. A fine bucket that extends over a bound counts above the bound: no value is reported too
+    /// small.
     pub fn distribution(&self) -> LatencyDistribution {
         let mut coarse = vec![0; LATENCY_BOUNDS_NS.len() + 1];
         let mut sum_ns = 0.0;
@@ -106,16 +108,16 @@ impl BucketCounts {
     }
 }
 
-/// What a histogram has counted in a stretch of time.
+/// What a histogram has counted in an interval of time.
 #[derive(Clone, Debug, Default)]
 pub struct Growth {
-    /// Bucket and count, of those that are not 0.
+    /// Bucket and count, where the count is not 0.
     grown: Vec<(usize, u64)>,
     /// Largest value since the start.
     max: u64,
 }
 
-/// Below 32 a value is its own bucket; above, each octave has 32.
+/// The bucket of a value. Below 32 each value has its own bucket; above, each octave has 32 buckets.
 const fn bucket_of(value: u32) -> usize {
     let shift = (u32::BITS - value.leading_zeros()).saturating_sub(SUB_BITS + 1);
     (shift * SUB + (value >> shift)) as usize
@@ -140,7 +142,7 @@ mod tests {
             let bucket = bucket_of(value);
             let upper = upper_end(bucket);
             assert!(upper >= value.into() && upper - u64::from(value) <= u64::from(value) / 32, "{value}: {upper}");
-            // No bucket is left out: the next value is in the same one or the next one.
+            // No bucket is skipped: the next value is in the same bucket or the next one.
             let next = bucket_of(value.saturating_add(1));
             assert!(next == bucket || next == bucket + 1, "{value}: {bucket}, {next}");
         }
@@ -167,16 +169,15 @@ mod tests {
         let values = [0, 190, 200, 201, 400, 49_000, 50_000, 1_000_000_000, u32::MAX];
         values.iter().for_each(|value| histogram.record(*value));
         let distribution = histogram.counts().distribution();
-        let told: Vec<_> = distribution.counts.iter().enumerate().filter(|(_, count)| **count > 0).collect();
-        // 200 and 50000 are within 3 % of a bound and share a fine bucket with what is over it.
-        assert_eq!(told, [(0, &2), (1, &3), (7, &1), (8, &1), (21, &2)]);
+        let filled: Vec<_> = distribution.counts.iter().enumerate().filter(|(_, count)| **count > 0).collect();
+        // 200 and 50000 are bounds, but each shares a fine bucket with larger values and therefore counts above its bound.
+        assert_eq!(filled, [(0, &2), (1, &3), (7, &1), (8, &1), (21, &2)]);
         let exact: f64 = values.iter().map(|value| f64::from(*value) * 1e-9).sum();
         assert!((distribution.sum_s / exact - 1.0).abs() < 1.0 / 63.0);
     }
 
-    /// What is read between any two steps of a writer's, in whatever stretch of time it is counted: never less than it was.
     #[test]
-    fn the_maximum_of_a_stretch_of_time_covers_what_is_counted_in_it() {
+    fn the_maximum_of_an_interval_covers_what_is_counted_in_it() {
         let (histogram, mut before) = (Histogram::default(), BucketCounts::default());
         for value in [70_000, 900, 65_000, 800, 80_000, 100] {
             histogram.record(value);

@@ -1,4 +1,4 @@
-//! Sleeping until the sender of one of several IMUs notifies, or for a time.
+//! Sleeping until the sender of any IMU of the worker notifies, or until a time has passed.
 #![expect(unsafe_code, reason = "iceoryx2 gives a listener's descriptor as a number")]
 
 use crate::worker::wait::BOUND_NS;
@@ -15,12 +15,12 @@ use std::time::Duration;
 pub struct WakeListeners<'a> {
     listeners: &'a [Listener<Ipc>],
     descriptors: Vec<PollFd<'a>>,
-    /// When all of them were drained last \[ns\].
+    /// When all listeners were last drained \[ns\].
     drained: u64,
 }
 
 impl<'a> WakeListeners<'a> {
-    /// Borrows the listeners.
+    /// Prepares the listeners for polling.
     pub fn new(listeners: &'a [Listener<Ipc>]) -> Self {
         let poll_fd = |listener: &'a Listener<Ipc>| {
             // SAFETY: the descriptor stays open as long as the listener, which is borrowed for 'a, and is only polled.
@@ -30,16 +30,16 @@ impl<'a> WakeListeners<'a> {
         Self { listeners, descriptors: listeners.iter().map(poll_fd).collect(), drained: 0 }
     }
 
-    /// Sleeps from `now` until one of them is notified, but at most `time` \[ns\].
+    /// Sleeps from `now` \[ns\] until a listener is notified, but at most for `time` \[ns\].
     ///
-    /// Those that were notified are drained, so that they can be notified again. After a lost wake-up a listener counts as notified, and its
-    /// sender notifies it no more; so all of them are drained once in [`BOUND_NS`].
+    /// Notified listeners are drained, so that they can be notified again. After a lost wake-up the transport takes a listener
+    /// for notified, and its sender does not notify it again; therefore all listeners are drained once in [`BOUND_NS`].
     pub fn sleep(&mut self, now: u64, time: u64) {
         let timeout = Timespec { tv_sec: (time / 1_000_000_000) as i64, tv_nsec: (time % 1_000_000_000) as i64 };
         let notified = match poll(&mut self.descriptors, Some(&timeout)) {
             Ok(notified) => notified,
             Err(Errno::INTR) => return,
-            // Nothing can be done about it here; a pause keeps the loop from being a busy one.
+            // The error cannot be handled here; a pause keeps the loop from spinning.
             Err(_) => {
                 thread::sleep(Duration::from_millis(1));
                 return;

@@ -1,13 +1,16 @@
-//! A worker thread: receive, compensate, publish, for some of the IMUs.
+//! A worker thread: receives, compensates and publishes for its IMUs.
 //!
 //! # Contract
 //! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin`, makes no system call
-//! (tests/hot_loop.rs counts them). The other strategies make those that sleeping takes. It never blocks on a peer: a reader that does
-//! not read loses its own increments, and raw queues are emptied one sample in turn, so that a flood on one gets at most every
-//! other turn. Tables are built, checked and freed by the control thread; here a pointer is exchanged between two
-//! samples, so all three axes of an increment come from one table.
+//! (tests/hot_loop.rs counts them). The other strategies only make the system calls that sleeping needs.
 //!
-//! Waiting is bounded by [`wait::BOUND_NS`], under every strategy and even if every notification is lost.
+//! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a time from
+//! each raw queue in turn, so that a flooded queue gets at most every other turn.
+//!
+//! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all three axes of
+//! an increment come from one table.
+//!
+//! A wait is at most [`wait::BOUND_NS`] long, with every strategy and even if every notification is lost.
 
 pub mod channel;
 pub mod counters;
@@ -32,24 +35,24 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use wait::{Wait, Waiter};
 
-/// How long a worker that has been told to stop may take to end.
-const STOPPING: Duration = Duration::from_secs(2);
+/// How long a worker may take to end after it was requested to stop.
+const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A running worker.
 pub struct Worker {
     /// Its thread's id in the operating system.
     pub thread_id: i32,
-    /// Beats with every turn of its loop, that is at least every [`wait::BOUND_NS`].
+    /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
 
 impl Worker {
-    /// Starts worker `index` and waits until its streams are there; `None` if `give_up` says so first.
+    /// Starts worker `index` and waits until its streams exist. Returns `None` if `give_up` returns true before that.
     ///
     /// # Errors
-    /// What kept it from starting.
+    /// Why it did not start.
     pub fn start(
         domain: &Domain,
         config: &Config,
@@ -80,27 +83,27 @@ impl Worker {
         }
     }
 
-    /// Whether it has ended, which it does only after [`tell_to_stop`](Self::tell_to_stop) or a panic.
+    /// Whether the thread has ended. It ends only after [`request_stop`](Self::request_stop) or a panic.
     pub fn is_finished(&self) -> bool {
         self.thread.is_finished()
     }
 
-    /// Has it answer what has arrived and end.
-    pub fn tell_to_stop(&self) {
+    /// Requests that the worker answers the samples that have arrived, then ends.
+    pub fn request_stop(&self) {
         self.stop.store(true, Relaxed);
     }
 
-    /// Waits for its end, after [`tell_to_stop`](Self::tell_to_stop).
+    /// Waits until the thread has ended, after [`request_stop`](Self::request_stop).
     ///
     /// # Errors
-    /// If it had panicked, or does not end.
+    /// If it panicked, or does not end in time.
     pub fn join(self) -> Result<(), Failure> {
         let begun = Instant::now();
         while !self.thread.is_finished() {
-            if begun.elapsed() > STOPPING {
+            if begun.elapsed() > STOP_TIMEOUT {
                 return Err(Failure::new(
                     Exit::Failed,
-                    format!("a worker thread does not end within {} s", STOPPING.as_secs()),
+                    format!("a worker thread does not end within {} s", STOP_TIMEOUT.as_secs()),
                 ));
             }
             thread::sleep(Duration::from_millis(1));
@@ -176,8 +179,8 @@ fn serve(
         beat.beat();
         let mut served = false;
         for turn in 0..channels.len() {
-            // Between any two others the one that was served last is looked at again: beside idle IMUs its next sample waits for
-            // one of them, not for all.
+            // Poll the channel that was served last again after every other one: its next sample then waits for the poll of one
+            // idle channel, not of all.
             let again = (latest != turn).then_some(latest);
             for index in iter::once(turn).chain(again) {
                 if let Some(now) = channels[index].serve(&mut clock) {
@@ -188,7 +191,7 @@ fn serve(
             }
         }
         if stop.load(Relaxed) {
-            // What has arrived by now is answered; a sender that goes on regardless cannot keep us.
+            // Answer what has arrived, at most one queue for each IMU: a sender that keeps sending must not delay the end.
             for channel in channels.iter_mut() {
                 (0..RAW_DEPTH).take_while(|_| channel.serve(&mut clock).is_some()).count();
             }
@@ -229,18 +232,18 @@ mod tests {
     }
 
     #[test]
-    fn one_that_does_not_end_is_not_waited_for() {
-        let (told, over) = mpsc::channel::<()>();
-        let stuck = worker(move |_| _ = over.recv());
-        stuck.tell_to_stop();
+    fn join_gives_up_on_a_thread_that_does_not_end() {
+        let (release, released) = mpsc::channel::<()>();
+        let stuck = worker(move |_| _ = released.recv());
+        stuck.request_stop();
         assert!(stuck.join().unwrap_err().message.contains("does not end within"));
-        drop(told);
+        drop(release);
         let obedient = worker(|stop| {
             while !stop.load(Relaxed) {
                 thread::yield_now();
             }
         });
-        obedient.tell_to_stop();
+        obedient.request_stop();
         obedient.join().unwrap();
     }
 }

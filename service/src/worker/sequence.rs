@@ -1,24 +1,25 @@
-//! Whether the samples of a session come in order: gaps, repeats, new sessions. Any session and sequence numbers are valid input.
+//! Whether the samples of a session come in order: gaps, repeats, new sessions. Every session number and sequence number is
+//! valid.
 
-/// Session and highest sequence of the last samples.
+/// The session of the last sample, and the highest sequence number of that session.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceTracker {
     last: Option<(u64, u64)>,
 }
 
-/// What the numbers of a sample say.
+/// What session and sequence number say about a sample.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Arrival {
     /// Samples of its session that are missing before it.
     pub missing: u64,
-    /// Its sequence is not above the highest seen: a resend.
+    /// Its sequence number is not above the highest of its session: a resend.
     pub repeated: bool,
     /// It is the first of its session.
     pub begins: bool,
 }
 
 impl SequenceTracker {
-    /// Notes session and sequence of the next sample.
+    /// Notes session and sequence number of the next sample.
     #[inline]
     pub fn note(&mut self, session: u64, sequence: u64) -> Arrival {
         let (arrival, highest) = match self.last {

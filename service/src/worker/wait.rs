@@ -1,83 +1,85 @@
-//! How the worker waits: a pure state machine, told when samples arrive and when nothing is there.
+//! How the worker waits: a pure state machine. The worker calls it for every sample and whenever no sample is there.
 //!
-//! `anticipate` learns each IMU's period and sleeps until a guard before the next sample is due, then spins for a short,
-//! bounded time. Samples are expected on a grid whose phase is that of the **earliest** ones seen lately, not of the last arrival:
-//! one late sample must not make the next prediction late. The guard follows the wake-up delays that are observed.
-//! Streams that have stopped or come irregularly are waited for asleep; when the rate leaves no time to sleep, it spins.
+//! `anticipate` learns each IMU's period, sleeps until a guard time before the next sample is due, then spins for a short,
+//! bounded time. It expects samples on a grid. The **earliest** recent samples set the phase of the grid, not the last one: a
+//! late sample must not make the next prediction late. The guard time follows the measured wake-up delays. For streams that have
+//! stopped or are irregular the worker sleeps until it is notified; if the rate leaves no time to sleep, it spins.
+//!
+//! Over 400 lines: one state machine and its tests, which are nearly half of the file.
 
 use crate::config::Strategy;
 
-/// Longest sleep \[ns\]: what a lost or missing wake-up may cost.
+/// Longest sleep \[ns\], and therefore the longest delay after a lost notification.
 pub const BOUND_NS: u64 = 20_000_000;
 /// Arrivals on the grid before a stream counts as periodic.
 const CONFIDENT: u32 = 8;
-/// What an arrival off the grid costs, and one that comes whole periods late.
-const ODD: u32 = 4;
-const SKIPPED: u32 = 2;
+/// Confidence that is lost by an arrival off the grid, and by one that is whole periods late.
+const OFF_GRID_COST: u32 = 4;
+const SKIPPED_COST: u32 = 2;
 /// How far from the grid an arrival may be \[parts of a period\].
 const ON_GRID: f64 = 0.25;
-/// How much of a difference the period takes over from each pair of neighbours.
+/// Part of the difference between measured and learned period by which each measurement corrects the period.
 const PERIOD_GAIN: f64 = 1.0 / 64.0;
-/// When this many samples have come after the grid, it moves to the earliest of them.
+/// After this many samples on or after their grid points, the grid moves to the earliest of them.
 const WINDOW: u32 = 32;
-/// The guard covers this part of the wake-up delays: each that is longer lengthens it by nearly a step, each other shortens it
-/// by the rest of a step \[ns\].
+/// The delay estimate covers this part of the wake-up delays.
 const COVERED: f64 = 0.98;
+/// A longer delay raises the estimate by `COVERED` times this step, any other lowers it by `1 - COVERED` times this step \[ns\].
 const DELAY_STEP: f64 = 8_000.0;
-/// What the guard has over that delay \[ns\].
+/// Guard time beyond the estimated delay \[ns\].
 const MARGIN: f64 = 10_000.0;
-/// Limits of the guard \[ns\], and the part of a period that it may take: so much of a core.
+/// Limits of the guard time \[ns\], and the part of a period that it may take; the worker spins for that part of the time.
 const GUARD_MIN: f64 = 20_000.0;
 const GUARD_MAX: f64 = 200_000.0;
-const GUARD_PART: f64 = 0.25;
-/// Where it wants a larger part of a period there is no time to sleep.
+const GUARD_MAX_PART: f64 = 0.25;
+/// If the guard time needs a larger part of a period, there is no time to sleep: the worker spins.
 const SPIN_PART: f64 = 1.0 / 3.0;
 /// Shorter sleeps are not worth their system call \[ns\].
 const SHORTEST_SLEEP_NS: u64 = 20_000;
-/// A stream without a known period is spun for this long after a sample \[ns\]: an acquisition that sends as soon as it
-/// has its answer is met awake, and its period can be seen at all.
-const LINGER_NS: u64 = 50_000;
+/// While no period is known, the worker spins for this long after a sample \[ns\]. It is then awake for an acquisition that sends
+/// as soon as it has its answer, and can measure the period of that stream.
+const SPIN_AFTER_SAMPLE_NS: u64 = 50_000;
 /// Predictions that may be missed in a row before a stream counts as stopped.
-const MISSES: u32 = 3;
+const MAX_MISSES: u32 = 3;
 
 /// What the worker does when there is nothing to serve.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Wait {
-    /// Look again at once.
+    /// Poll again at once.
     Spin,
     /// Sleep at most this long \[ns\]; a notification ends it early.
     Sleep(u64),
 }
 
-/// The waiting of one worker with its streams.
+/// Decides how one worker waits for its streams.
 #[derive(Debug)]
 pub struct Waiter {
     strategy: Strategy,
-    rhythms: Vec<Rhythm>,
-    /// How late a sleep ends at worst, but for the rarest \[ns\].
+    grids: Vec<ArrivalGrid>,
+    /// Estimate of how late a sleep ends \[ns\]; it covers the part [`COVERED`] of the sleeps.
     delay: f64,
-    /// When the last sleep was to end, until the worker is awake.
+    /// When the sleep under way should end \[ns\]; `None` once the worker is awake.
     wake: Option<u64>,
-    /// When any stream's sample was served last.
+    /// When the last sample of any stream was served \[ns\].
     last: u64,
 }
 
 impl Waiter {
-    /// For `streams` streams.
+    /// A waiter for `streams` streams.
     pub fn new(strategy: Strategy, streams: usize) -> Self {
-        let rhythms = vec![Rhythm::default(); streams];
-        Self { strategy, rhythms, delay: 2.0 * GUARD_MIN, wake: None, last: 0 }
+        let grids = vec![ArrivalGrid::default(); streams];
+        Self { strategy, grids, delay: 2.0 * GUARD_MIN, wake: None, last: 0 }
     }
 
     /// A sample of `stream` was served at `now`.
     #[inline]
     pub fn arrived(&mut self, stream: usize, now: u64) {
         if self.strategy == Strategy::Anticipate {
-            self.awake(now);
-            // Only sleeps tell of the delay. One that leaves no time to sleep must not stay for ever.
+            self.note_wake_up(now);
+            // Only a sleep measures the delay. An estimate so long that it forbids sleep must decay, or it would stay for ever.
             self.delay -= self.delay / 4096.0;
             self.last = now;
-            self.rhythms[stream].arrived(now);
+            self.grids[stream].arrived(now);
         }
     }
 
@@ -88,18 +90,22 @@ impl Waiter {
             Strategy::Spin => Wait::Spin,
             Strategy::Block => Wait::Sleep(BOUND_NS),
             Strategy::Anticipate => {
-                self.awake(now);
+                self.note_wake_up(now);
                 self.anticipate(now)
             }
         }
     }
 
     fn anticipate(&mut self, now: u64) -> Wait {
-        let shortest = self.rhythms.iter().filter_map(Rhythm::known_period).fold(f64::INFINITY, f64::min);
+        let shortest = self.grids.iter().filter_map(ArrivalGrid::known_period).fold(f64::INFINITY, f64::min);
         let wanted = (self.delay + MARGIN).clamp(GUARD_MIN, GUARD_MAX);
-        let guard = wanted.min((shortest * GUARD_PART).max(GUARD_MIN)) as u64;
-        let Some(due) = self.rhythms.iter_mut().filter_map(|rhythm| rhythm.due(now, 2 * guard)).min() else {
-            return if now.saturating_sub(self.last) < LINGER_NS { Wait::Spin } else { Wait::Sleep(BOUND_NS) };
+        let guard = wanted.min((shortest * GUARD_MAX_PART).max(GUARD_MIN)) as u64;
+        let Some(due) = self.grids.iter_mut().filter_map(|grid| grid.due(now, 2 * guard)).min() else {
+            return if now.saturating_sub(self.last) < SPIN_AFTER_SAMPLE_NS {
+                Wait::Spin
+            } else {
+                Wait::Sleep(BOUND_NS)
+            };
         };
         let sleep = due.saturating_sub(guard).saturating_sub(now);
         if sleep < SHORTEST_SLEEP_NS || wanted > shortest * SPIN_PART {
@@ -110,9 +116,9 @@ impl Waiter {
         Wait::Sleep(sleep)
     }
 
-    /// The worker is awake: how late after a sleep that ran its time? A delay that no guard could cover, as when the host of a
-    /// virtual machine has taken it away, says nothing about the next one.
-    fn awake(&mut self, now: u64) {
+    /// Updates the delay estimate if a sleep has run its full time. A delay that no guard time can cover, as when the host
+    /// suspends a virtual machine, is ignored: it does not predict the next one.
+    fn note_wake_up(&mut self, now: u64) {
         if let Some(delay) = self.wake.take().and_then(|wake| now.checked_sub(wake))
             && delay as f64 <= GUARD_MAX
         {
@@ -123,58 +129,58 @@ impl Waiter {
     }
 }
 
-/// The grid on which one stream's samples come.
+/// The expected times of one stream's samples: period and phase, learned from the arrivals.
 #[derive(Clone, Debug, Default)]
-struct Rhythm {
+struct ArrivalGrid {
     last: u64,
-    /// \[ns\]; 0 until two samples have come.
+    /// \[ns\]; 0 until the first sample.
     period: f64,
-    /// The next point of the grid, or the last one if its sample is awaited still.
+    /// The next point of the grid, or the previous one while its sample is still awaited \[ns\].
     due: u64,
     confidence: u32,
     misses: u32,
     /// Whether the last sample was off the grid.
-    odd: bool,
-    /// How many samples have come on or after the grid since it was moved, and how late the earliest of them was \[ns\].
+    off_grid: bool,
+    /// How many samples on the grid have come since it was last moved, and how late the earliest of them was \[ns\].
     after: u32,
     earliest: f64,
-    /// How late samples come, a maximum that decays \[ns\].
+    /// How late samples are: a maximum that decays \[ns\].
     lateness: f64,
 }
 
-impl Rhythm {
+impl ArrivalGrid {
     fn arrived(&mut self, now: u64) {
         let step = now.saturating_sub(core::mem::replace(&mut self.last, now));
         self.misses = 0;
         if self.confidence == 0 {
-            self.begin(step, now);
+            self.restart(step, now);
             return;
         }
-        // The nearest point of the grid: when a late sample comes the prediction may have moved on already.
+        // Use the nearest point of the grid: the prediction may already be past the point of a late sample.
         let ahead = ((now as f64 - self.due as f64) / self.period).round() * self.period;
         let expected = self.due.saturating_add_signed(ahead as i64);
         let late = now as f64 - expected as f64;
         self.due = expected + self.period as u64;
-        let last_was_odd = core::mem::replace(&mut self.odd, late.abs() > self.period * ON_GRID);
-        if self.odd {
-            self.doubt(ODD, step, now);
+        let last_was_off_grid = core::mem::replace(&mut self.off_grid, late.abs() > self.period * ON_GRID);
+        if self.off_grid {
+            self.lose_confidence(OFF_GRID_COST, step, now);
             return;
         }
         self.lateness = late.max(self.lateness - self.lateness / 256.0);
-        self.follow(late);
+        self.adjust_phase(late);
         if (step as f64 / self.period).round() != 1.0 {
-            self.doubt(SKIPPED, step, now);
+            self.lose_confidence(SKIPPED_COST, step, now);
         } else {
             self.confidence = (self.confidence + 1).min(2 * CONFIDENT);
-            if !last_was_odd {
+            if !last_was_off_grid {
                 self.period += (step as f64 - self.period) * PERIOD_GAIN;
             }
         }
     }
 
-    /// Moves the grid to the earliest samples: at once to one that comes before it, and later when all have come after it for a
-    /// while.
-    fn follow(&mut self, late: f64) {
+    /// Moves the grid to the earliest samples: at once if this sample is before its grid point, else when [`WINDOW`] samples have
+    /// come after theirs.
+    fn adjust_phase(&mut self, late: f64) {
         self.after += 1;
         self.earliest = if self.after == 1 { late } else { self.earliest.min(late) };
         if late < 0.0 || self.after == WINDOW {
@@ -183,19 +189,19 @@ impl Rhythm {
         }
     }
 
-    /// Takes the last step for the period; the next samples will tell.
-    fn begin(&mut self, step: u64, now: u64) {
+    /// Starts to learn again, with the last step as the period; the next samples confirm or reject it.
+    fn restart(&mut self, step: u64, now: u64) {
         self.period = step.max(1) as f64;
         self.due = now + step;
         self.after = 0;
         self.confidence = 1;
     }
 
-    /// Loses confidence; without any, it begins anew.
-    fn doubt(&mut self, by: u32, step: u64, now: u64) {
+    /// Lowers the confidence; at 0 learning starts again.
+    fn lose_confidence(&mut self, by: u32, step: u64, now: u64) {
         self.confidence = self.confidence.saturating_sub(by);
         if self.confidence == 0 {
-            self.begin(step, now);
+            self.restart(step, now);
         }
     }
 
@@ -204,15 +210,16 @@ impl Rhythm {
         (self.confidence >= CONFIDENT).then_some(self.period)
     }
 
-    /// When the next sample is due, if the stream is periodic and has not stopped. A prediction that has passed by more
-    /// than `patience`, or what samples are usually late, was missed and gives way to the next.
-    fn due(&mut self, now: u64, patience: u64) -> Option<u64> {
+    /// When the next sample is due \[ns\]; `None` if the stream is not periodic or has stopped. A prediction counts as missed
+    /// when it has passed by more than `tolerance` \[ns\] and by more than samples are usually late; then the next point of the
+    /// grid is due.
+    fn due(&mut self, now: u64, tolerance: u64) -> Option<u64> {
         self.known_period()?;
         let usual = (self.lateness * 1.25).min(self.period / 8.0);
-        let patience = patience.max(usual as u64);
-        while now > self.due + patience {
+        let tolerance = tolerance.max(usual as u64);
+        while now > self.due + tolerance {
             self.misses += 1;
-            if self.misses > MISSES {
+            if self.misses > MAX_MISSES {
                 self.confidence = 0;
                 return None;
             }
@@ -228,8 +235,8 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Runs a waiter against arrivals and gives for each whether the worker was awake (spinning) when it came, and the
-    /// share of time spent spinning.
+    /// Runs a waiter on arrivals. Returns for each arrival whether the worker was awake (spinning), and the share of time spent
+    /// spinning.
     fn run(waiter: &mut Waiter, arrivals: &[(u64, usize)]) -> (Vec<bool>, f64) {
         let (mut now, mut spinning, started) = (arrivals[0].0, 0, arrivals[0].0);
         let mut awake = Vec::new();
@@ -296,7 +303,7 @@ mod tests {
     #[test]
     fn jitter_and_drift_are_followed() {
         let mut waiter = Waiter::new(Strategy::Anticipate, 1);
-        // 30 us of jitter and a clock that is 200 ppm fast.
+        // 30 us of jitter, and a clock that is 200 ppm slow.
         let arrivals = periodic(MS, 2_500_500, 3000, |k| pseudo_random(k) % 30_000);
         let (awake, spinning) = run(&mut waiter, &arrivals);
         assert!(share(&awake[50..]) > 0.99 && spinning < 0.08, "{} {spinning}", share(&awake[50..]));

@@ -1,4 +1,4 @@
-//! A table file's text, both ways. Reading reports every fault of the text in one go.
+//! Reading and writing a table file's text. Reading reports all faults of the text together.
 
 use super::{
     AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange, alignment_fault, bias_fault, gravity_fault, max_age_fault,
@@ -14,12 +14,12 @@ use nalgebra::Matrix3;
 
 const POWERS: [&str; MAX_ORDER + 1] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6", "c7"];
 
-/// How a file's digest is treated.
+/// How reading treats a file's digest.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Seal {
-    /// One that is there must match.
+    /// A digest in the file must match the content.
     Checked,
-    /// It is about to be written anew: whatever is there is ignored.
+    /// A digest in the file is ignored, because the caller is about to replace it.
     Renewed,
 }
 
@@ -32,7 +32,7 @@ impl CoefficientTable {
         Self::from_toml_with(text, expected, Seal::Checked)
     }
 
-    /// As [`from_toml`](Self::from_toml), with a choice about the digest.
+    /// As [`from_toml`](Self::from_toml); `seal` says how to treat the digest.
     ///
     /// # Errors
     /// All faults of the text with line and key.
@@ -44,7 +44,7 @@ impl CoefficientTable {
         document.finish(table)
     }
 
-    /// The table as a sealed file's text, without provenance. Numbers read back to the same doubles.
+    /// The table as the text of a sealed file (one with a digest), without provenance. Its numbers read back to the same doubles.
     #[must_use]
     pub fn to_toml(&self) -> String {
         let content = self.content();
@@ -113,7 +113,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
             None => None,
         },
     };
-    // Each part was checked where it stands, with its line, so this cannot fail any more.
+    // This cannot fail: each part has been checked above, where its line is known.
     let table = CoefficientTable::new(content).ok()?;
     if let Some(digest) = digest.filter(|digest| **digest != table.digest().to_string()) {
         root.fault(
@@ -221,7 +221,7 @@ fn polynomial(section: Section<'_, '_>) -> Option<Polynomial> {
     }
     let given = POWERS.map(|power| section.optional_number(power));
     let coefficients: Vec<f64> = given.iter().map_while(|coefficient| *coefficient).collect();
-    // A hole is more likely a slip than a zero. What is there but no number has been reported already.
+    // A missing lower power is more likely a mistake than a zero. A present value that is not a number has been reported above.
     let highest = POWERS.iter().rposition(|power| section.has(power));
     for (power, _) in POWERS.iter().zip(0..=highest.unwrap_or(0)).filter(|(power, _)| !section.has(power)) {
         section.fault(power, format!("missing; give {power} = 0.0 if it is zero"));

@@ -1,10 +1,12 @@
-//! A service and an acquisition under an allocator that counts, for `tests/hot_loop.rs`; and a way to lose rights.
+//! A service and an acquisition with a counting allocator, for `tests/hot_loop.rs`, and a way to run a program without
+//! real-time permissions, for `tests/realtime.rs`.
 //!
-//! * `counted serve ...` is `isotherm serve ...`; to every line of its input it says how often its workers have allocated or
+//! * `counted serve ...` is `isotherm serve ...`. For every line of input it prints how often its workers have allocated or
 //!   freed memory so far.
-//! * `counted send IMU SAMPLES` sends samples as fast as they are answered: first some, then, after a line of input, as many as asked
-//!   for. It says how often that allocated, and ends with its input.
-//! * `counted without-rights PROGRAM ...` becomes a program that may ask for nothing real-time.
+//! * `counted send IMU SAMPLES` sends samples as fast as they are answered: first 1000, and after a line of input SAMPLES more.
+//!   After each part it prints how often the part allocated or freed memory. It ends after the second part and one more line,
+//!   or the end, of its input.
+//! * `counted without-rights PROGRAM ...` executes a program that may not set real-time priorities or lock memory.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 #![expect(unsafe_code, reason = "an allocator is unsafe to implement")]
 
@@ -19,25 +21,27 @@ use std::process::{Command, ExitCode};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-struct Counting;
+struct CountingAllocator;
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// By threads named `worker..`.
+/// Allocations, reallocations and frees by threads whose name begins with `worker`.
 static WORKERS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
+    /// Allocations, reallocations and frees by this thread.
     static MINE: Cell<u64> = const { Cell::new(0) };
+    /// Whether this thread is a worker.
     static WORKER: Cell<bool> = const { Cell::new(false) };
 }
 
-/// A thread gets its name before it allocates this often.
-const NAMELESS: u64 = 100;
+/// Calls of a thread in which its name is checked. A thread gets its name before it has allocated this often.
+const NAME_CHECKS: u64 = 100;
 
 fn count() {
     MINE.set(MINE.get() + 1);
-    if !WORKER.get() && MINE.get() < NAMELESS {
+    if !WORKER.get() && MINE.get() < NAME_CHECKS {
         let mut name = [0_u8; 16];
         // SAFETY: writes at most 16 bytes.
         unsafe { libc::prctl(libc::PR_GET_NAME, name.as_mut_ptr()) };
@@ -48,8 +52,8 @@ fn count() {
     }
 }
 
-// SAFETY: hands everything to the system's allocator.
-unsafe impl GlobalAlloc for Counting {
+// SAFETY: every call is forwarded to the system's allocator.
+unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
         // SAFETY: the caller's contract.
@@ -82,7 +86,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         ["without-rights", program, rest @ ..] => {
-            // A process that lacks them already may not give them up; it does not have to.
+            // This fails in an unprivileged process, which lacks these capabilities anyway.
             for capability in [CapabilitySet::SYS_NICE, CapabilitySet::IPC_LOCK, CapabilitySet::SYS_RESOURCE] {
                 let _ = remove_capability_from_bounding_set(capability);
             }
@@ -95,12 +99,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// A sample that is not answered for milliseconds, since one of the two was not allowed to run, does not count: the client
-/// then looks whether the service is another one, and asking the transport allocates.
+/// Samples that take longer than 4 ms, because the kernel suspended one of the processes, are not counted: the client then checks
+/// whether the service has been replaced, and that query of the transport allocates.
 fn send(imu: &str, samples: u64) {
-    const FLOWING: Duration = Duration::from_millis(4);
+    const UNINTERRUPTED: Duration = Duration::from_millis(4);
     let mut acquisition = Acquisition::connect(&imu.parse().unwrap(), &Options::from_environment().unwrap()).unwrap();
-    // Connections are made with the first, and queues grow to their size.
+    // The first part makes the connections and lets the queues grow to their final size.
     for part in [1000, samples] {
         let mut allocations = 0;
         for _ in 0..part {
@@ -108,16 +112,16 @@ fn send(imu: &str, samples: u64) {
             let mut loan = acquisition.loan().unwrap();
             loan.interval_ns = 1;
             acquisition.send(loan).unwrap();
-            let mut looks = 0_u64;
+            let mut polls = 0_u64;
             while acquisition.receive().unwrap().is_none() {
                 core::hint::spin_loop();
-                looks += 1;
-                if looks.is_multiple_of(1 << 24) {
-                    // The harness ends this process if the service is gone.
+                polls += 1;
+                if polls.is_multiple_of(1 << 24) {
+                    // Without a service this loop does not end; the harness then kills this process.
                     std::thread::sleep(Duration::from_millis(1));
                 }
             }
-            if started.elapsed() < FLOWING {
+            if started.elapsed() < UNINTERRUPTED {
                 allocations += MINE.get() - before;
             }
         }

@@ -1,14 +1,14 @@
-//! Each fault of an instrument in each phase of a campaign: what becomes of it, and what it costs.
+//! Each fault of an instrument in each phase of a campaign: how the campaign ends, and which dwells are repeated.
 
-use crate::laboratory::{Laboratory, PATIENCE, SHORT};
-use isotherm_benches::Outcome;
+use crate::laboratory::{BenchLaboratory, SHORT, TIMEOUT};
+use isotherm_benches::BenchResult;
 use std::time::{Duration, Instant};
 
-/// Laboratory time over real time.
+/// Laboratory time divided by real time.
 const SPEED: u32 = 500;
-/// How long a fault lasts, in real time: longer than an instrument's own repetitions.
+/// Duration of a fault in real time. It is longer than the retries of an instrument's driver.
 const LASTS: Duration = Duration::from_secs(8);
-/// Dwells of the campaign, and a verification run.
+/// Units of the campaign: 12 dwells and a verification run.
 const UNITS: usize = 12 + 1;
 const VERIFY: (&str, &str) =
     ("[safe]", "[verify]\nruns = 1\nfrom_c = 25\nto_c = 27\nramp_c_per_h = 60\nhold_s = 60\n\n[safe]");
@@ -27,8 +27,8 @@ const FAULTS: [(&str, &[&str]); 10] = [
     ("never-there", &["chamber"]),
 ];
 
-/// Tries each, or one of them.
-pub fn bench(smoke: bool) -> Outcome<()> {
+/// Tries each fault; with `smoke` one fault in one phase.
+pub fn bench(smoke: bool) -> BenchResult<()> {
     println!("each fault for {:.1} s in each phase; chamber | table", LASTS.as_secs_f64());
     println!(
         "  recovered: went on by itself; paused: and went on; again: dwells begun again; safe: table stopped, chamber in standby"
@@ -57,28 +57,28 @@ pub fn bench(smoke: bool) -> Outcome<()> {
     }
 }
 
-struct Case {
+struct CaseResult {
     words: String,
     wrong: Option<String>,
 }
 
-fn case(fault: &str, instrument: &str, phase: &str) -> Outcome<Case> {
+fn case(fault: &str, instrument: &str, phase: &str) -> BenchResult<CaseResult> {
     let changes: Vec<_> = SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [25]"), VERIFY]).collect();
-    let laboratory = Laboratory::new(SPEED, "1", &changes, false)?;
+    let laboratory = BenchLaboratory::new(SPEED, "1", &changes, false)?;
     let mut runner = laboratory.run(&[])?;
-    laboratory.until(phase, || {
+    laboratory.wait_until(phase, || {
         let first = phase != "dwell" || !laboratory.events("kept")?.is_empty();
         Ok(laboratory.phase() == phase && first || runner_has_gone(&laboratory)?)
     })?;
     let before = laboratory.events("kept")?.last().map_or(0, |unit| unit["to"].as_u64().unwrap_or_default());
     let taken = laboratory.file("campaign.csv").get(..before as usize).unwrap_or_default().to_vec();
-    laboratory.faults(&format!("{fault}:{instrument}\n"))?;
+    laboratory.set_faults(&format!("{fault}:{instrument}\n"))?;
     let begun = Instant::now();
     while begun.elapsed() < LASTS && !runner_has_gone(&laboratory)? {
         std::thread::sleep(Duration::from_millis(5));
     }
-    laboratory.faults("")?;
-    let well = runner.ends_well(PATIENCE)?;
+    laboratory.set_faults("")?;
+    let well = runner.succeeds_within(TIMEOUT)?;
     let paused = laboratory.events("paused")?.len();
     let again = laboratory.events("discarded")?.len();
     let safe = laboratory.events("safe")?;
@@ -100,11 +100,11 @@ fn case(fault: &str, instrument: &str, phase: &str) -> Outcome<Case> {
     if well {
         wrong = wrong.or(laboratory.wrong(UNITS, 6)?);
     } else if safe.is_empty() {
-        wrong = Some(format!("no safe state:\n{}", laboratory.world.log()));
+        wrong = Some(format!("no safe state:\n{}", laboratory.domain.log()));
     }
-    Ok(Case { words, wrong })
+    Ok(CaseResult { words, wrong })
 }
 
-fn runner_has_gone(laboratory: &Laboratory) -> Outcome<bool> {
+fn runner_has_gone(laboratory: &BenchLaboratory) -> BenchResult<bool> {
     Ok(!laboratory.events("safe")?.is_empty())
 }

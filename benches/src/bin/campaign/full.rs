@@ -1,7 +1,8 @@
-//! The paper's campaign, from the plan to the table in force, beside `simulate campaign` and `calibrate` of the same IMU.
+//! The paper's campaign, from the plan to the coefficient table in force, compared with `simulate campaign` and `calibrate` of
+//! the same IMU.
 
-use crate::laboratory::{Laboratory, PATIENCE};
-use isotherm_benches::Outcome;
+use crate::laboratory::{BenchLaboratory, TIMEOUT};
+use isotherm_benches::BenchResult;
 use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
@@ -10,20 +11,20 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// Laboratory time over real time.
+/// Laboratory time divided by real time.
 const SPEED: u32 = 1000;
 
-/// Runs it with a table that is exact and with one that is off by 1 arcsec, and prints the figures.
-pub fn bench() -> Outcome<()> {
+/// Runs the campaign with an exact turntable and with one that is off by 1 arcsec, and prints the figures.
+pub fn bench() -> BenchResult<()> {
     ["0", "1"].into_iter().try_for_each(campaign)
 }
 
-fn campaign(positioning: &str) -> Outcome<()> {
-    let laboratory = Laboratory::new(SPEED, positioning, &[], true)?;
+fn campaign(positioning: &str) -> BenchResult<()> {
+    let laboratory = BenchLaboratory::new(SPEED, positioning, &[], true)?;
     let begun = Instant::now();
     let mut runner = laboratory.run(&["--calibrate", "--alignment", "--require", "10"])?;
-    if !runner.ends_well(PATIENCE)? {
-        return Err(format!("the campaign has failed:\n{}", laboratory.world.log()).into());
+    if !runner.succeeds_within(TIMEOUT)? {
+        return Err(format!("the campaign has failed:\n{}", laboratory.domain.log()).into());
     }
     let took = begun.elapsed().as_secs_f64();
     let kept = laboratory.events("kept")?;
@@ -31,11 +32,11 @@ fn campaign(positioning: &str) -> Outcome<()> {
     if let Some(wrong) = laboratory.wrong(kept.len(), 30)? {
         return Err(wrong.into());
     }
-    let load = |path: &Path| -> Outcome<CoefficientTable> {
+    let load = |path: &Path| -> BenchResult<CoefficientTable> {
         Ok(CoefficientTable::from_toml(&fs::read_to_string(path)?, None)?)
     };
     let truth = load(&laboratory.path("truth.toml"))?;
-    let installed = load(&laboratory.world.path("imu-a.toml"))?;
+    let installed = load(&laboratory.domain.path("imu-a.toml"))?;
     println!(
         "automatic campaign at {SPEED} times, the table exact to {positioning} arcsec: {dwells} dwells, {} runs, {took:.0} s of real time",
         kept.len() - dwells
@@ -48,22 +49,22 @@ fn campaign(positioning: &str) -> Outcome<()> {
     for (number, run) in kept.iter().filter(|unit| unit["file"] != "campaign.csv").enumerate() {
         println!("verification run {}: {} rows, {} s", number + 1, run["rows"], run["seconds"]);
     }
-    let told: Vec<Value> = laboratory.events("paused")?;
-    println!("pauses {}, dwells begun again {}", told.len(), laboratory.events("discarded")?.len());
-    for line in laboratory.world.output().lines().filter(|line| line.trim_start().starts_with('A')) {
+    let pauses: Vec<Value> = laboratory.events("paused")?;
+    println!("pauses {}, dwells begun again {}", pauses.len(), laboratory.events("discarded")?.len());
+    for line in laboratory.domain.output().lines().filter(|line| line.trim_start().starts_with('A')) {
         println!("{line}");
     }
     Ok(())
 }
 
-/// The table that a campaign without any instruments gives.
-fn simulated(laboratory: &Laboratory, positioning: &str) -> Outcome<std::path::PathBuf> {
-    let run = |words: &[&str]| -> Outcome<()> {
+/// The coefficient table from `simulate campaign`, which uses no instruments.
+fn simulated(laboratory: &BenchLaboratory, positioning: &str) -> BenchResult<std::path::PathBuf> {
+    let run = |words: &[&str]| -> BenchResult<()> {
         let status =
-            Command::new(std::env::current_exe()?).args(words).current_dir(laboratory.world.path("")).output()?;
+            Command::new(std::env::current_exe()?).args(words).current_dir(laboratory.domain.path("")).output()?;
         if status.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&status.stderr).into()) }
     };
     run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--positioning", positioning])?;
     run(&["calibrate", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;
-    Ok(laboratory.world.path("simulated.toml"))
+    Ok(laboratory.domain.path("simulated.toml"))
 }

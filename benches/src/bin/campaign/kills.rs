@@ -1,36 +1,36 @@
-//! kill -9 at random moments: what has been taken stays as it was, and the campaign is completed.
+//! The runner is killed (SIGKILL) at random moments: completed dwells stay as they were, and the campaign is completed.
 
-use crate::laboratory::{Laboratory, PATIENCE, SHORT};
-use isotherm_benches::Outcome;
+use crate::laboratory::{BenchLaboratory, SHORT, TIMEOUT};
+use isotherm_benches::BenchResult;
 use std::time::{Duration, Instant};
 
-/// Laboratory time over real time.
+/// Laboratory time divided by real time.
 const SPEED: u32 = 1000;
 /// Dwells of the short campaign.
 const UNITS: usize = 24;
-/// Long enough that most of the time is in dwells.
+/// A change of the plan: dwells so long that most of the time is spent in them.
 const DWELL: (&str, &str) = ("time_s = 60\n", "time_s = 600\n");
-/// Rows of such a dwell.
+/// Rows of a dwell of this length.
 const ROWS: u64 = 60;
-/// A runner lives up to this long before it is killed.
+/// Longest time before a runner is killed \[s\].
 const LIFE_S: f64 = 6.0;
 
-/// Kills 30 times, or once.
-pub fn bench(smoke: bool) -> Outcome<()> {
+/// Kills 30 runners; with `smoke` one.
+pub fn bench(smoke: bool) -> BenchResult<()> {
     let (campaigns, kills) = if smoke { (1, 1) } else { (6, 5) };
-    let mut random = Random(0x9e37_79b9_7f4a_7c15);
+    let mut random = XorShift(0x9e37_79b9_7f4a_7c15);
     let (mut lost, mut differences) = (0, 0);
     println!("{campaigns} campaigns of {UNITS} dwells, each runner killed {kills} times at random moments");
     println!("  campaign   killed in                                         dwells repeated   s");
     let changes: Vec<_> = SHORT.into_iter().chain([DWELL]).collect();
     for campaign in 1..=campaigns {
-        let laboratory = Laboratory::new(SPEED, "1", &changes, false)?;
+        let laboratory = BenchLaboratory::new(SPEED, "1", &changes, false)?;
         let (begun, mut phases, mut before) = (Instant::now(), Vec::new(), Vec::new());
         let mut repeated = 0;
         for _ in 0..kills {
             let runner = laboratory.run(&[])?;
             let started = laboratory.events("started")?.len();
-            laboratory.until("the runner", || {
+            laboratory.wait_until("the runner", || {
                 Ok(laboratory.events("started")?.len() > started || !laboratory.phase().is_empty())
             })?;
             std::thread::sleep(Duration::from_secs_f64(LIFE_S * random.next()));
@@ -44,8 +44,8 @@ pub fn bench(smoke: bool) -> Outcome<()> {
             before = samples.get(..end as usize).ok_or("samples that the journal lists are not there")?.to_vec();
         }
         let mut runner = laboratory.run(&[])?;
-        if !runner.ends_well(PATIENCE)? {
-            return Err(format!("campaign {campaign} was not completed:\n{}", laboratory.world.log()).into());
+        if !runner.succeeds_within(TIMEOUT)? {
+            return Err(format!("campaign {campaign} was not completed:\n{}", laboratory.domain.log()).into());
         }
         differences += usize::from(!laboratory.file("campaign.csv").starts_with(&before));
         if let Some(wrong) = laboratory.wrong(UNITS, ROWS)? {
@@ -62,10 +62,10 @@ pub fn bench(smoke: bool) -> Outcome<()> {
     if differences > 0 { Err("completed dwells were changed".into()) } else { Ok(()) }
 }
 
-/// Numbers from 0 to 1, the same each time (xorshift).
-struct Random(u64);
+/// Pseudo-random numbers from 0 to 1, the same in every run.
+struct XorShift(u64);
 
-impl Random {
+impl XorShift {
     fn next(&mut self) -> f64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;

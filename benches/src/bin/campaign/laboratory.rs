@@ -1,48 +1,48 @@
-//! A station, a service for its IMU and a plan, in a world of their own.
+//! A station, a service for its IMU and a plan, in a domain of their own.
 
-use isotherm_benches::{Outcome, Partner, World};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult};
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Nothing takes longer, or something is broken.
-pub const PATIENCE: Duration = Duration::from_secs(600);
-/// Between two looks.
-const LOOK: Duration = Duration::from_millis(2);
+/// Longest wait; after it the bench fails.
+pub const TIMEOUT: Duration = Duration::from_secs(600);
+/// Pause between two polls.
+const POLL_PAUSE: Duration = Duration::from_millis(2);
 
-/// What makes the station's plan short.
+/// Replacements that make the station's plan short.
 pub const SHORT: [(&str, &str); 7] = [
     ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
     ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
     ("time_s = 300", "time_s = 60"),
     ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 23]"),
     ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
-    // A machine that has other things to do is slow in laboratory time.
+    // Waits are long in laboratory time, because the machine may be busy with other work.
     ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
     ("\n[verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n", ""),
 ];
 
-/// All of it; ended and removed when dropped.
-pub struct Laboratory {
-    _station: Partner,
-    _service: Partner,
-    /// The world that it is in.
-    pub world: World,
+/// Station, service and plan. Dropping it ends the processes and removes the files.
+pub struct BenchLaboratory {
+    _station: BenchProcess,
+    _service: BenchProcess,
+    /// The domain of station and service.
+    pub domain: BenchDomain,
     speed: String,
 }
 
-impl Laboratory {
-    /// At `speed`, with the table's angles off by `positioning` \[arcsec\] and the station's plan changed, `telemetry_per_h` in force or
-    /// not.
-    pub fn new(speed: u32, positioning: &str, changes: &[(&str, &str)], telemetry: bool) -> Outcome<Self> {
-        let world = World::new()?;
-        let service = world.spawn(&["serve", "--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"])?;
+impl BenchLaboratory {
+    /// Starts station and service at `speed`. The turntable's angles are off by `positioning` \[arcsec\]. `changes` are made in
+    /// the station's plan; without `telemetry` its rule `telemetry_per_h` is removed, too.
+    pub fn new(speed: u32, positioning: &str, changes: &[(&str, &str)], telemetry: bool) -> BenchResult<Self> {
+        let domain = BenchDomain::new()?;
+        let service = domain.spawn(&["serve", "--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"])?;
         let speed = speed.to_string();
         let words = ["simulate", "station", "-o", "station", "--imu", "imu-a", "--speed", &speed, "--interval", "10"];
-        let station = world.spawn(&[&words[..], &["--chamber-ramp", "5", "--positioning", positioning]].concat())?;
-        let laboratory = Self { _station: station, _service: service, world, speed };
-        laboratory.until("the station", || {
+        let station = domain.spawn(&[&words[..], &["--chamber-ramp", "5", "--positioning", positioning]].concat())?;
+        let laboratory = Self { _station: station, _service: service, domain, speed };
+        laboratory.wait_until("the station", || {
             Ok(["chamber", "table", "plan.toml"].iter().all(|name| laboratory.path(name).exists()))
         })?;
         let path = laboratory.path("plan.toml");
@@ -60,7 +60,7 @@ impl Laboratory {
 
     /// A file of the station.
     pub fn path(&self, name: &str) -> PathBuf {
-        self.world.path("station").join(name)
+        self.domain.path("station").join(name)
     }
 
     /// A file of the campaign's folder; empty if it is not there.
@@ -69,48 +69,48 @@ impl Laboratory {
     }
 
     /// Starts the runner.
-    pub fn run(&self, more: &[&str]) -> Outcome<Partner> {
-        self.world.spawn(&[&["campaign", "run", "station/plan.toml", "--speed", &self.speed], more].concat())
+    pub fn run(&self, more: &[&str]) -> BenchResult<BenchProcess> {
+        self.domain.spawn(&[&["campaign", "run", "station/plan.toml", "--speed", &self.speed], more].concat())
     }
 
-    /// The journal's whole lines.
-    pub fn journal(&self) -> Outcome<Vec<Value>> {
+    /// The complete lines of the journal.
+    pub fn journal(&self) -> BenchResult<Vec<Value>> {
         let text = String::from_utf8(self.file("journal.jsonl"))?;
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
         Ok(whole.lines().map(serde_json::from_str).collect::<Result<_, _>>()?)
     }
 
-    /// The journal's lines of an event.
-    pub fn events(&self, event: &str) -> Outcome<Vec<Value>> {
+    /// The lines of the journal for an event.
+    pub fn events(&self, event: &str) -> BenchResult<Vec<Value>> {
         Ok(self.journal()?.into_iter().filter(|line| line["event"] == event).collect())
     }
 
-    /// What the runner does.
+    /// The current phase of the runner.
     pub fn phase(&self) -> String {
         let status: Value = serde_json::from_slice(&self.file("status.json")).unwrap_or_default();
         status["phase"].as_str().unwrap_or_default().to_owned()
     }
 
-    /// Has these faults from now on.
-    pub fn faults(&self, lines: &str) -> Outcome<()> {
+    /// Sets the faults that the station injects from now on.
+    pub fn set_faults(&self, lines: &str) -> BenchResult<()> {
         fs::write(self.path("faults.new"), lines)?;
         Ok(fs::rename(self.path("faults.new"), self.path("faults"))?)
     }
 
-    /// Waits.
-    pub fn until(&self, what: &str, condition: impl Fn() -> Outcome<bool>) -> Outcome<()> {
+    /// Waits until `condition` holds. `what` names it in the error.
+    pub fn wait_until(&self, what: &str, condition: impl Fn() -> BenchResult<bool>) -> BenchResult<()> {
         let begun = Instant::now();
         while !condition()? {
-            if begun.elapsed() > PATIENCE {
-                return Err(format!("{what} did not come to be:\n{}", self.world.log()).into());
+            if begun.elapsed() > TIMEOUT {
+                return Err(format!("{what} did not come to be:\n{}", self.domain.log()).into());
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_PAUSE);
         }
         Ok(())
     }
 
-    /// What is wrong with the units that are kept: each once, in order, with the rows and bytes that it should have.
-    pub fn wrong(&self, units: usize, rows: u64) -> Outcome<Option<String>> {
+    /// Checks that each unit was kept once, in order, with its rows and bytes. Returns what is wrong.
+    pub fn wrong(&self, units: usize, rows: u64) -> BenchResult<Option<String>> {
         let kept = self.events("kept")?;
         if kept.len() != units {
             return Ok(Some(format!("{} units instead of {units}", kept.len())));

@@ -1,5 +1,5 @@
-//! The automatic campaign against the simulated station: a whole one (`full`), faults at every phase (`faults`), kills at random
-//! moments (`kills`). All processes are real; the station runs faster than a laboratory.
+//! The automatic campaign with the simulated station: a whole campaign (`full`), faults in every phase (`faults`), and kills at
+//! random moments (`kills`). All processes are real; the station runs faster than a laboratory.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 mod faults;
@@ -7,14 +7,14 @@ mod full;
 mod kills;
 mod laboratory;
 
-use isotherm_benches::Outcome;
+use isotherm_benches::BenchResult;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let smoke = words.iter().any(|word| word == "--smoke");
     let result = match words.first().map(String::as_str) {
-        // This program is every process of the laboratory too.
+        // All processes of the laboratory run this program, too.
         Some("--domain" | "serve" | "simulate" | "campaign" | "status" | "calibrate") => {
             return isotherm_cli::main();
         }
@@ -36,7 +36,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn all() -> Outcome<()> {
+fn all() -> BenchResult<()> {
     full::bench()?;
     faults::bench(false)?;
     kills::bench(false)

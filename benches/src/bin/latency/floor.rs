@@ -1,14 +1,14 @@
-//! The floor under every path: two cache lines in bare shared memory, one for each direction, and nothing else.
-#![expect(unsafe_code, reason = "memory that two processes share has to be mapped by hand here, that is the point")]
+//! The lower bound of every path: two cache lines in bare shared memory, one for each direction, and nothing else.
+#![expect(unsafe_code, reason = "this bench measures bare shared memory, so it must map it itself")]
 
 use crate::paths::Path;
 use core::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Release};
-use isotherm_benches::{Outcome, Spin};
+use isotherm_benches::{BenchResult, Spin};
 use isotherm_client::{CompensatedIncrement, RawSample};
 use rustix::mm::{MapFlags, ProtFlags, mmap};
 use std::fs::{self, File};
 
-/// Two lines, far enough apart that no processor fetches them together.
+/// Size of the memory. Its two lines are so far apart that no processor fetches them together.
 const BYTES: usize = 512;
 
 /// The two lines.
@@ -18,10 +18,10 @@ struct Lines {
 }
 
 impl Lines {
-    fn map(path: &std::path::Path) -> Outcome<Self> {
+    fn map(path: &std::path::Path) -> BenchResult<Self> {
         let file = File::options().read(true).write(true).open(path)?;
-        // SAFETY: a fresh mapping, of a file that is as long and that nobody shortens, and that is never unmapped; both words are
-        // aligned, lie within it, and are only used as atomics, by both processes.
+        // SAFETY: this is a fresh mapping of a file that is `BYTES` long and that nobody shortens. It is never unmapped. Both
+        // words are aligned, lie within it, and are only used as atomics, by both processes.
         unsafe {
             let protection = ProtFlags::READ | ProtFlags::WRITE;
             let start = mmap(core::ptr::null_mut(), BYTES, protection, MapFlags::SHARED, &file, 0)?.cast::<AtomicU64>();
@@ -37,27 +37,27 @@ pub struct Floor {
 }
 
 impl Floor {
-    /// Makes the shared memory.
-    pub fn create(path: &std::path::Path) -> Outcome<Self> {
+    /// Creates the shared memory.
+    pub fn create(path: &std::path::Path) -> BenchResult<Self> {
         fs::write(path, [0; BYTES])?;
         Ok(Self { lines: Lines::map(path)?, count: 0 })
     }
 }
 
 impl Path for Floor {
-    fn round_trip(&mut self, _: &RawSample) -> Outcome<CompensatedIncrement> {
+    fn round_trip(&mut self, _: &RawSample) -> BenchResult<CompensatedIncrement> {
         self.count += 1;
         self.lines.request.store(self.count, Release);
         let mut spin = Spin::default();
         while self.lines.response.load(Acquire) != self.count {
-            spin.go_on()?;
+            spin.turn()?;
         }
         Ok(CompensatedIncrement::default())
     }
 }
 
-/// The other end: answers until the bench has gone.
-pub fn answer(path: &str) -> Outcome<()> {
+/// The other end: answers until the bench ends.
+pub fn answer(path: &str) -> BenchResult<()> {
     let lines = Lines::map(path.as_ref())?;
     let mut last = 0;
     loop {

@@ -1,9 +1,10 @@
-//! Beside two neighbours that use all the processor time they get: with and without real-time settings, with and without reloads.
+//! Latency under load: with and without a busy process on every core, with and without real-time settings, with and without
+//! reloads.
 
 use crate::Effort;
-use crate::open::{self, Latencies, Schedule};
+use crate::open::{self, Latencies, SendSchedule};
 use isotherm_benches::statistics::pooled_ratio;
-use isotherm_benches::{IMU, Outcome, Partner, TABLE, World, cores, pin, stolen};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, IMU, TABLE, cores, pin, stolen_ticks};
 use isotherm_client::{Acquisition, Realtime};
 use serde_json::{Map, Value, json};
 use std::fs;
@@ -14,22 +15,22 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
-/// \[Hz\].
+/// Rate of the samples \[Hz\].
 const RATE: u32 = 2_000;
-/// With and without reloads take turns of a second this often.
+/// Number of turns: each is a second without reloads and a second with them.
 const TURNS: usize = 20;
 const RELOADS_PER_SECOND: u32 = 10;
-/// `SCHED_FIFO` priorities: the service before its client.
+/// `SCHED_FIFO` priorities of the service and of its client.
 const PRIORITIES: (i32, i32) = (50, 49);
 
-/// A neighbour.
-pub fn hungry() -> Outcome<()> {
+/// Role of a neighbour process: uses all the processor time that it gets.
+pub fn spin_forever() -> BenchResult<()> {
     loop {
         core::hint::black_box(0);
     }
 }
 
-pub fn measure(effort: Effort) -> Outcome<Value> {
+pub fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let mut document = Map::new();
     for (neighbours, realtime) in [(false, false), (false, true), (true, false), (true, true)] {
@@ -39,7 +40,7 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
             (true, false) => "neighbours",
             (true, true) => "neighbours, real-time",
         };
-        // In a thread of its own, since real-time settings are a thread's and stay.
+        // In a new thread, because real-time settings apply to a thread and stay.
         let cores = cores.clone();
         let result = thread::spawn(move || scenario(effort, &cores, neighbours, realtime).map_err(|e| e.to_string()));
         let figures = match result.join().map_err(|_| "a scenario panicked")? {
@@ -51,43 +52,43 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
     Ok(json!({"load": document, "rate_hz": RATE, "reloads_per_s": RELOADS_PER_SECOND}))
 }
 
-fn scenario(effort: Effort, cores: &[usize], neighbours: bool, realtime: bool) -> Outcome<Value> {
+fn scenario(effort: Effort, cores: &[usize], neighbours: bool, realtime: bool) -> BenchResult<Value> {
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
-    let world = World::new()?;
-    let _hungry: Vec<Partner> = if neighbours {
-        let start = |core: &usize| world.spawn(&["child", &core.to_string(), "hungry"]);
-        cores.iter().map(start).collect::<Outcome<_>>()?
+    let domain = BenchDomain::new()?;
+    let _neighbours: Vec<BenchProcess> = if neighbours {
+        let start = |core: &usize| domain.spawn(&["child", &core.to_string(), "hungry"]);
+        cores.iter().map(start).collect::<BenchResult<_>>()?
     } else {
         Vec::new()
     };
     let core = theirs.map(|core| format!("core = {core}\n")).unwrap_or_default();
     let more = if realtime { format!("priority = {}\nlock_memory = true\n", PRIORITIES.0) } else { String::new() };
-    let _service = world.serve(&format!("[realtime]\n{core}{more}"))?;
-    let reloads = Reloads::start(world.path("table.toml"));
-    // Only now: what this thread starts has its settings.
+    let _service = domain.serve(&format!("[realtime]\n{core}{more}"))?;
+    let reloads = Reloads::start(domain.path("table.toml"));
+    // Only now, because processes and threads that this thread starts inherit its settings.
     pin(mine.filter(|_| theirs.is_some()));
     if realtime {
         Realtime { priority: Some(PRIORITIES.1), lock_memory: true, ..Realtime::default() }.apply()?;
     }
-    let mut acquisition = [Acquisition::connect(&IMU.parse()?, &world.options())?];
-    let schedule = Schedule {
+    let mut acquisition = [Acquisition::connect(&IMU.parse()?, &domain.options())?];
+    let schedule = SendSchedule {
         period: Duration::from_secs(1) / RATE,
         warm_up: RATE as usize / 20,
         count: effort.of(200, RATE as usize),
-        // A sender that spins at a real-time priority would be stopped by the kernel itself.
+        // The operating system would throttle a sender that spins at a real-time priority.
         spin: false,
     };
     let (mut without, mut with, mut disturbed) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..effort.of(6, TURNS) {
-        let before = stolen();
+        let before = stolen_ticks();
         for (on, turns) in [(false, &mut without), (true, &mut with)] {
             reloads.on(on);
             turns.push(open::run(&mut acquisition, schedule, || ())?);
         }
-        disturbed.push(stolen() != before);
+        disturbed.push(stolen_ticks() != before);
     }
     drop(reloads);
-    // What the host takes away shows in the tails of both; it would only blur the ratio.
+    // Turns with steal time are left out of the ratio, because they make it less certain. The figures of both keep them.
     let sent = |turns: &[Latencies]| {
         let undisturbed = turns.iter().zip(&disturbed).filter(|(_, disturbed)| !**disturbed);
         undisturbed.map(|(turn, _)| turn.sent.clone()).collect::<Vec<_>>()
@@ -109,7 +110,7 @@ fn scenario(effort: Effort, cores: &[usize], neighbours: bool, realtime: bool) -
     }))
 }
 
-/// A thread that replaces the table ten times a second while it is told to.
+/// A thread that replaces the table ten times a second while it is switched on.
 struct Reloads {
     on: Arc<AtomicBool>,
     end: Option<mpsc::Sender<()>>,
@@ -128,7 +129,7 @@ impl Reloads {
                 if asked.load(Relaxed) {
                     number = (number + 1) % 9;
                     let text = TABLE.replace("9.8015", &format!("9.80{number}"));
-                    // What fails here shows as a reload that does not come, not as latency.
+                    // If this fails, a reload is missing; the latencies stay valid.
                     let _ = fs::write(&next, text).and_then(|()| fs::rename(&next, &table));
                 }
             }

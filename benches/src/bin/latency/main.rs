@@ -1,9 +1,10 @@
-//! Latency as users can check it: Isotherm beside what it is built on and what it replaces, in one run on one machine.
+//! Latency that users can check: Isotherm is compared with what it is built on and what it replaces, in one run on one machine.
 //!
 //! Without a subcommand: round trips through five paths in alternating blocks ([`closed`]), then samples sent by the clock under
-//! each waiting strategy ([`waits`]). The subcommands measure under load, many IMUs, and many samples in flight.
+//! each waiting strategy ([`waits`]). The subcommands measure under load, with many IMUs, with many samples in flight, and with a
+//! recorder.
 //!
-//! Real processes: this one is the acquisition, its children are this very program as the service, an echo, a socket server.
+//! All processes are real: this one is the acquisition; its children run this program as the service, an echo or a socket server.
 #![allow(clippy::print_stdout, reason = "the tables are the product")]
 
 mod closed;
@@ -18,16 +19,16 @@ mod throughput;
 mod waits;
 
 use clap::{Parser, Subcommand};
-use isotherm_benches::{OtherBuild, Outcome, become_child, pin};
+use isotherm_benches::{BenchResult, OtherBuild, become_child, pin};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 use std::time::Instant;
 
 /// Measures the latency of Isotherm beside bare shared memory, iceoryx2 and a Unix socket
 #[derive(Debug, Parser)]
-struct Arguments {
+struct LatencyArguments {
     #[command(subcommand)]
-    what: Option<What>,
+    command: Option<LatencyCommand>,
     /// Print one JSON document
     #[arg(long, global = true)]
     json: bool,
@@ -43,7 +44,7 @@ struct Arguments {
 }
 
 #[derive(Debug, Subcommand)]
-enum What {
+enum LatencyCommand {
     /// Only the second part: samples sent by the clock under each waiting strategy
     Waits,
     /// Round trips beside two CPU-hungry neighbours, with and without real-time settings, with and without reloads
@@ -59,16 +60,16 @@ enum What {
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
 pub enum Effort {
-    /// To see that it works.
+    /// As little as shows that everything works.
     Smoke,
-    /// Within a minute.
+    /// About a minute.
     Usual,
     /// Ten times that.
     Long,
 }
 
 impl Effort {
-    /// `usual`, a tenth of it at most, or ten times as much.
+    /// The number for this effort: `smoke`, `usual`, or ten times `usual`.
     pub fn of(self, smoke: usize, usual: usize) -> usize {
         match self {
             Self::Smoke => smoke,
@@ -95,7 +96,7 @@ fn main() -> ExitCode {
             pin(core.parse().ok());
             child(role)
         }
-        _ => bench(&Arguments::parse()),
+        _ => bench(&LatencyArguments::parse()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -106,35 +107,35 @@ fn main() -> ExitCode {
     }
 }
 
-/// What this program is as a child process.
-fn child(role: &[&str]) -> Outcome<()> {
+/// Runs this program in the role of a child process.
+fn child(role: &[&str]) -> BenchResult<()> {
     match role {
         ["floor", path] => floor::answer(path),
         ["echo", domain, root, depth] => paths::echo(domain, root, depth.parse()?),
         ["socket", path] => paths::socket_server(path),
-        ["hungry"] => load::hungry(),
+        ["hungry"] => load::spin_forever(),
         _ => Err("unknown role".into()),
     }
 }
 
-fn bench(arguments: &Arguments) -> Outcome<()> {
+fn bench(arguments: &LatencyArguments) -> BenchResult<()> {
     let (started, machine) = (Instant::now(), report::machine());
     let effort = match (arguments.smoke, arguments.long) {
         (true, _) => Effort::Smoke,
         (_, true) => Effort::Long,
         _ => Effort::Usual,
     };
-    let mut document = match arguments.what {
+    let mut document = match arguments.command {
         None => {
             let mut document = closed::measure(effort, &arguments.other)?;
             document["waits"] = waits::measure(effort)?;
             document
         }
-        Some(What::Waits) => json!({"waits": waits::measure(effort)?}),
-        Some(What::Load) => load::measure(effort)?,
-        Some(What::Scale) => scale::measure(effort)?,
-        Some(What::Throughput) => throughput::measure(effort)?,
-        Some(What::Record) => record::measure(effort)?,
+        Some(LatencyCommand::Waits) => json!({"waits": waits::measure(effort)?}),
+        Some(LatencyCommand::Load) => load::measure(effort)?,
+        Some(LatencyCommand::Scale) => scale::measure(effort)?,
+        Some(LatencyCommand::Throughput) => throughput::measure(effort)?,
+        Some(LatencyCommand::Record) => record::measure(effort)?,
     };
     document["machine"] = machine;
     document["seconds"] = Value::from(started.elapsed().as_secs_f64());

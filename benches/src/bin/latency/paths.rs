@@ -1,4 +1,4 @@
-//! The ways in which a sample can get its answer, all used alike: fill a sample in, send it, wait, have the answer copied out.
+//! The paths from a sample to its answer. All are used in the same way: fill a sample in, send it, wait, copy the answer out.
 
 use core::fmt::Debug;
 use core::mem::MaybeUninit;
@@ -8,7 +8,7 @@ use iceoryx2::prelude::{BackpressureStrategy, IceoryxSend, Node, NodeBuilder, Si
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::builder::publish_subscribe::Builder;
-use isotherm_benches::{Outcome, PATIENCE, Spin, TABLE};
+use isotherm_benches::{BenchResult, Spin, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, CompensatedIncrement, Domain, RawSample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
@@ -21,14 +21,14 @@ use std::time::{Duration, Instant};
 /// One way to send a sample and get its answer.
 pub trait Path {
     /// Sends the sample and waits for the answer.
-    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement>;
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement>;
 }
 
 /// The client library, waiting for the answer by spinning.
 pub struct Isotherm(pub Acquisition);
 
 impl Path for Isotherm {
-    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
         let mut loan = self.0.loan()?;
         let (session, sequence) = (loan.session, loan.sequence);
         *loan = RawSample { session, sequence, ..*sample };
@@ -38,12 +38,13 @@ impl Path for Isotherm {
             if let Some(increment) = self.0.receive()? {
                 return Ok(increment);
             }
-            spin.go_on()?;
+            spin.turn()?;
         }
     }
 }
 
-/// A bare pair of iceoryx2's publish-subscribe streams, at its best: the next sample loaned ahead, queues of two.
+/// A bare pair of iceoryx2's publish-subscribe streams, used in the fastest way: the next sample is loaned ahead, and the queues
+/// are short.
 pub struct Bare {
     publisher: Publisher<ipc::Service, RawSample, ()>,
     spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
@@ -53,7 +54,7 @@ pub struct Bare {
 
 impl Bare {
     /// Connects to the [`echo`] of this domain, which may not be ready yet.
-    pub fn connect(domain: &Domain, depth: usize) -> Outcome<Self> {
+    pub fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
         let node = node(domain)?;
         let raw = stream::<RawSample>(&node, "bench/raw", depth)?.open_or_create()?;
         let publisher =
@@ -61,9 +62,9 @@ impl Bare {
         let publisher = publisher.create()?;
         let answers = stream::<CompensatedIncrement>(&node, "bench/increment", depth)?.open_or_create()?;
         let subscriber = answers.subscriber_builder().create()?;
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         while subscriber.receive()?.is_none() {
-            // Until the echo has subscribed nobody gets these.
+            // Until the echo has subscribed, nobody receives these samples.
             publisher.send_copy(RawSample::default())?;
             std::thread::sleep(Duration::from_millis(1));
             if Instant::now() > deadline {
@@ -75,8 +76,8 @@ impl Bare {
         Ok(Self { spare: Some(publisher.loan()?), publisher, subscriber, _node: node })
     }
 
-    /// Sends a sample; the next is loaned behind it.
-    pub fn send(&mut self, sample: &RawSample) -> Outcome<()> {
+    /// Sends a sample, then loans the next one.
+    pub fn send(&mut self, sample: &RawSample) -> BenchResult<()> {
         let mut loan = match self.spare.take() {
             Some(loan) => loan,
             None => self.publisher.loan()?,
@@ -88,26 +89,26 @@ impl Bare {
     }
 
     /// An answer, if one is there.
-    pub fn receive(&self) -> Outcome<Option<CompensatedIncrement>> {
+    pub fn receive(&self) -> BenchResult<Option<CompensatedIncrement>> {
         Ok(self.subscriber.receive()?.map(|sample| *sample))
     }
 }
 
 impl Path for Bare {
-    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
         self.send(sample)?;
         let mut spin = Spin::default();
         loop {
             if let Some(increment) = self.receive()? {
                 return Ok(increment);
             }
-            spin.go_on()?;
+            spin.turn()?;
         }
     }
 }
 
-/// The other end of a [`Bare`] pair: copies each sample out and answers with its numbers, without compensating anything.
-pub fn echo(domain: &str, root: &str, depth: usize) -> Outcome<()> {
+/// The other end of a [`Bare`] pair: copies each sample out and answers with its session and sequence. It compensates nothing.
+pub fn echo(domain: &str, root: &str, depth: usize) -> BenchResult<()> {
     let node = node(&Domain::new(domain, root)?)?;
     let raw = stream::<RawSample>(&node, "bench/raw", depth)?.open_or_create()?;
     let subscriber = raw.subscriber_builder().create()?;
@@ -128,8 +129,8 @@ pub fn echo(domain: &str, root: &str, depth: usize) -> Outcome<()> {
     }
 }
 
-/// iceoryx2 as anybody would use it; only the domain is this bench's own.
-fn node(domain: &Domain) -> Outcome<Node<ipc::Service>> {
+/// A node with the usual settings of iceoryx2; only the domain is this bench's own.
+fn node(domain: &Domain) -> BenchResult<Node<ipc::Service>> {
     let node = NodeBuilder::new().config(&domain.config()?).signal_handling_mode(SignalHandlingMode::Disabled);
     Ok(node.create()?)
 }
@@ -138,7 +139,7 @@ fn stream<T: IceoryxSend + ZeroCopySend + Debug>(
     node: &Node<ipc::Service>,
     name: &str,
     depth: usize,
-) -> Outcome<Builder<T, (), ipc::Service>> {
+) -> BenchResult<Builder<T, (), ipc::Service>> {
     let builder = node.service_builder(&name.try_into()?).publish_subscribe::<T>();
     let builder = builder.max_publishers(1).max_subscribers(1).subscriber_max_buffer_size(depth);
     Ok(builder.history_size(0).enable_safe_overflow(true))
@@ -148,14 +149,14 @@ fn stream<T: IceoryxSend + ZeroCopySend + Debug>(
 pub struct InProcess(CoefficientTable);
 
 impl InProcess {
-    /// With the table that the service has.
-    pub fn new() -> Outcome<Self> {
+    /// A kernel with the table that the service has.
+    pub fn new() -> BenchResult<Self> {
         CoefficientTable::from_toml(TABLE, None).map(Self).map_err(|faults| faults.to_string().into())
     }
 }
 
 impl Path for InProcess {
-    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
         Ok(answer(Some(&self.0), black_box(sample)))
     }
 }
@@ -168,12 +169,12 @@ pub struct Socket(UnixStream);
 
 impl Socket {
     /// Connects to the [`socket_server`], which may not be ready yet.
-    pub fn connect(path: &std::path::Path) -> Outcome<Self> {
-        let deadline = Instant::now() + PATIENCE;
+    pub fn connect(path: &std::path::Path) -> BenchResult<Self> {
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             match UnixStream::connect(path) {
                 Ok(stream) => {
-                    stream.set_read_timeout(Some(PATIENCE))?;
+                    stream.set_read_timeout(Some(TIMEOUT))?;
                     return Ok(Self(stream));
                 }
                 Err(error) if Instant::now() > deadline => return Err(error.into()),
@@ -184,7 +185,7 @@ impl Socket {
 }
 
 impl Path for Socket {
-    fn round_trip(&mut self, sample: &RawSample) -> Outcome<CompensatedIncrement> {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
         self.0.write_all(&raw_bytes(sample))?;
         let mut bytes = [0; INCREMENT_BYTES];
         self.0.read_exact(&mut bytes)?;
@@ -193,12 +194,12 @@ impl Path for Socket {
 }
 
 /// Answers every sample that comes through the socket at `path`.
-pub fn socket_server(path: &str) -> Outcome<()> {
+pub fn socket_server(path: &str) -> BenchResult<()> {
     let table = CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?;
-    // Bound aside, so that a client that finds it can connect.
-    let aside = format!("{path}.new");
-    let listener = UnixListener::bind(&aside)?;
-    fs::rename(&aside, path)?;
+    // Bound under another name first, so that a client that finds `path` can connect.
+    let staged = format!("{path}.new");
+    let listener = UnixListener::bind(&staged)?;
+    fs::rename(&staged, path)?;
     let (mut stream, _) = listener.accept()?;
     let mut bytes = [0; RAW_BYTES];
     loop {
@@ -207,10 +208,10 @@ pub fn socket_server(path: &str) -> Outcome<()> {
     }
 }
 
-/// Takes numbers off a row of bytes.
-struct Reader<'a>(&'a [u8]);
+/// Reads numbers from consecutive bytes, native-endian.
+struct ByteReader<'a>(&'a [u8]);
 
-impl Reader<'_> {
+impl ByteReader<'_> {
     fn word<const N: usize>(&mut self) -> [u8; N] {
         let (word, rest) = self.0.split_first_chunk().unwrap_or((&[0; N], &[]));
         self.0 = rest;
@@ -230,10 +231,10 @@ impl Reader<'_> {
     }
 }
 
-/// Puts numbers one behind the other.
-struct Writer<const N: usize>([u8; N], usize);
+/// Writes numbers into consecutive bytes.
+struct ByteWriter<const N: usize>([u8; N], usize);
 
-impl<const N: usize> Writer<N> {
+impl<const N: usize> ByteWriter<N> {
     const fn new() -> Self {
         Self([0; N], 0)
     }
@@ -245,7 +246,7 @@ impl<const N: usize> Writer<N> {
 }
 
 fn raw_bytes(raw: &RawSample) -> [u8; RAW_BYTES] {
-    let mut writer = Writer::new();
+    let mut writer = ByteWriter::new();
     for word in [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns] {
         writer.put(&word.to_ne_bytes());
     }
@@ -255,7 +256,7 @@ fn raw_bytes(raw: &RawSample) -> [u8; RAW_BYTES] {
 }
 
 fn raw_of(bytes: &[u8; RAW_BYTES]) -> RawSample {
-    let mut reader = Reader(bytes);
+    let mut reader = ByteReader(bytes);
     RawSample {
         session: reader.u64(),
         sequence: reader.u64(),
@@ -271,7 +272,7 @@ fn raw_of(bytes: &[u8; RAW_BYTES]) -> RawSample {
 }
 
 fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT_BYTES] {
-    let mut writer = Writer::new();
+    let mut writer = ByteWriter::new();
     for word in [increment.session, increment.sequence, increment.timestamp_ns, increment.interval_ns] {
         writer.put(&word.to_ne_bytes());
     }
@@ -283,7 +284,7 @@ fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT_BYTES] {
 }
 
 fn increment_of(bytes: &[u8; INCREMENT_BYTES]) -> CompensatedIncrement {
-    let mut reader = Reader(bytes);
+    let mut reader = ByteReader(bytes);
     CompensatedIncrement {
         session: reader.u64(),
         sequence: reader.u64(),

@@ -1,10 +1,10 @@
-//! Four IMUs at 10 kHz with and without `isotherm record` beside them: what it loses, what it costs, and what the others notice.
+//! Four IMUs at 10 kHz with and without `isotherm record`: the rows that it loses, its processor time, and its effect on the
+//! round trips.
 
 use crate::Effort;
-use crate::open::{self, Schedule};
-
+use crate::open::{self, SendSchedule};
 use isotherm_benches::statistics::{figures, pooled_ratio};
-use isotherm_benches::{Outcome, PATIENCE, Partner, World, imu};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, TIMEOUT, imu};
 use isotherm_client::{Acquisition, Realtime};
 use serde_json::{Map, Value, json};
 use std::fs;
@@ -13,17 +13,17 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 const IMUS: usize = 4;
-/// Of each IMU.
+/// Period of each IMU's samples.
 const PERIOD: Duration = Duration::from_micros(100);
 const WARM_UP: usize = 2_000;
-/// Blocks with each of these follow each other: no recorder, then one a format.
+/// The states of alternating blocks: no recorder, then a recorder of each format.
 const STATES: [&str; 4] = ["none", "csv", "parquet", "mcap"];
-/// `SCHED_FIFO` priorities, where they may be had: the service before its client before the recorder.
+/// `SCHED_FIFO` priorities of the service, its client and the recorder, if they are permitted.
 const PRIORITIES: (i32, i32, &str) = (50, 49, "48");
 /// Ticks of processor time in a second.
 const TICKS: f64 = 100.0;
 
-/// What a recorder has done.
+/// The totals of the recorders of a state.
 #[derive(Default)]
 struct Recorded {
     sent: u64,
@@ -34,27 +34,27 @@ struct Recorded {
     seconds: f64,
 }
 
-pub fn measure(effort: Effort) -> Outcome<Value> {
-    let world = World::new()?;
-    // Whether a thread of this process may have a priority is found out in one of its own: it stays.
+pub fn measure(effort: Effort) -> BenchResult<Value> {
+    let domain = BenchDomain::new()?;
+    // Whether a priority is permitted is tried in a new thread, because the thread keeps it.
     let realtime = thread::spawn(|| priority(PRIORITIES.0).apply().is_ok()).join().unwrap_or(false);
     let settings = if realtime { format!("[realtime]\npriority = {}\n", PRIORITIES.0) } else { String::new() };
-    let _service = world.serve_many(IMUS, 1, &settings)?;
+    let _service = domain.serve_many(IMUS, 1, &settings)?;
     thread::scope(|scope| {
-        // Recorders are started by a thread without a priority, or they would inherit it.
+        // A thread without a priority starts the recorders, because they inherit its priority.
         let (ask, asked) = mpsc::channel::<&str>();
         let (give, given) = mpsc::channel();
-        let starting = &world;
+        let starting = &domain;
         scope.spawn(move || {
             for format in asked {
                 let _ = give.send(start(starting, format, realtime).map_err(|error| error.to_string()));
             }
         });
-        let start = move |format| -> Outcome<Partner> {
+        let start = move |format| -> BenchResult<BenchProcess> {
             ask.send(format)?;
             Ok(given.recv()??)
         };
-        // In a thread of its own, since real-time settings are a thread's and stay.
+        // In a new thread, because real-time settings apply to a thread and stay.
         let sending =
             scope.spawn(move || alternate(effort, starting, realtime, start).map_err(|error| error.to_string()));
         let result = sending.join().map_err(|_| "the bench panicked")?;
@@ -68,16 +68,17 @@ fn priority(number: i32) -> Realtime {
 
 fn alternate(
     effort: Effort,
-    world: &World,
+    domain: &BenchDomain,
     realtime: bool,
-    start: impl Fn(&'static str) -> Outcome<Partner>,
-) -> Outcome<Value> {
+    start: impl Fn(&'static str) -> BenchResult<BenchProcess>,
+) -> BenchResult<Value> {
     if realtime {
         priority(PRIORITIES.1).apply()?;
     }
-    let connect = |index| -> Outcome<Acquisition> { Ok(Acquisition::connect(&imu(index).parse()?, &world.options())?) };
-    let mut acquisitions = (0..IMUS).map(connect).collect::<Outcome<Vec<_>>>()?;
-    let schedule = Schedule { period: PERIOD, warm_up: WARM_UP, count: effort.of(2_000, 20_000), spin: false };
+    let connect =
+        |index| -> BenchResult<Acquisition> { Ok(Acquisition::connect(&imu(index).parse()?, &domain.options())?) };
+    let mut acquisitions = (0..IMUS).map(connect).collect::<BenchResult<Vec<_>>>()?;
+    let schedule = SendSchedule { period: PERIOD, warm_up: WARM_UP, count: effort.of(2_000, 20_000), spin: false };
     let mut sent = STATES.map(|_| Vec::new());
     let mut recorded = STATES.map(|_| Recorded::default());
     for _ in 0..effort.of(1, 10) {
@@ -92,7 +93,7 @@ fn alternate(
                 let total = &mut recorded[index];
                 total.seconds += started.elapsed().as_secs_f64();
                 total.sent += ((schedule.warm_up + schedule.count) * IMUS * 2) as u64;
-                end(world, recorder, total)?;
+                end(domain, recorder, total)?;
             }
         }
     }
@@ -115,7 +116,7 @@ fn alternate(
     Ok(json!({"record": document, "imus": IMUS, "rate_hz": 1e9 / PERIOD.as_nanos() as f64, "real_time": realtime}))
 }
 
-/// For people.
+/// Prints the document as tables.
 pub fn print(document: &Value) {
     let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
     let ratio =
@@ -151,10 +152,10 @@ pub fn print(document: &Value) {
     }
 }
 
-/// A recorder of all IMUs that has found their streams.
-fn start(world: &World, format: &str, realtime: bool) -> Outcome<Partner> {
-    fs::create_dir_all(world.path("recorded"))?;
-    fs::write(world.path("log"), "")?;
+/// Starts a recorder of all IMUs, and waits until it has found their streams.
+fn start(domain: &BenchDomain, format: &str, realtime: bool) -> BenchResult<BenchProcess> {
+    fs::create_dir_all(domain.path("recorded"))?;
+    fs::write(domain.path("log"), "")?;
     let name = if format == "mcap" { "recorded/all.mcap".to_owned() } else { format!("recorded/{{imu}}.{format}") };
     let ids: Vec<_> = (0..IMUS).map(imu).collect();
     let mut words = vec!["record", "-o", &name];
@@ -162,21 +163,21 @@ fn start(world: &World, format: &str, realtime: bool) -> Outcome<Partner> {
     if realtime {
         words.extend(["--priority", PRIORITIES.2]);
     }
-    let recorder = world.spawn(&words)?;
-    wait(world, "the recorder finds no streams", |log| {
+    let recorder = domain.spawn(&words)?;
+    wait(domain, "the recorder finds no streams", |log| {
         ids.iter().all(|id| log.contains(&format!("recording {id}\n")))
     })?;
     Ok(recorder)
 }
 
-/// Ends it and adds up what it says.
-fn end(world: &World, recorder: Partner, total: &mut Recorded) -> Outcome<()> {
+/// Ends the recorder, and adds what it prints to `total`.
+fn end(domain: &BenchDomain, recorder: BenchProcess, total: &mut Recorded) -> BenchResult<()> {
     let stat = fs::read_to_string(format!("/proc/{}/stat", recorder.pid()))?;
     let ticks = stat.rsplit(") ").next().unwrap_or_default().split(' ').skip(11).take(2);
     total.cpu_s += ticks.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS;
     recorder.terminate();
-    wait(world, "the recorder does not end", |log| log.contains(" rotations\n"))?;
-    for line in fs::read_to_string(world.path("log"))?.lines() {
+    wait(domain, "the recorder does not end", |log| log.contains(" rotations\n"))?;
+    for line in fs::read_to_string(domain.path("log"))?.lines() {
         let Some((_, counts)) = line.split_once(": imu-").and_then(|(_, line)| line.split_once(": ")) else { continue };
         let numbers: Vec<u64> = counts.split([' ', ',']).filter_map(|word| word.parse().ok()).collect();
         if let [rows, _sessions, missing, _repeats, ..] = numbers[..] {
@@ -185,7 +186,7 @@ fn end(world: &World, recorder: Partner, total: &mut Recorded) -> Outcome<()> {
         }
     }
     drop(recorder);
-    for entry in fs::read_dir(world.path("recorded"))? {
+    for entry in fs::read_dir(domain.path("recorded"))? {
         let entry = entry?;
         total.bytes += entry.metadata()?.len();
         fs::remove_file(entry.path())?;
@@ -193,11 +194,11 @@ fn end(world: &World, recorder: Partner, total: &mut Recorded) -> Outcome<()> {
     Ok(())
 }
 
-fn wait(world: &World, trouble: &str, condition: impl Fn(&str) -> bool) -> Outcome<()> {
-    let deadline = Instant::now() + 2 * PATIENCE;
-    while !condition(&fs::read_to_string(world.path("log"))?) {
+fn wait(domain: &BenchDomain, failure: &str, condition: impl Fn(&str) -> bool) -> BenchResult<()> {
+    let deadline = Instant::now() + 2 * TIMEOUT;
+    while !condition(&fs::read_to_string(domain.path("log"))?) {
         if Instant::now() > deadline {
-            return Err(format!("{trouble}:\n{}", world.log()).into());
+            return Err(format!("{failure}:\n{}", domain.log()).into());
         }
         thread::sleep(Duration::from_millis(10));
     }

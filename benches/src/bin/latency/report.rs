@@ -1,10 +1,10 @@
-//! The document as tables for people, and what machine it was.
+//! Prints the document as tables, and describes the machine.
 
 use isotherm_benches::{cores, first_line};
 use serde_json::{Value, json};
 use std::fs;
 
-/// What a reader has to know of the machine.
+/// The description of the machine.
 pub fn machine() -> Value {
     json!({
         "cpu": cpu(),
@@ -22,7 +22,7 @@ fn cpu() -> Option<String> {
     line.split_once(": ").map(|(_, name)| name.to_owned())
 }
 
-/// Prints whatever the document has.
+/// Prints every part that the document has.
 pub fn print(document: &Value) {
     if let Some(paths) = document["paths"].as_object() {
         heading("round trips, one sample in flight [ns]");
@@ -118,7 +118,7 @@ fn ratios(ratios: &Value) {
     }
 }
 
-/// A ratio and the interval that holds it.
+/// A ratio and its interval.
 fn with_interval(value: &Value) -> String {
     let of = |name: &str| value[name].as_f64();
     let Some(((ratio, low), high)) = of("ratio").zip(of("low")).zip(of("high")) else { return "-".to_owned() };
@@ -126,7 +126,7 @@ fn with_interval(value: &Value) -> String {
     format!("{ratio:.digits$} ({low:.digits$} {high:.digits$})")
 }
 
-/// Members of an object by the number that their names begin with.
+/// The members of an object, sorted by the number that their names begin with.
 fn by_number(object: &Value) -> Vec<(&String, &Value)> {
     let number = |name: &str| name.split(' ').next().and_then(|word| word.parse::<u32>().ok());
     let mut members: Vec<_> = object.as_object().into_iter().flatten().collect();
@@ -152,7 +152,7 @@ fn footer(document: &Value) {
     );
 }
 
-/// `-` for what was not measured.
+/// A number as text; `-` if it was not measured.
 fn number(value: &Value) -> String {
     value.as_f64().map_or_else(|| "-".to_owned(), |value| format!("{value:.0}"))
 }

@@ -1,21 +1,21 @@
-//! How latency grows with the number of IMUs: those that only exist, and those that all send.
+//! Latency for different numbers of IMUs: with one that sends while the others are idle, and with all sending.
 
 use crate::Effort;
-use crate::open::{self, Schedule};
+use crate::open::{self, SendSchedule};
 use crate::paths::{Isotherm, Path as _};
 use isotherm_benches::statistics::figures;
-use isotherm_benches::{Outcome, World, cores, imu, pin, sample, worker_time};
+use isotherm_benches::{BenchDomain, BenchResult, cores, imu, pin, sample, worker_time};
 use isotherm_client::Acquisition;
 use serde_json::{Map, Value, json};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-/// How many IMUs.
+/// Numbers of IMUs, of which one sends.
 const COUNTS: [usize; 3] = [1, 8, 32];
 /// Rate at which every IMU sends where all do \[Hz\].
 const RATE: u32 = 400;
 
-pub fn measure(effort: Effort) -> Outcome<Value> {
+pub fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));
@@ -23,9 +23,9 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
 
     let mut idle = Map::new();
     for count in COUNTS {
-        let world = World::new()?;
-        let _service = world.serve_many(count, 1, &format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
-        let mut path = Isotherm(Acquisition::connect(&imu(0).parse()?, &world.options())?);
+        let domain = BenchDomain::new()?;
+        let _service = domain.serve_many(count, 1, &format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
+        let mut path = Isotherm(Acquisition::connect(&imu(0).parse()?, &domain.options())?);
         let trips = effort.of(5_000, 200_000);
         let mut times = Vec::with_capacity(trips);
         for turn in 0..trips + trips / 20 {
@@ -40,13 +40,13 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
 
     let mut active = Map::new();
     for (count, workers) in [(1, 1), (8, 1), (8, 2), (32, 1), (32, 2)] {
-        let world = World::new()?;
-        // Two workers want a core each, and the sender one: where there are two in all, the scheduler has to find them.
+        let domain = BenchDomain::new()?;
+        // Two workers and the sender need three cores, and there may be only two. So the scheduler places two workers.
         let core = if workers == 1 { core.as_str() } else { "" };
-        let service = world.serve_many(count, workers, core)?;
-        let acquisitions = (0..count).map(|index| Ok(Acquisition::connect(&imu(index).parse()?, &world.options())?));
-        let mut acquisitions = acquisitions.collect::<Outcome<Vec<_>>>()?;
-        let schedule = Schedule {
+        let service = domain.serve_many(count, workers, core)?;
+        let acquisitions = (0..count).map(|index| Ok(Acquisition::connect(&imu(index).parse()?, &domain.options())?));
+        let mut acquisitions = acquisitions.collect::<BenchResult<Vec<_>>>()?;
+        let schedule = SendSchedule {
             period: Duration::from_secs(1) / RATE,
             warm_up: RATE as usize / 4,
             count: effort.of(50, 6 * RATE as usize),

@@ -1,19 +1,19 @@
-//! Many samples in flight: how many a second, and what one costs, beside a bare iceoryx2 pair used alike.
+//! Throughput with many samples in flight, compared with a bare iceoryx2 pair that is used in the same way.
 
 use crate::Effort;
 use crate::paths::Bare;
 use isotherm_benches::statistics::median;
-use isotherm_benches::{IMU, Outcome, Spin, World, cores, pin, sample};
+use isotherm_benches::{BenchDomain, BenchResult, IMU, Spin, cores, pin, sample};
 use isotherm_client::{Acquisition, RawSample};
 use serde_json::{Value, json};
 use std::time::Instant;
 
 /// Samples in flight.
-const FLYING: usize = 16;
+const IN_FLIGHT: usize = 16;
 /// Samples of a block.
 const BLOCK: usize = 50_000;
 
-pub fn measure(effort: Effort) -> Outcome<Value> {
+pub fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));
@@ -22,13 +22,13 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
     let rounds = effort.of(2, 20);
     let (mut isotherm, mut iceoryx2) = (Vec::new(), Vec::new());
     for _ in 0..rounds {
-        let (one, other) = (World::new()?, World::new()?);
+        let (one, other) = (BenchDomain::new()?, BenchDomain::new()?);
         let service = one.serve(&format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
         let mut acquisition = Acquisition::connect(&IMU.parse()?, &one.options())?;
         service.pause();
-        let (name, root) = (other.domain().name(), other.domain().root_path());
-        let echo = other.spawn(&["child", &pinned, "echo", name, root, &FLYING.to_string()])?;
-        let mut bare = Bare::connect(other.domain(), FLYING)?;
+        let (name, root) = (other.as_domain().name(), other.as_domain().root_path());
+        let echo = other.spawn(&["child", &pinned, "echo", name, root, &IN_FLIGHT.to_string()])?;
+        let mut bare = Bare::connect(other.as_domain(), IN_FLIGHT)?;
         echo.pause();
 
         service.resume();
@@ -53,7 +53,7 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
         json!({"ns_per_sample": ns, "samples_per_s": ns.map(|ns| (1e9 / ns).round())})
     };
     Ok(json!({"throughput": {
-        "in_flight": FLYING,
+        "in_flight": IN_FLIGHT,
         "rounds": rounds,
         "isotherm": path(isotherm),
         "iceoryx2": path(iceoryx2),
@@ -61,18 +61,18 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
     }}))
 }
 
-/// Nanoseconds a sample.
+/// Measures a block. Returns the time of a sample \[ns\].
 fn block<T>(
     path: &mut T,
-    mut send: impl FnMut(&mut T) -> Outcome<()>,
-    mut receive: impl FnMut(&mut T) -> Outcome<bool>,
-) -> Outcome<f64> {
+    mut send: impl FnMut(&mut T) -> BenchResult<()>,
+    mut receive: impl FnMut(&mut T) -> BenchResult<bool>,
+) -> BenchResult<f64> {
     let (mut sent, mut received) = (0, 0);
     let mut started = Instant::now();
     let mut spin = Spin::default();
-    // The first tenth warms up.
+    // The first tenth is not counted.
     while received < BLOCK + BLOCK / 10 {
-        while sent < received + FLYING {
+        while sent < received + IN_FLIGHT {
             send(path)?;
             sent += 1;
         }
@@ -83,7 +83,7 @@ fn block<T>(
                 started = Instant::now();
             }
         } else {
-            spin.go_on()?;
+            spin.turn()?;
         }
     }
     let elapsed = started.elapsed();
@@ -91,7 +91,7 @@ fn block<T>(
         if receive(path)? {
             received += 1;
         } else {
-            spin.go_on()?;
+            spin.turn()?;
         }
     }
     Ok(elapsed.as_secs_f64() * 1e9 / BLOCK as f64)

@@ -1,8 +1,8 @@
 //! Samples at a steady rate under each waiting strategy: latency, and the processor time that it costs the service.
 
 use crate::Effort;
-use crate::open::{self, Latencies, Schedule};
-use isotherm_benches::{IMU, Outcome, Partner, World, cores, pin, worker_time};
+use crate::open::{self, Latencies, SendSchedule};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, IMU, cores, pin, worker_time};
 use isotherm_client::Acquisition;
 use serde_json::{Map, Value, json};
 use std::time::{Duration, Instant};
@@ -10,23 +10,25 @@ use std::time::{Duration, Instant};
 const STRATEGIES: [&str; 3] = ["spin", "anticipate", "block"];
 /// Rates \[Hz\] and how long each strategy is measured at them \[ms\].
 const RATES: [(u32, usize); 2] = [(400, 5_600), (2_000, 3_000)];
-/// The strategies take turns this often.
+/// Number of turns of each strategy.
 const TURNS: usize = 4;
-/// Uncounted, at the beginning of each turn.
+/// Uncounted time at the beginning of each turn.
 const WARM_UP: Duration = Duration::from_millis(150);
 
-struct Series {
+/// What is measured with one waiting strategy.
+struct StrategyRun {
     name: &'static str,
     acquisition: [Acquisition; 1],
-    service: Partner,
+    service: BenchProcess,
     latencies: Latencies,
-    /// Processor time of the worker and the time in which it was taken.
+    /// Processor time of the worker during `counted`.
     worker: Duration,
+    /// Duration of the counted part of all turns.
     counted: Duration,
-    _world: World,
+    _domain: BenchDomain,
 }
 
-pub fn measure(effort: Effort) -> Outcome<Value> {
+pub fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));
@@ -35,19 +37,19 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
     for (rate, milliseconds) in RATES {
         let mut series = Vec::new();
         for name in STRATEGIES {
-            let world = World::new()?;
-            let service = world.serve(&format!("[wait]\nstrategy = \"{name}\"\n{core}"))?;
-            let acquisition = [Acquisition::connect(&IMU.parse()?, &world.options())?];
+            let domain = BenchDomain::new()?;
+            let service = domain.serve(&format!("[wait]\nstrategy = \"{name}\"\n{core}"))?;
+            let acquisition = [Acquisition::connect(&IMU.parse()?, &domain.options())?];
             service.pause();
             let (latencies, worker, counted) = Default::default();
-            series.push(Series { name, acquisition, service, latencies, worker, counted, _world: world });
+            series.push(StrategyRun { name, acquisition, service, latencies, worker, counted, _domain: domain });
         }
         let period = Duration::from_secs(1) / rate;
         let count = effort.of(200, milliseconds) * rate as usize / 1000 / TURNS;
         let warm_up = (WARM_UP.as_secs_f64() * f64::from(rate)) as usize;
         for _ in 0..TURNS {
             for series in &mut series {
-                turn(series, Schedule { period, warm_up, count, spin: true })?;
+                turn(series, SendSchedule { period, warm_up, count, spin: true })?;
             }
         }
         let named = series.into_iter().map(|series| {
@@ -61,7 +63,7 @@ pub fn measure(effort: Effort) -> Outcome<Value> {
     Ok(document.into())
 }
 
-fn turn(series: &mut Series, schedule: Schedule) -> Outcome<()> {
+fn turn(series: &mut StrategyRun, schedule: SendSchedule) -> BenchResult<()> {
     series.service.resume();
     let mut start = None;
     let service = &series.service;

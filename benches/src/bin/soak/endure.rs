@@ -1,7 +1,7 @@
-//! The soak: one service that lives on and must not grow, one that is killed and must not lose anything.
+//! The soak: one service keeps running and must not grow; another one is killed repeatedly and must not lose anything.
 
-use crate::feeder::{Seen, feed, read, table_text, tables};
-use isotherm_benches::{Outcome, Partner, World, imu};
+use crate::feeder::{FeedProgress, feed, read, table_text, tables};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, imu};
 use isotherm_shared::table::CoefficientTable;
 use std::fmt;
 use std::fs;
@@ -10,29 +10,30 @@ use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 const IMUS: usize = 4;
-/// Each IMU's samples come at this rate.
+/// Period of each IMU's samples.
 const PERIOD: Duration = Duration::from_micros(2_500);
-/// Until then queues, caches and allocators have what they need.
+/// After this time queues, caches and allocators have what they need.
 const WARM_UP: Duration = Duration::from_secs(20);
-/// Between two kills of the service that is killed.
+/// Time between two kills of the second service.
 const LIFE: Duration = Duration::from_secs(5);
-/// Between two reloads, and the tables that take turns; the last is that with which a service starts.
+/// Time between two reloads.
 const RELOAD: Duration = Duration::from_millis(500);
+/// Number of tables that are loaded in turn. The last one is the table that a service starts with.
 const TABLES: u32 = 16;
 
-/// One system: a service and what feeds it.
-struct System {
-    world: World,
+/// A service that is fed: its domain, its tables, and the progress of the feed of each IMU.
+struct FedService {
+    domain: BenchDomain,
     tables: Vec<Vec<CoefficientTable>>,
-    seen: Vec<Seen>,
+    progress: Vec<FeedProgress>,
 }
 
-impl System {
-    fn new() -> Outcome<(Self, Partner)> {
-        let world = World::new()?;
-        let service = world.serve_many(IMUS, 1, "")?;
-        let tables = (0..IMUS).map(|index| tables(&imu(index), TABLES)).collect::<Outcome<_>>()?;
-        Ok((Self { world, tables, seen: (0..IMUS).map(|_| Seen::default()).collect() }, service))
+impl FedService {
+    fn new() -> BenchResult<(Self, BenchProcess)> {
+        let domain = BenchDomain::new()?;
+        let service = domain.serve_many(IMUS, 1, "")?;
+        let tables = (0..IMUS).map(|index| tables(&imu(index), TABLES)).collect::<BenchResult<_>>()?;
+        Ok((Self { domain, tables, progress: (0..IMUS).map(|_| FeedProgress::default()).collect() }, service))
     }
 
     fn feed<'scope>(
@@ -40,46 +41,48 @@ impl System {
         scope: &'scope thread::Scope<'scope, '_>,
         stop: &'scope AtomicBool,
     ) -> Vec<ScopedJoinHandle<'scope, Result<(), String>>> {
-        let options = self.world.options();
+        let options = self.domain.options();
         (0..IMUS)
             .map(|index| {
-                let (options, tables, seen) = (options.clone(), &self.tables[index], &self.seen[index]);
+                let (options, tables, progress) = (options.clone(), &self.tables[index], &self.progress[index]);
                 scope.spawn(move || {
-                    feed(&imu(index), &options, PERIOD, tables, seen, stop).map_err(|error| error.to_string())
+                    feed(&imu(index), &options, PERIOD, tables, progress, stop).map_err(|error| error.to_string())
                 })
             })
             .collect()
     }
 
-    fn reload(&self, count: u64) -> Outcome<()> {
+    fn reload(&self, count: u64) -> BenchResult<()> {
         let id = imu(count as usize % IMUS);
         let text = table_text(&id, (count / IMUS as u64 % u64::from(TABLES)) as u32);
-        fs::write(self.world.path("next.toml"), text)?;
-        Ok(fs::rename(self.world.path("next.toml"), self.world.path(&format!("{id}.toml")))?)
+        fs::write(self.domain.path("next.toml"), text)?;
+        Ok(fs::rename(self.domain.path("next.toml"), self.domain.path(&format!("{id}.toml")))?)
     }
 
-    fn sum(&self, count: fn(&Seen) -> &AtomicU64) -> u64 {
-        self.seen.iter().map(|seen| count(seen).load(Relaxed)).sum()
+    fn sum(&self, count: fn(&FeedProgress) -> &AtomicU64) -> u64 {
+        self.progress.iter().map(|progress| count(progress).load(Relaxed)).sum()
     }
 
     fn describe(&self, name: &str) -> String {
-        let lost: u64 = self.seen.iter().map(Seen::lost).sum();
+        let lost: u64 = self.progress.iter().map(FeedProgress::lost).sum();
         format!(
             "{name}: {} samples sent, {} increments checked, {} wrong, {} out of order or repeated, {lost} lost",
-            self.sum(|seen| &seen.sent),
-            self.sum(|seen| &seen.answered),
-            self.sum(|seen| &seen.wrong),
-            self.sum(|seen| &seen.disorder),
+            self.sum(|progress| &progress.sent),
+            self.sum(|progress| &progress.answered),
+            self.sum(|progress| &progress.wrong),
+            self.sum(|progress| &progress.disorder),
         )
     }
 
     fn failures(&self) -> u64 {
-        self.seen.iter().map(Seen::lost).sum::<u64>() + self.sum(|seen| &seen.wrong) + self.sum(|seen| &seen.disorder)
+        self.progress.iter().map(FeedProgress::lost).sum::<u64>()
+            + self.sum(|progress| &progress.wrong)
+            + self.sum(|progress| &progress.disorder)
     }
 }
 
-/// What processes have of the machine.
-struct Holdings {
+/// Memory, descriptors and files that the processes use.
+struct ResourceUse {
     service_kb: u64,
     service_descriptors: usize,
     bench_kb: u64,
@@ -89,15 +92,15 @@ struct Holdings {
     files: usize,
 }
 
-impl Holdings {
-    fn of(system: &System, service: &Partner) -> Self {
+impl ResourceUse {
+    fn of(system: &FedService, service: &BenchProcess) -> Self {
         let count = |folder: &str| fs::read_dir(folder).map_or(0, Iterator::count);
         let resident = |process: &str| {
             let status = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
             let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
             line.and_then(|line| line.trim().split(' ').next()?.parse().ok()).unwrap_or(0)
         };
-        let (domain, pid) = (system.world.domain(), service.pid().to_string());
+        let (domain, pid) = (system.domain.as_domain(), service.pid().to_string());
         let (mut shared_objects, mut shared_kb) = (0, 0);
         for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(&domain.prefix()) {
@@ -118,7 +121,7 @@ impl Holdings {
     }
 }
 
-impl fmt::Display for Holdings {
+impl fmt::Display for ResourceUse {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -134,10 +137,10 @@ impl fmt::Display for Holdings {
     }
 }
 
-pub fn run(minutes: f64) -> Outcome<()> {
+pub fn run(minutes: f64) -> BenchResult<()> {
     let time = Duration::from_secs_f64(minutes * 60.0);
-    let (steady, living) = System::new()?;
-    let (killed, dying) = System::new()?;
+    let (steady, living) = FedService::new()?;
+    let (killed, dying) = FedService::new()?;
     let (stop, done) = (AtomicBool::new(false), AtomicBool::new(false));
     let (reloads, kills, lives) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
     let read_counts = [(); 3].map(|()| AtomicU64::new(0));
@@ -157,7 +160,7 @@ pub fn run(minutes: f64) -> Outcome<()> {
             Ok(())
         });
         let reading = scope.spawn(|| -> Result<(), String> {
-            let options = steady.world.options();
+            let options = steady.domain.options();
             for life in 0.. {
                 let index = life % IMUS;
                 let counts = read(&imu(index), &options, Duration::from_millis(700), &steady.tables[index]);
@@ -165,7 +168,7 @@ pub fn run(minutes: f64) -> Outcome<()> {
                 for (sum, count) in read_counts.iter().zip(counts) {
                     sum.fetch_add(count, Relaxed);
                 }
-                let child = steady.world.spawn(&["read", &imu(index)]).map_err(|error| error.to_string())?;
+                let child = steady.domain.spawn(&["read", &imu(index)]).map_err(|error| error.to_string())?;
                 thread::sleep(Duration::from_millis(300));
                 drop(child);
                 lives.fetch_add(1, Relaxed);
@@ -178,11 +181,11 @@ pub fn run(minutes: f64) -> Outcome<()> {
         let killing = scope.spawn(|| -> Result<(), String> {
             let mut service = dying;
             let mut since = Instant::now();
-            // A child dies with the thread that has started it, so this one stays until the last answers have come.
+            // A child process ends with the thread that has started it. So this thread stays until the last answers have come.
             while !done.load(Relaxed) {
                 if since.elapsed() >= LIFE && !over() {
                     drop(service);
-                    let next = killed.world.spawn(&["serve", "--config", "service.toml"]);
+                    let next = killed.domain.spawn(&["serve", "--config", "service.toml"]);
                     service = next.map_err(|error| error.to_string())?;
                     kills.fetch_add(1, Relaxed);
                     since = Instant::now();
@@ -194,7 +197,7 @@ pub fn run(minutes: f64) -> Outcome<()> {
         let mut next = WARM_UP.min(time / 3);
         while !over() {
             if started.elapsed() >= next {
-                println!("{:>5.0} s  {}", started.elapsed().as_secs_f64(), Holdings::of(&steady, &living));
+                println!("{:>5.0} s  {}", started.elapsed().as_secs_f64(), ResourceUse::of(&steady, &living));
                 println!("         {}", latency(&steady));
                 next += (time - WARM_UP.min(time / 3)).div_f64(6.0).max(Duration::from_secs(1));
             }
@@ -203,7 +206,7 @@ pub fn run(minutes: f64) -> Outcome<()> {
         let joined =
             |result: thread::Result<Result<(), String>>| result.map_err(|_| "a thread panicked".to_owned()).flatten();
         let others = joined(reloading.join()).and(joined(reading.join()));
-        println!("{:>5.0} s  {}", started.elapsed().as_secs_f64(), Holdings::of(&steady, &living));
+        println!("{:>5.0} s  {}", started.elapsed().as_secs_f64(), ResourceUse::of(&steady, &living));
         println!("         {}", latency(&steady));
         stop.store(true, Relaxed);
         let fed = feeding.into_iter().map(|feed| joined(feed.join())).fold(Ok(()), Result::and);
@@ -224,13 +227,13 @@ pub fn run(minutes: f64) -> Outcome<()> {
     Ok(())
 }
 
-/// What the service says of its last minute.
-fn latency(system: &System) -> String {
-    let ask = || -> Outcome<String> {
+/// The latency of the last minute, from the status of the service.
+fn latency(system: &FedService) -> String {
+    let ask = || -> BenchResult<String> {
         let output = std::process::Command::new(std::env::current_exe()?)
             .args(["status", "--json"])
-            .env("ISOTHERM_DOMAIN", system.world.domain().name())
-            .env("ISOTHERM_ROOT", system.world.path(""))
+            .env("ISOTHERM_DOMAIN", system.domain.as_domain().name())
+            .env("ISOTHERM_ROOT", system.domain.path(""))
             .output()?;
         let status: serde_json::Value = serde_json::from_slice(&output.stdout)?;
         let minute = &status["imus"][0]["latency_minute_ns"];

@@ -1,6 +1,6 @@
-//! An acquisition and a reader that know what every answer must be: samples are a function of their sequence.
+//! An acquisition and a reader that know every correct answer, because each sample is a function of its sequence number.
 
-use isotherm_benches::{Outcome, PATIENCE, TABLE};
+use isotherm_benches::{BenchResult, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, CompensatedIncrement, IncrementReader, Options, RawSample, monotonic_ns};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 /// Samples in flight at most.
 const WINDOW: usize = 16;
-/// A killed service is back by then, or it does not come back.
-const RETURN: Duration = Duration::from_secs(15);
+/// Longest time in which a killed service must return.
+const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// The text of table `number` for an IMU: each has a gravity of its own.
 pub fn table_text(imu: &str, number: u32) -> String {
@@ -21,7 +21,7 @@ pub fn table_text(imu: &str, number: u32) -> String {
 }
 
 /// Tables 0 to `count` - 1 of an IMU.
-pub fn tables(imu: &str, count: u32) -> Outcome<Vec<CoefficientTable>> {
+pub fn tables(imu: &str, count: u32) -> BenchResult<Vec<CoefficientTable>> {
     (0..count).map(|number| Ok(CoefficientTable::from_toml(&table_text(imu, number), None)?)).collect()
 }
 
@@ -43,7 +43,7 @@ fn sample(sequence: u64) -> RawSample {
     }
 }
 
-/// Whether an increment is exactly that of its sample under the table that it names.
+/// Whether an increment is, bit for bit, that of its sample under the table that it names.
 pub fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -> bool {
     let Some(table) = tables.iter().find(|table| table.id() == increment.table) else { return false };
     let raw = RawSample { session: increment.session, ..sample(increment.sequence) };
@@ -52,44 +52,45 @@ pub fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -
     bits(increment) == bits(&expected) && increment.timestamp_ns == expected.timestamp_ns
 }
 
-/// What a feeder has seen, for others to look at meanwhile.
+/// The progress of a feed. Other threads may read it meanwhile.
 #[derive(Debug, Default)]
-pub struct Seen {
+pub struct FeedProgress {
     pub sent: AtomicU64,
     pub answered: AtomicU64,
     pub wrong: AtomicU64,
-    /// Answers that were not that of the next sample: lost or repeated ones.
+    /// Answers to another sample than the next one: an answer was lost or repeated.
     pub disorder: AtomicU64,
-    /// The table of the last answer, and when it came \[ns\].
+    /// Id of the table of the last answer.
     pub table: AtomicU64,
+    /// Monotonic time of the last answer \[ns\].
     pub answered_ns: AtomicU64,
 }
 
-impl Seen {
+impl FeedProgress {
     pub fn lost(&self) -> u64 {
         self.sent.load(Relaxed) - self.answered.load(Relaxed)
     }
 }
 
-/// Sends at a rate until it is told to stop, then waits for what is unanswered.
+/// Sends a sample every `period` until `stop` is set, then waits for the answers that are missing.
 pub fn feed(
     imu: &str,
     options: &Options,
     period: Duration,
     tables: &[CoefficientTable],
-    seen: &Seen,
+    progress: &FeedProgress,
     stop: &AtomicBool,
-) -> Outcome<()> {
-    let mut acquisition = Acquisition::connect(&imu.parse()?, &Options { timeout: RETURN, ..options.clone() })?;
+) -> BenchResult<()> {
+    let mut acquisition = Acquisition::connect(&imu.parse()?, &Options { timeout: RETURN_TIMEOUT, ..options.clone() })?;
     let (mut due, mut expected) = (Instant::now(), 0);
-    let mut take = |acquisition: &mut Acquisition, wait: Duration| -> Outcome<bool> {
+    let mut take = |acquisition: &mut Acquisition, wait: Duration| -> BenchResult<bool> {
         let Some(increment) = acquisition.receive_timeout(wait)? else { return Ok(false) };
-        seen.wrong.fetch_add(u64::from(!is_exact(&increment, tables)), Relaxed);
-        seen.disorder.fetch_add(u64::from(increment.sequence != expected), Relaxed);
+        progress.wrong.fetch_add(u64::from(!is_exact(&increment, tables)), Relaxed);
+        progress.disorder.fetch_add(u64::from(increment.sequence != expected), Relaxed);
         expected = increment.sequence + 1;
-        seen.table.store(increment.table, Relaxed);
-        seen.answered_ns.store(monotonic_ns(), Relaxed);
-        seen.answered.fetch_add(1, Relaxed);
+        progress.table.store(increment.table, Relaxed);
+        progress.answered_ns.store(monotonic_ns(), Relaxed);
+        progress.answered.fetch_add(1, Relaxed);
         Ok(true)
     };
     while !stop.load(Relaxed) {
@@ -103,23 +104,23 @@ pub fn feed(
         if acquisition.in_flight() >= WINDOW {
             break;
         }
-        // What a service that was away has made late is not made up for.
+        // Samples that were delayed because the service was away are not sent faster afterwards.
         due = due.max(Instant::now() - period);
         let mut loan = acquisition.loan()?;
         let (session, sequence) = (loan.session, loan.sequence);
         *loan = RawSample { session, ..sample(sequence) };
         acquisition.send(loan)?;
-        seen.sent.fetch_add(1, Relaxed);
+        progress.sent.fetch_add(1, Relaxed);
     }
-    let deadline = Instant::now() + RETURN;
+    let deadline = Instant::now() + RETURN_TIMEOUT;
     while acquisition.in_flight() > 0 && Instant::now() < deadline {
         take(&mut acquisition, Duration::from_millis(1))?;
     }
     Ok(())
 }
 
-/// Reads for a time; how many increments, how many of them wrong, how many twice.
-pub fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientTable]) -> Outcome<[u64; 3]> {
+/// Reads for `time`. Returns how many increments came, how many were wrong, and how many came twice.
+pub fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientTable]) -> BenchResult<[u64; 3]> {
     let mut reader = IncrementReader::connect(imu.parse()?, options)?;
     let (started, mut known, mut counts) = (Instant::now(), HashSet::new(), [0; 3]);
     while started.elapsed() < time {
@@ -132,20 +133,20 @@ pub fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientT
     Ok(counts)
 }
 
-/// A child's role: an acquisition that is killed some day.
-pub fn send_for_ever(imu: &str, options: &Options) -> Outcome<()> {
+/// Role of a child process: an acquisition that sends until it is killed.
+pub fn send_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
     let mut acquisition = Acquisition::connect(&imu.parse()?, options)?;
     loop {
         let mut loan = acquisition.loan()?;
         let (session, sequence) = (loan.session, loan.sequence);
         *loan = RawSample { session, ..sample(sequence) };
-        acquisition.compensate(loan, PATIENCE)?;
+        acquisition.compensate(loan, TIMEOUT)?;
         thread::sleep(Duration::from_micros(500));
     }
 }
 
-/// A child's role: a reader that is killed some day.
-pub fn read_for_ever(imu: &str, options: &Options) -> Outcome<()> {
+/// Role of a child process: a reader that reads until it is killed.
+pub fn read_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
     let mut reader = IncrementReader::connect(imu.parse()?, options)?;
     loop {
         reader.receive_timeout(Duration::from_millis(10))?;

@@ -1,8 +1,9 @@
-//! Long runs and kills: whether everything that is sent is answered exactly once, in order and to the bit, whoever dies meanwhile.
+//! Long runs and kills. They check that everything that is sent is answered exactly once, in order and to the bit, even if
+//! processes are killed meanwhile.
 //!
-//! `soak --minutes N` runs two systems side by side: one whose service lives on under reloads, readers that come and go and clients that
-//! are killed, where nothing may grow; and one whose service is killed again and again, where nothing may be lost. `soak kills` kills every kind
-//! of process at every kind of moment and counts.
+//! `soak --minutes N` runs two services side by side. The first one keeps running under reloads, with readers that come and go
+//! and clients that are killed: its use of memory and files may not grow. The second one is killed again and again: nothing may
+//! be lost. `soak kills` kills every kind of process in every phase and counts what is lost.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 mod endure;
@@ -10,15 +11,15 @@ mod feeder;
 mod kills;
 
 use clap::{Parser, Subcommand};
-use isotherm_benches::{Outcome, become_child};
+use isotherm_benches::{BenchResult, become_child};
 use isotherm_client::Options;
 use std::process::ExitCode;
 
 #[derive(Parser)]
 #[command(about = "Runs Isotherm for long, kills its processes, and checks every increment")]
-struct Cli {
+struct SoakArguments {
     #[command(subcommand)]
-    part: Option<Part>,
+    command: Option<SoakCommand>,
     /// How long the soak runs
     #[arg(long, default_value_t = 1.0)]
     minutes: f64,
@@ -28,7 +29,7 @@ struct Cli {
 }
 
 #[derive(Subcommand)]
-enum Part {
+enum SoakCommand {
     /// The kill matrix: who was killed when, how often, what was lost
     Kills,
 }
@@ -37,7 +38,7 @@ fn main() -> ExitCode {
     let words: Vec<_> = std::env::args().skip(1).collect();
     let words: Vec<_> = words.iter().map(String::as_str).collect();
     let result = match words[..] {
-        // What the service's own program does.
+        // This program is also the service.
         ["serve" | "status", ..] => {
             become_child();
             return isotherm_service::main(env!("CARGO_PKG_VERSION"));
@@ -45,10 +46,10 @@ fn main() -> ExitCode {
         ["send", imu] => child(|options| feeder::send_for_ever(imu, options)),
         ["read", imu] => child(|options| feeder::read_for_ever(imu, options)),
         _ => {
-            let cli = Cli::parse();
-            match cli.part {
-                Some(Part::Kills) => kills::run(cli.smoke),
-                None => endure::run(if cli.smoke { 0.15 } else { cli.minutes }),
+            let arguments = SoakArguments::parse();
+            match arguments.command {
+                Some(SoakCommand::Kills) => kills::run(arguments.smoke),
+                None => endure::run(if arguments.smoke { 0.15 } else { arguments.minutes }),
             }
         }
     };
@@ -61,7 +62,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn child(role: impl FnOnce(&Options) -> Outcome<()>) -> Outcome<()> {
+fn child(role: impl FnOnce(&Options) -> BenchResult<()>) -> BenchResult<()> {
     become_child();
     role(&Options::from_environment()?)
 }

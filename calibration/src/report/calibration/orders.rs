@@ -1,6 +1,6 @@
 //! The order tables of a calibration's report.
 
-use super::{NAMES, Report, factor};
+use super::{QUANTITY_NAMES, Report, factor};
 use crate::diagnostics::Test;
 use crate::regression::Partial;
 use crate::report::page::{Cell, NoteKind, Page};
@@ -16,7 +16,7 @@ impl Report<'_> {
              Leave-one-out: errors at a set point of the fit without it.",
         );
         for axis in 0..AXES {
-            for (quantity, (name, unit)) in NAMES.iter().enumerate() {
+            for (quantity, (name, unit)) in QUANTITY_NAMES.iter().enumerate() {
                 self.order_table(page, axis, quantity, name, unit);
             }
         }
@@ -27,7 +27,7 @@ impl Report<'_> {
         let factor = factor(quantity);
         let title = format!("{} {name}", AXIS_NAMES[axis]);
         page.heading(3, &format!("orders-{axis}-{quantity}"), &title);
-        let figure = |value: Option<f64>| Cell::Number(value.map_or("-".to_owned(), short));
+        let number_cell = |value: Option<f64>| Cell::Number(value.map_or("-".to_owned(), short));
         let rows: Vec<_> = orders.regression.fits()[1..]
             .iter()
             .map(|fit| {
@@ -39,16 +39,16 @@ impl Report<'_> {
                     } else {
                         Cell::text(fit.order.to_string())
                     },
-                    figure(fit.residual_sd.map(|sd| sd * factor)),
+                    number_cell(fit.residual_sd.map(|sd| sd * factor)),
                     Cell::Number(fit.r_squared.map_or("-".to_owned(), |r| format!("{r:.9}"))),
                     Cell::Number(fit.r.map_or("-".to_owned(), |r| format!("{r:.9}"))),
-                    figure(fit.f),
-                    figure(fit.f_p),
-                    figure(last.and_then(|partial| partial.f)),
-                    figure(last.and_then(|partial| partial.p)),
-                    figure(Some(fit.effect * factor)),
-                    figure(fit.leave_one_out_rms.map(|rms| rms * factor)),
-                    figure(fit.leave_one_out_max.map(|max| max * factor)),
+                    number_cell(fit.f),
+                    number_cell(fit.f_p),
+                    number_cell(last.and_then(|partial| partial.f)),
+                    number_cell(last.and_then(|partial| partial.p)),
+                    number_cell(Some(fit.effect * factor)),
+                    number_cell(fit.leave_one_out_rms.map(|rms| rms * factor)),
+                    number_cell(fit.leave_one_out_max.map(|max| max * factor)),
                 ]
             })
             .collect();
@@ -70,21 +70,21 @@ impl Report<'_> {
         let curve = &self.calibration.solution.axes[axis].curves[quantity];
         let fit = &orders.regression.fits()[orders.choice.order];
         let errors = curve.table_covariance().map(|c| c.diagonal().map(|v| v.max(0.0).sqrt()));
-        let none = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
+        let missing = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
         let coefficients = curve.polynomial(1.0).map_or_else(Vec::new, |p| p.coefficients().to_vec());
         let rows: Vec<_> = coefficients
             .iter()
             .enumerate()
             .map(|(power, c)| {
-                let partial = power.checked_sub(1).and_then(|k| fit.partial_centred.get(k)).unwrap_or(&none);
+                let partial = power.checked_sub(1).and_then(|k| fit.partial_centred.get(k)).unwrap_or(&missing);
                 let sum = Some(partial.sum_of_squares * factor * factor).filter(|sum| sum.is_finite());
                 vec![
                     Cell::text(format!("c{power}")),
                     Cell::Number(format!("{:.9e}", c * factor)),
-                    figure(errors.as_ref().map(|errors| errors[power] * factor)),
-                    figure(sum),
-                    figure(partial.f),
-                    figure(partial.p),
+                    number_cell(errors.as_ref().map(|errors| errors[power] * factor)),
+                    number_cell(sum),
+                    number_cell(partial.f),
+                    number_cell(partial.p),
                 ]
             })
             .collect();
@@ -104,7 +104,7 @@ impl Report<'_> {
     }
 }
 
-/// Five digits, as short as they come.
+/// 1e-3 to 1e5 with at most five significant digits and four decimals, other values in exponent notation with three digits.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
         let digits = 4_usize.saturating_sub(value.abs().max(1.0).log10() as usize);

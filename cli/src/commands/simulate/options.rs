@@ -1,10 +1,10 @@
-//! The simulated IMU's options, which every simulation has, and the files that it writes.
+//! Options of the simulated IMU, which all simulations share, and functions that write their files.
 
 use crate::parse::{gravity, size, sizes, vibration};
 use clap::Args;
 use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Guard, Output, load_table, print};
+use isotherm_files::{Output, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Refusal};
 use serde::Serialize;
@@ -35,7 +35,7 @@ pub struct SimulatedImuOptions {
     /// White noise of a sensor in a mean over 1 s, one sigma [1e-6 g0]
     #[arg(long, value_name = "UG0", default_value_t = 5.0, value_parser = size)]
     sensor_noise: f64,
-    /// What bias and scale factors do not repeat between visits of a set point, one sigma [1e-6 g0, 1e-6]
+    /// Random deviation of bias and scale factors at each visit of a set point, one sigma [1e-6 g0, 1e-6]
     #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
     repeatability: [f64; 2],
     /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given
@@ -56,7 +56,7 @@ impl SimulatedImuOptions {
             Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
         };
         let given = match &self.truth {
-            Some(path) => load_table(path, None, Guard::Lax)?.0,
+            Some(path) => load_table(path, None, WorldWritable::Allow)?.0,
             None => {
                 let paper = CoefficientTable::from_toml(isotherm_demo::TABLE, None);
                 paper.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?
@@ -78,7 +78,8 @@ impl SimulatedImuOptions {
         Ok(Truth { gravity_local: self.gravity_local.unwrap_or(truth.gravity_local), ..truth })
     }
 
-    /// The telemetry is in the truth's unit; the positioning error, which a run does not have, is 0.
+    /// Signal chain and noise, with the telemetry in the truth's unit. The positioning error is 0; a run has none, and a campaign
+    /// sets its own.
     pub fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
         let volts = Chain::default();
         let (mut chain, telemetry_noise) = match truth.table.content().temperature_unit.as_str() {
@@ -105,12 +106,12 @@ impl SimulatedImuOptions {
     }
 }
 
-/// A command line that is wrong.
+/// A usage error.
 pub fn usage(message: impl Into<String>) -> Failure {
     Failure::new(Exit::Usage, message)
 }
 
-/// Writes the truth behind simulated data beside them.
+/// Writes truth.toml, the coefficients that the simulated data come from, into the data's folder.
 pub fn write_truth(
     folder: &Path,
     truth: &Truth,
@@ -124,12 +125,12 @@ pub fn write_truth(
     write_text(folder, "truth.toml", &text)
 }
 
-/// Writes `folder/name`, and says so.
+/// Writes `folder/name`, and prints its path.
 pub fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
     write_file(folder, name, |sink| sink.write_all(text.as_bytes()))
 }
 
-/// Writes `folder/name`, and says so when it is complete.
+/// Writes `folder/name`, and prints its path when it is complete.
 pub fn write_file(folder: &Path, name: &str, write: impl FnOnce(&mut Output) -> io::Result<()>) -> Result<(), Failure> {
     let path = folder.join(name);
     let result = Output::create(Some(&path)).and_then(|mut sink| {
@@ -140,7 +141,7 @@ pub fn write_file(folder: &Path, name: &str, write: impl FnOnce(&mut Output) -> 
     print(&format!("{}\n", path.display()))
 }
 
-/// An angle in radians.
+/// Converts an angle from arc seconds to radians.
 pub fn arcsec(angle: f64) -> f64 {
     (angle / 3600.0).to_radians()
 }

@@ -8,7 +8,9 @@ use isotherm_calibration::simulate::{Chain, Noise};
 use isotherm_client::{Domain, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::print;
-use isotherm_simulator::{ChamberProtocol, Injection, Part, SimulatedStation, TurntableProtocol, follow, free_port};
+use isotherm_simulator::{
+    ChamberProtocol, Injection, SimulatedStation, StationProcess, TurntableProtocol, end_with_parent, free_port,
+};
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fs;
@@ -19,10 +21,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// A laboratory: chamber, table and IMU as processes of their own, until SIGTERM or SIGINT
+/// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT
 ///
-/// Chamber and table speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU publishes to the running
-/// service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients. Write faults into DIR/faults to have them.
+/// Chamber and turntable speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU publishes to the
+/// running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients. Write faults into DIR/faults
+/// to inject them.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate station -o station --imu imu-a --speed 100\n  isotherm simulate station -o station --imu imu-a --chamber watlow-f4t --table aerosmith --tcp\n  isotherm simulate station -o station --imu imu-a --fault late:table@3-5 --fault never-there@7200s-9000s\n  echo port-loss:chamber > station/faults"
@@ -45,7 +48,7 @@ pub struct SimulateStation {
     /// Control period of the IMU, simulated [s]
     #[arg(long, value_name = "S", default_value = "1", value_parser = interval)]
     interval: Duration,
-    /// The telemetry is read so often, simulated [s]; 0 for every sample
+    /// Simulated time between two telemetry readings [s]; 0 for a reading in every sample
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = size)]
     telemetry_every: f64,
     /// Error of the table's angles after each move, one sigma [arcsec]
@@ -59,8 +62,8 @@ pub struct SimulateStation {
     chamber_ramp: f64,
     /// A fault, WHAT[:chamber|:table][@WHEN]
     ///
-    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot or never-there; WHEN is 3 for the third
-    /// request, 3-5 for the third to the fifth, 100s-200s for simulated seconds, always unless given
+    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot or never-there; WHEN is 3 for the
+    /// third request, 3-5 for the third to the fifth, 100s-200s for simulated seconds, always unless given
     #[arg(long, value_name = "WHAT@WHEN", value_parser = fault)]
     fault: Vec<String>,
 }
@@ -68,12 +71,12 @@ pub struct SimulateStation {
 /// One process of a station
 #[derive(Debug, Args)]
 pub struct StationPart {
-    /// Which
-    #[arg(value_parser = PossibleValuesParser::new(Part::NAMES.map(|(_, name)| name)).map(|name| named(&Part::NAMES, &name)))]
-    part: Part,
+    /// Which process
+    #[arg(value_parser = PossibleValuesParser::new(StationProcess::NAMES.map(|(_, name)| name)).map(|name| named(&StationProcess::NAMES, &name)))]
+    part: StationProcess,
     /// The station's folder
     folder: PathBuf,
-    /// The station's process
+    /// Process id of the station
     #[arg(long)]
     parent: u32,
 }
@@ -98,7 +101,11 @@ fn fault(text: &str) -> Result<String, String> {
 
 impl StationPart {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
-        if follow(self.parent)? { SimulatedStation::run_part(self.part, &self.folder, domain) } else { Ok(()) }
+        if end_with_parent(self.parent)? {
+            SimulatedStation::run_process(self.part, &self.folder, domain)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -150,7 +157,7 @@ impl SimulateStation {
         let program = std::env::current_exe();
         let program = program
             .map_err(|error| Failure::new(Exit::Failed, format!("starting the station's processes: {error}")))?;
-        let part = |part: Part| {
+        let part = |part: StationProcess| {
             let mut command = Command::new(&program);
             command.args(["--domain", domain.name(), "simulate", "station-part", part.name()]);
             command.arg(&folder).args(["--parent", &std::process::id().to_string()]);
@@ -159,7 +166,7 @@ impl SimulateStation {
         station.run(&folder, &self.fault, &ended, part, || announce(&station, &folder))
     }
 
-    /// Made if it is not there; as an absolute path, for links and plans.
+    /// Creates the output folder if it is not there. Returns its absolute path, for links and plans.
     fn folder(&self) -> Result<PathBuf, Failure> {
         let folder = &self.imu.output;
         let failed = |error: io::Error| Failure::io("making", folder, &error);
@@ -167,7 +174,7 @@ impl SimulateStation {
     }
 }
 
-/// Says what to do next.
+/// Prints the ports and the next commands.
 fn announce(station: &SimulatedStation, folder: &Path) -> Result<(), Failure> {
     let (imu, folder) = (&station.imu, folder.display());
     print(&format!(

@@ -1,4 +1,4 @@
-//! Makes `client/include/isotherm.h` from the code of the C interface; with `--check` only says whether it is up to date.
+//! Generates `client/include/isotherm.h` from the code of the C interface; with `--check` only checks that it is up to date.
 //!
 //!     cargo run --manifest-path client/c/header/Cargo.toml [-- --check]
 
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Where the interface is defined, from `client/c`.
+/// Source files of the interface, relative to `client/c`.
 const SOURCES: [&str; 7] = [
     "../../shared/src/wire.rs",
     "src/acquisition.rs",
@@ -18,15 +18,15 @@ const SOURCES: [&str; 7] = [
     "src/values.rs",
 ];
 
-/// What rustdoc needs and C does not.
-const WORDS: [(&str, &str); 8] = [
+/// Replacements in the generated text: notation of rustdoc, and the layout of the file's beginning and end.
+const REPLACEMENTS: [(&str, &str); 8] = [
     ("\\[", "["),
     ("\\]", "]"),
     ("1..=[`MAX_INTERVAL_NS`]", "1 to ISOTHERM_MAX_INTERVAL_NS"),
     ("[`Flags::INTERVAL`]", "ISOTHERM_FLAG_INTERVAL"),
     ("[`RawSample`]", "isotherm_raw_sample"),
     ("See [`Flags`].", "ISOTHERM_FLAG_.., joined by |; isotherm_flags_text names them."),
-    // One comment for the whole file, then its guard.
+    // The introduction is one comment, directly before the include guard.
     ("*/\n\n\n#ifndef", "*/\n\n#ifndef"),
     ("#endif  /* ISOTHERM_H */\n\n", ""),
 ];
@@ -34,10 +34,10 @@ const WORDS: [(&str, &str); 8] = [
 fn main() -> Result<ExitCode, Box<dyn Error>> {
     let interface = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let header = interface.join("../include/isotherm.h");
-    let made = made(&interface)?;
+    let generated = generate(&interface)?;
     if !std::env::args().any(|word| word == "--check") {
-        fs::write(header, made)?;
-    } else if fs::read_to_string(header)? != made {
+        fs::write(header, generated)?;
+    } else if fs::read_to_string(header)? != generated {
         eprintln!(
             "client/include/isotherm.h is not what the code says; make it anew: \
              cargo run --manifest-path client/c/header/Cargo.toml"
@@ -47,7 +47,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn made(interface: &Path) -> Result<String, Box<dyn Error>> {
+fn generate(interface: &Path) -> Result<String, Box<dyn Error>> {
     let mut config = cbindgen::Config::from_file(interface.join("header/cbindgen.toml"))?;
     let version = version(&fs::read_to_string(interface.join("../../Cargo.toml"))?)?;
     config.after_includes = config.after_includes.map(|text| text.replace("@VERSION@", &version));
@@ -57,10 +57,10 @@ fn made(interface: &Path) -> Result<String, Box<dyn Error>> {
     }
     let mut text = Vec::new();
     builder.generate()?.write(&mut text);
-    Ok(WORDS.iter().fold(String::from_utf8(text)?, |text, (rust, c)| text.replace(rust, c)))
+    Ok(REPLACEMENTS.iter().fold(String::from_utf8(text)?, |text, (rust, c)| text.replace(rust, c)))
 }
 
-/// The first one in the workspace's manifest.
+/// The first version in the workspace's manifest, which is the workspace's.
 fn version(manifest: &str) -> Result<String, &'static str> {
     let line = manifest.lines().find_map(|line| line.strip_prefix("version = \"")).ok_or("no version")?;
     Ok(line.trim_end_matches('"').to_owned())

@@ -32,7 +32,7 @@ from ._offline import (
 )
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, WINDOW, Flags, Records, flag_names
 
-# A forked child must leave its parent's streams alone.
+# A forked child must not use its parent's streams.
 os.register_at_fork(after_in_child=count_fork)
 del os, count_fork
 

@@ -1,4 +1,4 @@
-"""What can go wrong. Every exception of this package's own is an IsothermError."""
+"""Exceptions of this package. Each is an IsothermError."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class IsothermError(Exception):
-    """Base of all; raised itself where no other says more."""
+    """Base class of all; raised itself if no subclass is more specific."""
 
 
 class NoService(IsothermError):
@@ -30,9 +30,9 @@ class TransportError(IsothermError):
 
 
 class Full(IsothermError):
-    """As many samples as the service's queue holds are unanswered.
+    """As many samples are unanswered as the service's queue holds.
 
-    `sample` is what was to be sent, and can be sent later or be merged into.
+    `sample` was not sent. It can be sent later, or the next sample can be merged into it.
     """
 
     def __init__(self, message: str, sample: Loan | Any) -> None:
@@ -41,9 +41,9 @@ class Full(IsothermError):
 
 
 class Timeout(IsothermError, TimeoutError):
-    """No answer in time. The sample stays in flight: a later `receive` may still get its answer.
+    """No answer in time. The sample stays in flight: a later `receive` may still return its answer.
 
-    `increments` are those that `Acquisition.run` had received until then, else None.
+    `increments` are those that `Acquisition.run` has received before; None for other calls.
     """
 
     def __init__(self, message: str, increments: Records | None = None) -> None:
@@ -60,11 +60,11 @@ class Closed(IsothermError, ValueError):
 
 
 class WrongThread(IsothermError, RuntimeError):
-    """Used in another thread or process than the one that opened it."""
+    """An acquisition or reader was used in a thread or process that did not create it."""
 
 
 class TableError(IsothermError, ValueError):
-    """A table or campaign file is not valid. `faults` are (line, key, message), all of the file."""
+    """A table or campaign file is not valid. `faults` are all faults of the file: (line, key, message)."""
 
     def __init__(self, message: str, faults: list[tuple[int, str, str]]) -> None:
         super().__init__(message)
@@ -72,7 +72,7 @@ class TableError(IsothermError, ValueError):
 
 
 class RecordingFault(IsothermError, ValueError):
-    """A recording cannot be read. `line` is that of the file, from 1; of an array, the row from 0."""
+    """A recording cannot be read. `line` is the line of the file, from 1; for an array it is the row, from 0."""
 
     def __init__(self, message: str, line: int) -> None:
         super().__init__(message)
@@ -80,7 +80,7 @@ class RecordingFault(IsothermError, ValueError):
 
 
 class CalibrationError(IsothermError, ValueError):
-    """A campaign does not become a table. `findings` are (severity, line, message) of the checks."""
+    """No table can be made from a campaign. `findings` are (severity, line, message) of the checks."""
 
     def __init__(self, message: str, findings: list[tuple[str, int | None, str]] | None = None) -> None:
         super().__init__(message)
@@ -88,4 +88,4 @@ class CalibrationError(IsothermError, ValueError):
 
 
 class StabilityError(IsothermError, ValueError):
-    """A recording shows no stability: too short, not still, or no number."""
+    """The stability cannot be computed from a recording: it is too short, not still, or has values that are not finite."""

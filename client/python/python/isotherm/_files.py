@@ -1,4 +1,4 @@
-"""Files are written aside and renamed, so that an old one is whole until the new one is."""
+"""Files are staged: written under a temporary name, then renamed. So a reader sees the old file or the complete new one."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 
 
 @contextmanager
-def aside(path: str | os.PathLike[str]) -> Iterator[str]:
-    """The name of a file that becomes `path` at the end; pipes and devices are written straight."""
+def staged(path: str | os.PathLike[str]) -> Iterator[str]:
+    """Gives the name of a temporary file, which is renamed to `path` at the end. Pipes and devices are written directly."""
     target = os.path.realpath(path)
     if os.path.exists(target) and not os.path.isfile(target):
         yield target
@@ -20,7 +20,7 @@ def aside(path: str | os.PathLike[str]) -> Iterator[str]:
     descriptor, name = tempfile.mkstemp(prefix=".isotherm-", dir=os.path.dirname(target))
     try:
         try:
-            # Another's file keeps its permissions; a new one gets the usual ones.
+            # An existing file keeps its permissions; a new one gets those of the umask.
             mode = os.stat(target).st_mode & 0o777
         except FileNotFoundError:
             umask = os.umask(0)
@@ -38,11 +38,11 @@ def aside(path: str | os.PathLike[str]) -> Iterator[str]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes `text` as UTF-8."""
-    with aside(path) as name:
+    """Writes `text` as UTF-8, by a staged file."""
+    with staged(path) as name:
         Path(name).write_text(text, encoding="utf-8")
 
 
 def now() -> str:
-    """The time to the second, RFC 3339 in UTC."""
+    """The present time to the second, RFC 3339 in UTC."""
     return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,4 +1,4 @@
-# The native module. Only `isotherm` is for users.
+# The native module. Users import `isotherm` only.
 
 import os
 from collections.abc import Iterator, Sequence
@@ -47,9 +47,9 @@ FLAGS: Final[list[tuple[int, str]]]
 
 @final
 class Acquisition:
-    """The one acquisition process of an IMU. Belongs to the thread that made it.
+    """The one acquisition process of an IMU. Only the thread that created it may use it.
 
-    Waits up to `timeout` seconds for the service of `domain` (a name; else ISOTHERM_DOMAIN, else "default").
+    Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
     """
 
     def __new__(cls, imu: str, domain: str | None = None, timeout: float = 5.0) -> Self: ...
@@ -58,31 +58,31 @@ class Acquisition:
         """The IMU."""
     @property
     def session(self) -> int:
-        """The session that all samples carry, random for each connection."""
+        """The session of all samples; a new random number for each connection."""
     @property
     def depth(self) -> int:
         """The most samples that can be unanswered at once."""
     @property
     def in_flight(self) -> int:
-        """Samples sent whose answers have not been received."""
+        """Samples that have been sent and whose answers have not been received."""
     @property
     def closed(self) -> bool:
         """Whether it has been closed."""
     def close(self) -> None:
-        """Leaves the streams. Loans that have not been sent are void then. A second time does nothing."""
+        """Leaves the streams. Loans that have not been sent become invalid. A second call does nothing."""
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def begin_session(self) -> None:
-        """Begins a new session: the next sample may have any sequence. Fails while samples are unanswered."""
+        """Begins a new session: the next sample may have any sequence. Raises IsothermError if samples are unanswered."""
     def loan(self) -> Loan:
-        """A sample to fill in, in shared memory; session and sequence are filled in already. At most 4 at once."""
+        """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once."""
     def send(self, sample: Loan | Records | np.void) -> None:
         """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied. Never waits.
 
-        Raises Full, with the sample, when `depth` samples are unanswered.
+        Raises Full, with the sample, if `depth` samples are unanswered.
         """
     def receive(self, timeout: float = 0.0) -> Increment | None:
-        """The answer to the oldest unanswered sample, or None if it does not come in `timeout` seconds."""
+        """The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds."""
     def compensate(self, sample: Loan | Records | np.void, timeout: float = 1.0) -> Increment:
         """The round trip: sends `sample` and waits for its increment. Raises Full or Timeout."""
     def run(
@@ -94,21 +94,21 @@ class Acquisition:
         rate: float | None = None,
         new_session: bool = True,
     ) -> Records:
-        """Sends an array of RAW_SAMPLE, or a data frame, and gives the increments in the same order, as `isotherm feed` does.
+        """Sends an array of RAW_SAMPLE, or a data frame, and returns the increments in the same order, as `isotherm feed` does.
 
-        At most `window` samples are in flight, `rate` is in samples per second. Raises Timeout when nothing is heard for `timeout` seconds.
-        With `new_session` the run is a session of its own, else its sequences must continue those sent before.
+        At most `window` samples are in flight; `rate` is in samples per second. Raises Timeout if no answer comes for `timeout` seconds.
+        With `new_session` the run is a session of its own; without it, its sequences must rise above those sent before.
         """
 
 @final
 class Loan:
-    """A raw sample in shared memory that is yours until it is sent. Every use after that raises Closed."""
+    """A raw sample in shared memory, which is yours until it is sent. Every later use raises Closed."""
 
     @property
     def session(self) -> int: ...
     @property
     def sequence(self) -> int:
-        """May be raised, to tell of samples that were lost before they could be sent."""
+        """Raise it if samples were lost before they could be sent; the service then flags the gap."""
     @sequence.setter
     def sequence(self, value: int) -> None: ...
     @property
@@ -150,14 +150,14 @@ class Loan:
     def sent(self) -> bool:
         """Whether it has been sent."""
     def fill(self, sample: Records | np.void) -> None:
-        """Takes everything but the session from a record of RAW_SAMPLE, the sequence included."""
+        """Copies all fields except the session from a record of RAW_SAMPLE, the sequence included."""
     def merge(self, later: Loan | Records | np.void) -> None:
         """Adds the next control period: pulses and intervals are summed, timestamp and telemetry become the later ones.
 
-        Raises OverflowError, and changes nothing, when a sum does not fit.
+        Raises OverflowError, and changes nothing, if a sum overflows.
         """
     def to_numpy(self) -> Records:
-        """A copy, as an array of no dimension."""
+        """A copy, as an array without dimensions."""
 
 @final
 class Increment:
@@ -176,21 +176,21 @@ class Increment:
         """Along A1, A2, A3 [m/s]; NaN where it could not be computed."""
     @property
     def table(self) -> int:
-        """The id of the table that it was computed with, `Table.id`; 0 without one."""
+        """The `Table.id` of the table that was used; 0 without one."""
     @property
     def flags(self) -> int:
         """The bits of `Flags`."""
     @property
     def latency_ns(self) -> int:
-        """From sending to just before publishing."""
+        """Time from sending the sample to just before publishing [ns]."""
     def to_numpy(self) -> Records:
-        """The same as an array of no dimension."""
+        """The same values as an array without dimensions."""
 
 @final
 class IncrementReader:
-    """Reads the increments of one IMU as they are published. Belongs to the thread that made it.
+    """Reads the increments of one IMU as they are published. Only the thread that created it may use it.
 
-    Waits up to `timeout` seconds for the service; with None not at all, and connects when it comes.
+    Waits up to `timeout` seconds for the service. With None it does not wait, and connects when the service has started.
     """
 
     def __new__(cls, imu: str, domain: str | None = None, timeout: float | None = 5.0) -> Self: ...
@@ -202,25 +202,25 @@ class IncrementReader:
         """Whether the stream has been found. Stays true when the service stops."""
     @property
     def repeats(self) -> int:
-        """Increments that came again after a resend and were not handed out."""
+        """Increments that came again after a resend and were not returned."""
     @property
     def closed(self) -> bool:
         """Whether it has been closed."""
     def close(self) -> None:
-        """Leaves the stream. A second time does nothing."""
+        """Leaves the stream. A second call does nothing."""
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def receive(self, timeout: float = 0.0) -> Increment | None:
-        """The next increment, or None if none comes in `timeout` seconds."""
+        """The next increment, or None if none comes within `timeout` seconds."""
     def read_available(self, limit: int | None = None) -> Records:
-        """All increments that are there now, at most `limit`; an empty array if there is none."""
+        """All increments that have come and were not read yet, at most `limit`; an empty array if there is none."""
     def __iter__(self) -> Iterator[Increment]:
-        """Every increment as it comes; ends when the reader is closed."""
+        """Yields every increment when it comes; ends when the reader is closed."""
     def __next__(self) -> Increment: ...
 
 @final
 class Table:
-    """A valid coefficient table. `str()` is its file."""
+    """A valid coefficient table. `str()` gives the text of its file, without provenance."""
 
     @staticmethod
     def load(path: _Path) -> Table:
@@ -247,7 +247,7 @@ class Table:
         """`sha256:` and 64 hexadecimal digits."""
     @property
     def id(self) -> int:
-        """The first 8 bytes of the digest, which increments carry."""
+        """The first 8 bytes of the digest; every increment carries this number."""
     @property
     def axes(self) -> tuple[Axis, Axis, Axis]:
         """A1, A2, A3."""
@@ -265,7 +265,7 @@ class Axis:
     def name(self) -> str: ...
     @property
     def bias(self) -> Polynomial:
-        """Against head telemetry."""
+        """Bias against head telemetry."""
     @property
     def positive_scale_factor(self) -> Polynomial:
         """K+ against board telemetry."""
@@ -278,20 +278,20 @@ class Axis:
 
 @final
 class Polynomial:
-    """A polynomial of telemetry, evaluated as the service does, inside its range or not."""
+    """A polynomial of telemetry. A call evaluates it as the service does, inside its range or outside."""
 
     @property
     def unit(self) -> str: ...
     @property
     def coefficients(self) -> _Doubles:
-        """c0 first, of (telemetry - center) / scale."""
+        """The coefficients of (telemetry - center) / scale, c0 first."""
     @property
     def center(self) -> float: ...
     @property
     def scale(self) -> float: ...
     @property
     def range(self) -> tuple[float, float]:
-        """The calibrated telemetry."""
+        """Lower and upper end of the calibrated telemetry."""
     @overload
     def __call__(self, telemetry: float) -> float: ...
     @overload
@@ -299,7 +299,7 @@ class Polynomial:
 
 @final
 class Stability:
-    """How stable an output is: by axis, of the windows' means less the specific force [g0]."""
+    """Stability of an output by axis. The figures are of (mean of a window - specific force) [g0], over all windows that count."""
 
     @property
     def sd_before(self) -> _Triple:
@@ -313,22 +313,22 @@ class Stability:
     def rms_after(self) -> _Triple: ...
     @property
     def factor(self) -> _Triple:
-        """Standard deviation before over after."""
+        """Ratio of the standard deviations, before / after."""
     @property
     def specific_force(self) -> _Triple:
-        """What was taken off the outputs [g0]."""
+        """The specific force, which is subtracted from the outputs [g0]."""
     @property
     def stated(self) -> bool:
-        """Whether the attitude was stated, or is the median of the output."""
+        """Whether the attitude was given; else it is the median of the output."""
     @property
     def left_out(self) -> int:
         """Samples without a valid interval."""
     @property
     def modulus(self) -> tuple[float, float, float, int] | None:
-        """Length of the output less local gravity: mean, rms, worst [g0], and over how many windows. None if it was never still."""
+        """Length of the output - local gravity: mean, rms and worst [g0], and the number of windows. None if no window was still."""
     @property
     def warning(self) -> str | None:
-        """If the output is far from as long as gravity."""
+        """A warning if the length of the output is far from gravity, else None."""
     @property
     def windows(self) -> Records:
         """All windows, as WINDOW."""

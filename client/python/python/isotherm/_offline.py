@@ -1,4 +1,4 @@
-"""The offline tools: what the commands of the same names do, on arrays and data frames. The arithmetic is the Rust library's."""
+"""The offline tools: the commands of the same names, for arrays and data frames. The Rust libraries do the arithmetic."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
-from ._files import aside, write_text
+from ._files import staged, write_text
 from ._isotherm import Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
 
@@ -52,16 +52,16 @@ def read_increments(path: AnyPath) -> Records:
 
 
 def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
-    """Writes raw samples as a recording, without session; `telemetry_ns` only if one is not 0."""
+    """Writes raw samples as a recording, without `session`, and without `telemetry_ns` if it is 0 in all samples."""
     data = sample_bytes(samples)
-    with aside(path) as name:
+    with staged(path) as name:
         _isotherm.write_recording(name, data)
 
 
 def write_increments(path: AnyPath, increments: Records, *, delivery: bool = False) -> None:
     """Writes increments as `isotherm replay` does, or with `delivery` as `isotherm feed --delivery`."""
     data = as_bytes(records(increments, INCREMENT))
-    with aside(path) as name:
+    with staged(path) as name:
         _isotherm.write_increments(name, data, delivery)
 
 
@@ -74,10 +74,10 @@ def verify(
     gravity_local: float | None = None,
     recording: str = "array",
 ) -> Stability:
-    """How stable the output is before and after compensation, over means of `window` seconds.
+    """Computes the stability of the output before and after compensation, from means over `window` seconds.
 
-    `attitude` is the direction of the specific force along A1, A2, A3; without it the median of the compensated output stands in.
-    `gravity_local` [m/s2] is the table's unless given. `recording` is what a report calls the samples.
+    `attitude` is the direction of the specific force along A1, A2, A3; without it the median of the compensated output is used.
+    `gravity_local` [m/s2] is the table's gravity unless given. `recording` is the name of the samples in a report.
     """
     if not (math.isfinite(window) and window > 0.0):
         raise ValueError(f"window is {window}, give seconds over 0")
@@ -101,7 +101,7 @@ def regress(
 ) -> dict[str, Any]:
     """One polynomial regression with its order table: the document of `isotherm regress --json` as a dictionary.
 
-    Each number stands for the shortest decimal that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
+    Each number is taken as the shortest decimal number that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
     """
     w = None if weights is None else flat_doubles(weights)
     document = json.loads(_isotherm.regress(flat_doubles(x), flat_doubles(y), w, max_order, min_effect))
@@ -110,24 +110,24 @@ def regress(
 
 
 class Calibration:
-    """What came out of a campaign."""
+    """The result of a calibration."""
 
     def __init__(self, native: _isotherm.Calibration) -> None:
         self._native = native
 
     @property
     def table(self) -> Table:
-        """The result."""
+        """The coefficient table."""
         return self._native.table
 
     @property
     def text(self) -> str:
-        """The sealed table file: the table and its provenance, that is covariances, set points, misalignments, warnings."""
+        """The text of the sealed table file: the table and its provenance (covariances, set points, misalignments, warnings)."""
         return self._native.text
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The table file's section `provenance`."""
+        """The section `provenance` of the table file."""
         import tomllib
 
         section = tomllib.loads(self.text)["provenance"]
@@ -136,23 +136,23 @@ class Calibration:
 
     @property
     def findings(self) -> list[tuple[str, int | None, str]]:
-        """What a person should know: (severity, line or row, message)."""
+        """Findings of the checks: (severity, line or row, message)."""
         return self._native.findings
 
     @property
     def orders(self) -> dict[str, dict[str, dict[str, Any]]]:
-        """The order tables: ["A1"]["bias"] as `regress` gives them, through the set points' values, in g0 and pulse/(s*g0)."""
+        """The order tables, for example ["A1"]["bias"], as of `regress`. They fit the set points' values, in g0 and pulse/(s*g0)."""
         tables = json.loads(self._native.orders())
         return {f"A{axis + 1}": dict(zip(QUANTITIES, tables[axis], strict=True)) for axis in range(3)}
 
     @property
     def residuals(self) -> npt.NDArray[np.float64]:
-        """Of each dwell and accelerometer [g0]; a row for each of `dwells`."""
+        """Residuals by dwell and accelerometer [g0]; one row for each of `dwells`."""
         return self._native.residuals()
 
     @property
     def dwells(self) -> list[tuple[float, int, int, int, float]]:
-        """(set point [degC], position, first and last line or row, seconds) of each dwell that counted."""
+        """(set point [degC], position, first and last line or row, seconds) of each dwell that was used."""
         return self._native.dwells()
 
     def save(self, path: AnyPath) -> None:
@@ -176,11 +176,11 @@ def calibrate(
     alignment: bool = False,
     exclude: Iterable[tuple[float, int]] = (),
 ) -> Calibration:
-    """Makes a coefficient table of a campaign in the temperature chamber, as `isotherm calibrate` does.
+    """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
 
     `campaign` is the path of a campaign file, or a mapping with the same keys. `samples` are its rows: an array of CAMPAIGN, a data
-    frame with the columns of a campaign's samples, or the path of a file; without them the file that the campaign names is read.
-    `exclude` leaves dwells out: (set point, position).
+    frame with the columns of a campaign's samples, or the path of a file. Without `samples` the file that the campaign names is
+    read. `exclude` lists dwells to leave out: (set point, position).
     """
     if isinstance(campaign, Mapping):
         text, name, folder = campaign_toml(campaign), "campaign", Path()
@@ -214,7 +214,7 @@ def _toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        # JSON's escapes are TOML's too, but for one character that JSON does not escape.
+        # JSON's escapes are valid in TOML too. TOML requires one more character to be escaped.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (int, np.integer)):
         return str(int(value))

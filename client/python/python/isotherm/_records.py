@@ -1,4 +1,4 @@
-"""Samples and increments as NumPy records, and what else can be made into them."""
+"""Samples and increments as NumPy records, and conversions of other arrays and data frames to them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RAW_SAMPLE: np.dtype[np.void] = np.dtype(
         ("board_temperature", np.float64, (3,)),
     ]
 )
-"""A raw sample, as it travels: 120 bytes."""
+"""A raw sample with the layout of the stream: 120 bytes."""
 
 INCREMENT: np.dtype[np.void] = np.dtype(
     [
@@ -43,10 +43,10 @@ INCREMENT: np.dtype[np.void] = np.dtype(
         ("latency_ns", np.uint32),
     ]
 )
-"""A velocity increment, as it travels: 72 bytes."""
+"""A velocity increment with the layout of the stream: 72 bytes."""
 
 CAMPAIGN: np.dtype[np.void] = np.dtype([*RAW_SAMPLE.descr, ("set_point_c", np.float64), ("position", np.int64)])
-"""A row of a campaign: a raw sample, the set point [degC], the position's number, or -1 while the table moves."""
+"""A row of a campaign: a raw sample, the set point [degC], and the position's number, or -1 while the turntable moves."""
 
 WINDOW: np.dtype[np.void] = np.dtype(
     [
@@ -64,11 +64,11 @@ WINDOW: np.dtype[np.void] = np.dtype(
 """Means over one window of a verification."""
 
 OPTIONAL = frozenset({"session", "sent_ns", "telemetry_ns"})
-"""Fields that may be missing; they are 0 then."""
+"""Fields that may be missing; they become 0 then."""
 
 
 class Flags(enum.IntFlag):
-    """What was unusual about a sample or its delivery. Bits 0 to 20 are of the sample, 24 and up of its delivery."""
+    """Flags of a sample (bits 0 to 20) and of its delivery (bits from 24 up)."""
 
     A1_HEAD_BELOW = 1 << 0
     A2_HEAD_BELOW = 1 << 1
@@ -105,13 +105,13 @@ def flag_names(flags: int) -> list[str]:
 
 
 def is_frame(values: object) -> bool:
-    """Whether it is a pandas data frame; pandas is not imported to find out."""
+    """Whether `values` is a pandas data frame. Does not import pandas."""
     pandas = sys.modules.get("pandas")
     return pandas is not None and isinstance(values, pandas.DataFrame)
 
 
 def _columns(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[str, Any]:
-    """The columns of a recording, by the fields that they are of; a field of three is a list of three columns."""
+    """The columns of a recording by field: a list of three columns for a field with three values, else of one."""
     twice = frame.columns[frame.columns.duplicated()]
     if len(twice):
         raise ValueError(f"the column {twice[0]} is there twice")
@@ -123,14 +123,14 @@ def _columns(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[str, Any]:
     found = {name: columns for name, columns in wanted.items() if all(column in frame for column in columns)}
     parts: dict[str, Any] = {name: [frame[column].to_numpy() for column in columns] for name, columns in found.items()}
     if "position" in parts:
-        # An empty field of a file, missing in a data frame: the table moves.
+        # While the turntable moves, the field is empty in a file and missing in a data frame.
         number = frame["position"].to_numpy(dtype=np.float64, na_value=np.nan)
         parts["position"] = [np.where(np.isnan(number), -1.0, number)]
     return parts
 
 
 def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-    """`values` as `dtype`, or an error that names the first that has no such value."""
+    """`values` converted to `dtype`; raises an error that names the first value that does not fit."""
     if values.dtype == dtype:
         return values
     if dtype.kind == "f":
@@ -141,7 +141,7 @@ def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDA
     if values.dtype.kind not in "fiu":
         raise TypeError(f"{name} has the type {values.dtype}, give whole numbers")
     if values.dtype.kind == "f":
-        # The limit plus 1 is a power of 2, which a float holds exactly.
+        # The maximum plus 1 is a power of 2, which a float represents exactly.
         right = (values >= limits.min) & (values < float(limits.max + 1)) & (values == np.floor(values))
     else:
         right = (values >= limits.min) & (values <= limits.max)
@@ -152,7 +152,7 @@ def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDA
 
 
 def _assembled(parts: Mapping[str, Any], count: int, dtype: np.dtype[np.void]) -> Records:
-    """Records out of fields, which are arrays or lists of columns."""
+    """Records assembled from fields, which are arrays or lists of columns."""
     records = np.zeros(count, dtype)
     for name, part in parts.items():
         field = records[name]
@@ -168,7 +168,7 @@ def _assembled(parts: Mapping[str, Any], count: int, dtype: np.dtype[np.void]) -
 
 
 def records(values: object, dtype: np.dtype[np.void]) -> Records:
-    """`values` as contiguous records: without a copy if they are such, else out of their fields or columns."""
+    """`values` as contiguous records: without a copy if they are contiguous records already, else from their fields or columns."""
     if is_frame(values):
         frame: pd.DataFrame = values  # type: ignore[assignment]
         return _assembled(_columns(frame, dtype), len(frame), dtype)
@@ -189,7 +189,7 @@ def records(values: object, dtype: np.dtype[np.void]) -> Records:
 
 
 def as_bytes(array: Records) -> npt.NDArray[np.uint8]:
-    """The bytes of contiguous records, where they are."""
+    """The bytes of contiguous records, without a copy."""
     return array.reshape(-1).view(np.uint8)
 
 
@@ -209,12 +209,12 @@ def one_sample(sample: object) -> bytes:
 
 
 def flat_doubles(values: object) -> npt.NDArray[np.float64]:
-    """An array of any shape as contiguous doubles of one dimension."""
+    """An array of any shape as a contiguous one-dimensional array of doubles."""
     return np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
 
 
 def increments_frame(increments: Records, index: pd.Index[Any]) -> pd.DataFrame:
-    """Increments as the columns of a recording."""
+    """Increments as a data frame with the columns of a recording."""
     import pandas as pd
 
     dv = increments["velocity_increment"]

@@ -1,6 +1,8 @@
-//! Reading a plan: each part is checked where it is read, against the plan's limits too, so that all faults are reported at once.
+//! Parsing a plan. Each part is checked where it is read, against the plan's limits too. All faults are reported at once.
+//!
+//! Over 400 lines: one file format, with one function for each of its sections.
 
-use super::{Dwell, Motion, Patience, Plan, SAMPLES, Soak, Verify};
+use super::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
 use crate::limits::{self, Limits};
 use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
@@ -13,15 +15,15 @@ use nalgebra::{Matrix3, Vector3};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Most set points of a plan.
+/// Largest number of set points of a plan.
 const MAX_SET_POINTS: usize = 1000;
 
-/// Reads a plan; what is wrong with one part is no reason not to check the others. With `to_run`, the folder of `install` must be there.
+/// Reads a plan. A fault in one part does not stop the checks of the others. With `to_run`, the folder of `install` must exist.
 pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Option<Plan> {
     let format = root.number("format", "format = 1, the version of this file format");
     root.refuse("format", format.filter(|f| *f != 1.0).map(|_| "unknown; this version reads format = 1".to_owned()));
-    // Checked by the reader of the campaign file that they become, below.
-    let about = About::read(root);
+    // These values are checked below, by the parser of the campaign file that they go into.
+    let header = CampaignHeader::read(root);
     let output = root.string("output", "the folder that the campaign is written into").map(|path| folder.join(path));
     let install = root.optional_string("install").map(|path| folder.join(path));
     if to_run {
@@ -30,23 +32,23 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     let limits = root.section("limits", "[limits] with chamber_c, outer_deg and inner_deg").map(limits::read);
     let limits = &limits.unwrap_or(Limits::ABSOLUTE);
     let (chamber, ramp_c_per_s, tolerance_c) = chamber(root, limits);
-    let (table, motion, mounting) = table(root, limits);
-    let mounted_as = mounting.unwrap_or_else(Matrix3::identity);
+    let (turntable, motion, mounting) = turntable(root, limits);
+    let rotation = mounting.unwrap_or_else(Matrix3::identity);
     let air = AirLimits { limits, tolerance_c };
     let set_points_c = root.section("set_points", "[set_points] with start_c, stop_c and step_c, or list_c");
     let set_points_c = set_points_c.and_then(|section| set_points(section, &air));
-    let positions = positions(root, &mounted_as, limits);
+    let positions = positions(root, &rotation, limits);
     let soak = soak(root, tolerance_c);
     let dwell = dwell(root);
     let patience = patience(root);
     let ambient_c = safe(root, limits);
-    let verify = root.optional_section("verify").and_then(|section| verify(section, &mounted_as, &air));
-    // Where a part is missing, one that is right stands in for it, so that the others are checked.
-    let stand_in = || Scheme::SixFacesTwoHeadings.positions();
-    let campaign_toml = about.campaign(&positions.clone().unwrap_or_else(stand_in));
+    let verify = root.optional_section("verify").and_then(|section| verify(section, &rotation, &air));
+    // Valid positions replace missing ones, so that the other parts are checked.
+    let placeholder = || Scheme::SixFacesTwoHeadings.positions();
+    let campaign_toml = header.campaign(&positions.clone().unwrap_or_else(placeholder));
     let campaign = match Campaign::from_toml(&campaign_toml) {
         Ok(campaign) => campaign,
-        // The same keys, so that what is wrong with them is said of the plan.
+        // The keys are the same in both files; therefore the faults are reported as faults of the plan.
         Err(faults) => {
             faults.0.iter().for_each(|fault| root.fault(&fault.key, fault.message.clone()));
             return None;
@@ -56,7 +58,7 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         root.fault("positions", error.to_string());
     }
     Some(Plan {
-        imu: about.imu?,
+        imu: header.imu?,
         output: output?,
         set_points_c: set_points_c?,
         positions: positions?,
@@ -70,20 +72,20 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         verify,
         install,
         chamber: chamber?,
-        table: mounting.and(table)?,
+        turntable: mounting.and(turntable)?,
         campaign_toml,
         campaign,
     })
 }
 
-/// What is wrong with a file that is to be written: its folder is not there.
+/// The fault of a file to be written whose folder does not exist.
 fn missing_folder(file: &Path) -> Option<String> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty())?;
     (!folder.is_dir()).then(|| format!("there is no folder {}; make it", folder.display()))
 }
 
-/// What goes into the campaign file as it is.
-struct About<'d> {
+/// The values that go into the campaign file unchanged.
+struct CampaignHeader<'d> {
     imu: Option<ImuId>,
     serial: Option<&'d str>,
     gravity: [Option<f64>; 2],
@@ -92,7 +94,7 @@ struct About<'d> {
     positive: [(&'static str, Option<f64>); 2],
 }
 
-impl<'d> About<'d> {
+impl<'d> CampaignHeader<'d> {
     fn read(root: &Section<'d, '_>) -> Self {
         let reference = root.number("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
         let local = root.number("gravity_local", "gravity at the station in m/s2");
@@ -106,7 +108,7 @@ impl<'d> About<'d> {
         }
     }
 
-    /// The campaign file. Where a value is missing, which is a fault already, a valid one stands in for it.
+    /// The text of the campaign file. A valid value replaces a missing one, which is reported as a fault already.
     fn campaign(&self, positions: &[Position]) -> String {
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let mut text = String::new();
@@ -123,21 +125,21 @@ impl<'d> About<'d> {
     }
 }
 
-/// What the chamber's air may be at, around a set point.
+/// The limits of the chamber's air, for the check of a set point.
 struct AirLimits<'l> {
     limits: &'l Limits,
-    /// The air is at a set point within this \[degC\], which must not be an alarm.
+    /// The air may differ from a set point by this without an alarm \[degC\].
     tolerance_c: f64,
 }
 
 impl AirLimits<'_> {
-    /// What is wrong with a set point \[degC\].
+    /// The fault of a set point \[degC\]; `None` if it is valid.
     fn set_point(&self, celsius: f64) -> Option<String> {
         let limits = self.limits;
         limits.chamber(celsius).or_else(|| {
             let ends = [celsius - self.tolerance_c, celsius + self.tolerance_c];
-            let wrong = ends.into_iter().find_map(|air| limits.chamber(air));
-            wrong.map(|wrong| format!("{celsius:?} degC, within chamber.tolerance_c: {wrong}"))
+            let fault = ends.into_iter().find_map(|air| limits.chamber(air));
+            fault.map(|fault| format!("{celsius:?} degC, within chamber.tolerance_c: {fault}"))
         })
     }
 }
@@ -149,7 +151,7 @@ pub(super) fn positive(section: &Section<'_, '_>, key: &'static str, default: f6
     value.unwrap_or(default)
 }
 
-/// A number from 0 up, or `default`.
+/// A number not below 0, or `default`.
 fn not_negative(section: &Section<'_, '_>, key: &'static str, default: f64) -> f64 {
     let value = section.optional_number(key);
     section.refuse(key, value.filter(|v| *v < 0.0).map(|v| format!("is {v:?}, give a number from 0 up")));
@@ -164,6 +166,7 @@ fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64
     value.unwrap_or(default)
 }
 
+/// The chamber's configuration, its ramp \[degC/s\], and the tolerance of its air \[degC\].
 fn chamber(root: &Section<'_, '_>, limits: &Limits) -> (Option<ChamberConfig>, f64, f64) {
     let Some(section) = root.section("chamber", "[chamber] with driver and port") else {
         return (None, 1.0 / 60.0, 0.5);
@@ -176,7 +179,8 @@ fn chamber(root: &Section<'_, '_>, limits: &Limits) -> (Option<ChamberConfig>, f
     (config, ramp_c_per_min / 60.0, tolerance_c)
 }
 
-fn table(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
+/// The turntable's configuration, its motion, and the mounting of the IMU; the mounting is `None` if it is wrong.
+fn turntable(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
     let section = root.section("table", "[table] with driver and port");
     let config = section.as_ref().and_then(TurntableConfig::read);
     let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
@@ -190,14 +194,13 @@ fn table(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig>, M
     let mounting = section.as_ref().and_then(mounting);
     if let Some(section) = section {
         section.refuse("rate_deg_s", limits.rate(motion.rate_deg_s));
-        let too_hard = limits.acceleration(motion.acceleration_deg_s2);
-        section.refuse("acceleration_deg_s2", too_hard);
+        section.refuse("acceleration_deg_s2", limits.acceleration(motion.acceleration_deg_s2));
         section.finish();
     }
     (config, motion, mounting)
 }
 
-/// How the IMU sits on the table: a rotation.
+/// The rotation from the turntable's axes to the IMU's.
 fn mounting(section: &Section<'_, '_>) -> Option<Matrix3<f64>> {
     if !section.has("mounting") {
         return Some(Matrix3::identity());
@@ -232,7 +235,7 @@ fn set_points(section: Section<'_, '_>, air: &AirLimits<'_>) -> Option<Vec<f64>>
                 section.fault("step_c", format!("{step:?} does not lead from {start:?} to {stop:?}"));
                 return None;
             }
-            // To 1e-9 degC, so that 0.1 three times is 0.3.
+            // Rounded to 1e-9 degC, so that three steps of 0.1 give exactly 0.3.
             let at = |index: u32| ((start + step * f64::from(index)) * 1e9).round() / 1e9;
             Some((0..=steps.round() as u32).map(at).collect())
         })
@@ -265,7 +268,7 @@ fn positions(root: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits) -
     if sections.is_empty() {
         let scheme = scheme.unwrap_or(Scheme::SixFacesTwoHeadings);
         let numbered = (1..).zip(scheme.angles());
-        let positions = numbered.map(|(number, [outer, inner])| at(number, "", [outer, inner], mounting));
+        let positions = numbered.map(|(number, [outer, inner])| position_at(number, "", [outer, inner], mounting));
         let positions: Vec<_> = positions.collect();
         for position in &positions {
             let wrong = wrong_angles(position);
@@ -290,8 +293,9 @@ fn positions(root: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits) -
     complete.then_some(positions)
 }
 
-/// A position at the table's angles \[deg\]; without a label it is called after what points up.
-fn at(number: u32, label: &str, [outer, inner]: [f64; 2], mounting: &Matrix3<f64>) -> Position {
+/// The position at these angles of the turntable \[deg\]. Without a label it is named after the axis that points up, or after its
+/// angles.
+fn position_at(number: u32, label: &str, [outer, inner]: [f64; 2], mounting: &Matrix3<f64>) -> Position {
     let force = mounted(mounting, [outer, inner]);
     let up = force.iter().position(|f| (f.abs() - 1.0).abs() < 1e-9);
     let named = up.map_or_else(
@@ -302,8 +306,9 @@ fn at(number: u32, label: &str, [outer, inner]: [f64; 2], mounting: &Matrix3<f64
     Position { number, label, angles: Some([outer, inner]), specific_force: force }
 }
 
-/// Direction of the specific force along A1, A2, A3 at the table's angles \[deg\].
+/// Direction of the specific force along A1, A2, A3 at these angles of the turntable \[deg\].
 fn mounted(mounting: &Matrix3<f64>, [outer, inner]: [f64; 2]) -> [f64; 3] {
+    // Adding 0 turns -0 into 0.
     (mounting * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into()
 }
 
@@ -316,14 +321,14 @@ fn position(section: &Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Positi
     let outer = section.number("outer_deg", "the table's outer angle in degrees");
     let inner = section.number("inner_deg", "the table's inner angle in degrees");
     let claimed = section.has("specific_force").then(|| section.numbers("specific_force", "three numbers"));
-    let position = at(u32::try_from(number?).ok()?, label, [outer?, inner?], mounting);
+    let position = position_at(u32::try_from(number?).ok()?, label, [outer?, inner?], mounting);
     if let Some(claimed) = claimed {
-        let there = position.specific_force;
+        let actual = position.specific_force;
         let agrees = |claimed: &Vec<f64>| {
-            claimed.len() == 3 && claimed.iter().zip(there).all(|(a, b)| (a - b).abs() < SAME_DIRECTION)
+            claimed.len() == 3 && claimed.iter().zip(actual).all(|(a, b)| (a - b).abs() < SAME_DIRECTION)
         };
         if !claimed.is_some_and(|claimed| agrees(&claimed)) {
-            let [a1, a2, a3] = there;
+            let [a1, a2, a3] = actual;
             let message = format!(
                 "the angles and the mounting give [{a1:.3}, {a2:.3}, {a3:.3}]; correct either, or leave specific_force out"
             );
@@ -354,8 +359,8 @@ fn soak(root: &Section<'_, '_>, tolerance_c: f64) -> Soak {
     soak
 }
 
-fn dwell(root: &Section<'_, '_>) -> Dwell {
-    let mut dwell = Dwell { time_s: 300.0, row_s: 10.0 };
+fn dwell(root: &Section<'_, '_>) -> DwellPlan {
+    let mut dwell = DwellPlan { time_s: 300.0, row_s: 10.0 };
     if let Some(section) = root.optional_section("dwell") {
         dwell.time_s = positive(&section, "time_s", dwell.time_s);
         dwell.row_s = not_negative(&section, "row_s", dwell.row_s);
@@ -405,7 +410,7 @@ fn safe(root: &Section<'_, '_>, limits: &Limits) -> Option<f64> {
     ambient_c
 }
 
-fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>) -> Option<Verify> {
+fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>) -> Option<VerificationPlan> {
     let runs = section.optional_integer("runs", 1..=100).unwrap_or(3) as u32;
     let temperature = |key, right| {
         let celsius = section.number(key, right);
@@ -422,7 +427,7 @@ fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>
     section.refuse("", air.limits.angles(angles_deg));
     section.finish();
     let attitude = mounted(mounting, angles_deg);
-    Some(Verify {
+    Some(VerificationPlan {
         runs,
         from_c: from_c?,
         to_c: to_c?,

@@ -60,7 +60,7 @@ fn everything_wrong_is_reported_at_once() {
     }
 }
 
-/// What cannot be judged with one part missing is judged with a part that is right in its place.
+/// A missing part is replaced by a valid one, so that the parts that depend on it are checked too.
 #[test]
 fn one_missing_part_hides_no_other_fault() {
     let wrong = EXAMPLE
@@ -144,7 +144,7 @@ fn positions_may_be_listed_and_their_claims_are_checked() {
         wrong.contains("position.5.specific_force: the angles and the mounting give [1.000, 0.000, 0.000]"),
         "{wrong}"
     );
-    // A1 along the table's Y, A2 along its Z, A3 along its X.
+    // A1 along the turntable's Y, A2 along its Z, A3 along its X.
     let mounting = "mounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]";
     let turned = Plan::from_toml(&listed("specific_force = [0, 0, 1]", mounting), Path::new("")).unwrap();
     assert_eq!((turned.positions[4].label.as_str(), turned.positions[4].specific_force), ("+z", [0.0, 0.0, 1.0]));

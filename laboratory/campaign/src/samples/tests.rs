@@ -13,7 +13,7 @@ fn plan(folder: &Path, row_s: f64) -> Plan {
     Plan::from_toml(&text.replace("output = \"campaign\"", "output = \".\""), folder).unwrap()
 }
 
-/// A sample that ends at `end_s` of a laboratory whose clock is 1000 s behind the acquisition's, sent when it ends.
+/// Sample `number`, sent when it ends. The acquisition's clock is 1000 s ahead of laboratory time.
 fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
     let end_ns = number * interval_ns;
     RawSample {
@@ -22,7 +22,7 @@ fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
         timestamp_ns: 1000 * SECOND + end_ns,
         interval_ns,
         sent_ns: clock.origin_ns + end_ns,
-        // Read when the sample ends.
+        // The telemetry is read when the sample ends.
         telemetry_ns: 1000 * SECOND + end_ns,
         positive_pulses: [number as u32, 1, 2],
         head_temperature: [number as f64, 1.0, 1.0],
@@ -33,7 +33,7 @@ fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
 
 fn recorder(folder: &TempDir, row_s: f64) -> (SampleRecorder<'static>, LaboratoryClock) {
     let plan: &'static Plan = Box::leak(Box::new(plan(folder.path(), row_s)));
-    // One whose present is after everything that happens here.
+    // The clock began 10,000 s ago, so that no sample of the tests is in the future.
     let clock = LaboratoryClock { origin_ns: monotonic_ns().saturating_sub(10_000 * SECOND), speed: 1.0 };
     (SampleRecorder::new(plan, clock, None, 0.0), clock)
 }
@@ -52,7 +52,7 @@ fn only_samples_that_begin_after_the_table_has_settled_are_taken() {
     let folder = tempfile::tempdir().unwrap();
     let (mut recorder, clock) = recorder(&folder, 10.0);
     feed(&mut recorder, &clock, 1..10, 10 * SECOND);
-    // Settled in the middle of sample 10, which is received later.
+    // The turntable settles in the middle of sample 10, which is received later.
     recorder.begin(DWELL, 95.0, 0).unwrap();
     feed(&mut recorder, &clock, 10..20, 10 * SECOND);
     assert!(!recorder.complete() && recorder.collected_s() == 90.0);
@@ -70,7 +70,7 @@ fn samples_that_come_late_are_not_taken_for_late_ones() {
     let folder = tempfile::tempdir().unwrap();
     let (mut recorder, clock) = recorder(&folder, 1.0);
     feed(&mut recorder, &clock, 1..100, SECOND);
-    // The acquisition stalls for 500 s; meanwhile the table moves and has settled at 590 s. Then everything comes at once.
+    // The acquisition stalls for 500 s; meanwhile the turntable moves and settles at 590 s. Then all samples arrive at once.
     recorder.begin(DWELL, 590.0, 0).unwrap();
     for number in 100..1000 {
         let late = RawSample { sent_ns: clock.origin_ns + number.max(600) * SECOND, ..sample(&clock, number, SECOND) };
@@ -93,23 +93,23 @@ fn samples_are_summed_into_rows_that_calibrate_reads() {
     let first = recorder.keep(0).unwrap().unwrap();
     recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 125.0, first.to).unwrap();
     feed(&mut recorder, &clock, 500..520, interval_ns);
-    // A row in progress, and then the table moves: nothing of it stays.
+    // The turntable moves while a row is in progress: nothing of the unit stays in the file.
     recorder.discard();
     recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 130.0, first.to).unwrap();
     feed(&mut recorder, &clock, 520..1000, interval_ns);
     let second = recorder.keep(1).unwrap().unwrap();
     assert_eq!((first.rows, second.rows, second.from), (10, 10, first.to));
     let plan = plan(folder.path(), 10.0);
-    describe(&plan).unwrap();
+    write_campaign_file(&plan).unwrap();
     let campaign = Campaign::from_toml(&fs::read_to_string(folder.path().join("campaign.toml")).unwrap()).unwrap();
     let rows = CampaignCsvReader::new(File::open(folder.path().join(&campaign.samples[0])).unwrap()).unwrap();
     let dwells = read(&campaign, rows).unwrap();
     assert_eq!(dwells.len(), 2);
     assert_eq!((dwells[0].sums.seconds, dwells[0].rows, dwells[1].position), (100.0, 10, 1));
-    // Samples 5 to 404, their telemetry averaged.
+    // The dwell has samples 5 to 404, with their telemetry averaged.
     assert_eq!(dwells[0].sums.positive[0], (5..405).sum::<u64>() as f64);
     assert!((dwells[0].sums.head(0) - 204.5).abs() < 1e-9);
-    // Read half a sample after the middle of each, while it changes by 1 a sample.
+    // The telemetry changes by 1 per sample and is read half a sample after its middle, which `calibrate` corrects by 0.5.
     assert!((dwells[0].head(0) - 204.0).abs() < 1e-9 && dwells[0].board(0) == 2.0);
 }
 
@@ -146,7 +146,7 @@ fn another_session_spoils_the_unit_and_its_time_goes_on_rising() {
     let first = recorder.keep(0).unwrap().unwrap();
     recorder.begin(Unit::Dwell { visit: 0, position: 1 }, 200.0, first.to).unwrap();
     feed(&mut recorder, &clock, 200..202, SECOND);
-    // A clock that begins at 0 with its session.
+    // The clock of the new session begins at 0.
     let restarted = |number: u64| RawSample {
         session: 8,
         sequence: number,

@@ -1,23 +1,23 @@
-//! An Ideal Aerosmith table with two axes, the axis in front of the command: a line, then the prompt.
+//! An Ideal Aerosmith table with two axes. A request begins with the number of the axis; a reply is a line, then the prompt.
 
 use super::take_line;
-use crate::server::Speaker;
-use crate::turntable::{Interlock, TurntableMachine};
+use crate::server::Protocol;
+use crate::turntable::{Interlock, TurntableDevice};
 
-pub struct Aerosmith {
+pub struct AerosmithProtocol {
     rate: [f64; 2],
     acceleration: [f64; 2],
 }
 
-impl Default for Aerosmith {
+impl Default for AerosmithProtocol {
     fn default() -> Self {
         Self { rate: [10.0; 2], acceleration: [10.0; 2] }
     }
 }
 
-impl Aerosmith {
-    /// The reply's line; `None` for what it does not know.
-    fn command(&mut self, request: &str, machine: &mut TurntableMachine) -> Option<String> {
+impl AerosmithProtocol {
+    /// Executes a request and returns the line of the reply; `None` for an unknown request.
+    fn command(&mut self, request: &str, device: &mut TurntableDevice) -> Option<String> {
         let axis = match request.get(..1)? {
             "1" => 0,
             "2" => 1,
@@ -26,17 +26,17 @@ impl Aerosmith {
         let (command, value) = (request.get(1..4)?, request.get(4..)?);
         let number = value.parse::<f64>().ok();
         match command {
-            "PPO" => return Some(format!("{:.4}", machine.angle_deg(axis))),
-            "PVE" => return Some(format!("{:.4}", machine.rate_deg_s(axis))),
-            "STA" => return Some(if machine.interlock(axis) == Interlock::Fault { "4" } else { "0" }.to_owned()),
+            "PPO" => return Some(format!("{:.4}", device.angle_deg(axis))),
+            "PVE" => return Some(format!("{:.4}", device.rate_deg_s(axis))),
+            "STA" => return Some(if device.interlock(axis) == Interlock::Fault { "4" } else { "0" }.to_owned()),
             "VEL" => self.rate[axis] = number?,
             "ACL" => self.acceleration[axis] = number?,
-            "STO" => machine.stop(axis),
+            "STO" => device.stop(axis),
             "MOV" => {
-                // Always powered; a fault whose cause has gone ends with the next move.
-                machine.reset(axis);
-                machine.close(axis);
-                machine.go_to(axis, number?, self.rate[axis], self.acceleration[axis]);
+                // This model has no command for power: a move powers the axis, and resets a fault whose cause no longer exists.
+                device.reset(axis);
+                device.close(axis);
+                device.go_to(axis, number?, self.rate[axis], self.acceleration[axis]);
             }
             _ => return None,
         }
@@ -44,13 +44,13 @@ impl Aerosmith {
     }
 }
 
-impl Speaker<TurntableMachine> for Aerosmith {
-    fn take(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
+impl Protocol<TurntableDevice> for AerosmithProtocol {
+    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
         take_line(input)
     }
 
-    fn answer(&mut self, request: &[u8], machine: &mut TurntableMachine) -> Vec<u8> {
-        let reply = self.command(String::from_utf8_lossy(request).trim(), machine);
+    fn answer(&mut self, request: &[u8], device: &mut TurntableDevice) -> Vec<u8> {
+        let reply = self.command(String::from_utf8_lossy(request).trim(), device);
         reply.map_or_else(Vec::new, |line| format!("{line}\r\n>\r\n").into_bytes())
     }
 

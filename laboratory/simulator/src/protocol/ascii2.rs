@@ -1,23 +1,23 @@
-//! A Voetsch chamber with one temperature and humidity, ASCII-2, address 1.
+//! A Voetsch chamber with temperature and humidity: ASCII-2, address 1.
 
 use super::take_line;
-use crate::chamber::{ChamberMachine, Mode};
-use crate::server::Speaker;
+use crate::chamber::{ChamberDevice, Mode};
+use crate::server::Protocol;
 
-pub struct Ascii2;
+pub struct Ascii2Protocol;
 
-impl Speaker<ChamberMachine> for Ascii2 {
-    fn take(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
+impl Protocol<ChamberDevice> for Ascii2Protocol {
+    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
         take_line(input)
     }
 
-    fn answer(&mut self, request: &[u8], machine: &mut ChamberMachine) -> Vec<u8> {
-        // A chamber of another address, or one that is asked nonsense, is silent.
+    fn answer(&mut self, request: &[u8], device: &mut ChamberDevice) -> Vec<u8> {
+        // A request with another address or without meaning has no reply.
         let text = String::from_utf8_lossy(request);
         let Some(command) = text.strip_prefix("$01") else { return Vec::new() };
         if command == "I" {
-            let bits = format!("0{}{}0000000000000", u8::from(machine.mode == Mode::Constant), u8::from(machine.alarm));
-            let (nominal, actual) = (machine.set_point_c, machine.air_c());
+            let bits = format!("0{}{}0000000000000", u8::from(device.mode == Mode::Constant), u8::from(device.alarm));
+            let (nominal, actual) = (device.set_point_c, device.air_c());
             return format!("{nominal:06.1} {actual:06.1} 0050.0 0047.3 {bits}\r").into_bytes();
         }
         let Some(fields) = command.strip_prefix("E ") else { return Vec::new() };
@@ -25,9 +25,9 @@ impl Speaker<ChamberMachine> for Ascii2 {
         let (Some(Ok(celsius)), Some(bits)) = (fields.first().map(|field| field.parse()), fields.last()) else {
             return Vec::new();
         };
-        if machine.set(celsius) {
-            let start = bits.len() >= 8 && bits.as_bytes()[1] == b'1' && !machine.alarm;
-            machine.switch(if start { Mode::Constant } else { Mode::Standby });
+        if device.set(celsius) {
+            let start = bits.len() >= 8 && bits.as_bytes()[1] == b'1' && !device.alarm;
+            device.switch(if start { Mode::Constant } else { Mode::Standby });
         }
         b"0\r".to_vec()
     }

@@ -1,19 +1,19 @@
 //! An ESPEC P-300 without humidity.
 
 use super::take_line;
-use crate::chamber::{ChamberMachine, Mode, RANGE_C};
-use crate::server::Speaker;
+use crate::chamber::{ChamberDevice, Mode, RANGE_C};
+use crate::server::Protocol;
 
-pub struct Espec;
+pub struct EspecProtocol;
 
-impl Speaker<ChamberMachine> for Espec {
-    fn take(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
+impl Protocol<ChamberDevice> for EspecProtocol {
+    fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {
         take_line(input)
     }
 
-    fn answer(&mut self, request: &[u8], machine: &mut ChamberMachine) -> Vec<u8> {
+    fn answer(&mut self, request: &[u8], device: &mut ChamberDevice) -> Vec<u8> {
         let text = String::from_utf8_lossy(request);
-        let reply = answer(text.trim(), machine).unwrap_or_else(|reason| format!("NA:{reason}"));
+        let reply = answer(text.trim(), device).unwrap_or_else(|reason| format!("NA:{reason}"));
         (reply + "\r\n").into_bytes()
     }
 
@@ -22,8 +22,8 @@ impl Speaker<ChamberMachine> for Espec {
     }
 }
 
-fn answer(request: &str, machine: &mut ChamberMachine) -> Result<String, &'static str> {
-    let mode = match machine.mode {
+fn answer(request: &str, device: &mut ChamberDevice) -> Result<String, &'static str> {
+    let mode = match device.mode {
         Mode::Off => "OFF",
         Mode::Standby => "STANDBY",
         Mode::Constant => "CONSTANT",
@@ -32,10 +32,10 @@ fn answer(request: &str, machine: &mut ChamberMachine) -> Result<String, &'stati
     let compact: String = request.chars().filter(|c| *c != ' ').collect();
     Ok(match compact.as_str() {
         "TYPE?" => format!("T,P300,{high:.1}"),
-        "MON?" => format!("{:.1},,{mode},{}", machine.air_c(), u8::from(machine.alarm)),
-        "TEMP?" => format!("{:.1},{:.1},{high:.1},{low:.1}", machine.air_c(), machine.set_point_c),
+        "MON?" => format!("{:.1},,{mode},{}", device.air_c(), u8::from(device.alarm)),
+        "TEMP?" => format!("{:.1},{:.1},{high:.1},{low:.1}", device.air_c(), device.set_point_c),
         "MODE?" => mode.to_owned(),
-        "ALARM?" => if machine.alarm { "1,7" } else { "0" }.to_owned(),
+        "ALARM?" => if device.alarm { "1,7" } else { "0" }.to_owned(),
         command => {
             let (name, value) = command.split_once(',').ok_or("CMD ERR")?;
             let mode = match (name, value) {
@@ -48,11 +48,11 @@ fn answer(request: &str, machine: &mut ChamberMachine) -> Result<String, &'stati
             };
             match mode {
                 Some(mode) => {
-                    machine.switch(if machine.alarm && mode == Mode::Constant { Mode::Standby } else { mode });
+                    device.switch(if device.alarm && mode == Mode::Constant { Mode::Standby } else { mode });
                 }
                 None => {
                     let value = value.strip_prefix('S').and_then(|value| value.parse().ok()).ok_or("PARA ERR")?;
-                    if !machine.set(value) {
+                    if !device.set(value) {
                         return Err("DATA OUT OF RANGE");
                     }
                 }

@@ -1,7 +1,7 @@
-//! The fields of messages in an MCAP file, as columns. The file is read from its beginning to its end, so that one which was not finished is
-//! read as far as it goes.
+//! The fields of messages in an MCAP file, as columns. The file is read from beginning to end, without its index, so that an
+//! unfinished file is read up to its last complete record.
 
-use super::panics::contain;
+use super::panics::catch_panic;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
 use crate::protobuf::{self, FieldNumber, Value};
 use isotherm_recording::RecordingError;
@@ -14,37 +14,40 @@ use std::collections::{BTreeSet, HashMap};
 use std::io::Read;
 use std::rc::Rc;
 
-/// Longest record and chunk that is read \[bytes\]. Writers' chunks have about 1 MB.
-const LONGEST: usize = 64 << 20;
-/// Bytes read at a time, at most.
+/// Longest record or chunk that is read \[bytes\]. Common writers make chunks of about 1 MB.
+const MAX_RECORD: usize = 64 << 20;
+/// Most bytes that are read at once.
 const BUFFER: usize = 1 << 20;
 /// Highest number of a field that is read.
 const MAX_FIELD: u64 = 4096;
 
-/// Types of fields that are read, as `google.protobuf.FieldDescriptorProto` numbers them: double, float, int64, uint64, int32, uint32.
+/// Field types that are read, as numbered in `google.protobuf.FieldDescriptorProto`: double, float, int64, uint64, int32, uint32.
 const READ_TYPES: [u64; 6] = [1, 2, 3, 4, 5, 13];
 
-/// Reads the wanted columns from the messages of one channel, or of several that carry the same stream.
+/// Reads the wanted columns from the messages of one stream, which may have several channels.
 pub struct McapReader {
     source: Box<dyn Read>,
     reader: LinearReader,
     wanted: Vec<WantedColumn>,
     choice: ImuChoice,
-    /// Whether only raw samples are wanted: channels isotherm/<imu>/raw.
+    /// Whether only channels `isotherm/<imu>/raw` are read.
     raw: bool,
-    /// Described messages that have the wanted columns.
+    /// Schemas that have the wanted columns, by id.
     schemas: HashMap<u16, Rc<FieldMap>>,
+    /// Channels that have the wanted columns, by id.
     channels: HashMap<u16, OpenChannel>,
-    /// Whether a channel has come since the last message.
+    /// Whether a channel was added since the last message.
     new_channel: bool,
-    /// Why a channel of raw samples cannot be read.
+    /// Why the last unsuitable schema cannot be read, for messages.
     unreadable: Option<String>,
-    /// The stream whose messages have been handed out.
-    picked: Option<String>,
+    /// The stream of the messages that have been returned.
+    delivered: Option<String>,
     bytes: u64,
     messages: u64,
+    /// Whether the footer was read.
     finished: bool,
-    cut: bool,
+    /// Whether the file ends within a record.
+    truncated: bool,
 }
 
 /// A channel with the wanted columns.
@@ -52,15 +55,15 @@ struct OpenChannel {
     topic: String,
     imu: Option<ImuId>,
     fields: Rc<FieldMap>,
-    /// Whether its messages are handed out.
-    taken: bool,
+    /// Whether its messages are returned.
+    selected: bool,
 }
 
-/// By number of a field: the column that it is, and its type in protobuf.
+/// By field number: index of the wanted column, and the field's type in protobuf.
 struct FieldMap(Vec<Option<(usize, u64)>>);
 
-/// What the library has found.
-enum Event {
+/// An event of the library's reader.
+enum McapEvent {
     Read(usize),
     Record(Record<'static>),
     Footer,
@@ -70,11 +73,11 @@ enum Event {
 impl McapReader {
     /// Reads from `source`; with `raw`, the messages of channels `isotherm/<imu>/raw`, else those of any channel.
     pub fn new(source: Box<dyn Read>, wanted: Vec<WantedColumn>, choice: ImuChoice, raw: bool) -> Self {
-        // A chunk is checked against its checksum before anything of it is used.
+        // The checksum of a chunk is verified before any of its content is used.
         let options = LinearReaderOptions::default()
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(LONGEST);
+            .with_record_length_limit(MAX_RECORD);
         Self {
             source,
             reader: LinearReader::new_with_options(options),
@@ -85,41 +88,41 @@ impl McapReader {
             channels: HashMap::new(),
             new_channel: false,
             unreadable: None,
-            picked: None,
+            delivered: None,
             bytes: 0,
             messages: 0,
             finished: false,
-            cut: false,
+            truncated: false,
         }
     }
 
     /// The library's next event; `None` at the end.
-    fn event(&mut self) -> Result<Option<Event>, RecordingError> {
-        let event = contain(|| {
+    fn event(&mut self) -> Result<Option<McapEvent>, RecordingError> {
+        let event = catch_panic(|| {
             Some(match self.reader.next_event()? {
-                Ok(LinearReadEvent::ReadRequest(need)) => Ok(Event::Read(need)),
-                Ok(LinearReadEvent::Record { opcode: op::FOOTER, .. }) => Ok(Event::Footer),
+                Ok(LinearReadEvent::ReadRequest(need)) => Ok(McapEvent::Read(need)),
+                Ok(LinearReadEvent::Record { opcode: op::FOOTER, .. }) => Ok(McapEvent::Footer),
                 Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL | op::MESSAGE), data }) => {
-                    parse_record(opcode, data).map(|record| Event::Record(record.into_owned()))
+                    parse_record(opcode, data).map(|record| McapEvent::Record(record.into_owned()))
                 }
-                Ok(LinearReadEvent::Record { .. }) => Ok(Event::Other),
+                Ok(LinearReadEvent::Record { .. }) => Ok(McapEvent::Other),
                 Err(error) => Err(error),
             })
         });
         match event.ok_or_else(|| self.error("a record that cannot be read".to_owned()))? {
             None => Ok(None),
             Some(Ok(event)) => Ok(Some(event)),
-            // The file ends in the middle of something.
+            // The file ends within a record.
             Some(Err(McapError::UnexpectedEof)) => {
-                self.cut = true;
+                self.truncated = true;
                 Ok(None)
             }
             Some(Err(error)) => Err(self.error(format!("not a valid MCAP file: {error}"))),
         }
     }
 
-    /// Takes a record; true if it was a message whose values are now in `values`.
-    fn take(&mut self, record: Record<'static>, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
+    /// Processes a record. Returns true if it was a message of the selected stream, whose values are then in `values`.
+    fn take_record(&mut self, record: Record<'static>, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
         match record {
             Record::Schema { header, data } if header.encoding == "protobuf" => {
                 match protobuf::fields(&data, &header.name).map(|fields| map_fields(&self.wanted, &fields)) {
@@ -138,7 +141,7 @@ impl McapReader {
                     && (is_raw || !self.raw)
                 {
                     let fields = Rc::clone(fields);
-                    self.channels.insert(channel.id, OpenChannel { topic, imu, fields, taken: false });
+                    self.channels.insert(channel.id, OpenChannel { topic, imu, fields, selected: false });
                     self.new_channel = true;
                 }
             }
@@ -146,14 +149,15 @@ impl McapReader {
                 self.messages += 1;
                 if std::mem::take(&mut self.new_channel) {
                     self.check_choice()?;
-                    let taken = self.channels.iter().filter(|(_, channel)| self.takes(channel)).map(|(id, _)| *id);
-                    for id in taken.collect::<Vec<_>>() {
-                        self.channels.entry(id).and_modify(|channel| channel.taken = true);
+                    let selected =
+                        self.channels.iter().filter(|(_, channel)| self.is_selected(channel)).map(|(id, _)| *id);
+                    for id in selected.collect::<Vec<_>>() {
+                        self.channels.entry(id).and_modify(|channel| channel.selected = true);
                     }
                 }
-                if let Some(channel) = self.channels.get(&header.channel_id).filter(|channel| channel.taken) {
-                    if self.picked.is_none() {
-                        self.picked = Some(self.stream_of(channel).to_owned());
+                if let Some(channel) = self.channels.get(&header.channel_id).filter(|channel| channel.selected) {
+                    if self.delivered.is_none() {
+                        self.delivered = Some(self.stream_of(channel).to_owned());
                     }
                     let fields = Rc::clone(&channel.fields);
                     decode(&data, &self.wanted, &fields, values).map_err(|message| self.error(message))?;
@@ -165,7 +169,7 @@ impl McapReader {
         Ok(false)
     }
 
-    /// The name by which channels of one stream are told from others: the IMU, or the topic where any stream is wanted.
+    /// The name that identifies a channel's stream: the IMU's name, or the topic if any stream is wanted.
     fn stream_of<'a>(&self, channel: &'a OpenChannel) -> &'a str {
         match (&channel.imu, self.raw) {
             (Some(imu), true) => imu.as_str(),
@@ -173,6 +177,7 @@ impl McapReader {
         }
     }
 
+    /// The names of all streams that the choice allows.
     fn streams(&self) -> BTreeSet<&str> {
         let channels = self.channels.values().filter(|channel| match &self.choice {
             ImuChoice::Only(wanted) if !self.raw => channel.imu.as_ref() == Some(wanted),
@@ -181,8 +186,8 @@ impl McapReader {
         channels.map(|channel| self.stream_of(channel)).collect()
     }
 
-    /// Whether this channel's messages are to be handed out, as far as is known by now.
-    fn takes(&self, channel: &OpenChannel) -> bool {
+    /// Whether this channel's messages are returned, judged by the channels that are known so far.
+    fn is_selected(&self, channel: &OpenChannel) -> bool {
         match &self.choice {
             ImuChoice::Only(wanted) => channel.imu.as_ref() == Some(wanted),
             ImuChoice::Prefer(wanted) if channel.imu.as_ref() == Some(wanted) => true,
@@ -190,13 +195,13 @@ impl McapReader {
         }
     }
 
-    /// Of several streams it must be clear which one is meant.
+    /// Checks that the choice selects one stream.
     fn check_choice(&self) -> Result<(), RecordingError> {
         let streams = self.streams();
         let clear = match &self.choice {
             ImuChoice::Only(_) => self.raw || streams.len() < 2,
             ImuChoice::Prefer(wanted) => {
-                let changed = self.picked.as_ref().is_some_and(|picked| picked != wanted.as_str());
+                let changed = self.delivered.as_ref().is_some_and(|delivered| delivered != wanted.as_str());
                 streams.len() < 2 || (streams.contains(wanted.as_str()) && !changed)
             }
             ImuChoice::Any => streams.len() < 2,
@@ -232,19 +237,21 @@ impl TableReader for McapReader {
     fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
         loop {
             match self.event()? {
-                Some(Event::Read(need)) => {
+                Some(McapEvent::Read(need)) => {
                     let read = self.source.read(self.reader.insert(need.clamp(1, BUFFER)))?;
                     self.bytes += read as u64;
                     self.reader.notify_read(read);
                 }
-                Some(Event::Footer) => self.finished = true,
-                Some(Event::Other) => {}
-                Some(Event::Record(record)) => {
-                    if self.take(record, values)? {
+                Some(McapEvent::Footer) => self.finished = true,
+                Some(McapEvent::Other) => {}
+                Some(McapEvent::Record(record)) => {
+                    if self.take_record(record, values)? {
                         return Ok(true);
                     }
                 }
-                None if self.picked.is_none() && !self.channels.values().any(|channel| self.takes(channel)) => {
+                None if self.delivered.is_none()
+                    && !self.channels.values().any(|channel| self.is_selected(channel)) =>
+                {
                     return Err(self.error(self.nothing_to_read()));
                 }
                 None => return Ok(false),
@@ -265,8 +272,8 @@ impl TableReader for McapReader {
         RecordingError::Place { place, message }
     }
 
-    fn cut(&self) -> Option<String> {
-        let what = match (self.cut, self.finished) {
+    fn truncation(&self) -> Option<String> {
+        let what = match (self.truncated, self.finished) {
             (true, _) => "its last record is cut and left out",
             (false, false) => "it has no end record",
             _ => return None,
@@ -275,10 +282,10 @@ impl TableReader for McapReader {
     }
 }
 
-/// Which field is which wanted column; an error if one is missing or of a type that does not fit.
+/// Maps fields to wanted columns. An error if a column is missing or has an unsuitable type.
 fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
     let (mut map, mut missing) = (Vec::new(), Vec::new());
-    for (place, column) in wanted.iter().enumerate() {
+    for (wanted_index, column) in wanted.iter().enumerate() {
         match fields.get(&column.name) {
             Some(FieldNumber { kind, .. }) if !READ_TYPES.contains(kind) => {
                 return Err(format!("field {} is of a type that is not read", column.name));
@@ -288,7 +295,7 @@ fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) ->
                 if map.len() <= index {
                     map.resize(index + 1, None);
                 }
-                map[index] = Some((place, *kind));
+                map[index] = Some((wanted_index, *kind));
             }
             Some(_) => return Err(format!("the number of field {} is over {MAX_FIELD}", column.name)),
             None if column.optional => {}
@@ -303,7 +310,7 @@ fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) ->
     Err(format!("missing columns: {}; found: {}", missing.join(", "), list_columns(found)))
 }
 
-/// Reads a message's values. A field that is not written has the value 0, as proto3 has it.
+/// Reads the values of a message. A missing field has the value 0, as defined by proto3; for [`Absence::Kept`] it has none.
 fn decode(
     message: &[u8],
     wanted: &[WantedColumn],
@@ -314,22 +321,22 @@ fn decode(
     values.clear();
     values.extend(wanted.iter().map(absent));
     let mut wrong = None;
-    let whole = protobuf::decode(message, |number, value| {
+    let valid = protobuf::decode(message, |number, value| {
         let field = usize::try_from(number).ok().and_then(|number| fields.0.get(number).copied().flatten());
-        let Some((place, kind)) = field else { return };
-        match value_of(wanted[place].kind, kind, value) {
-            Some(bits) => values[place] = Some(bits),
-            None => wrong = Some(place),
+        let Some((index, kind)) = field else { return };
+        match value_of(wanted[index].kind, kind, value) {
+            Some(bits) => values[index] = Some(bits),
+            None => wrong = Some(index),
         }
     });
     match wrong {
-        None if whole => Ok(()),
-        None => Err("a message that is no protobuf".to_owned()),
-        Some(place) => Err(format!("{} is not of its type, or does not fit into 32 bits", wanted[place].name)),
+        None if valid => Ok(()),
+        None => Err("a message that is not valid protobuf".to_owned()),
+        Some(index) => Err(format!("{} is not of its type, or does not fit into 32 bits", wanted[index].name)),
     }
 }
 
-/// A field's value as the wanted column has it; `kind` is its declared type.
+/// Converts a field's value to the kind of the wanted column; `kind` is the field's declared type. `None` if it does not fit.
 fn value_of(wanted: ValueKind, kind: u64, value: Value<'_>) -> Option<u64> {
     const SIGNED: [u64; 2] = [3, 5];
     match (wanted, value) {

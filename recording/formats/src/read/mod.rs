@@ -1,5 +1,5 @@
-//! Reading recordings: the format is told by the first bytes, and several pieces of one recording are read as one, in whatever order they
-//! are named.
+//! Reads recordings. The format is detected by the first bytes. Several pieces of a recording, named in any order, are read as
+//! one.
 
 mod mcap;
 mod numbers;

@@ -1,4 +1,4 @@
-//! Columns of numbers by name, from a file of any format.
+//! Reads columns of numbers by name, from files of every format.
 
 use super::mcap::McapReader;
 use super::parquet::ParquetReader;
@@ -16,16 +16,16 @@ use std::path::{Path, PathBuf};
 /// The wanted numbers of a row.
 #[derive(Clone, Debug)]
 pub struct NumberRow<T> {
-    /// Its line or row, counted over all pieces.
+    /// Its line or row number, counted over all pieces.
     pub line: u64,
-    /// A value for each column, in the order that was asked for.
+    /// The values of the wanted columns, in the order of the request.
     pub values: Vec<T>,
 }
 
-/// Reads the columns `names` of all pieces. `parse` makes a value of a column's text, or says what would be right; a double of a format that
-/// has no text is given in the shortest form that reads back to it.
+/// Reads the columns `names` of all pieces. `parse` gets the index of a column and a text; it returns a value, or a description
+/// of a valid one. A double of a binary format is passed as text, in the shortest form that reads back as the same double.
 ///
-/// Pieces are put in order by their first `recorded_ns` or `timestamp_ns`, where all of them have it.
+/// Pieces are sorted by their first `recorded_ns`, else by their first `timestamp_ns`, if all of them have it.
 ///
 /// # Errors
 /// If a piece cannot be opened, lacks a column, or a value is refused.
@@ -42,7 +42,7 @@ pub fn read_numbers<T>(
     let first_times = |path: &Path| {
         let mut source = Numbers::open(path, &timed, choice, &ProgressBar::hidden())?;
         let row = source.next().map_err(|error| error.failure(path))?;
-        Ok(row.then(|| [0, 1].map(|time| source.number(names.len() + time))))
+        Ok(row.then(|| [0, 1].map(|time| source.integer(names.len() + time))))
     };
     let ordered = in_order(paths, first_times, |firsts: &[Option<[Option<u64>; 2]>]| {
         let all_have = |time: usize| firsts.iter().flatten().all(|times| times[time].is_some());
@@ -98,11 +98,11 @@ impl Numbers {
     fn next(&mut self) -> Result<bool, RecordingError> {
         match self {
             Self::Csv { rows, count, .. } => {
-                let some = rows.next_row()?;
-                if some {
+                let has_row = rows.next_row()?;
+                if has_row {
                     rows.expect_len(*count)?;
                 }
-                Ok(some)
+                Ok(has_row)
             }
             Self::Table { reader, values, .. } => reader.read(values),
         }
@@ -129,19 +129,21 @@ impl Numbers {
     ) -> Result<T, RecordingError> {
         match self {
             Self::Csv { rows, columns, .. } => {
-                let Some(place) = &columns[column] else { return Err(rows.error("a column is missing".to_owned())) };
-                rows.parse_or(place, |text| parse(column, text))
+                let Some(column_in_row) = &columns[column] else {
+                    return Err(rows.error("a column is missing".to_owned()));
+                };
+                rows.parse_or(column_in_row, |text| parse(column, text))
             }
             Self::Table { reader, names, values } => {
                 let text = values[column].map(|bits| format!("{:?}", f64::from_bits(bits))).unwrap_or_default();
-                let wrong = |right| reader.error(format!("{} is {text:?}, give {right}", names[column]));
-                parse(column, &text).map_err(wrong)
+                let refused = |expected| reader.error(format!("{} is {text:?}, give {expected}", names[column]));
+                parse(column, &text).map_err(refused)
             }
         }
     }
 
-    /// A whole number of the current row, if the column is there and has one.
-    fn number(&self, column: usize) -> Option<u64> {
+    /// The integer of a column in the current row, if there is one.
+    fn integer(&self, column: usize) -> Option<u64> {
         match self {
             Self::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
             Self::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),

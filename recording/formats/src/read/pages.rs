@@ -1,25 +1,26 @@
-//! The headers of a Parquet file's pages, looked at before the library reads a page: it reserves what a header claims.
+//! Checks the page headers of a Parquet file before the library reads the pages. The library allocates the size that a header
+//! claims.
 
 use crate::varint;
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 
-/// Longest page, decompressed. Writers' pages have about 1 MB.
-const LONGEST: u64 = 16 << 20;
-/// Longest header.
-const HEADER: usize = 1 << 16;
+/// Longest page, compressed and decompressed \[bytes\]. Common writers make pages of about 1 MB.
+const MAX_PAGE: u64 = 16 << 20;
+/// Longest page header \[bytes\].
+const MAX_HEADER: usize = 1 << 16;
 
-/// Checks the pages in the bytes from `begin` on, `length` of them.
+/// Checks the pages in the `length` bytes from `begin` on.
 pub fn check(file: &File, begin: u64, length: u64) -> Result<(), String> {
     let end = begin.checked_add(length).ok_or("a column's place")?;
-    let (mut at, mut buffer) = (begin, vec![0; HEADER]);
+    let (mut at, mut buffer) = (begin, vec![0; MAX_HEADER]);
     while at < end {
-        let most = HEADER.min((end - at) as usize);
+        let most = MAX_HEADER.min((end - at) as usize);
         let read = file.read_at(&mut buffer[..most], at).map_err(|error| error.to_string())?;
         let mut header = Header { bytes: &buffer[..read] };
         let sizes = header.sizes().ok_or_else(|| format!("byte {at}: no page header"))?;
-        if sizes.decompressed > LONGEST || sizes.compressed > LONGEST {
-            return Err(format!("byte {at}: a page of over {LONGEST} bytes; write smaller pages"));
+        if sizes.decompressed > MAX_PAGE || sizes.compressed > MAX_PAGE {
+            return Err(format!("byte {at}: a page of over {MAX_PAGE} bytes; write smaller pages"));
         }
         at += (read - header.bytes.len()) as u64 + sizes.compressed;
     }
@@ -31,13 +32,13 @@ struct Sizes {
     compressed: u64,
 }
 
-/// A structure in Thrift's compact protocol.
+/// A page header: a structure in Thrift's compact protocol.
 struct Header<'a> {
     bytes: &'a [u8],
 }
 
 impl Header<'_> {
-    /// Fields 2 and 3 of a `PageHeader`.
+    /// Reads fields 2 (uncompressed size) and 3 (compressed size) of a `PageHeader`.
     fn sizes(&mut self) -> Option<Sizes> {
         const I32: u8 = 5;
         let (mut decompressed, mut compressed) = (None, None);
@@ -49,16 +50,16 @@ impl Header<'_> {
         Some(Sizes { decompressed: decompressed?, compressed: compressed? })
     }
 
-    /// Calls `take` at the value of each field, with the field's number and type.
+    /// Calls `take` at the beginning of each field's value, with the field's number and type. `take` must consume the value.
     fn each_field(&mut self, depth: u8, take: &mut dyn FnMut(&mut Self, i64, u8) -> Option<()>) -> Option<()> {
-        const DEEPEST: u8 = 8;
+        const MAX_DEPTH: u8 = 8;
         let mut field = 0;
         loop {
             let head = self.byte()?;
             if head == 0 {
                 return Some(());
             }
-            if depth > DEEPEST {
+            if depth > MAX_DEPTH {
                 return None;
             }
             field = match head >> 4 {
@@ -71,7 +72,7 @@ impl Header<'_> {
 
     fn skip(&mut self, kind: u8, depth: u8) -> Option<()> {
         match kind {
-            // True and false are in the type.
+            // The type of a boolean contains its value.
             1 | 2 => Some(()),
             3 => self.byte().map(drop),
             4..=6 => varint::read(&mut self.bytes).map(drop),
@@ -99,7 +100,7 @@ impl Header<'_> {
     }
 }
 
-/// Zigzag.
+/// Decodes a zigzag integer.
 const fn signed(value: u64) -> i64 {
     (value >> 1).cast_signed() ^ -((value & 1).cast_signed())
 }

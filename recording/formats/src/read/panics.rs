@@ -1,4 +1,4 @@
-//! Panics of libraries that read hostile files.
+//! Catches panics of libraries that read damaged or hostile files.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
@@ -8,19 +8,19 @@ thread_local! {
     static SILENT: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `work`. A panic in it counts as an error in the file that is read, not in the program: `None`, and nothing is printed.
-pub fn contain<T>(work: impl FnOnce() -> T) -> Option<T> {
+/// Runs `work`. A panic in it means an invalid file, not an error of the program: returns `None`, and prints nothing.
+pub fn catch_panic<T>(work: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
-        let usual = take_hook();
+        let default_hook = take_hook();
         set_hook(Box::new(move |panic| {
             if !SILENT.get() {
-                usual(panic);
+                default_hook(panic);
             }
         }));
     });
     SILENT.set(true);
-    // Values that a panic has left half-changed are not used again: the caller ends at the first error.
+    // Unwind safe: the caller stops at the first error and does not use values that a panic left inconsistent.
     let result = catch_unwind(AssertUnwindSafe(work));
     SILENT.set(false);
     result.ok()

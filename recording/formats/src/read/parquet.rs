@@ -1,7 +1,7 @@
-//! The columns of a Parquet file: of ours, or of one that another program has written with the same names.
+//! The columns of a Parquet file, written by Isotherm or by another program with the same column names.
 
 use super::pages;
-use super::panics::contain;
+use super::panics::catch_panic;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
 use indicatif::ProgressBar;
 use isotherm_recording::RecordingError;
@@ -14,9 +14,9 @@ use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 
-/// Rows that are decoded at once.
+/// Number of rows that are decoded at once.
 const BATCH: usize = 4096;
-/// Longest footer that is read \[bytes\]: what it describes takes several times its size in memory.
+/// Longest footer that is read \[bytes\]. Decoded it takes several times its size in memory.
 const MAX_FOOTER: u64 = 16 << 20;
 
 /// Reads the wanted columns of a Parquet file.
@@ -25,14 +25,14 @@ pub struct ParquetReader {
     reader: SerializedFileReader<File>,
     wanted: Vec<WantedColumn>,
     columns: Vec<FoundColumn>,
-    /// Number of the next row group, and the columns of the open one.
+    /// Index of the next row group, and the columns of the open one.
     group: usize,
     open: Vec<ColumnReader>,
-    /// Decoded values, column by column, and which row of them is the next.
+    /// Decoded values, column by column, and the index of the next row in them.
     batch: Vec<Vec<Option<u64>>>,
     next: usize,
     row: u64,
-    /// Bytes of the file for each row, and those that the bar does not show yet.
+    /// Mean bytes per row, and the bytes that the progress bar does not show yet.
     bytes_per_row: f64,
     unshown: f64,
     bar: ProgressBar,
@@ -47,13 +47,13 @@ struct FoundColumn {
     index: usize,
     kind: ValueKind,
     absence: Absence,
-    /// Whether the file says that its whole numbers have no sign.
+    /// Whether the file declares its integers as unsigned.
     unsigned: bool,
 }
 
 impl FoundColumn {
-    /// The value of a whole number, if it is what is wanted.
-    fn whole(self, value: i64) -> Option<u64> {
+    /// Converts an integer to the wanted kind; `None` if it does not fit.
+    fn convert(self, value: i64) -> Option<u64> {
         let negative = value < 0 && !self.unsigned;
         match self.kind {
             ValueKind::Number if self.unsigned => Some((value.cast_unsigned() as f64).to_bits()),
@@ -66,10 +66,10 @@ impl FoundColumn {
 }
 
 impl ParquetReader {
-    /// Opens a file and finds the wanted columns. `bar` is moved by the bytes that are read.
+    /// Opens a file and finds the wanted columns. `bar` advances by the bytes read.
     ///
     /// # Errors
-    /// If it is no Parquet file, is another IMU's than chosen, or lacks a column.
+    /// If it is not a Parquet file, belongs to another IMU than the chosen one, or lacks a column.
     pub fn open(
         file: File,
         wanted: Vec<WantedColumn>,
@@ -88,7 +88,7 @@ impl ParquetReader {
         if length > MAX_FOOTER {
             return Err(wrong(format!("{length} bytes; at most {MAX_FOOTER} are read: make larger row groups")));
         }
-        let opened = contain(|| file.try_clone().map(SerializedFileReader::new));
+        let opened = catch_panic(|| file.try_clone().map(SerializedFileReader::new));
         let reader = match opened {
             Some(Ok(Ok(reader))) => reader,
             Some(Ok(Err(error))) => return Err(wrong(format!("not a valid Parquet file: {error}"))),
@@ -121,7 +121,7 @@ impl ParquetReader {
         })
     }
 
-    /// Decodes the next rows; false at the end.
+    /// Decodes the next rows; returns false at the end.
     fn decode(&mut self) -> Result<bool, RecordingError> {
         self.next = 0;
         self.batch.iter_mut().for_each(Vec::clear);
@@ -131,12 +131,12 @@ impl ParquetReader {
         for index in 0..self.columns.len() {
             let (found, values) = (self.columns[index], &mut self.batch[index]);
             let column = &mut self.open[index];
-            let decoded = contain(|| match column {
+            let decoded = catch_panic(|| match column {
                 ColumnReader::Int32ColumnReader(reader) => batch(reader, found.absence, values, |value| {
-                    found.whole(if found.unsigned { value.cast_unsigned().into() } else { value.into() })
+                    found.convert(if found.unsigned { value.cast_unsigned().into() } else { value.into() })
                 }),
                 ColumnReader::Int64ColumnReader(reader) => {
-                    batch(reader, found.absence, values, |value| found.whole(value))
+                    batch(reader, found.absence, values, |value| found.convert(value))
                 }
                 ColumnReader::FloatColumnReader(reader) => {
                     batch(reader, found.absence, values, |value| Some(f64::from(value).to_bits()))
@@ -162,18 +162,18 @@ impl ParquetReader {
         Ok(true)
     }
 
-    /// Opens the columns of the next row group; false if there is none.
+    /// Opens the columns of the next row group; returns false if there is none.
     fn open_group(&mut self) -> Result<bool, RecordingError> {
         if self.group == self.reader.num_row_groups() {
             return Ok(false);
         }
         let (reader, file, group) = (&self.reader, &self.file, self.group);
-        let opened = contain(|| {
+        let opened = catch_panic(|| {
             let group = reader.get_row_group(group).map_err(|error| error.to_string())?;
-            let open = self.columns.iter().enumerate().map(|(place, column)| {
+            let open = self.columns.iter().enumerate().map(|(index, column)| {
                 let chunk = group.metadata().column(column.index);
                 let (begin, length) = chunk.byte_range();
-                pages::check(file, begin, length).map_err(|error| format!("{}: {error}", self.name(place)))?;
+                pages::check(file, begin, length).map_err(|error| format!("{}: {error}", self.name(index)))?;
                 group.get_column_reader(column.index).map_err(|error| error.to_string())
             });
             open.collect::<Result<Vec<_>, String>>()
@@ -219,11 +219,11 @@ impl TableReader for ParquetReader {
     }
 }
 
-/// Finds the wanted columns of a file.
+/// Finds the wanted columns in a file's schema.
 fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<Vec<FoundColumn>, String> {
     let schema = reader.metadata().file_metadata().schema_descr();
     let (mut columns, mut missing) = (Vec::new(), Vec::new());
-    for (place, WantedColumn { name, kind, optional, absence }) in wanted.iter().enumerate() {
+    for (wanted_index, WantedColumn { name, kind, optional, absence }) in wanted.iter().enumerate() {
         let mut found = (0..schema.num_columns()).filter(|&index| schema.column(index).path().string() == *name);
         let Some(index) = found.next() else {
             if !optional {
@@ -236,7 +236,7 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
         }
         let column = schema.column(index);
         let physical = column.physical_type();
-        let (fits, right) = match kind {
+        let (fits, expected) = match kind {
             ValueKind::U32 | ValueKind::U64 => {
                 (matches!(physical, Physical::INT32 | Physical::INT64), "whole numbers of 32 or 64 bits")
             }
@@ -246,13 +246,13 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
             }
         };
         if !fits || column.max_rep_level() > 0 {
-            return Err(format!("{name} is of type {physical}, give {right}"));
+            return Err(format!("{name} is of type {physical}, give {expected}"));
         }
         let unsigned = match (column.logical_type_ref(), column.converted_type()) {
             (Some(LogicalType::Integer(integer)), _) => !integer.is_signed,
             (_, converted) => matches!(converted, ConvertedType::UINT_32 | ConvertedType::UINT_64),
         };
-        columns.push(FoundColumn { wanted: place, index, kind: *kind, absence: *absence, unsigned });
+        columns.push(FoundColumn { wanted: wanted_index, index, kind: *kind, absence: *absence, unsigned });
     }
     if missing.is_empty() {
         return Ok(columns);
@@ -261,7 +261,7 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
     Err(format!("missing columns: {}; found: {}; is this the recording?", missing.join(", "), list_columns(names)))
 }
 
-/// An error if a column is compressed in a way that is not read.
+/// Checks that the compression of every wanted column is supported.
 fn check_compression(reader: &SerializedFileReader<File>, columns: &[FoundColumn]) -> Result<(), String> {
     for group in reader.metadata().row_groups() {
         for column in columns {
@@ -280,7 +280,7 @@ fn check_compression(reader: &SerializedFileReader<File>, columns: &[FoundColumn
     Ok(())
 }
 
-/// Appends the next values of a column; nothing at its end.
+/// Appends the next values of a column; appends nothing at its end.
 fn batch<T: DataType>(
     reader: &mut ColumnReaderImpl<T>,
     absence: Absence,
@@ -293,7 +293,7 @@ fn batch<T: DataType>(
     let is_float = matches!(T::get_physical_type(), Physical::DOUBLE | Physical::FLOAT);
     let mut values = values.into_iter();
     for row in 0..rows {
-        // A column that may lack values has a level for each row, 0 where there is none.
+        // A column that may lack values has a level for each row: 0 where the value is missing.
         let present = levels.get(row).is_none_or(|level| *level > 0);
         let next = match (present, absence) {
             (true, _) => Some(values.next().and_then(&value)),

@@ -1,4 +1,4 @@
-//! Places in a recording of several pieces: one count over all of them, and back to file and line.
+//! Converts the row count over all pieces of a recording back to file and line.
 
 use std::path::{Path, PathBuf};
 
@@ -9,24 +9,24 @@ pub struct Places(Vec<PiecePlace>);
 #[derive(Clone, Debug)]
 struct PiecePlace {
     path: PathBuf,
-    /// What its places count, for messages; `None` for lines.
+    /// What is counted in this piece, for messages; `None` for lines.
     unit: Option<&'static str>,
-    /// Place of its first row less 1, counted over all pieces.
+    /// Lines or rows of all previous pieces.
     before: u64,
 }
 
 impl Places {
-    /// Begins a piece behind `before` lines or rows of others.
+    /// Begins a piece after `before` lines or rows of the previous pieces.
     pub fn begin(&mut self, path: &Path, unit: Option<&'static str>, before: u64) {
         self.0.push(PiecePlace { path: path.to_owned(), unit, before });
     }
 
-    /// Place of the current piece's first row less 1.
+    /// Lines or rows of all pieces before the current one.
     pub fn before(&self) -> u64 {
         self.0.last().map_or(0, |piece| piece.before)
     }
 
-    /// File and line, or file and row, of a place that counts over all pieces.
+    /// File and line, or file and row, of `place`, a line or row number over all pieces.
     #[must_use]
     pub fn locate(&self, place: u64) -> String {
         let piece = self.0.iter().rfind(|piece| piece.before < place).or(self.0.first());

@@ -1,4 +1,6 @@
-//! A recording as one, in whatever format and however many pieces it is.
+//! Reads the pieces of a recording as one, in every format.
+//!
+//! Over 400 lines: sorting the pieces, reading them one after the other and locating errors in them form one reader.
 
 use super::mcap::McapReader;
 use super::parquet::ParquetReader;
@@ -17,24 +19,24 @@ use std::io::{self, Cursor, Read, Write as _};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Which rows a recording is read as.
+/// The kind of rows that are read from a recording.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum RowKind {
-    /// Raw samples. Set points are then 0, and there are no positions.
+    /// Raw samples. Set points are 0, and there are no positions.
     Sample,
     /// Raw samples of a campaign, with set point and position.
     Campaign,
 }
 
-/// An iterator over the rows of a recording that ends at the first error. [`failure`](Self::failure) makes that error a [`Failure`] with file
-/// and place.
+/// An iterator over the rows of a recording that ends at the first error. [`failure`](Self::failure) turns that error into a
+/// [`Failure`] with file and place.
 ///
-/// The `line` of a row counts over all pieces; [`places`](Self::places) tells file and place of it.
+/// The `line` of a row counts over all pieces; [`places`](Self::places) gives its file and the line or row in it.
 pub struct Recording {
     kind: RowKind,
     choice: ImuChoice,
     bar: ProgressBar,
-    /// Pieces that are not open yet, the next one last.
+    /// Pieces that are not open yet, in reverse order.
     waiting: Vec<PathBuf>,
     current: Piece,
     places: Places,
@@ -44,7 +46,7 @@ pub struct Recording {
 
 type SharedHash = Rc<RefCell<Sha256>>;
 
-/// A piece that is being read.
+/// The piece that is being read.
 struct Piece {
     path: PathBuf,
     source: PieceSource,
@@ -57,10 +59,11 @@ enum PieceSource {
 }
 
 impl Recording {
-    /// Opens the pieces of a recording, given in any order; `-` is stdin, and then the only one. `bar` is moved by the bytes that are read.
+    /// Opens the pieces of a recording, named in any order. `-` is stdin, which must be the only piece. `bar` advances by the
+    /// bytes read.
     ///
     /// # Errors
-    /// If a piece cannot be opened, is named twice, or its beginning is wrong.
+    /// If a piece cannot be opened, is named twice, or has an invalid beginning.
     pub fn open(paths: &[PathBuf], kind: RowKind, choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
         Self::open_with(paths, kind, choice, bar, None)
     }
@@ -92,9 +95,12 @@ impl Recording {
             Ok(row.map(|row| (piece.source.recorded_ns(), row.sample.timestamp_ns)))
         };
         let mut waiting = in_order(paths, first_time, |times: &[Option<(Option<u64>, u64)>]| {
-            // The recorder's clock goes on when the acquisition starts anew, so it is used if all pieces have it.
+            // The recorder's clock continues when the acquisition restarts, so it is preferred if all pieces have it.
             let recorded = times.iter().flatten().all(|(recorded_ns, _)| recorded_ns.is_some());
-            times.iter().map(|time| time.map(|(unix, own)| if recorded { unix.unwrap_or(0) } else { own })).collect()
+            times
+                .iter()
+                .map(|time| time.map(|(unix, timestamp)| if recorded { unix.unwrap_or(0) } else { timestamp }))
+                .collect()
         })?;
         waiting.reverse();
         let Some(first) = waiting.pop() else {
@@ -106,29 +112,29 @@ impl Recording {
         Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, ended: false })
     }
 
-    /// The next row. Opens the next piece where one has ended.
+    /// The next row. At the end of a piece, opens the next one.
     fn advance(&mut self) -> Result<Option<CampaignRow>, RecordingError> {
-        let mut order = self.current.source.order();
+        let mut rule = self.current.source.sequence_rule();
         loop {
-            if let Some(row) = self.current.next(order)? {
+            if let Some(row) = self.current.next(rule)? {
                 return Ok(Some(CampaignRow { line: self.places.before() + row.line, ..row }));
             }
-            order = self.current.source.order();
-            if let (Some(cut), false) = (self.current.source.cut(), cfg!(test)) {
+            rule = self.current.source.sequence_rule();
+            if let (Some(warning), false) = (self.current.source.truncation(), cfg!(test)) {
                 let path = self.current.path.display();
-                let _ = writeln!(io::stderr(), "isotherm: warning: {path}: {cut}");
+                let _ = writeln!(io::stderr(), "isotherm: warning: {path}: {warning}");
             }
             let Some(next) = self.waiting.pop() else { return Ok(None) };
             let before = self.places.before() + self.current.source.place();
             let opened = Piece::open(&next, self.kind, &self.choice, &self.bar, self.hash.as_ref());
-            // Its beginning has been read before, when the pieces were put in order.
+            // An error is unlikely: the beginning was already read to sort the pieces.
             let opened = opened.map_err(|failure| RecordingError::Io(io::Error::other(failure.message)))?;
             self.current = opened;
             self.places.begin(&self.current.path, self.current.source.unit(), before);
         }
     }
 
-    /// The failure of a program that reads this recording: `error` with file and place.
+    /// The failure of a program that reads this recording: `error`, with file and place.
     #[must_use]
     pub fn failure(&self, error: &RecordingError) -> Failure {
         match error {
@@ -139,17 +145,17 @@ impl Recording {
         }
     }
 
-    /// Where the rows that have been read are: file and line of a row's `line`.
+    /// The places of the rows that have been read, to find the file and line of a row's `line`.
     #[must_use]
     pub const fn places(&self) -> &Places {
         &self.places
     }
 
-    /// SHA-256 of the bytes of all pieces, in order, as hexadecimal digits; empty unless opened by [`open_hashed`](Self::open_hashed).
-    /// To be called at the end.
+    /// SHA-256 of the bytes of all pieces, in order, as hexadecimal digits; empty unless opened by
+    /// [`open_hashed`](Self::open_hashed). Call it after the last row.
     ///
     /// # Errors
-    /// If what follows the last row cannot be read.
+    /// If the bytes after the last row cannot be hashed.
     pub fn sha256(self) -> Result<String, Failure> {
         let path = self.current.path.clone();
         let Some(hash) = self.hash else { return Ok(String::new()) };
@@ -168,7 +174,7 @@ impl Iterator for Recording {
             return None;
         }
         let item = self.advance().map_err(|error| match error {
-            // From now on a line counts over all pieces.
+            // The line in the piece becomes the line over all pieces.
             RecordingError::Data { line, message } => {
                 RecordingError::Data { line: self.places.before() + line, message }
             }
@@ -217,52 +223,52 @@ impl Piece {
                 PieceSource::CampaignCsv(Box::new(CampaignCsvReader::new(source).map_err(failed)?))
             }
             Opened::Csv(source) => PieceSource::Csv(Box::new(RawCsvReader::new(source).map_err(failed)?)),
-            Opened::Mcap(source) => table(McapReader::new(source, columns(), choice.clone(), true)),
-            Opened::Parquet(file) => table(ParquetReader::open(file, columns(), choice, bar).map_err(failed)?),
+            Opened::Mcap(source) => table_source(McapReader::new(source, columns(), choice.clone(), true)),
+            Opened::Parquet(file) => table_source(ParquetReader::open(file, columns(), choice, bar).map_err(failed)?),
         };
         Ok(Self { path: path.to_owned(), source })
     }
 
-    /// The next row, with its place in this piece; `order` is the rule as it stands.
-    fn next(&mut self, order: SequenceRule) -> Result<Option<CampaignRow>, RecordingError> {
+    /// The next row, with its line or row number in this piece. `rule` has the state after the previous sample.
+    fn next(&mut self, rule: SequenceRule) -> Result<Option<CampaignRow>, RecordingError> {
         match &mut self.source {
             PieceSource::Csv(reader) => {
-                reader.set_order(order);
+                reader.set_sequence_rule(rule);
                 let sample = reader.next().transpose()?;
                 let line = reader.line();
                 Ok(sample.map(|sample| CampaignRow { line, set_point_c: 0.0, position: None, sample }))
             }
             PieceSource::CampaignCsv(reader) => {
-                reader.set_order(order);
+                reader.set_sequence_rule(rule);
                 reader.next().transpose()
             }
-            PieceSource::Table(reader, rule, values) => {
+            PieceSource::Table(reader, own_rule, values) => {
                 if !reader.read(values)? {
                     return Ok(None);
                 }
                 let mut sample = RawSample::default();
-                for (place, value) in values.iter().enumerate().take(RAW.len()) {
-                    value.iter().for_each(|value| store(&mut sample, place, *value));
+                for (index, value) in values.iter().enumerate().take(RAW.len()) {
+                    value.iter().for_each(|value| store(&mut sample, index, *value));
                 }
-                *rule = order;
-                rule.check(&sample).map_err(|message| reader.error(message))?;
-                let number = |place: usize| values.get(RAW.len() + place).copied().flatten().map(f64::from_bits);
+                *own_rule = rule;
+                own_rule.check(&sample).map_err(|message| reader.error(message))?;
+                let number = |index: usize| values.get(RAW.len() + index).copied().flatten().map(f64::from_bits);
                 let set_point_c = number(0).unwrap_or(0.0);
                 if !set_point_c.is_finite() {
                     return Err(
                         reader.error(format!("set_point_c is {set_point_c}, give the chamber's set point in degC"))
                     );
                 }
-                // Programs that have no missing whole numbers write NaN.
+                // Programs that cannot write a missing integer write NaN.
                 let position = number(1).filter(|position| !position.is_nan());
-                let whole = |number: f64| {
+                let to_integer = |number: f64| {
                     (number.fract() == 0.0 && (0.0..4_294_967_296.0).contains(&number)).then_some(number as u32)
                 };
-                let position = match position.map(|number| whole(number).ok_or(number)).transpose() {
+                let position = match position.map(|number| to_integer(number).ok_or(number)).transpose() {
                     Ok(position) => position,
                     Err(number) => {
-                        let right = "the number of a position, or nothing while the table moves";
-                        return Err(reader.error(format!("position is {number}, give {right}")));
+                        let expected = "the number of a position, or nothing while the table moves";
+                        return Err(reader.error(format!("position is {number}, give {expected}")));
                     }
                 };
                 Ok(Some(CampaignRow { line: reader.row(), set_point_c, position, sample }))
@@ -271,20 +277,20 @@ impl Piece {
     }
 }
 
-fn table(reader: impl TableReader + 'static) -> PieceSource {
+fn table_source(reader: impl TableReader + 'static) -> PieceSource {
     PieceSource::Table(Box::new(reader), SequenceRule::default(), Vec::new())
 }
 
 impl PieceSource {
-    fn order(&self) -> SequenceRule {
+    fn sequence_rule(&self) -> SequenceRule {
         match self {
-            Self::Csv(reader) => reader.order(),
-            Self::CampaignCsv(reader) => reader.order(),
-            Self::Table(_, order, _) => *order,
+            Self::Csv(reader) => reader.sequence_rule(),
+            Self::CampaignCsv(reader) => reader.sequence_rule(),
+            Self::Table(_, rule, _) => *rule,
         }
     }
 
-    /// Place of the last row.
+    /// Line or number of the last row.
     fn place(&self) -> u64 {
         match self {
             Self::Csv(reader) => reader.line(),
@@ -293,7 +299,7 @@ impl PieceSource {
         }
     }
 
-    /// What places count: `None` for lines.
+    /// The unit that [`place`](Self::place) counts; `None` for lines.
     fn unit(&self) -> Option<&'static str> {
         match self {
             Self::Csv(_) | Self::CampaignCsv(_) => None,
@@ -310,56 +316,59 @@ impl PieceSource {
         }
     }
 
-    fn cut(&self) -> Option<String> {
+    /// A warning if the end of the piece is missing.
+    fn truncation(&self) -> Option<String> {
         match self {
-            Self::Csv(reader) => reader.cut(),
-            Self::CampaignCsv(reader) => reader.cut(),
-            Self::Table(reader, ..) => reader.cut(),
+            Self::Csv(reader) => reader.truncation(),
+            Self::CampaignCsv(reader) => reader.truncation(),
+            Self::Table(reader, ..) => reader.truncation(),
         }
     }
 }
 
-/// An open file, its format told by its first bytes.
+/// An open file, by format.
 pub enum Opened {
     Csv(Box<dyn Read>),
     Mcap(Box<dyn Read>),
     Parquet(File),
 }
 
-/// Opens a file; `-` is stdin.
+/// Opens a file and detects its format by the first bytes. `-` is stdin.
 pub fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHash>) -> Result<Opened, Failure> {
     let io = |error: &io::Error| Failure::io("opening", path, error);
     let mut source = open_recording(path).map_err(|error| io(&error))?;
-    let mut head = Vec::new();
-    (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut head).map_err(|error| io(&error))?;
-    if head.starts_with(PARQUET_MAGIC) {
-        let what = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
+    let mut magic = Vec::new();
+    (&mut source).take(MCAP_MAGIC.len() as u64).read_to_end(&mut magic).map_err(|error| io(&error))?;
+    if magic.starts_with(PARQUET_MAGIC) {
+        let message = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
         let file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|metadata| metadata.is_file()));
-        let file = file.ok_or_else(|| Failure::new(Exit::Usage, what))?;
+        let file = file.ok_or_else(|| Failure::new(Exit::Usage, message))?;
         if let Some(hash) = hash {
-            // Its pages are not read one after the other, so this is a pass of its own.
-            let mut source =
-                Hashing { source: Box::new(File::open(path).map_err(|error| io(&error))?), hash: Rc::clone(hash) };
+            // The reader does not read the pages in order, so the hash needs a pass of its own.
+            let mut source = HashingReader {
+                source: Box::new(File::open(path).map_err(|error| io(&error))?),
+                hash: Rc::clone(hash),
+            };
             io::copy(&mut source, &mut io::sink()).map_err(|error| io(&error))?;
         }
         return Ok(Opened::Parquet(file));
     }
-    let is_mcap = head == MCAP_MAGIC;
-    let whole = Box::new(bar.wrap_read(Cursor::new(head).chain(source)));
+    let is_mcap = magic == MCAP_MAGIC;
+    let source = Box::new(bar.wrap_read(Cursor::new(magic).chain(source)));
     let source: Box<dyn Read> = match hash {
-        Some(hash) => Box::new(Hashing { source: whole, hash: Rc::clone(hash) }),
-        None => whole,
+        Some(hash) => Box::new(HashingReader { source, hash: Rc::clone(hash) }),
+        None => source,
     };
     Ok(if is_mcap { Opened::Mcap(source) } else { Opened::Csv(source) })
 }
 
-/// A source whose bytes are hashed as they are read. What is left when it is dropped is hashed too.
-struct Hashing {
+/// Hashes the bytes of a source as they are read. The rest of the source is hashed when this is dropped.
+struct HashingReader {
     source: Box<dyn Read>,
     hash: SharedHash,
 }
 
-impl Read for Hashing {
+impl Read for HashingReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.source.read(buffer)?;
         self.hash.borrow_mut().update(&buffer[..read]);
@@ -367,15 +376,16 @@ impl Read for Hashing {
     }
 }
 
-impl Drop for Hashing {
+impl Drop for HashingReader {
     fn drop(&mut self) {
         let mut rest = [0; 1 << 13];
         while self.read(&mut rest).is_ok_and(|read| read > 0) {}
     }
 }
 
-/// Puts the pieces of a recording in order: `first` reads what tells when a piece begins, `None` from an empty one, and `times` makes times
-/// of that, the same way for all pieces. Pieces without a time come first; without any, the order is the one that was given.
+/// Sorts the pieces of a recording by time. `first` reads the times of a piece's first row, `None` if the piece is empty. `times`
+/// chooses one time for each piece, by the same rule for all. Pieces without a time come first; if no piece has one, the given
+/// order is kept.
 pub fn in_order<T>(
     paths: &[PathBuf],
     mut first: impl FnMut(&Path) -> Result<Option<T>, Failure>,
@@ -399,12 +409,12 @@ pub fn in_order<T>(
     }
     let firsts: Vec<_> = paths.iter().map(|path| first(path)).collect::<Result<_, _>>()?;
     let mut pieces: Vec<_> = times(&firsts).into_iter().zip(paths).collect();
-    // Stable, and `None` is before any time.
+    // The sort is stable, and `None` is less than any time.
     pieces.sort_by_key(|(time, _)| *time);
     Ok(pieces.into_iter().map(|(_, path)| path.clone()).collect())
 }
 
-/// A wanted column by which pieces are put in order, if they have it.
+/// An optional column with a time by which pieces are sorted.
 pub fn time_column(name: &str) -> WantedColumn {
     WantedColumn { optional: true, ..WantedColumn::number(name) }
 }

@@ -1,46 +1,46 @@
-//! What readers of all formats but CSV have in common: the columns that are wanted, and their values row by row.
+//! What the readers of binary formats have in common: the wanted columns, and their values row by row.
 
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{CAMPAIGN, Column, ColumnKind, OPTIONAL, RAW};
 use isotherm_shared::stream::ImuId;
 
-/// Which IMU's rows are read, of a recording that may have several.
+/// The IMU whose rows are read, if a recording has several.
 #[derive(Clone, Debug)]
 pub enum ImuChoice {
-    /// Those of this one.
+    /// Only this IMU; an error if the recording is of other IMUs.
     Only(ImuId),
-    /// Those of the only IMU; among several, those of this one.
+    /// The only IMU of the recording, whichever it is; this IMU if there are several.
     Prefer(ImuId),
-    /// Those of the only stream that has the columns.
+    /// The only stream that has the wanted columns; an error if there are several.
     Any,
 }
 
-/// What the values of a wanted column must be.
+/// The values that a wanted column may have.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum ValueKind {
-    /// Whole numbers of up to 64 bits without a sign.
+    /// Unsigned integers of up to 64 bits.
     U64,
-    /// Whole numbers of up to 32 bits without a sign.
+    /// Unsigned integers of up to 32 bits.
     U32,
-    /// Any number, as a double.
+    /// Any numbers, as doubles.
     Number,
 }
 
-/// What becomes of a row in which a column has no value.
+/// How a missing value in a row is handled.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Absence {
-    /// It is an error; but a double without a value is NaN, as many programs write it.
+    /// It is an error. But a missing floating-point value is NaN, since many programs store NaN that way.
     Refused,
     /// The value is `None`.
     Kept,
 }
 
-/// A column that is wanted.
+/// A column that is to be read.
 #[derive(Clone, Debug)]
 pub struct WantedColumn {
     pub name: String,
     pub kind: ValueKind,
-    /// Whether a file may do without the column.
+    /// Whether the column may be missing in a file.
     pub optional: bool,
     pub absence: Absence,
 }
@@ -64,7 +64,7 @@ impl From<&Column> for WantedColumn {
     }
 }
 
-/// The columns of raw samples, in the order of [`RAW`]; with `campaign`, set point and position behind them.
+/// The columns of raw samples, in the order of [`RAW`]; with `campaign`, set point and position follow.
 pub fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
     let [set_point, position] = CAMPAIGN.map(|column| WantedColumn::number(column.name));
     let campaign_columns = [set_point, WantedColumn { absence: Absence::Kept, ..position }];
@@ -73,23 +73,23 @@ pub fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
 
 /// Reads the wanted columns of one file, row by row.
 pub trait TableReader {
-    /// Fills `values`, one for each wanted column: a whole number, or the bits of a double. False at the end.
+    /// Reads a row into `values`, one for each wanted column: an integer, or the bits of a double. Returns false at the end.
     ///
     /// # Errors
-    /// What is wrong with the file, and where.
+    /// If the file is invalid, with the place.
     fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError>;
 
     /// Number of the last row or message, from 1.
     fn row(&self) -> u64;
 
-    /// What [`row`](Self::row) counts, for messages.
+    /// The unit that [`row`](Self::row) counts, for messages.
     fn unit(&self) -> &'static str;
 
     /// An error about the last row.
     fn error(&self, message: String) -> RecordingError;
 
-    /// A warning about the end of the file, if there is one. To be asked at the end.
-    fn cut(&self) -> Option<String> {
+    /// A warning if the end of the file is missing. Valid after the last row.
+    fn truncation(&self) -> Option<String> {
         None
     }
 }

@@ -1,4 +1,4 @@
-//! What the recorder writes is what the reader reads, in every format; and what is not so is an error.
+//! The reader gets back what the recorder wrote, in every format, and reports damaged files as errors.
 #![allow(clippy::unwrap_used, reason = "helpers of tests, in which the panic is the report")]
 
 use super::{ImuChoice, Samples};
@@ -18,10 +18,10 @@ fn imu(name: &str) -> ImuId {
     name.parse().unwrap()
 }
 
-/// A generator of the same numbers every time.
-struct Random(u64);
+/// Pseudorandom numbers with a fixed seed.
+struct TestRandom(u64);
 
-impl Random {
+impl TestRandom {
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         self.0 ^ (self.0 >> 29)
@@ -31,9 +31,9 @@ impl Random {
     }
 }
 
-/// Samples with the whole range of every field.
+/// Samples that cover the whole range of every field.
 fn samples(count: u64) -> Vec<RawSample> {
-    let mut random = Random(count);
+    let mut random = TestRandom(count);
     let mut edge = move || [0, u64::MAX, 1 << 63, random.next()][random.below(4)];
     let made = (0..count).map(|number| RawSample {
         session: if number < count / 2 { u64::MAX } else { 3 },
@@ -50,7 +50,7 @@ fn samples(count: u64) -> Vec<RawSample> {
     made.collect()
 }
 
-/// Writes the samples and as many increments, flushing now and then.
+/// Writes the samples and as many increments, with several flushes.
 fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[RawSample]) -> PathBuf {
     let flush = samples.len() / 6 + 1;
     let path = folder.join(name);
@@ -92,20 +92,20 @@ fn every_format_gives_back_every_bit() {
     let folder = TempDir::new().unwrap();
     let a = imu("imu-a");
     for (format, name) in FORMATS {
-        // Over a Parquet row group, and over what one batch of its reader takes.
+        // More than a Parquet row group and than a batch of its reader.
         let samples = samples(if format == Format::Parquet { 66_000 } else { 3000 });
         let path = write(folder.path(), format, name, std::slice::from_ref(&a), &samples);
         let read = read(&path, ImuChoice::Only(a.clone())).unwrap();
         assert!(bits(&read) == bits(&samples), "{format:?}");
     }
-    // Nothing is left beside them.
+    // No temporary files are left.
     let mut names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["r.csv", "r.increments.csv", "r.increments.parquet", "r.mcap", "r.parquet"]);
 }
 
 #[test]
-fn of_several_imus_one_is_picked() {
+fn one_of_several_imus_is_selected() {
     let folder = TempDir::new().unwrap();
     let imus = [imu("imu-a"), imu("imu-b"), imu("imu-c")];
     let samples = samples(10);
@@ -118,20 +118,20 @@ fn of_several_imus_one_is_picked() {
         }
     }
     let other = imu("imu-x");
-    let rather = read(&path, ImuChoice::Prefer(other.clone())).unwrap_err();
-    assert!(rather.message.contains("several IMUs: imu-a, imu-b, imu-c; choose one with --imu"), "{rather}");
+    let preferred = read(&path, ImuChoice::Prefer(other.clone())).unwrap_err();
+    assert!(preferred.message.contains("several IMUs: imu-a, imu-b, imu-c; choose one with --imu"), "{preferred}");
     let only = read(&path, ImuChoice::Only(other.clone())).unwrap_err();
     assert!(only.message.contains("no raw samples of imu-x, but of imu-a, imu-b, imu-c"), "{only}");
-    assert_eq!((rather.exit, only.exit), (Exit::Data, Exit::Data));
+    assert_eq!((preferred.exit, only.exit), (Exit::Data, Exit::Data));
     let one = write(folder.path(), Format::Parquet, "one.parquet", &imus[..1], &samples);
     assert_eq!(read(&one, ImuChoice::Prefer(other.clone())).unwrap().len(), 10, "the only one there is");
     let wrong = read(&one, ImuChoice::Only(other.clone())).unwrap_err();
     assert!(wrong.message.contains("samples of imu-a, not of imu-x"), "{wrong}");
 }
 
-/// What a flush has written can be read whatever comes after it, or does not.
+/// All flushed rows can be read, wherever the file ends.
 #[test]
-fn a_file_that_is_cut_is_read_up_to_there() {
+fn a_truncated_file_is_read_up_to_its_end() {
     let folder = TempDir::new().unwrap();
     let a = imu("imu-a");
     let samples = samples(500);
@@ -149,12 +149,12 @@ fn a_file_that_is_cut_is_read_up_to_there() {
     }
 }
 
-/// Whatever is in a file: samples or an error with a place, but no panic, and no memory to speak of.
+/// Any damaged file gives samples or an error, and no panic.
 #[test]
 fn damaged_files_are_errors() {
     let folder = TempDir::new().unwrap();
     let a = imu("imu-a");
-    let mut random = Random(1);
+    let mut random = TestRandom(1);
     for (format, name) in FORMATS {
         let path = write(folder.path(), format, name, std::slice::from_ref(&a), &samples(40));
         let whole = fs::read(&path).unwrap();
@@ -170,7 +170,7 @@ fn damaged_files_are_errors() {
                 }
                 _ => {
                     for _ in 0..=round % 3 {
-                        // Beginnings and ends are where sizes are.
+                        // Half of these rounds damage the last third of the file: a footer with sizes is there.
                         let place = random.below(whole.len());
                         let place = if round % 8 < 4 { whole.len() - 1 - place.min(whole.len() / 3) } else { place };
                         bytes[place] = [0, 1, 0x7f, 0x80, 0xff, random.next() as u8][random.below(6)];

@@ -1,22 +1,21 @@
-//! Which rows go into which file, under what name, and when the next one begins.
+//! The files of a recording: their names, the rows that each one gets, and their rotation.
 
-use isotherm_recording::rows::{self, RecordedRow, columns};
-
-use super::growing::Growing;
+use super::growing::GrowingFile;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
+use isotherm_recording::rows::{self, RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// In what form.
+/// Format of a recording.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Format {
-    /// Text, one file a stream
+    /// Text, one file per stream
     Csv,
-    /// Apache Parquet, one file a stream
+    /// Apache Parquet, one file per stream
     Parquet,
     /// MCAP, which Foxglove and PlotJuggler open: all streams in one file
     Mcap,
@@ -27,27 +26,27 @@ impl Format {
     pub const NAMES: [(Self, &'static str); 3] = [(Self::Csv, "csv"), (Self::Parquet, "parquet"), (Self::Mcap, "mcap")];
 }
 
-/// Stands for the IMU in a file's name.
-pub const IMU: &str = "{imu}";
-/// Rows after which is flushed whatever the clock says: memory has a bound.
-const UNFLUSHED: u64 = 100_000;
+/// Placeholder for the IMU's name in a file name.
+pub const IMU_PLACEHOLDER: &str = "{imu}";
+/// A flush is due after this number of rows, so that memory is bounded.
+const MAX_UNFLUSHED: u64 = 100_000;
 
-/// When a file is full.
+/// When the recorder goes on in the next file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rotation {
-    /// At this size \[bytes\].
+    /// At this size of the current file \[bytes\].
     pub size: Option<u64>,
-    /// At this age.
+    /// At this age of the current file.
     pub time: Option<Duration>,
 }
 
 impl Rotation {
-    const fn is_asked_for(self) -> bool {
+    const fn is_enabled(self) -> bool {
         self.size.is_some() || self.time.is_some()
     }
 }
 
-/// Files that begin and end together: the two of an IMU, or one MCAP file.
+/// Files that begin and end together: one or two of an IMU, or one MCAP file.
 pub struct Files {
     name: PathBuf,
     format: Format,
@@ -56,26 +55,26 @@ pub struct Files {
     streams: Vec<(usize, StreamKind)>,
     number: u32,
     opened: Instant,
-    writers: Vec<(PathBuf, Writer)>,
+    writers: Vec<(PathBuf, FormatWriter)>,
     unflushed: u64,
-    /// Whether there is a row in them.
-    used: bool,
+    /// Whether the current files have a row.
+    has_rows: bool,
 }
 
-enum Writer {
-    Csv(Growing),
+enum FormatWriter {
+    Csv(GrowingFile),
     Mcap(Box<McapFile>),
     Parquet(Box<ParquetFile>),
 }
 
-/// Where, and what the operating system says.
+/// An error of the operating system, and the file.
 pub struct FileError(pub PathBuf, pub io::Error);
 
 impl Files {
-    /// New files with the rows of `streams`: places in the list `imus`, and which of their streams. `-` is the standard output.
+    /// Creates the files for the rows of `streams`: index in the list `imus`, and kind of the stream. `-` is the standard output.
     ///
     /// # Errors
-    /// If one exists or cannot be written.
+    /// If a file exists or cannot be written.
     pub fn create(
         name: &Path,
         format: Format,
@@ -93,51 +92,51 @@ impl Files {
             opened: Instant::now(),
             writers: Vec::new(),
             unflushed: 0,
-            used: false,
+            has_rows: false,
         };
-        files.next()?;
+        files.open_next()?;
         Ok(files)
     }
 
-    /// Takes a row.
+    /// Adds a row to its file.
     ///
     /// # Errors
     /// If it cannot be encoded.
     pub fn write(&mut self, row: &RecordedRow) -> Result<(), FileError> {
-        let place = match self.format {
+        let index = match self.format {
             Format::Mcap => 0,
             _ => self.streams.iter().position(|(_, stream)| *stream == row.stream()).unwrap_or(0),
         };
         self.unflushed += 1;
-        self.used = true;
-        let (path, writer) = &mut self.writers[place];
+        self.has_rows = true;
+        let (path, writer) = &mut self.writers[index];
         let result = match writer {
-            Writer::Csv(file) => {
+            FormatWriter::Csv(file) => {
                 rows::append(row, &mut file.pending);
                 Ok(())
             }
-            Writer::Mcap(file) => file.write(row),
-            Writer::Parquet(file) => file.write(row),
+            FormatWriter::Mcap(file) => file.write(row),
+            FormatWriter::Parquet(file) => file.write(row),
         };
         result.map_err(|error| FileError(path.clone(), error))
     }
 
-    /// Whether so much waits that it should be flushed before its time.
+    /// Whether the number of unflushed rows requires a flush now.
     pub const fn is_flush_due(&self) -> bool {
-        self.unflushed >= UNFLUSHED
+        self.unflushed >= MAX_UNFLUSHED
     }
 
-    /// Makes everything so far visible and lasting, and begins the next files if these are full: then their names.
+    /// Makes all rows so far visible and durable. If the files are full, opens the next ones and returns their names.
     ///
     /// # Errors
-    /// If there is no room; what was visible stays, and it can be tried again.
+    /// If the disk is full, for example. Rows that were visible stay so, and the call can be repeated.
     pub fn flush(&mut self) -> Result<Option<Vec<PathBuf>>, FileError> {
         if self.unflushed > 0 {
             for (path, writer) in &mut self.writers {
                 let result = match writer {
-                    Writer::Csv(file) => file.flush(),
-                    Writer::Mcap(file) => file.flush(),
-                    Writer::Parquet(file) => file.flush(),
+                    FormatWriter::Csv(file) => file.flush(),
+                    FormatWriter::Mcap(file) => file.flush(),
+                    FormatWriter::Parquet(file) => file.flush(),
                 };
                 result.map_err(|error| FileError(path.clone(), error))?;
             }
@@ -146,23 +145,23 @@ impl Files {
         if !self.is_full() {
             return Ok(None);
         }
-        // The next ones first: if there is no room for them these go on.
-        let mut full = self.next()?;
+        // Opens the next files before it ends these: if that fails, these continue.
+        let mut full = self.open_next()?;
         finish(&mut full)?;
-        Ok(Some(self.paths_now()))
+        Ok(Some(self.current_paths()))
     }
 
-    /// Rows that have not been flushed.
+    /// Number of rows that have not been flushed.
     pub const fn unflushed(&self) -> u64 {
         self.unflushed
     }
 
-    /// The names of the files that are being written.
-    pub fn paths_now(&self) -> Vec<PathBuf> {
+    /// The names of the current files.
+    pub fn current_paths(&self) -> Vec<PathBuf> {
         self.writers.iter().map(|(path, _)| path.clone()).collect()
     }
 
-    /// Ends the files.
+    /// Finishes the files.
     ///
     /// # Errors
     /// As [`flush`](Self::flush).
@@ -173,24 +172,24 @@ impl Files {
     }
 
     fn is_full(&self) -> bool {
-        let size = |writer: &Writer| match writer {
-            Writer::Csv(file) => file.size(),
-            Writer::Mcap(file) => file.size(),
-            Writer::Parquet(file) => file.size(),
+        let size = |writer: &FormatWriter| match writer {
+            FormatWriter::Csv(file) => file.size(),
+            FormatWriter::Mcap(file) => file.size(),
+            FormatWriter::Parquet(file) => file.size(),
         };
         let old = self.rotation.time.is_some_and(|time| self.opened.elapsed() >= time);
         let large = self.rotation.size.is_some_and(|most| self.writers.iter().any(|(_, writer)| size(writer) >= most));
-        self.used && (old || large)
+        self.has_rows && (old || large)
     }
 
-    /// Opens the next files, in place of those that it gives back.
-    fn next(&mut self) -> Result<Vec<(PathBuf, Writer)>, FileError> {
+    /// Opens the next files and returns the previous ones.
+    fn open_next(&mut self) -> Result<Vec<(PathBuf, FormatWriter)>, FileError> {
         let mut number = self.number;
         let paths = loop {
             number += 1;
             let paths = self.paths(number);
-            // A recorder that is started again goes on behind its predecessor's files.
-            if !self.rotation.is_asked_for() || !paths.iter().any(|path| fs::symlink_metadata(path).is_ok()) {
+            // With rotation, a restarted recorder continues the numbers of existing files.
+            if !self.rotation.is_enabled() || !paths.iter().any(|path| fs::symlink_metadata(path).is_ok()) {
                 break paths;
             }
         };
@@ -199,7 +198,7 @@ impl Files {
             match self.open(&path, index) {
                 Ok(writer) => writers.push((path, writer)),
                 Err(error) => {
-                    // All or none.
+                    // All files are created, or none.
                     writers.iter().for_each(|(made, _)| drop(fs::remove_file(made)));
                     return Err(FileError(path, error));
                 }
@@ -207,24 +206,26 @@ impl Files {
         }
         self.number = number;
         self.opened = Instant::now();
-        self.used = false;
+        self.has_rows = false;
         Ok(std::mem::replace(&mut self.writers, writers))
     }
 
-    fn open(&self, path: &Path, index: usize) -> io::Result<Writer> {
+    fn open(&self, path: &Path, index: usize) -> io::Result<FormatWriter> {
         let (imu, stream) = self.streams[index];
         Ok(match self.format {
-            Format::Csv if path == Path::new("-") => Writer::Csv(Growing::stdout(rows::header(columns(stream)))),
-            Format::Csv => Writer::Csv(Growing::create(path, &rows::header(columns(stream)))?),
-            Format::Mcap => Writer::Mcap(Box::new(McapFile::create(path, &self.imus, &self.streams)?)),
-            Format::Parquet => Writer::Parquet(Box::new(ParquetFile::create(path, &self.imus[imu], stream)?)),
+            Format::Csv if path == Path::new("-") => {
+                FormatWriter::Csv(GrowingFile::stdout(rows::header(columns(stream))))
+            }
+            Format::Csv => FormatWriter::Csv(GrowingFile::create(path, &rows::header(columns(stream)))?),
+            Format::Mcap => FormatWriter::Mcap(Box::new(McapFile::create(path, &self.imus, &self.streams)?)),
+            Format::Parquet => FormatWriter::Parquet(Box::new(ParquetFile::create(path, &self.imus[imu], stream)?)),
         })
     }
 
-    /// The names of the files with this number, one a stream but for MCAP.
+    /// The names of the files with this number: one per stream, for MCAP one for all.
     fn paths(&self, number: u32) -> Vec<PathBuf> {
         let (first, _) = self.streams[0];
-        let number = if self.rotation.is_asked_for() { format!("-{number:04}") } else { String::new() };
+        let number = if self.rotation.is_enabled() { format!("-{number:04}") } else { String::new() };
         match self.format {
             Format::Mcap => vec![file_name(&self.name, &self.imus[first], &number)],
             _ if self.streams.len() == 1 => vec![file_name(&self.name, &self.imus[first], &number)],
@@ -235,21 +236,21 @@ impl Files {
     }
 }
 
-fn finish(writers: &mut [(PathBuf, Writer)]) -> Result<(), FileError> {
+fn finish(writers: &mut [(PathBuf, FormatWriter)]) -> Result<(), FileError> {
     for (path, writer) in writers {
         let result = match writer {
-            Writer::Csv(file) => file.flush(),
-            Writer::Mcap(file) => file.finish(),
-            Writer::Parquet(file) => file.flush(),
+            FormatWriter::Csv(file) => file.flush(),
+            FormatWriter::Mcap(file) => file.finish(),
+            FormatWriter::Parquet(file) => file.flush(),
         };
         result.map_err(|error| FileError(path.clone(), error))?;
     }
     Ok(())
 }
 
-/// `name` with the IMU in place of `{imu}`, and `end` before the extension.
+/// `name` with the IMU's name for `{imu}`, and `end` before the extension.
 fn file_name(name: &Path, imu: &ImuId, end: &str) -> PathBuf {
-    let text = name.to_string_lossy().replace(IMU, imu.as_str());
+    let text = name.to_string_lossy().replace(IMU_PLACEHOLDER, imu.as_str());
     let path = Path::new(&text);
     let (Some(stem), false) = (path.file_stem(), end.is_empty()) else { return PathBuf::from(text) };
     let extension = path.extension().map(|extension| format!(".{}", extension.to_string_lossy()));

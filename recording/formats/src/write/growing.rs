@@ -1,44 +1,44 @@
-//! A file that grows by whole flushes.
+//! A file that grows only by complete flushes.
 
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write};
 use std::path::Path;
 
-/// Creates `path` with these bytes in it: at no moment is there a file with less. Never replaces one that is there.
+/// Creates `path` with these bytes. The file appears with its full content, and never replaces an existing one.
 ///
 /// # Errors
 /// If it exists or cannot be written.
 pub fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
-    let mut file = aside(path)?;
+    let mut file = staged_file(path)?;
     file.write_all(bytes)?;
     file.as_file().sync_data()?;
     file.persist_noclobber(path).map_err(|error| error.error)
 }
 
-/// A file beside `path` without a name of its own.
-pub fn aside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
+/// A staged file in the folder of `path`, with a temporary name.
+pub fn staged_file(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut aside = tempfile::Builder::new();
+    let mut builder = tempfile::Builder::new();
     // The umask still applies.
-    aside.prefix(".isotherm-").permissions(std::fs::Permissions::from_mode(0o666));
-    aside.tempfile_in(folder).map_err(|error| io::Error::from(error.kind()))
+    builder.prefix(".isotherm-").permissions(std::fs::Permissions::from_mode(0o666));
+    builder.tempfile_in(folder).map_err(|error| io::Error::from(error.kind()))
 }
 
-/// Takes bytes and appends them to its file when asked, all or none as far as the operating system allows.
-pub struct Growing {
-    sink: Sink,
+/// Collects bytes and appends them to a file, or the standard output, at a flush. A flush that fails leaves the file as it was.
+pub struct GrowingFile {
+    sink: GrowingSink,
     length: u64,
-    /// What has not been written yet.
+    /// Bytes that are written at the next flush.
     pub pending: Vec<u8>,
 }
 
-enum Sink {
+enum GrowingSink {
     File(File),
     Stdout(io::Stdout),
 }
 
-impl Growing {
+impl GrowingFile {
     /// A new file that begins with these bytes.
     ///
     /// # Errors
@@ -46,35 +46,35 @@ impl Growing {
     pub fn create(path: &Path, bytes: &[u8]) -> io::Result<Self> {
         let mut file = create(path, bytes)?;
         file.seek(SeekFrom::End(0))?;
-        Ok(Self { sink: Sink::File(file), length: bytes.len() as u64, pending: Vec::new() })
+        Ok(Self { sink: GrowingSink::File(file), length: bytes.len() as u64, pending: Vec::new() })
     }
 
-    /// The standard output.
+    /// The standard output; `bytes` are written first.
     pub fn stdout(bytes: Vec<u8>) -> Self {
-        Self { sink: Sink::Stdout(io::stdout()), length: 0, pending: bytes }
+        Self { sink: GrowingSink::Stdout(io::stdout()), length: 0, pending: bytes }
     }
 
-    /// Appends what is pending. After an error it is pending still, and the file as long as before.
+    /// Appends the pending bytes. After an error they stay pending, and the file has its previous length.
     ///
     /// # Errors
-    /// If the operating system refuses some of it.
+    /// If the operating system cannot write all of them.
     pub fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
-            Sink::File(file) => {
+            GrowingSink::File(file) => {
                 if let Err(error) = file.write_all(&self.pending).and_then(|()| file.sync_data()) {
                     file.set_len(self.length)?;
                     file.seek(SeekFrom::Start(self.length))?;
                     return Err(error);
                 }
             }
-            Sink::Stdout(stdout) => stdout.write_all(&self.pending).and_then(|()| stdout.flush())?,
+            GrowingSink::Stdout(stdout) => stdout.write_all(&self.pending).and_then(|()| stdout.flush())?,
         }
         self.length += self.pending.len() as u64;
         self.pending.clear();
         Ok(())
     }
 
-    /// Bytes, the pending ones included.
+    /// Size including the pending bytes \[bytes\].
     pub fn size(&self) -> u64 {
         self.length + self.pending.len() as u64
     }

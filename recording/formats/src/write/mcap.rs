@@ -1,6 +1,7 @@
-//! Rows as messages in an MCAP file: `isotherm/<imu>/raw` and `isotherm/<imu>/increment`, described in the file itself.
+//! Rows as messages in an MCAP file, in the channels `isotherm/<imu>/raw` and `isotherm/<imu>/increment`. The file contains their
+//! schemas.
 
-use super::growing::Growing;
+use super::growing::GrowingFile;
 use crate::protobuf;
 use isotherm_recording::rows::{RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
@@ -13,17 +14,17 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::rc::Rc;
 
-/// An MCAP file that is being written. Every flush ends a chunk, so that what has been flushed can be read without what follows.
+/// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an unfinished file.
 pub struct McapFile {
     writer: mcap::Writer<NoSeek<Memory>>,
     memory: Memory,
-    file: Growing,
-    /// By IMU and stream.
+    file: GrowingFile,
+    /// Channel ids by IMU and stream.
     channels: Vec<[Option<u16>; 2]>,
     message: Vec<u8>,
 }
 
-/// Where the library writes to: what the disk does is no matter to it.
+/// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined state.
 #[derive(Clone, Default)]
 struct Memory(Rc<RefCell<Vec<u8>>>);
 
@@ -38,30 +39,30 @@ impl Write for Memory {
 }
 
 impl McapFile {
-    /// A new file with a channel for each of `streams`: place in the list `imus`, and which of its streams.
+    /// Creates a file with a channel for each of `streams`: index in the list `imus`, and kind of the stream.
     ///
     /// # Errors
     /// If it exists or cannot be written.
     pub fn create(path: &Path, imus: &[ImuId], streams: &[(usize, StreamKind)]) -> io::Result<Self> {
         let memory = Memory::default();
         let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
-        // Compressed in this thread; all in memory, in order.
+        // Compression runs in this thread. The sink cannot seek.
         let options = WriteOptions::new().library(library).disable_seeking(true);
         let options = options.compression_level(1).compression_threads(0);
-        let mut writer = options.create(NoSeek::new(memory.clone())).map_err(other)?;
+        let mut writer = options.create(NoSeek::new(memory.clone())).map_err(io_error)?;
         let mut channels = vec![[None; 2]; imus.len()];
         for &(imu, stream) in streams {
             let schema = protobuf::descriptor(stream);
-            let schema = writer.add_schema(protobuf::message(stream), "protobuf", &schema).map_err(other)?;
+            let schema = writer.add_schema(protobuf::message(stream), "protobuf", &schema).map_err(io_error)?;
             let units = columns(stream).iter().map(|column| (column.name.to_owned(), column.unit.to_owned()));
             let mut metadata: BTreeMap<_, _> = units.collect();
             metadata.insert("imu".to_owned(), imus[imu].to_string());
             let topic = format!("isotherm/{}/{}", imus[imu], stream.name());
-            let channel = writer.add_channel(schema, &topic, "protobuf", &metadata).map_err(other)?;
+            let channel = writer.add_channel(schema, &topic, "protobuf", &metadata).map_err(io_error)?;
             channels[imu][stream as usize] = Some(channel);
         }
-        writer.flush().map_err(other)?;
-        let file = Growing::create(path, &memory.0.take())?;
+        writer.flush().map_err(io_error)?;
+        let file = GrowingFile::create(path, &memory.0.take())?;
         Ok(Self { writer, memory, file, channels, message: Vec::new() })
     }
 
@@ -79,24 +80,24 @@ impl McapFile {
             log_time: row.recorded_ns,
             publish_time: row.timestamp_ns(),
         };
-        self.writer.write_to_known_channel(&header, &self.message).map_err(other)
+        self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
     }
 
-    /// Ends the chunk and appends it.
+    /// Ends the chunk and appends it to the file.
     ///
     /// # Errors
-    /// If the file cannot take it; it can be tried again.
+    /// If the file cannot be written. The call can be repeated.
     pub fn flush(&mut self) -> io::Result<()> {
-        self.writer.flush().map_err(other)?;
+        self.writer.flush().map_err(io_error)?;
         self.append()
     }
 
-    /// Writes summary and footer; can be tried again too.
+    /// Writes summary and footer. The call can be repeated after an error.
     ///
     /// # Errors
     /// As [`flush`](Self::flush).
     pub fn finish(&mut self) -> io::Result<()> {
-        self.writer.finish().map_err(other)?;
+        self.writer.finish().map_err(io_error)?;
         self.append()
     }
 
@@ -105,12 +106,12 @@ impl McapFile {
         self.file.flush()
     }
 
-    /// Bytes, but for the chunk that is being filled.
+    /// Size without the open chunk \[bytes\].
     pub fn size(&self) -> u64 {
         self.file.size() + self.memory.0.borrow().len() as u64
     }
 }
 
-fn other(error: McapError) -> io::Error {
+fn io_error(error: McapError) -> io::Error {
     io::Error::other(error)
 }

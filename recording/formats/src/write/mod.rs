@@ -1,8 +1,8 @@
-//! Writing recordings that grow: whole up to the last flush at every moment, even if the recorder is killed.
+//! Writes recordings that grow. They are complete up to the last flush at every moment, even if the recorder is killed.
 
 mod files;
 mod growing;
 mod mcap;
 mod parquet;
 
-pub use files::{FileError, Files, Format, IMU, Rotation};
+pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, Rotation};

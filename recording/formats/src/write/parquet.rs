@@ -1,10 +1,11 @@
-//! Rows in a Parquet file that is whole at every instant.
+//! Rows in a Parquet file that is complete at every instant.
 //!
-//! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns: at a flush the hidden one gets what it
-//! lacks, then what is not a full row group yet, then the footer; then the two exchange their names in one step. Whoever opens
-//! the name, or finds it after a crash, has everything up to the last flush.
+//! A Parquet file has its footer at the end, so it cannot simply grow. Two files take turns, a visible one under the name and a
+//! hidden one. At a flush the hidden file gets the full row groups that it lacks, then the open row group, then the footer. Then
+//! the two files exchange their names in one step. A reader that opens the name, also after a crash, gets all rows up to the last
+//! flush.
 
-use super::growing::{aside, create};
+use super::growing::{create, staged_file};
 use core::fmt::Display;
 use isotherm_recording::columns::{Column, ColumnKind};
 use isotherm_recording::rows::{RecordedRow, ValueVisitor, columns};
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::NamedTempFile;
 
-/// Rows of a full row group. Larger ones are read faster, and what is open is written anew at every flush.
+/// Rows of a full row group. Larger groups are read faster, but the open group is written again at every flush.
 const ROW_GROUP: usize = 1 << 16;
 const MAGIC: &[u8] = b"PAR1";
 
@@ -34,33 +35,34 @@ pub struct ParquetFile {
     path: PathBuf,
     schema: TypePtr,
     properties: WriterPropertiesPtr,
-    /// Bytes of magic number and full row groups.
+    /// Length of the body: magic number and full row groups \[bytes\].
     body: u64,
-    /// Their last bytes, those that not both files have.
+    /// The end of the body: the bytes that are not yet in both files.
     recent: Vec<u8>,
     groups: Vec<RowGroupMetaData>,
-    open: Columns,
-    /// The file under the name, and how much of the body it has.
+    /// The open row group.
+    open: ParquetColumns,
+    /// The file under the name, and how much of the body it has \[bytes\].
     visible: (File, u64),
-    /// The other one; none until the second flush.
+    /// The hidden file, in the same way; `None` before the first flush, and always between flushes if names cannot be exchanged.
     hidden: Option<(NamedTempFile, u64)>,
-    /// Bytes behind the body at the last flush.
+    /// Length of open row group and footer at the last flush \[bytes\].
     tail: u64,
-    /// Whether the file system can exchange two names, as far as is known.
+    /// Whether the file system can exchange two names; true until it refuses.
     exchanges: bool,
 }
 
 impl ParquetFile {
-    /// A new file without rows.
+    /// Creates a file without rows.
     ///
     /// # Errors
     /// If it exists or cannot be written.
     pub fn create(path: &Path, imu: &ImuId, stream: StreamKind) -> io::Result<Self> {
         let columns = columns(stream);
-        let schema = Arc::new(schema(columns).map_err(other)?);
-        let properties = Arc::new(properties(columns, imu, stream).map_err(other)?);
+        let schema = Arc::new(schema(columns).map_err(io_error)?);
+        let properties = Arc::new(properties(columns, imu, stream).map_err(io_error)?);
         let mut bytes = MAGIC.to_vec();
-        bytes.append(&mut footer(&schema, &properties, &mut Vec::new(), None).map_err(other)?);
+        bytes.append(&mut footer(&schema, &properties, &mut Vec::new(), None).map_err(io_error)?);
         let body = MAGIC.len() as u64;
         Ok(Self {
             path: path.to_owned(),
@@ -69,7 +71,7 @@ impl ParquetFile {
             body,
             recent: Vec::new(),
             groups: Vec::new(),
-            open: Columns::new(columns),
+            open: ParquetColumns::new(columns),
             visible: (create(path, &bytes)?, body),
             hidden: None,
             tail: 0,
@@ -94,22 +96,22 @@ impl ParquetFile {
         Ok(())
     }
 
-    /// Makes everything so far visible and lasting.
+    /// Makes all rows so far visible and durable.
     ///
     /// # Errors
-    /// If there is no room; what was visible stays, and it can be tried again.
+    /// If the disk is full, for example. Rows that were visible stay so, and the call can be repeated.
     pub fn flush(&mut self) -> io::Result<()> {
         let (mut tail, open) = match self.open.rows {
             0 => (Vec::new(), None),
             _ => self.encode_open().map(|(bytes, group)| (bytes, Some(group)))?,
         };
-        tail.append(&mut footer(&self.schema, &self.properties, &mut self.groups, open).map_err(other)?);
+        tail.append(&mut footer(&self.schema, &self.properties, &mut self.groups, open).map_err(io_error)?);
         let (hidden, has) = match &mut self.hidden {
             Some(hidden) => hidden,
-            None => self.hidden.insert((aside(&self.path)?, 0)),
+            None => self.hidden.insert((staged_file(&self.path)?, 0)),
         };
         let file = hidden.as_file();
-        // What only the visible file has, if this one is new; then what memory has; then the tail.
+        // First the bytes that only the visible file has, if the hidden one is new; then the bytes in memory; then the tail.
         let recent = self.body - self.recent.len() as u64;
         if *has < recent {
             copy(&self.visible.0, file, *has, recent)?;
@@ -122,18 +124,18 @@ impl ParquetFile {
         file.sync_data()?;
         self.tail = tail.len() as u64;
         self.exchange()?;
-        // Both have the body up to there.
+        // Both files have the body up to here.
         let both = self.visible.1.min(self.hidden.as_ref().map_or(self.body, |(_, has)| *has));
         self.recent.drain(..(both.saturating_sub(recent) as usize).min(self.recent.len()));
         Ok(())
     }
 
-    /// Bytes, as of the last flush.
+    /// Size \[bytes\]; exact after a flush.
     pub const fn size(&self) -> u64 {
         self.body + self.tail
     }
 
-    /// The hidden file takes the visible one's name, and the other way round.
+    /// Exchanges the names of the hidden and the visible file.
     fn exchange(&mut self) -> io::Result<()> {
         let Some((hidden, has)) = &mut self.hidden else { return Ok(()) };
         if self.exchanges {
@@ -147,7 +149,8 @@ impl ParquetFile {
                 Err(error) => return Err(error.into()),
             }
         }
-        // The hidden file replaces the visible one, and the next begins anew. One that the user has taken away stays away.
+        // The hidden file replaces the visible one, and the next flush makes a new hidden file. If the user has removed the file,
+        // this is an error, and the file is not created again.
         fs::metadata(&self.path)?;
         if let Some((hidden, has)) = self.hidden.take() {
             self.visible = (hidden.persist(&self.path).map_err(|error| error.error)?, has);
@@ -155,9 +158,9 @@ impl ParquetFile {
         Ok(())
     }
 
-    /// The open rows as a row group at the end of the body.
+    /// Encodes the open row group for the position after the body.
     fn encode_open(&self) -> io::Result<(Vec<u8>, RowGroupMetaData)> {
-        encode(&self.schema, &self.properties, &self.open, self.body, self.groups.len()).map_err(other)
+        encode(&self.schema, &self.properties, &self.open, self.body, self.groups.len()).map_err(io_error)
     }
 }
 
@@ -173,24 +176,24 @@ fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
     Ok(())
 }
 
-/// A row group's bytes and its entry in the footer of a file where it begins at `offset`.
+/// Encodes a row group: its bytes, and its entry in the footer of a file in which it begins at `offset`.
 fn encode(
     schema: &TypePtr,
     properties: &WriterPropertiesPtr,
-    columns: &Columns,
+    columns: &ParquetColumns,
     offset: u64,
     ordinal: usize,
 ) -> Result<(Vec<u8>, RowGroupMetaData), ParquetError> {
-    // A file of its own, whose beginning and footer are left away.
+    // The library writes a complete file in memory; its magic number and footer are removed.
     let mut file = SerializedFileWriter::new(Vec::new(), Arc::clone(schema), Arc::clone(properties))?;
     let mut group = file.next_row_group()?;
     for values in &columns.values {
         let Some(mut column) = group.next_column()? else { break };
         match values {
-            Buffer::U64(values) => column.typed::<Int64Type>().write_batch(values, None, None)?,
-            Buffer::U32(values) => column.typed::<Int32Type>().write_batch(values, None, None)?,
-            Buffer::F64(values) => column.typed::<DoubleType>().write_batch(values, None, None)?,
-            Buffer::Text(values) => column.typed::<ByteArrayType>().write_batch(values, None, None)?,
+            ColumnBuffer::U64(values) => column.typed::<Int64Type>().write_batch(values, None, None)?,
+            ColumnBuffer::U32(values) => column.typed::<Int32Type>().write_batch(values, None, None)?,
+            ColumnBuffer::F64(values) => column.typed::<DoubleType>().write_batch(values, None, None)?,
+            ColumnBuffer::Text(values) => column.typed::<ByteArrayType>().write_batch(values, None, None)?,
         };
         column.close()?;
     }
@@ -210,7 +213,7 @@ fn encode(
     Ok((bytes, builder.set_ordinal(ordinal as i32).build()?))
 }
 
-/// The end of a file with these row groups.
+/// Encodes the footer of a file with these row groups.
 fn footer(
     schema: &TypePtr,
     properties: &WriterPropertiesPtr,
@@ -257,7 +260,7 @@ fn properties(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Result<Wri
         .set_offset_index_disabled(true);
     for column in columns {
         let path = ColumnPath::from(column.name);
-        // What counts up takes next to nothing as differences; doubles are smaller byte by byte.
+        // Counting columns compress well as differences, doubles when their bytes are stored in separate streams.
         let encoding = match column.kind {
             ColumnKind::U64 | ColumnKind::U32 => Some(Encoding::DELTA_BINARY_PACKED),
             ColumnKind::F64 => Some(Encoding::BYTE_STREAM_SPLIT),
@@ -274,28 +277,28 @@ fn properties(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Result<Wri
     Ok(properties.build())
 }
 
-/// Rows, column by column.
-struct Columns {
+/// The rows of a row group, column by column.
+struct ParquetColumns {
     rows: usize,
-    values: Vec<Buffer>,
-    /// Column of the next value.
+    values: Vec<ColumnBuffer>,
+    /// Index of the column that gets the next value.
     next: usize,
 }
 
-enum Buffer {
+enum ColumnBuffer {
     U64(Vec<i64>),
     U32(Vec<i32>),
     F64(Vec<f64>),
     Text(Vec<ByteArray>),
 }
 
-impl Columns {
+impl ParquetColumns {
     fn new(columns: &[Column]) -> Self {
         let values = columns.iter().map(|column| match column.kind {
-            ColumnKind::U64 => Buffer::U64(Vec::new()),
-            ColumnKind::U32 => Buffer::U32(Vec::new()),
-            ColumnKind::F64 => Buffer::F64(Vec::new()),
-            ColumnKind::Text => Buffer::Text(Vec::new()),
+            ColumnKind::U64 => ColumnBuffer::U64(Vec::new()),
+            ColumnKind::U32 => ColumnBuffer::U32(Vec::new()),
+            ColumnKind::F64 => ColumnBuffer::F64(Vec::new()),
+            ColumnKind::Text => ColumnBuffer::Text(Vec::new()),
         });
         Self { rows: 0, values: values.collect(), next: 0 }
     }
@@ -310,45 +313,46 @@ impl Columns {
         self.rows = 0;
         for values in &mut self.values {
             match values {
-                Buffer::U64(values) => values.clear(),
-                Buffer::U32(values) => values.clear(),
-                Buffer::F64(values) => values.clear(),
-                Buffer::Text(values) => values.clear(),
+                ColumnBuffer::U64(values) => values.clear(),
+                ColumnBuffer::U32(values) => values.clear(),
+                ColumnBuffer::F64(values) => values.clear(),
+                ColumnBuffer::Text(values) => values.clear(),
             }
         }
     }
 
-    fn column(&mut self) -> Option<&mut Buffer> {
+    fn next_column(&mut self) -> Option<&mut ColumnBuffer> {
         self.next += 1;
         self.values.get_mut(self.next - 1)
     }
 }
 
-// A column's kind is that of its values: both stand side by side in columns.rs, and a file is read back in the tests.
-impl ValueVisitor for Columns {
+// A value of another kind than its column's would be dropped. `RecordedRow::visit` and columns.rs agree; a test reads a file
+// back.
+impl ValueVisitor for ParquetColumns {
     fn u64(&mut self, value: u64) {
-        if let Some(Buffer::U64(values)) = self.column() {
+        if let Some(ColumnBuffer::U64(values)) = self.next_column() {
             values.push(value.cast_signed());
         }
     }
     fn u32(&mut self, value: u32) {
-        if let Some(Buffer::U32(values)) = self.column() {
+        if let Some(ColumnBuffer::U32(values)) = self.next_column() {
             values.push(value.cast_signed());
         }
     }
     fn f64(&mut self, value: f64) {
-        if let Some(Buffer::F64(values)) = self.column() {
+        if let Some(ColumnBuffer::F64(values)) = self.next_column() {
             values.push(value);
         }
     }
     fn text(&mut self, value: impl Display) {
-        if let Some(Buffer::Text(values)) = self.column() {
+        if let Some(ColumnBuffer::Text(values)) = self.next_column() {
             values.push(ByteArray::from(value.to_string().into_bytes()));
         }
     }
 }
 
-fn other(error: ParquetError) -> io::Error {
+fn io_error(error: ParquetError) -> io::Error {
     io::Error::other(error)
 }
 
@@ -358,16 +362,16 @@ mod tests {
     use isotherm_shared::wire::{RawSample, StreamSample};
     use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
-    /// At every flush the file has every row, whether its file system can exchange names or not.
+    /// After every flush the file has all rows, with and without the exchange of names.
     #[test]
-    fn every_flush_leaves_a_whole_file() {
+    fn every_flush_leaves_a_complete_file() {
         for exchanges in [true, false] {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("r.parquet");
             let mut file = ParquetFile::create(&path, &"imu-a".parse().unwrap(), StreamKind::Raw).unwrap();
             file.exchanges = exchanges;
             let mut rows = 0;
-            // Within a row group, over one, over two at once, exactly one, and none.
+            // Within a row group, beyond its end, two groups at once, exactly up to its end, and none.
             for more in [0, 1, 10, ROW_GROUP, 2 * ROW_GROUP, ROW_GROUP - 11, 0, 5] {
                 for _ in 0..more {
                     let raw = RawSample { sequence: rows, ..RawSample::default() };

@@ -1,0 +1,234 @@
+//! A **dwell**: an unbroken run of rows with one set point and one position.
+//!
+//! Rows may be raw samples of any rate or sums over seconds: pulses and intervals are added up, telemetry is averaged over
+//! time. Only sums are kept, so that memory does not grow with the sampling rate.
+
+use isotherm_recording::CampaignRow;
+use isotherm_shared::wire::{AXES, RawSample};
+
+/// Sums over rows, of a dwell or of a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DwellSums {
+    /// Time counted \[s\].
+    pub seconds: f64,
+    /// Pulses of the positive channel.
+    pub positive: [f64; AXES],
+    /// Pulses of the negative channel.
+    pub negative: [f64; AXES],
+    head: [f64; AXES],
+    board: [f64; AXES],
+    /// Sum of the telemetry's age at the middle of each row \[s\], if known, times the seconds of the row.
+    age: f64,
+}
+
+impl DwellSums {
+    fn add(&mut self, sample: &RawSample) {
+        let seconds = sample.interval_ns as f64 / 1e9;
+        self.seconds += seconds;
+        if sample.telemetry_ns > 0 {
+            self.age += seconds * (sample.timestamp_ns as f64 / 1e9 - 0.5 * seconds - sample.telemetry_ns as f64 / 1e9);
+        }
+        for axis in 0..AXES {
+            self.positive[axis] += f64::from(sample.positive_pulses[axis]);
+            self.negative[axis] += f64::from(sample.negative_pulses[axis]);
+            self.head[axis] += sample.head_temperature[axis] * seconds;
+            self.board[axis] += sample.board_temperature[axis] * seconds;
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.seconds += other.seconds;
+        self.age += other.age;
+        for axis in 0..AXES {
+            self.positive[axis] += other.positive[axis];
+            self.negative[axis] += other.negative[axis];
+            self.head[axis] += other.head[axis];
+            self.board[axis] += other.board[axis];
+        }
+    }
+
+    /// Mean telemetry of the sensor head.
+    #[must_use]
+    pub fn head(&self, axis: usize) -> f64 {
+        self.head[axis] / self.seconds
+    }
+
+    /// Mean telemetry of the converter board.
+    #[must_use]
+    pub fn board(&self, axis: usize) -> f64 {
+        self.board[axis] / self.seconds
+    }
+
+    /// Rates of both channels \[pulse/s\].
+    #[must_use]
+    pub fn rates(&self, axis: usize) -> [f64; 2] {
+        [self.positive[axis] / self.seconds, self.negative[axis] / self.seconds]
+    }
+}
+
+/// A part of a dwell, at least 1 s long; the checks compare blocks to find motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Block {
+    /// Line of its first row.
+    pub line: u64,
+    /// Sums over its rows.
+    pub sums: DwellSums,
+    /// Lowest and highest telemetry of each head.
+    pub head: [[f64; 2]; AXES],
+    /// Lowest and highest telemetry of each board.
+    pub board: [[f64; 2]; AXES],
+    /// Largest rate of a single row, both channels together \[pulse/s\].
+    pub rate: [f64; AXES],
+}
+
+/// Shortest block \[s\].
+const MIN_BLOCK: f64 = 1.0;
+/// Most blocks of a dwell; when they are full, neighbours are merged in pairs.
+const MAX_BLOCKS: usize = 512;
+
+/// An unbroken run of rows with one set point and one position.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dwell {
+    /// Temperature that the chamber was set to \[degC\].
+    pub set_point_c: f64,
+    /// Index into the campaign's positions.
+    pub position: usize,
+    /// Lines of its first and last row.
+    pub lines: [u64; 2],
+    /// Number of rows.
+    pub rows: u64,
+    /// Begin of its first and end of its last row \[ns\].
+    pub time_ns: [u64; 2],
+    /// Sums over all rows.
+    pub sums: DwellSums,
+    /// Its blocks, in order of time.
+    pub blocks: Vec<Block>,
+    block_length: f64,
+}
+
+impl Dwell {
+    pub(super) fn new(row: &CampaignRow, position: usize) -> Self {
+        let begin = row.sample.timestamp_ns.saturating_sub(row.sample.interval_ns);
+        Self {
+            set_point_c: row.set_point_c,
+            position,
+            lines: [row.line; 2],
+            rows: 0,
+            time_ns: [begin; 2],
+            sums: DwellSums::default(),
+            blocks: Vec::new(),
+            block_length: MIN_BLOCK,
+        }
+    }
+
+    pub(super) fn add(&mut self, row: &CampaignRow) {
+        let sample = &row.sample;
+        self.lines[1] = row.line;
+        self.rows += 1;
+        self.time_ns[1] = sample.timestamp_ns;
+        self.sums.add(sample);
+        let seconds = sample.interval_ns as f64 / 1e9;
+        let rate =
+            |axis: usize| (f64::from(sample.positive_pulses[axis]) + f64::from(sample.negative_pulses[axis])) / seconds;
+        let block = match self.blocks.last_mut() {
+            Some(block) if block.sums.seconds < self.block_length => block,
+            _ => {
+                if self.blocks.len() == MAX_BLOCKS {
+                    self.merge_pairs();
+                }
+                self.blocks.push(Block {
+                    line: row.line,
+                    sums: DwellSums::default(),
+                    head: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+                    board: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+                    rate: [0.0; 3],
+                });
+                let last = self.blocks.len() - 1;
+                &mut self.blocks[last]
+            }
+        };
+        block.sums.add(sample);
+        for axis in 0..AXES {
+            extend(&mut block.head[axis], [sample.head_temperature[axis]; 2]);
+            extend(&mut block.board[axis], [sample.board_temperature[axis]; 2]);
+            block.rate[axis] = block.rate[axis].max(rate(axis));
+        }
+    }
+
+    fn merge_pairs(&mut self) {
+        let merged = self.blocks.chunks(2).map(|pair| {
+            let mut block = pair[0];
+            for other in &pair[1..] {
+                block.sums.merge(&other.sums);
+                for axis in 0..AXES {
+                    extend(&mut block.head[axis], other.head[axis]);
+                    extend(&mut block.board[axis], other.board[axis]);
+                    block.rate[axis] = block.rate[axis].max(other.rate[axis]);
+                }
+            }
+            block
+        });
+        self.blocks = merged.collect();
+        self.block_length *= 2.0;
+    }
+
+    /// Mean telemetry of the sensor head. If its age is known, it is extrapolated to the middle of the counted time.
+    #[must_use]
+    pub fn head(&self, axis: usize) -> f64 {
+        self.sums.head(axis) + self.head_per_s(axis) * self.age_s()
+    }
+
+    /// Mean telemetry of the converter board. If its age is known, it is extrapolated to the middle of the counted time.
+    #[must_use]
+    pub fn board(&self, axis: usize) -> f64 {
+        self.sums.board(axis) + self.drift_per_s(|sums| sums.board(axis)) * self.age_s()
+    }
+
+    /// Drift of the head's telemetry, in its unit per second; 0 for a dwell of a single block.
+    #[must_use]
+    pub fn head_per_s(&self, axis: usize) -> f64 {
+        self.drift_per_s(|sums| sums.head(axis))
+    }
+
+    /// Mean of the second half of the blocks minus mean of the first half, over half the counted time.
+    fn drift_per_s(&self, telemetry: impl Fn(&DwellSums) -> f64) -> f64 {
+        let (first, second) = self.blocks.split_at(self.blocks.len() / 2);
+        if first.is_empty() {
+            return 0.0;
+        }
+        let mean =
+            |blocks: &[Block]| blocks.iter().map(|block| telemetry(&block.sums)).sum::<f64>() / blocks.len() as f64;
+        (mean(second) - mean(first)) / (0.5 * self.sums.seconds)
+    }
+
+    /// Mean time from the reading of the telemetry to the middle of the counted time. 0 if it is longer than the dwell: the
+    /// drift within the dwell cannot be extrapolated so far.
+    fn age_s(&self) -> f64 {
+        let age_s = self.sums.age / self.sums.seconds;
+        if age_s.abs() <= self.sums.seconds { age_s } else { 0.0 }
+    }
+
+    /// Lowest and highest telemetry of the head.
+    #[must_use]
+    pub fn head_range(&self, axis: usize) -> [f64; 2] {
+        range(self.blocks.iter().map(|block| block.head[axis]))
+    }
+
+    /// Lowest and highest telemetry of the board.
+    #[must_use]
+    pub fn board_range(&self, axis: usize) -> [f64; 2] {
+        range(self.blocks.iter().map(|block| block.board[axis]))
+    }
+}
+
+fn extend(range: &mut [f64; 2], other: [f64; 2]) {
+    *range = [range[0].min(other[0]), range[1].max(other[1])];
+}
+
+/// The smallest range that contains all `ranges`.
+#[must_use]
+pub fn range(ranges: impl IntoIterator<Item = [f64; 2]>) -> [f64; 2] {
+    let mut all = [f64::INFINITY, f64::NEG_INFINITY];
+    ranges.into_iter().for_each(|range| extend(&mut all, range));
+    all
+}
