@@ -1,32 +1,7 @@
-//! `isothermd`, the program for a vehicle: it links only the listed crates, and its commands behave as those of `isotherm`.
+//! `isothermd`, the program for a vehicle: its commands behave as those of `isotherm`.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_tests::{RUN, TABLE, TestDomain, recording, round_trip, text};
-use std::collections::BTreeSet;
-use std::env;
-use std::fs;
-use std::process::Command;
-
-const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
-
-/// Adding a crate is a decision: add its name to the list.
-#[test]
-fn it_links_the_crates_of_this_list_and_no_other() {
-    let list = include_str!("../data/isothermd-crates.txt");
-    let wanted: BTreeSet<_> = list.lines().filter(|line| !line.starts_with('#')).map(str::to_owned).collect();
-    let mut tree = Command::new(env::var_os("CARGO").unwrap());
-    tree.args(["tree", "--offline", "--locked", "-p", "isotherm-service", "-e", "normal", "--prefix", "none"]);
-    let output = tree.args(["--format", "{p}"]).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let tree = text(&output.stdout);
-    let linked: BTreeSet<_> = tree.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect();
-    let more: Vec<_> = linked.difference(&wanted).collect();
-    let fewer: Vec<_> = wanted.difference(&linked).collect();
-    assert!(more.is_empty() && fewer.is_empty(), "in the tree and not in the list: {more:?}; the reverse: {fewer:?}");
-    for name in ["parquet", "mcap", "serialport", "ratatui", "statrs", "indicatif", "isotherm-calibration"] {
-        assert!(!linked.contains(name), "{name}");
-    }
-}
 
 #[test]
 fn serve_check_and_status_are_those_of_isotherm() {
@@ -83,20 +58,4 @@ fn status_explains_late_increments() {
         "{status}"
     );
     service.terminate();
-}
-
-#[test]
-fn laboratory_files_are_refused_with_a_hint_to_isotherm() {
-    let domain = TestDomain::new();
-    for name in ["campaign/campaign.toml", "plan.toml"] {
-        let path = format!("{EXAMPLES}/{name}");
-        let output = domain.finish(domain.program("isothermd", &["check", &path]));
-        assert_eq!(output.status.code(), Some(64), "{name}");
-        assert!(text(&output.stderr).contains("`isotherm check` reads it"), "{}", text(&output.stderr));
-    }
-    // An unknown command is a usage error.
-    let output = domain.finish(domain.program("isothermd", &["calibrate"]));
-    assert_eq!(output.status.code(), Some(64));
-    assert!(text(&output.stderr).contains("unrecognized subcommand"), "{}", text(&output.stderr));
-    assert!(fs::read_dir(domain.path("")).unwrap().next().is_none(), "nothing is left");
 }
