@@ -1,7 +1,7 @@
 //! Messages to the service manager, and the detection of a worker that stands still.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{Needs, TABLE, TIMEOUT, TestDomain, recording, round_trip, skip, thread_of, wait_until};
+use isotherm_tests::{Needs, Process, TABLE, TIMEOUT, TestDomain, recording, round_trip, skip, thread_of, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
@@ -13,6 +13,17 @@ use std::time::{Duration, Instant};
 struct NotifySocket(UnixDatagram);
 
 impl NotifySocket {
+    /// Creates the socket and starts a service that notifies it.
+    fn of_service(domain: &TestDomain, watchdog_usec: &str) -> (Self, Process) {
+        domain.write("imu-a.toml", TABLE);
+        let path = domain.path("notify");
+        let socket = UnixDatagram::bind(&path).unwrap();
+        socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+        let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
+        command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", watchdog_usec);
+        (Self(socket), domain.start(command))
+    }
+
     /// Waits for a message with a line that begins with `text`, and gives the whole message.
     fn wait_for(&self, text: &str) -> String {
         let deadline = Instant::now() + TIMEOUT;
@@ -43,13 +54,7 @@ impl NotifySocket {
 #[test]
 fn the_service_manager_gets_states_and_watchdog_messages_while_all_workers_run() {
     let domain = TestDomain::new();
-    domain.write("imu-a.toml", TABLE);
-    let path = domain.path("notify");
-    let notify_socket = NotifySocket(UnixDatagram::bind(&path).unwrap());
-    notify_socket.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
-    let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
-    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "200000");
-    let service = domain.start(command);
+    let (notify_socket, service) = NotifySocket::of_service(&domain, "200000");
     notify_socket.wait_for("READY=1");
     notify_socket.wait_for("WATCHDOG=1");
     notify_socket.wait_for("STATUS=1 IMUs, 0 increments");
@@ -104,16 +109,11 @@ fn a_missing_notify_socket_is_logged_once() {
 #[test]
 fn a_full_notify_socket_blocks_nothing() {
     let domain = TestDomain::new();
-    domain.write("imu-a.toml", TABLE);
-    let path = domain.path("notify");
-    let notify_socket = NotifySocket(UnixDatagram::bind(&path).unwrap());
-    notify_socket.0.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
-    let mut command = domain.isotherm(&["serve", "--imu", "imu-a=imu-a.toml"]);
-    command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "2000");
-    let service = domain.start(command);
+    let (_notify_socket, service) = NotifySocket::of_service(&domain, "2000");
     service.wait_for_log("ready");
     let sender = UnixDatagram::unbound().unwrap();
     sender.set_nonblocking(true).unwrap();
+    let path = domain.path("notify");
     wait_until("the socket is full", || sender.send_to(b"", &path).is_err());
     let uptime = |status: serde_json::Value| status["uptime_s"].as_f64().unwrap();
     let full = uptime(domain.status());
