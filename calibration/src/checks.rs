@@ -448,7 +448,7 @@ impl Checker<'_> {
                     let line = blocks[worst].line;
                     let severity = if off[worst].abs() > MOVED { Severity::Fault } else { Severity::Warning };
                     let message = format!(
-                        "{} was not still: {:.1}e-6 g0 off the rest of the dwell from line {line} on; leave the rows or the dwell out",
+                        "{} was not still: {:.1}e-6 g0 off the rest of the dwell from this row on; leave the rows or the dwell out",
                         name,
                         off[worst] * 1e6
                     );

@@ -46,7 +46,7 @@ impl Cli {
 
     fn run(self) -> Result<(), Failure> {
         let domain = common::domain(self.domain.as_deref())?;
-        self.command.run(domain)
+        self.command.run(domain, Self::full_command())
     }
 }
 

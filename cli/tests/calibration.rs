@@ -229,3 +229,18 @@ fn an_interrupted_command_leaves_nothing_behind() {
         assert!(!begun(), "{signal} left a file");
     }
 }
+
+#[test]
+fn outliers_in_pieces_are_reported_by_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = |i: i32| format!("{i},{}\n", f64::from(i) * 0.5 + if i == 50 { 9.0 } else { 0.001 * f64::from(i % 3) });
+    let rows = |range: std::ops::Range<i32>| format!("x,y\n{}", range.map(row).collect::<String>());
+    fs::write(folder.path().join("p1.csv"), rows(0..30)).unwrap();
+    fs::write(folder.path().join("p2.csv"), rows(30..60)).unwrap();
+    let regress = ["regress", "p1.csv", "p2.csv", "--x", "x", "--y", "y", "--json"];
+    let (out, err) = run(folder.path(), 0, &regress);
+    let diagnostics = &serde_json::from_str::<Value>(&out).unwrap()["diagnostics"];
+    assert_eq!(diagnostics["outlier_lines"], serde_json::json!([22]), "{diagnostics}");
+    assert_eq!(diagnostics["outlier_places"], serde_json::json!(["p2.csv:22"]));
+    assert!(err.contains("line p2.csv:22"), "{err}");
+}

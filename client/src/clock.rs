@@ -37,7 +37,7 @@ pub fn unix_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
-/// Reads `CLOCK_MONOTONIC` for one thread. Any two of them, in any threads and processes, agree to within 0.1 us.
+/// Reads `CLOCK_MONOTONIC` for one thread. Any two clocks, in any threads and processes, agree to within 0.1 us.
 #[derive(Debug)]
 pub struct Clock {
     /// The last reading of both clocks; `None` if the counter is not used.

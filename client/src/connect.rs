@@ -122,7 +122,8 @@ pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
 /// Removes shared memory objects of `domain` whose creator died before it set their size.
 ///
 /// Such an object keeps mode 0200 for ever, and the transport waits for it without limit. An object counts as left behind
-/// when it is older than twice the transport's creation time-out; this waits until younger ones are complete or that old.
+/// when it is older than twice the transport's creation time-out. Waits until each younger object is complete or has reached this
+/// age.
 pub fn sweep_half_created(domain: &Domain) {
     let limit = 2 * CREATION_TIMEOUT;
     let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();

@@ -31,7 +31,7 @@ pub fn subscribers_of<T: IceoryxSend + fmt::Debug + ?Sized>(stream: &PortFactory
     pids
 }
 
-/// The depth of the service's queue of raw samples. The service's subscriber is the one of the node that publishes the
+/// The depth of the service's queue of raw samples. The service's subscriber belongs to the node that publishes the
 /// increments.
 pub fn depth_of(
     raw: &PortFactory<Ipc, RawSample, ()>,

@@ -87,8 +87,8 @@ fn free_shared_memory() -> Option<u64> {
 fn shared_memory_full(needed: u64) -> ConnectError {
     let kb = |bytes: u64| bytes.div_ceil(1024);
     ConnectError::Exhausted(format!(
-        "shared memory {SHARED_MEMORY} is full: {} kB free, {} kB needed; remove what is not needed there (`isotherm clean` what a domain \
-         has left), or enlarge it (mount -o remount,size=..)",
+        "shared memory {SHARED_MEMORY} is full: {} kB free, {} kB needed; remove what is not needed there (`isotherm clean` removes what a \
+         domain has left), or enlarge it (mount -o remount,size=..)",
         kb(free_shared_memory().unwrap_or(0)),
         kb(needed)
     ))

@@ -1,9 +1,9 @@
 //! The demonstration as a separate program, which builds in a fraction of the time of `isotherm`.
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use isotherm_demo::Demo;
 use isotherm_service::commands::serve::Serve;
-use isotherm_service::commands::{domain, exit_code};
+use isotherm_service::commands::{domain, exit_code, finish};
 use std::process::ExitCode;
 
 /// Isotherm's demonstration: `isotherm demo` without the other commands
@@ -32,7 +32,8 @@ enum DemoCommand {
 
 fn main() -> ExitCode {
     exit_code("isotherm-demo", || {
-        let DemoProgram { domain: name, command } = DemoProgram::try_parse()?;
+        let command = finish(DemoProgram::command().long_version(isotherm_version::LONG_VERSION), "isotherm-demo");
+        let DemoProgram { domain: name, command } = DemoProgram::from_arg_matches(&command.try_get_matches()?)?;
         Ok(domain(name.as_deref()).and_then(|domain| match command {
             DemoCommand::Demo(demo) => demo.run(domain),
             DemoCommand::Serve(serve) => serve.run(&domain),

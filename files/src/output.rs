@@ -198,7 +198,7 @@ pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
     let body = move || {
         for signal in signals.forever() {
             for path in unfinished().drain(..) {
-                // This fails if the file has already been renamed, which is right.
+                // Fails if the file was already renamed; then nothing must be removed.
                 let _ = fs::remove_file(path);
             }
             // Ends the process as the signal would have.

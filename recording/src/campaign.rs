@@ -77,7 +77,7 @@ impl<R: Read> CampaignCsvReader<R> {
             set_point_c: rows.parse(&self.set_point, "the chamber's set point in degC", finite)?,
             position: rows.parse(
                 &self.position,
-                "the number of a position, or nothing while the table moves",
+                "the number of a position, or nothing while the turntable moves",
                 number,
             )?,
             sample,

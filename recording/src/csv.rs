@@ -141,15 +141,13 @@ impl<R: Read> Rows<R> {
         if missing.is_empty() {
             Ok(found.into_iter().flatten().collect())
         } else {
-            let missing = missing.join(", ");
-            Err(self.error(format!("missing columns: {missing}; found: {}; {hint}", self.names())))
+            Err(self.error(missing_columns(&missing, self.names(), hint)))
         }
     }
 
-    /// The names of the columns of the header, which must be the current row, for a message.
-    fn names(&self) -> String {
-        let names = (0..self.len()).map(|index| String::from_utf8_lossy(self.field(index)).into_owned());
-        list_columns(names)
+    /// The names of the columns of the header, which must be the current row.
+    fn names(&self) -> impl Iterator<Item = String> {
+        (0..self.len()).map(|index| String::from_utf8_lossy(self.field(index)).into_owned())
     }
 
     /// Finds a column in the header, which must be the current row.
@@ -251,8 +249,18 @@ impl<R: Read> Rows<R> {
     }
 }
 
+/// The message about columns that a file lacks: those `missing`, those `found`, and `hint`. A file of increments where raw samples
+/// are wanted is recognised.
+pub fn missing_columns(missing: &[&str], found: impl IntoIterator<Item = String>, hint: &str) -> String {
+    let found: Vec<_> = found.into_iter().collect();
+    let is_increments = found.iter().any(|name| name == "a1_dv") && missing.contains(&"a1_positive");
+    let hint = if is_increments { "these are increments; give the file of the raw samples" } else { hint };
+    let separator = if hint.is_empty() { "" } else { "; " };
+    format!("missing columns: {}; found: {}{separator}{hint}", missing.join(", "), list_columns(found))
+}
+
 /// Lists names of columns for a message: a limited number, each shortened if it is long, control characters escaped.
-pub fn list_columns(names: impl IntoIterator<Item = String>) -> String {
+fn list_columns(names: impl IntoIterator<Item = String>) -> String {
     const MAX_NAMES: usize = 40;
     const MAX_LENGTH: usize = 40;
     let mut names: Vec<_> = names.into_iter().collect();

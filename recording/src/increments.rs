@@ -1,7 +1,14 @@
 //! Increments in CSV.
 
+use crate::columns::INCREMENT;
 use isotherm_shared::wire::{CompensatedIncrement, Flags};
 use std::io::{self, Write};
+
+/// Columns of the increments that `feed` and `replay` write. A column `delivery` may follow.
+pub const CSV_COLUMNS: [&str; 8] = {
+    let [_, _, sequence, timestamp, interval, a1, a2, a3, table, flags, ..] = INCREMENT;
+    [sequence.name, timestamp.name, interval.name, a1.name, a2.name, a3.name, table.name, flags.name]
+};
 
 /// Writes increments as CSV. Floats have the shortest form that reads back as the same double.
 pub struct IncrementCsvWriter<W> {
@@ -16,7 +23,7 @@ impl<W: Write> IncrementCsvWriter<W> {
     /// Those of the sink.
     pub fn new(mut sink: W, delivery: bool) -> io::Result<Self> {
         let last = if delivery { ",delivery" } else { "" };
-        writeln!(sink, "sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags{last}")?;
+        writeln!(sink, "{}{last}", CSV_COLUMNS.join(","))?;
         Ok(Self { sink, delivery })
     }
 

@@ -19,5 +19,5 @@ pub mod rows;
 
 pub use campaign::{CampaignCsvReader, CampaignRow};
 pub use error::RecordingError;
-pub use increments::IncrementCsvWriter;
+pub use increments::{CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter};
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

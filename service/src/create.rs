@@ -145,8 +145,8 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     )
 }
 
-/// Removes the files of two kinds of services: those that are still unreadable long after their creation began, and those whose
-/// shared memory is gone. A process that removes a service removes its memory first; it was killed before it removed the file.
+/// Removes a service's file if it is still unreadable long after its creation began, or if its shared memory is gone: a process
+/// that removes a service removes the memory first, and this one was killed before it removed the file.
 /// The transport has already waited for its time-out when this is called.
 fn remove_half_created(domain: &Domain) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());

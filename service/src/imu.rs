@@ -95,11 +95,11 @@ pub struct ImuState {
     pub refusals: u64,
     /// Why the current file is not in force.
     pub last_error: Option<Refused>,
-    /// For counting who is connected.
+    /// The open raw stream: to count the acquisition.
     pub raw: PortFactory<Ipc, RawSample, ()>,
-    /// For counting who is connected.
+    /// The open increment stream: to count the readers.
     pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
-    /// For finding the ports of dead processes.
+    /// The open wake stream: to find the ports of dead processes.
     pub wake: event::PortFactory<Ipc>,
     /// Latency in the last second and in the last minute.
     pub windows: Windows,

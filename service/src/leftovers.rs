@@ -30,8 +30,8 @@ use tracing::{debug, error, info};
 /// So many searches in a row must find a process dead before its leftovers are removed.
 const PASSES: u32 = 3;
 
-/// Makes the transport use the domain's configuration for dead processes that have left none. Otherwise it would read a
-/// configuration from the current directory, search another domain, and not remove what they have left in this one.
+/// Makes the transport use the domain's configuration for dead processes whose own configuration file is missing. Otherwise the
+/// transport would read a configuration from the current directory, search another domain, and not clean up this one.
 pub fn use_domain_config(domain: &Domain) {
     let set = || -> Option<()> {
         let text = toml::to_string(&domain.config().ok()?).ok()?;

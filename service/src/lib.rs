@@ -21,11 +21,11 @@ mod windows;
 pub mod worker;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use commands::check::{Check, FileKind};
+use commands::check::Check;
 use commands::serve::Serve;
 use commands::status::Status;
 use isotherm_failure::{Exit, Failure};
-use isotherm_shared::document::Document;
+use isotherm_shared::kind::FileKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -63,24 +63,17 @@ impl Daemon {
         let domain = commands::domain(self.domain.as_deref())?;
         match self.command {
             DaemonCommand::Serve(serve) => serve.run(&domain),
-            DaemonCommand::Check(check) => check.run(&[LABORATORY_FILE]),
+            DaemonCommand::Check(check) => check.run(laboratory_file),
             DaemonCommand::Status(status) => status.run(domain),
         }
     }
 }
 
-/// Files of the laboratory. This program recognises them but does not read them.
-const LABORATORY_FILE: FileKind = FileKind {
-    name: "a campaign file or a campaign plan",
-    mark: "[chamber] or [[position]]",
-    is_meant: |document: &Document<'_>| {
-        ["chamber", "position", "samples", "gravity_reference"].iter().any(|key| document.has(key))
-    },
-    check: |_, path: &Path| {
-        let message = "a campaign file or plan; `isotherm check` reads it";
-        Err(Failure::new(Exit::Usage, format!("{}: {message}", path.display())))
-    },
-};
+/// Files of the laboratory: this program recognises them but does not read them.
+fn laboratory_file(kind: FileKind, _: &str, path: &Path) -> Result<String, Failure> {
+    let message = format!("{}: {}; `isotherm check` reads it", path.display(), kind.name());
+    Err(Failure::new(Exit::Usage, message))
+}
 
 /// The program `isothermd`: runs the command of the process's command line. `--version` prints `long_version` after the name.
 #[must_use]

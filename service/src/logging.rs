@@ -24,7 +24,7 @@ pub enum LogFormat {
 /// `ISOTHERM_LOG=debug,iceoryx2_bb_loggers=warn`.
 pub fn start(format: LogFormat) {
     let requested = env::var("ISOTHERM_LOG").ok().and_then(|filter| filter.parse::<Targets>().ok());
-    // The transport has its own level, and passes on no record below it.
+    // The transport filters by its own level before it hands records on.
     set_log_level(if requested.is_some() { LogLevel::Trace } else { LogLevel::Warn });
     let filter = requested.unwrap_or_else(|| Targets::new().with_default(Level::INFO));
     // A line that cannot be written, for example to a full disk or a closed pipe, is lost; the service continues.

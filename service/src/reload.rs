@@ -205,7 +205,7 @@ mod tests {
         let marker = folder.path().join("marker");
         fs::write(&marker, TABLE).unwrap();
         fs::rename(&marker, &table).unwrap();
-        // Events come in order: if the event of another file were passed on, it would come first.
+        // Events arrive in order, so a wrong event would arrive before this one.
         assert_eq!(names.recv_timeout(Duration::from_secs(20)).unwrap(), "imu-a.toml");
         drop(half);
     }

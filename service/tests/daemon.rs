@@ -48,6 +48,13 @@ fn laboratory_files_are_refused_with_a_hint_to_isotherm() {
 }
 
 #[test]
+fn a_remedy_names_this_program() {
+    let output = isothermd(&["status"]);
+    assert_eq!(output.status.code(), Some(69));
+    assert!(text(&output.stderr).contains("start one with `isothermd serve --domain"), "{}", text(&output.stderr));
+}
+
+#[test]
 fn an_unknown_command_is_a_usage_error() {
     let output = isothermd(&["calibrate"]);
     assert_eq!(output.status.code(), Some(64));

@@ -104,7 +104,7 @@ impl<'a> Document<'a> {
     pub fn parse_as(text: &'a str, wanted: &str) -> Result<Self, Faults> {
         Self::parse(text).map_err(|faults| match is_csv(text) {
             true => {
-                let message = format!("this is comma-separated data (CSV), not TOML; {wanted}");
+                let message = format!("this is CSV data, not TOML; {wanted}");
                 Faults(vec![Fault { line: 1, key: String::new(), message }])
             }
             false => faults,
@@ -453,17 +453,21 @@ fn numbers_of(value: &DeValue<'_>) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(|item| number_of(item.get_ref())).collect()
 }
 
-/// Whether a text that is not TOML looks like CSV with a header row: names separated by commas, and a next row with as many
-/// values.
+/// Whether a text that is not TOML looks like CSV with a header row: names separated by commas, semicolons or tabs, and a next
+/// row with as many values.
 fn is_csv(text: &str) -> bool {
+    [',', ';', '\t'].into_iter().any(|separator| is_separated(text, separator))
+}
+
+fn is_separated(text: &str, separator: char) -> bool {
     let mut lines = text.trim_start_matches('\u{feff}').lines().filter(|line| !line.trim().is_empty());
     let name = |field: &str| {
         let field = field.trim().trim_matches('"');
         !field.is_empty() && field.chars().all(|c| c.is_alphanumeric() || "_-. []/".contains(c))
     };
     let Some(header) = lines.next() else { return false };
-    let count = |line: &str| line.split(',').count();
-    count(header) > 1 && header.split(',').all(name) && lines.next().is_none_or(|row| count(row) == count(header))
+    let count = |line: &str| line.split(separator).count();
+    count(header) > 1 && header.split(separator).all(name) && lines.next().is_none_or(|row| count(row) == count(header))
 }
 
 #[cfg(test)]
@@ -517,17 +521,15 @@ mod tests {
 
     #[test]
     fn a_recording_is_recognised_where_toml_is_wanted() {
-        for text in ["a,b\n1,2\n", "\u{feff}\"set_point_c\",a1_head\r\n-25,1.5\r\n", "a,b,c\n"] {
+        for text in
+            ["a,b\n1,2\n", "\u{feff}\"set_point_c\",a1_head\r\n-25,1.5\r\n", "a,b,c\n", "a;b\n1,5;2\n", "a\tb\n1\t2\n"]
+        {
             let faults = Document::parse_as(text, "give the table").err().unwrap();
-            assert_eq!(
-                faults.to_string(),
-                "line 1: this is comma-separated data (CSV), not TOML; give the table",
-                "{text}"
-            );
+            assert_eq!(faults.to_string(), "line 1: this is CSV data, not TOML; give the table", "{text}");
         }
         for text in ["a = [1, 2\nb = 3\n", "x, y = 1\n", "", "name\nvalue\n", "a,b\n1\n", "key = \"a,b\nc,d\n"] {
             let faults = Document::parse_as(text, "give the table").err();
-            assert!(faults.is_none_or(|faults| !faults.to_string().contains("comma-separated")), "{text}");
+            assert!(faults.is_none_or(|faults| !faults.to_string().contains("CSV")), "{text}");
         }
     }
 }

@@ -21,6 +21,7 @@
 
 pub mod compensate;
 pub mod document;
+pub mod kind;
 pub mod lanes;
 pub mod polynomial;
 pub mod recycled;

@@ -414,3 +414,28 @@ fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
     assert!(success, "{log}");
     laboratory.assert_complete(12);
 }
+
+/// The live page has the curves that the runner keeps. It does not read the readbacks again, which grow for days.
+#[test]
+fn the_live_page_has_the_earlier_curves_when_the_readbacks_are_truncated() {
+    let laboratory = one_set_point();
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 1);
+    let rows = || text(&laboratory.file("readbacks.csv")).lines().count() - 1;
+    // No row is written between counting and truncation.
+    runner.stop();
+    let earlier = rows();
+    let header = laboratory.file("readbacks.csv").iter().position(|byte| *byte == b'\n').unwrap() + 1;
+    let file = fs::File::options().write(true).open(laboratory.domain.path("station/campaign/readbacks.csv")).unwrap();
+    file.set_len(header as u64).unwrap();
+    runner.resume();
+    let (success, log) = wait_for_end(runner);
+    assert!(success, "{log}");
+    let later = rows();
+    assert!(earlier > 2 && later > 2, "{earlier} {later}");
+    let page = text(&laboratory.file("live.html"));
+    assert!(page.contains("all data are taken"));
+    let series = format!("Series: air ({0} points), set point ({0} points)", earlier + later);
+    let found: Vec<_> = page.split("<desc>").skip(1).filter_map(|figure| figure.split("</desc>").next()).collect();
+    assert!(found.contains(&series.as_str()), "{earlier} + {later} rows, but {found:?}");
+}

@@ -1,7 +1,12 @@
 //! `isothermd`, the program for a vehicle: its commands behave as those of `isotherm`.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{RUN, TABLE, TestDomain, recording, round_trip, text};
+use iceoryx2::config::Config;
+use iceoryx2::node::NodeBuilder;
+use iceoryx2::prelude::{CallbackProgression, FilePath, SemanticString as _, Service as _, ipc};
+use isotherm_shared::stream::status_name;
+use isotherm_tests::{RUN, TABLE, TestDomain, recording, round_trip, text, wait_until};
+use serde_json::Value;
 
 #[test]
 fn serve_check_and_status_are_those_of_isotherm() {
@@ -15,12 +20,19 @@ fn serve_check_and_status_are_those_of_isotherm() {
     let replayed = domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
     assert_eq!(domain.run_ok(&["feed", "--imu", "imu-a", RUN]), replayed);
     domain.write("bad.toml", &TABLE.replace("gravity_reference", "gravity"));
+    // Both recognise the same kinds of files.
+    domain.write("unknown.toml", "key = 1\n");
+    domain.write("plan.toml", "limits = 3\n[[imu]]\n");
+    domain.write("campaign.toml", "samples = \"campaign.csv\"\nformat = 1\n");
     for arguments in [
         &["status"][..],
         &["status", "--iceoryx2"],
         &["check", "imu-a.toml"],
         &["check", "bad.toml"],
         &["check", "nothing.toml"],
+        &["check", "unknown.toml"],
+        &["check", "--seal", "plan.toml"],
+        &["check", "--seal", "campaign.toml"],
         &["serve", "--imu", "imu-b=bad.toml"],
         &["serve", "--config", "nothing.toml"],
         &["serve", "--help"],
@@ -38,6 +50,39 @@ fn serve_check_and_status_are_those_of_isotherm() {
         assert_eq!(daemon, isotherm, "{arguments:?}");
         assert!(!daemon.1.is_empty(), "{arguments:?}");
     }
+    service.terminate();
+}
+
+/// As the program `iox2` does: with iceoryx2's own type of service, and nothing of the client library.
+#[test]
+fn iceoryx2_joins_a_running_domain_with_the_configuration_that_status_prints() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let file = domain.write("iceoryx2.toml", &domain.run_ok(&["status", "--iceoryx2"]));
+    let config = Config::from_file(&FilePath::new(file.as_os_str().as_encoded_bytes()).unwrap()).unwrap();
+
+    let mut names = Vec::new();
+    ipc::Service::list(&config, |found| {
+        names.push(found.static_details.name().to_string());
+        CallbackProgression::Continue
+    })
+    .unwrap();
+    names.sort_unstable();
+    assert_eq!(names, ["isotherm/imu-a/increment", "isotherm/imu-a/raw", "isotherm/imu-a/wake", "isotherm/status"]);
+
+    let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
+    let stream = node.service_builder(&status_name()).publish_subscribe::<[u8]>().open().unwrap();
+    let subscriber = stream.subscriber_builder().create().unwrap();
+    let mut status = Value::Null;
+    wait_until("a status", || {
+        let sample = subscriber.receive().unwrap();
+        sample.is_some_and(|sample| {
+            status = serde_json::from_slice(&sample).unwrap();
+            true
+        })
+    });
+    assert_eq!((&status["pid"], &status["imus"][0]["id"]), (&Value::from(service.pid()), &Value::from("imu-a")));
+    drop((subscriber, stream, node));
     service.terminate();
 }
 

@@ -221,7 +221,7 @@ fn regress_reads_every_format_and_pieces_in_any_order() {
 fn a_fault_is_reported_with_the_piece_that_has_it() {
     let domain = TestDomain::new();
     let run = CsvContent::of(&fs::read_to_string(RUN).unwrap());
-    domain.write("imu-a.toml", TABLE);
+    let service = domain.serve_recording();
     run.part(0, 500).write(&domain.path("one.parquet"));
     run.part(500, 1000).write(&domain.path("two.csv"));
     run.part(900, 1400).write(&domain.path("over.csv"));
@@ -244,12 +244,94 @@ fn a_fault_is_reported_with_the_piece_that_has_it() {
         (&["lacking.parquet"], 65, columns),
         (&["lacking.mcap"], 65, "missing columns: interval_ns; found: "),
     ] {
-        for command in [&["replay", "--table", "imu-a.toml"][..], &["verify", "--table", "imu-a.toml"]] {
-            let output = domain.run(&[command, files].concat());
-            let stderr = text(&output.stderr);
-            assert_eq!(output.status.code(), Some(code), "{command:?} {files:?}: {stderr}");
-            assert!(stderr.contains(cause), "{command:?} {files:?}: {stderr}, not {cause}");
+        for command in [
+            &["replay", "--table", "imu-a.toml"][..],
+            &["verify", "--table", "imu-a.toml"],
+            &["feed", "--imu", "imu-a", "--timeout", "20"],
+        ] {
+            assert_refused(&domain, &[command, files].concat(), code, cause);
         }
+    }
+    service.terminate();
+}
+
+/// Asserts that a command fails with this exit code and a message that contains `cause`.
+fn assert_refused(domain: &TestDomain, arguments: &[&str], code: i32, cause: &str) {
+    let output = domain.run(arguments);
+    let stderr = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+    assert!(stderr.contains(cause), "{arguments:?}: {stderr}, not {cause}");
+}
+
+/// The column with this name.
+fn column(content: &CsvContent, name: &str) -> usize {
+    content.names.iter().position(|other| other == name).unwrap()
+}
+
+/// Writes a third of the rows as `one.parquet` and a third as `three.mcap`. The third between them is returned.
+fn outer_thirds(domain: &TestDomain, csv: &str) -> CsvContent {
+    let all = CsvContent::of(csv);
+    let third = all.rows.len() / 3;
+    all.part(0, third).write(&domain.path("one.parquet"));
+    all.part(2 * third, all.rows.len()).write(&domain.path("three.mcap"));
+    all.part(third, 2 * third)
+}
+
+#[test]
+fn calibrate_reports_a_fault_with_the_piece_that_has_it() {
+    let domain = TestDomain::new();
+    let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
+    let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
+    let middle = outer_thirds(&domain, &samples);
+    domain.write("campaign.toml", &campaign.replace("imu-paper", "imu-a"));
+    for (name, value, piece, cause) in [
+        // A field that is no number, a position that the campaign file does not have, and a temperature unlike the others.
+        ("a1_head", "warm", "bad.csv", "bad.csv:9: a1_head is \"warm\", give a number"),
+        ("position", "99", "bad.csv", "bad.csv:9: set point 0 degC, position 99: no such position"),
+        ("position", "99", "bad.parquet", "bad.parquet: row 8: set point 0 degC, position 99: no such position"),
+        ("a1_head", "9.9", "bad.csv", "bad.csv:9: set point 0 degC, position 1: a1_head runs from "),
+        ("a1_head", "9.9", "bad.parquet", "bad.parquet: row 8: set point 0 degC, position 1: a1_head runs from "),
+        ("a1_head", "9.9", "bad.mcap", "bad.mcap: message 8: set point 0 degC, position 1: a1_head runs from "),
+    ] {
+        let mut bad = middle.part(0, middle.rows.len());
+        let column = column(&bad, name);
+        bad.rows[7][column] = value.to_owned();
+        bad.write(&domain.path(piece));
+        for files in [["one.parquet", piece, "three.mcap"], ["three.mcap", "one.parquet", piece]] {
+            let command = ["calibrate", "campaign.toml", "-o", "table.toml"];
+            assert_refused(&domain, &[&command[..], &files].concat(), 65, cause);
+            assert!(!domain.path("table.toml").exists(), "{files:?}");
+        }
+    }
+}
+
+#[test]
+fn regress_reports_a_fault_and_an_outlier_with_the_piece_that_has_it() {
+    let domain = TestDomain::new();
+    let middle = outer_thirds(&domain, &fs::read_to_string(format!("{EXAMPLES}/cubic.csv")).unwrap());
+    let with_y = |y: &str, piece: &str| {
+        let mut changed = middle.part(0, middle.rows.len());
+        changed.rows[3][1] = y.to_owned();
+        changed.write(&domain.path(piece));
+    };
+    with_y("low", "bad.csv");
+    ["far.csv", "far.parquet"].iter().for_each(|piece| with_y("1e200", piece));
+    ["out.csv", "out.parquet", "out.mcap"].iter().for_each(|piece| with_y("136000", piece));
+    let command = |piece| ["regress", "--x", "x", "--y", "y", "one.parquet", piece, "three.mcap"];
+    for (piece, cause) in [
+        ("bad.csv", "bad.csv:5: y is \"low\", give a finite number"),
+        ("far.csv", "far.csv:5: y is "),
+        ("far.parquet", "far.parquet: row 4: y is "),
+    ] {
+        assert_refused(&domain, &command(piece), 65, cause);
+    }
+    for (piece, place) in
+        [("out.csv", "out.csv:5"), ("out.parquet", "out.parquet: row 4"), ("out.mcap", "out.mcap: message 4")]
+    {
+        let output = domain.run(&command(piece));
+        let stderr = text(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        assert!(stderr.contains(&format!("but kept: line {place}; look at them")), "{piece}: {stderr}");
     }
 }
 

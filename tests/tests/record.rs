@@ -2,7 +2,7 @@
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Acquisition, RawSample};
-use isotherm_tests::{Process, RUN, TIMEOUT, TestDomain, may_mount, recording, text, wait_until};
+use isotherm_tests::{Process, RUN, TABLE, TIMEOUT, TestDomain, may_mount, recording, text, wait_until};
 use rustix::process::Signal;
 use std::fs;
 use std::path::Path;
@@ -250,8 +250,8 @@ fn what_cannot_be_recorded_is_refused_at_once() {
 #[test]
 fn several_imus_and_standard_output() {
     let domain = TestDomain::new();
-    domain.write("imu-a.toml", isotherm_tests::TABLE);
-    domain.write("b.toml", &isotherm_tests::TABLE.replace("imu-a", "imu-b"));
+    domain.write("imu-a.toml", TABLE);
+    domain.write("b.toml", &TABLE.replace("imu-a", "imu-b"));
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=b.toml"]);
     let both = ["record", "--imu", "imu-a", "--imu", "imu-b", "--flush", "0.05", "-o"];
     let mcap = domain.spawn(&[&both[..], &["all.mcap"]].concat());
@@ -354,4 +354,47 @@ fn a_full_disk_stops_the_recording_until_there_is_room() {
         assert!(!Path::new(&inside).exists());
         service.terminate();
     }
+}
+
+#[test]
+fn pieces_of_different_imus_are_refused() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", TABLE);
+    domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"]);
+    for format in ["parquet", "mcap"] {
+        let output = format!("{{imu}}.{format}");
+        let recorder = record(&domain, &["--imu", "imu-b", "-o", &output, "--stream", "raw"]);
+        recorder.wait_for_log_lines("recording imu-", 2);
+        for imu in ["imu-a", "imu-b"] {
+            domain.run_ok(&["feed", "--imu", imu, shortened(&domain, 20)]);
+        }
+        end(recorder);
+        let (a, b) = (format!("imu-a.{format}"), format!("imu-b.{format}"));
+        assert_eq!(rows(&domain, &a), 20);
+        for pieces in [[&a, &b], [&b, &a]] {
+            let output = domain.run(&["replay", "--table", "imu-a.toml", pieces[0], pieces[1]]);
+            assert_eq!(output.status.code(), Some(65), "{pieces:?}");
+            let cause = format!("{} is of imu-", pieces[1]);
+            assert_contains(&text(&output.stderr), &cause);
+            assert_contains(&text(&output.stderr), "give the pieces of one IMU");
+        }
+    }
+    service.terminate();
+}
+
+#[test]
+fn a_file_of_increments_is_recognised_where_raw_samples_are_wanted() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    for format in ["csv", "parquet"] {
+        let recorder = record(&domain, &["-o", &format!("flight.{format}")]);
+        recorder.wait_for_log("recording imu-a");
+        domain.run_ok(&["feed", "--imu", "imu-a", shortened(&domain, 20)]);
+        end(recorder);
+        let output = domain.run(&["replay", "--table", "imu-a.toml", &format!("flight.increments.{format}")]);
+        assert_eq!(output.status.code(), Some(65));
+        assert_contains(&text(&output.stderr), "these are increments; give the file of the raw samples");
+    }
+    service.terminate();
 }

@@ -6,8 +6,9 @@
 //! periods as fit into it. Each angle of each dwell has a random error.
 
 use super::imu::SimulatedImu;
+use super::model::{Chain, Noise, Truth};
+use super::random::RandomGenerator;
 use super::turntable::specific_force;
-use super::{Chain, Noise, RandomGenerator, Truth};
 use crate::positions::{Position, Scheme};
 use core::fmt::Write as _;
 use isotherm_shared::wire::{AXES, RawSample};

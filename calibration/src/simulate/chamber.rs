@@ -10,7 +10,8 @@
 //! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 (steady state)
 //! ```
 
-use super::{Chain, RandomGenerator};
+use super::model::Chain;
+use super::random::RandomGenerator;
 use core::f64::consts::TAU;
 
 /// Random stream of the oscillation's phase, which is its first number, and of the offsets of each visit.

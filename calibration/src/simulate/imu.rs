@@ -12,7 +12,8 @@
 //! negative pulse and adds 1/|K-|. So over any time N+/K+ + N-/K- is the integral of x to within one pulse.
 
 use super::chamber::{SLOW_STREAM, SimulatedChamber};
-use super::{Chain, Noise, RandomGenerator, Truth};
+use super::model::{Chain, Noise, Truth};
+use super::random::RandomGenerator;
 use core::f64::consts::TAU;
 use isotherm_shared::table::Axis;
 use isotherm_shared::wire::{AXES, RawSample};

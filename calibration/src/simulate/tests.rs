@@ -1,7 +1,9 @@
 use super::*;
 use crate::positions::Scheme;
 use isotherm_shared::compensate::compensate;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::table::{CoefficientTable, Content};
+use isotherm_shared::wire::{AXES, RawSample};
+use nalgebra::Matrix3;
 
 const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
 /// Upper limit of a pulse of any axis \[g0*s\].

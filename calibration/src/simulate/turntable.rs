@@ -12,7 +12,7 @@
 //! f = g_local/g0 * R' u,    u = (-ty, tx, 1) / |(-ty, tx, 1)|                                                  [g0]
 //! ```
 
-use super::Truth;
+use super::model::Truth;
 use crate::positions::Position;
 use core::f64::consts::TAU;
 use isotherm_shared::wire::AXES;

@@ -1,6 +1,6 @@
 //! `calibrate`: makes a coefficient table from a campaign.
 
-use super::inputs;
+use super::common::inputs;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};

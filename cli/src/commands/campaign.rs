@@ -1,6 +1,6 @@
 //! `campaign`: the automatic campaign.
 
-use super::options;
+use super::common::options;
 use crate::parse::{over_0, seconds};
 use clap::{Args, Subcommand};
 use isotherm_campaign::control::{self, Lock, runner_pid, snapshot};
@@ -24,7 +24,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
 
-/// Drive chamber and two-axis table through a campaign, and take its samples
+/// Drive chamber and two-axis turntable through a campaign, and take its samples
 ///
 /// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw stream; the
 /// folder that it writes is what `isotherm calibrate` reads.
@@ -48,7 +48,7 @@ enum CampaignAction {
 
 /// Run the campaign, or go on with the first dwell that is missing
 ///
-/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: table stopped, chamber in standby. Run it
+/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: turntable stopped, chamber in standby. Run it
 /// again to go on.
 #[derive(Debug, Args)]
 #[command(
@@ -67,8 +67,7 @@ struct RunCampaign {
     /// Give the table an alignment matrix, from the misalignments
     #[arg(long, requires = "calibrate")]
     alignment: bool,
-    /// The laboratory is simulated and runs N times faster: all waits of the plan are divided by it, time-outs of the lines are
-    /// not
+    /// Speed of a simulated laboratory: the waits of the plan are divided by N, the time-outs of the lines are not
     #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
     speed: f64,
     /// Log lines for people or for machines; on a terminal there are bars instead

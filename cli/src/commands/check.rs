@@ -5,19 +5,20 @@ use isotherm_calibration::campaign::Campaign;
 use isotherm_campaign::plan::Plan;
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::LoadError;
-use isotherm_service::commands::check::FileKind;
+use isotherm_shared::kind::FileKind;
 use std::path::Path;
 
-/// The plan is tried first, because it may have positions like a campaign.
-pub const KINDS: [FileKind; 2] = [
-    FileKind { name: "a campaign plan", mark: "[chamber]", is_meant: Plan::is_meant, check: plan },
-    FileKind {
-        name: "a campaign",
-        mark: "[[position]]",
-        is_meant: |document| ["position", "samples", "gravity_reference"].iter().any(|key| document.has(key)),
-        check: campaign,
-    },
-];
+/// Validates a file of the laboratory.
+pub fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Failure> {
+    match kind {
+        FileKind::Plan => plan(text, path),
+        FileKind::Campaign => campaign(text, path),
+        FileKind::Configuration | FileKind::Table => Err(Failure::new(
+            Exit::Usage,
+            format!("{}: {} is not a file of the laboratory", path.display(), kind.name()),
+        )),
+    }
+}
 
 fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     let plan = Plan::from_toml(text, path.parent().unwrap_or(Path::new("")));

@@ -1,6 +1,6 @@
 //! `feed`: sends a recording as an acquisition process does.
 
-use super::{inputs, options};
+use super::common::{inputs, options};
 use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;

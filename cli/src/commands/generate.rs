@@ -1,6 +1,5 @@
 //! `completions` and `man`: generated from the definition of the command line.
 
-use crate::Cli;
 use clap::Args;
 use clap_complete::Shell;
 use isotherm_failure::{Exit, Failure};
@@ -19,9 +18,9 @@ pub struct Completions {
 }
 
 impl Completions {
-    pub fn run(self) -> Result<(), Failure> {
+    pub fn run(self, mut program: clap::Command) -> Result<(), Failure> {
         let mut text = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::full_command(), "isotherm", &mut text);
+        clap_complete::generate(self.shell, &mut program, "isotherm", &mut text);
         check_written(None, io::stdout().write_all(&text))
     }
 }
@@ -38,14 +37,14 @@ pub struct Man {
 }
 
 impl Man {
-    pub fn run(self) -> Result<(), Failure> {
+    pub fn run(self, program: clap::Command) -> Result<(), Failure> {
         let Some(folder) = self.output else {
             let mut text = Vec::new();
-            let rendered = clap_mangen::Man::new(Cli::full_command()).render(&mut text);
+            let rendered = clap_mangen::Man::new(program).render(&mut text);
             return check_written(None, rendered.and_then(|()| io::stdout().write_all(&text)));
         };
         let made = std::fs::create_dir_all(&folder);
-        let made = made.and_then(|()| clap_mangen::generate_to(Cli::full_command(), &folder));
+        let made = made.and_then(|()| clap_mangen::generate_to(program, &folder));
         made.map_err(|error| Failure::new(Exit::Io, format!("writing manual pages to {}: {error}", folder.display())))
     }
 }

@@ -4,6 +4,7 @@ mod calibrate;
 mod campaign;
 mod check;
 mod clean;
+mod common;
 mod feed;
 mod generate;
 mod record;
@@ -15,17 +16,13 @@ mod top;
 mod verify;
 
 use clap::Subcommand;
-use isotherm_client::{Domain, ImuId, Options};
+use isotherm_client::Domain;
 use isotherm_demo::Demo;
 use isotherm_failure::Failure;
 use isotherm_files::remove_unfinished_on_signals;
-use isotherm_recording_formats::read::ImuChoice;
 use isotherm_service::commands::check::Check;
 use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
-use isotherm_shared::table::CoefficientTable;
-use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// Commands that join no domain.
 pub const WITHOUT_DOMAIN: [&str; 13] = [
@@ -67,17 +64,17 @@ pub enum Command {
 }
 
 impl Command {
-    /// Runs the command.
+    /// Runs the command. `program` is the definition of the whole command line, for completions and manual pages.
     ///
     /// # Errors
     /// The failure names phase, cause and remedy, and has the exit code.
-    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+    pub fn run(self, domain: Domain, program: clap::Command) -> Result<(), Failure> {
         if self.writes_and_ends() {
             remove_unfinished_on_signals()?;
         }
         match self {
             Self::Serve(serve) => serve.run(&domain),
-            Self::Check(check) => check.run(&check::KINDS),
+            Self::Check(check) => check.run(check::laboratory_file),
             Self::Status(status) => status.run(domain),
             Self::Top(top) => top.run(domain),
             Self::Demo(demo) => demo.run(domain),
@@ -91,8 +88,8 @@ impl Command {
             Self::Campaign(campaign) => campaign.run(domain),
             Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
-            Self::Completions(completions) => completions.run(),
-            Self::Man(man) => man.run(),
+            Self::Completions(completions) => completions.run(program),
+            Self::Man(man) => man.run(program),
         }
     }
 
@@ -104,18 +101,4 @@ impl Command {
             _ => false,
         }
     }
-}
-
-fn options(domain: Domain, timeout: Duration) -> Options {
-    Options { domain, timeout }
-}
-
-/// The files of a recording, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes them.
-fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
-    recording.iter().map(|path| (path.as_path(), "the recording")).collect()
-}
-
-/// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.
-fn choice(imu: Option<ImuId>, table: &CoefficientTable) -> ImuChoice {
-    imu.map_or_else(|| ImuChoice::Prefer(table.content().imu.clone()), ImuChoice::Only)
 }

@@ -1,6 +1,6 @@
 //! `record`: writes the streams of running IMUs into files.
 
-use super::options;
+use super::common::options;
 use crate::parse::seconds;
 use crate::recorder::{Recorder, Streams, file_failure, remove};
 use clap::Args;

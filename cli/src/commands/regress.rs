@@ -109,7 +109,10 @@ impl Regress {
         let mut document = table.json();
         document["x"] = json!(self.x);
         document["y"] = json!(self.y);
-        document["diagnostics"]["outlier_lines"] = json!(outliers);
+        let lines: Vec<_> = outliers.iter().map(|line| places.within_piece(*line)).collect();
+        let located: Vec<_> = outliers.iter().map(|line| places.locate(*line)).collect();
+        document["diagnostics"]["outlier_lines"] = json!(lines);
+        document["diagnostics"]["outlier_places"] = json!(located);
         document["warnings"] = json!(warnings);
         print(&format!("{document:#}\n"))
     }

@@ -1,6 +1,6 @@
 //! `relay`: hands increments on into another domain.
 
-use super::options;
+use super::common::options;
 use clap::Args;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// The output equals that of `feed`, byte for byte.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-*.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head"
+    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head"
 )]
 pub struct Replay {
     /// Coefficient table
@@ -34,11 +34,11 @@ pub struct Replay {
 
 impl Replay {
     pub fn run(self) -> Result<(), Failure> {
-        let mut inputs = super::inputs(&self.recording);
+        let mut inputs = super::common::inputs(&self.recording);
         inputs.push((&self.table, "the table"));
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
-        let choice = super::choice(self.imu, &table);
+        let choice = super::common::choice(self.imu, &table);
         let samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
         let path = self.output.as_deref();
         let sink = Output::create(path);

@@ -1,6 +1,6 @@
 //! `top`: the live screen.
 
-use super::options;
+use super::common::options;
 use crate::top::{self, Theme};
 use clap::Args;
 use isotherm_client::Domain;
@@ -24,7 +24,7 @@ impl Top {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let set = |name: &str| env::var_os(name).filter(|value| !value.is_empty());
         if !io::stdin().is_terminal() || !io::stdout().is_terminal() || set("TERM").is_none_or(|term| term == "dumb") {
-            let message = "top needs a terminal with a cursor that moves; `isotherm status` prints the same once, `ssh -t` gives one";
+            let message = "top needs a terminal with a cursor that moves; `isotherm status` prints the same once; over ssh use `ssh -t`";
             return Err(Failure::new(Exit::Usage, message));
         }
         // As in locale(7): the first of the three that is set counts.

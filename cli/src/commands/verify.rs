@@ -1,6 +1,6 @@
 //! `verify`: the stability of a recording under a table.
 
-use super::{choice, inputs};
+use super::common::{choice, inputs};
 use crate::parse::{direction, gravity, over_0, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use tally::{Ledger, Tally};
+use tally::{StreamCounts, Tally};
 
 /// Rows of each IMU that may wait for the disk: over 3 s of both streams at 10 kHz.
 const QUEUE: usize = 1 << 16;
@@ -54,7 +54,7 @@ pub struct Recorder {
     files: Vec<Files>,
     /// For each IMU the index into `files`.
     route: Vec<usize>,
-    ledgers: Vec<Ledger>,
+    counts: Vec<StreamCounts>,
     names: Vec<PathBuf>,
     rotations: u64,
     started: Instant,
@@ -95,7 +95,7 @@ impl Recorder {
         })?;
         let now = Instant::now();
         Ok(Self {
-            ledgers: vec![Ledger::default(); imus.len()],
+            counts: vec![StreamCounts::default(); imus.len()],
             route: (0..imus.len()).map(|imu| if files.len() == 1 { 0 } else { imu }).collect(),
             names: files.iter().flat_map(Files::current_paths).collect(),
             started: now,
@@ -166,7 +166,7 @@ impl Recorder {
     }
 
     fn write(&mut self, row: &RecordedRow) -> Result<(), FileError> {
-        if !self.ledgers[row.imu].take(row.stream(), row.key()) {
+        if !self.counts[row.imu].take(row.stream(), row.key()) {
             return Ok(());
         }
         self.files[self.route[row.imu]].write(row)
@@ -218,7 +218,7 @@ impl Recorder {
         if let Some(warning) = self.tap.take_warning() {
             print_message(&format!("warning: {warning}; trying again"));
         }
-        let tallies = self.streams.iter().map(|&(imu, stream)| self.ledgers[imu].tally(stream));
+        let tallies = self.streams.iter().map(|&(imu, stream)| self.counts[imu].tally(stream));
         let lost = tallies.map(|tally| tally.missing).fold(0, u64::saturating_add);
         if lost > self.reported.lost && self.reported.lost_at.is_none_or(|at| at.elapsed() >= REPORT) {
             self.reported.lost_at = Some(Instant::now());
@@ -242,10 +242,10 @@ impl Recorder {
         let overflow = self.tap.overflow();
         let repeats = self.tap.finish();
         if self.streams.len() > self.imus.len() {
-            self.ledgers.iter_mut().for_each(Ledger::settle);
+            self.counts.iter_mut().for_each(StreamCounts::count_missing_at_ends);
         }
         for (place, &(imu, stream)) in self.streams.iter().enumerate() {
-            let Tally { rows, sessions, missing, late, .. } = *self.ledgers[imu].tally(stream);
+            let Tally { rows, sessions, missing, late, .. } = *self.counts[imu].tally(stream);
             let repeats = repeats.as_ref().map_or(0, |repeats| repeats[place]);
             let sessions = format!("{sessions} session{}", if sessions == 1 { "" } else { "s" });
             let late = match (late, stream) {

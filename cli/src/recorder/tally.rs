@@ -3,7 +3,7 @@
 use isotherm_shared::stream::{RAW_DEPTH, StreamKind};
 use std::collections::VecDeque;
 
-/// Most sessions whose first and last sequences are kept for [`Ledger::settle`].
+/// Most sessions whose first and last sequences are kept for [`StreamCounts::settle`].
 const SESSIONS: usize = 64;
 
 /// Counts of one stream, by sequence, session by session.
@@ -22,7 +22,7 @@ pub struct Tally {
 
 /// Counts of an IMU.
 #[derive(Clone, Debug, Default)]
-pub struct Ledger {
+pub struct StreamCounts {
     tallies: [Tally; 2],
     ends: VecDeque<(u64, Ends)>,
 }
@@ -30,7 +30,7 @@ pub struct Ledger {
 /// The first and last sequence of a session in each stream.
 type Ends = [Option<(u64, u64)>; 2];
 
-impl Ledger {
+impl StreamCounts {
     /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a later one
     /// is not written, because `feed` needs rising sequences. An increment that comes after a later one is written.
     pub fn take(&mut self, stream: StreamKind, (session, sequence): (u64, u64)) -> bool {
@@ -63,7 +63,7 @@ impl Ledger {
 
     /// Also counts what is missing at the beginnings and ends of sessions, by comparing the two streams. To be called once, at
     /// the end, if both were recorded.
-    pub fn settle(&mut self) {
+    pub fn count_missing_at_ends(&mut self) {
         // Up to RAW_DEPTH samples may have been in flight when the recording began or ended. They are not missing.
         let mut before = RAW_DEPTH as u64;
         while let Some((_, ends)) = self.ends.pop_front() {
@@ -109,74 +109,74 @@ mod tests {
     use super::StreamKind::{Increment, Raw};
     use super::*;
 
-    fn counts(ledger: &Ledger, stream: StreamKind) -> (u64, u64, u64, u64) {
-        let Tally { rows, sessions, missing, late, .. } = *ledger.tally(stream);
+    fn totals(counts: &StreamCounts, stream: StreamKind) -> (u64, u64, u64, u64) {
+        let Tally { rows, sessions, missing, late, .. } = *counts.tally(stream);
         (rows, sessions, missing, late)
     }
 
-    fn take_all(ledger: &mut Ledger, stream: StreamKind, session: u64, sequences: impl Iterator<Item = u64>) {
+    fn take_all(counts: &mut StreamCounts, stream: StreamKind, session: u64, sequences: impl Iterator<Item = u64>) {
         for sequence in sequences {
-            ledger.take(stream, (session, sequence));
+            counts.take(stream, (session, sequence));
         }
     }
 
     #[test]
     fn gaps_are_counted_within_a_session() {
-        let mut ledger = Ledger::default();
+        let mut counts = StreamCounts::default();
         for stream in StreamKind::BOTH {
             for sequence in [5, 6, 9] {
-                assert!(ledger.take(stream, (1, sequence)));
+                assert!(counts.take(stream, (1, sequence)));
             }
-            assert_eq!(ledger.take(stream, (1, 7)), stream == Increment);
-            assert!(ledger.take(stream, (2, u64::MAX)) && ledger.take(stream, (3, 0)) && ledger.take(stream, (3, 1)));
+            assert_eq!(counts.take(stream, (1, 7)), stream == Increment);
+            assert!(counts.take(stream, (2, u64::MAX)) && counts.take(stream, (3, 0)) && counts.take(stream, (3, 1)));
         }
-        assert_eq!(counts(&ledger, Raw), (6, 3, 2, 1));
-        assert_eq!(counts(&ledger, Increment), (7, 3, 1, 1));
-        ledger.settle();
-        assert_eq!(ledger.tally(Raw).missing, 2, "both ended alike");
+        assert_eq!(totals(&counts, Raw), (6, 3, 2, 1));
+        assert_eq!(totals(&counts, Increment), (7, 3, 1, 1));
+        counts.count_missing_at_ends();
+        assert_eq!(counts.tally(Raw).missing, 2, "both ended alike");
     }
 
     #[test]
     fn losses_at_the_ends_of_a_session_are_found_in_the_other_stream() {
-        let mut ledger = Ledger::default();
-        take_all(&mut ledger, Raw, 1, 0..10);
-        take_all(&mut ledger, Increment, 1, 5..30);
-        take_all(&mut ledger, Raw, 2, 8..12);
-        ledger.take(Raw, (3, 0));
-        assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (0, 0));
-        ledger.settle();
-        assert_eq!((ledger.tally(Raw).missing, ledger.tally(Increment).missing), (20, 4));
-        // Up to 64 unanswered samples are in flight at the end; if there are more, all are lost.
+        let mut counts = StreamCounts::default();
+        take_all(&mut counts, Raw, 1, 0..10);
+        take_all(&mut counts, Increment, 1, 5..30);
+        take_all(&mut counts, Raw, 2, 8..12);
+        counts.take(Raw, (3, 0));
+        assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (0, 0));
+        counts.count_missing_at_ends();
+        assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (20, 4));
+        // Up to 64 samples without an increment at the end count as in flight; from 65 on, all of them count as missing.
         for (answered, missing) in [(36, 0), (35, 65)] {
-            let mut ledger = Ledger::default();
-            take_all(&mut ledger, Raw, 1, 0..=100);
-            take_all(&mut ledger, Increment, 1, 0..=answered);
-            ledger.settle();
-            assert_eq!(ledger.tally(Increment).missing, missing);
+            let mut counts = StreamCounts::default();
+            take_all(&mut counts, Raw, 1, 0..=100);
+            take_all(&mut counts, Increment, 1, 0..=answered);
+            counts.count_missing_at_ends();
+            assert_eq!(counts.tally(Increment).missing, missing);
         }
         // The same at the beginning. In a later session every increment that has not come is missing.
         for (found, missing) in [(64, 0), (65, 65)] {
-            let mut ledger = Ledger::default();
-            take_all(&mut ledger, Raw, 1, 0..=100);
-            take_all(&mut ledger, Increment, 1, found..=100);
-            take_all(&mut ledger, Raw, 2, 0..=100);
-            take_all(&mut ledger, Increment, 2, 3..=100);
-            ledger.settle();
-            assert_eq!(ledger.tally(Increment).missing, missing + 3);
+            let mut counts = StreamCounts::default();
+            take_all(&mut counts, Raw, 1, 0..=100);
+            take_all(&mut counts, Increment, 1, found..=100);
+            take_all(&mut counts, Raw, 2, 0..=100);
+            take_all(&mut counts, Increment, 2, 3..=100);
+            counts.count_missing_at_ends();
+            assert_eq!(counts.tally(Increment).missing, missing + 3);
         }
     }
 
     #[test]
     fn arbitrary_sessions_and_sequences_do_not_overflow() {
-        let mut ledger = Ledger::default();
+        let mut counts = StreamCounts::default();
         for session in 0..1000 {
             for sequence in [0, u64::MAX] {
-                assert!(ledger.take(Raw, (session, sequence)));
-                ledger.take(Increment, (session ^ 1, sequence));
+                assert!(counts.take(Raw, (session, sequence)));
+                counts.take(Increment, (session ^ 1, sequence));
             }
         }
-        ledger.settle();
-        assert_eq!(ledger.tally(Raw).missing, u64::MAX);
-        assert_eq!(ledger.tally(Raw).sessions, 1000);
+        counts.count_missing_at_ends();
+        assert_eq!(counts.tally(Raw).missing, u64::MAX);
+        assert_eq!(counts.tally(Raw).sessions, 1000);
     }
 }

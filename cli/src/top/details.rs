@@ -1,7 +1,7 @@
 //! The selected IMU: its table, samples, temperatures, increments, latency and flags.
 
 use super::increments::CurvePoint;
-use super::model::{Model, Thermometer};
+use super::model::{Model, TICK, Thermometer};
 use super::numbers::{age, microseconds, whole};
 use super::style::{AlertLevel, Theme};
 use isotherm_client::unix_s;
@@ -172,7 +172,7 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let theme = model.theme;
     let [head, below] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
     let width = area.width.saturating_sub(MEAN_COLUMNS);
-    let seconds = f64::from(width) * super::TICK.as_secs_f64();
+    let seconds = f64::from(width) * TICK.as_secs_f64();
     let title = match &model.read_error {
         Some(error) => Line::styled(format!("increments cannot be read: {error}"), theme.level(AlertLevel::Warning)),
         None => Line::styled(

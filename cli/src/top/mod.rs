@@ -15,7 +15,7 @@ mod style;
 use increments::Increments;
 use isotherm_client::Options;
 use isotherm_failure::{Exit, Failure};
-use model::Model;
+use model::{Model, TICK};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::crossterm::terminal::disable_raw_mode;
@@ -30,8 +30,6 @@ use std::thread;
 use std::time::{Duration, Instant};
 pub use style::Theme;
 
-/// Period of reading and drawing.
-const TICK: Duration = Duration::from_millis(200);
 /// A signal ends the process after this time, even if the screen does not end by itself.
 const EXIT_DELAY: Duration = Duration::from_secs(1);
 

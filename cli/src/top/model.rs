@@ -8,7 +8,10 @@ use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::wire::AXES;
 use ratatui::widgets::TableState;
 use std::collections::VecDeque;
+use std::time::Duration;
 
+/// Period of reading and drawing.
+pub const TICK: Duration = Duration::from_millis(200);
 /// Shortest time that a rate is taken over \[ns\].
 const RATE_NS: u64 = 1_000_000_000;
 /// Time that the histogram covers \[ns\].

@@ -9,7 +9,7 @@ use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
 use isotherm_calibration::report::verification::{VerificationSource, html};
 use isotherm_calibration::stability::{Collector, Setup, Stability as Figures};
 use isotherm_recording::csv::Rows;
-use isotherm_recording::{IncrementCsvWriter, RawCsvReader, RawCsvWriter, RecordingError};
+use isotherm_recording::{INCREMENT_CSV_COLUMNS, IncrementCsvWriter, RawCsvReader, RawCsvWriter, RecordingError};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags};
@@ -58,11 +58,11 @@ pub fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArr
 /// The increments that `feed` or `replay` wrote, as bytes.
 #[pyfunction]
 pub fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
-    const NAMES: [&str; 8] = ["sequence", "timestamp_ns", "interval_ns", "a1_dv", "a2_dv", "a3_dv", "table", "flags"];
     let read = || -> Result<Vec<u8>, RecordingError> {
         let mut rows = Rows::new(File::open(&path)?);
         rows.next_row()?;
-        let columns = rows.columns(&NAMES, "is this a comma-separated recording of increments with a header row?")?;
+        let columns = rows
+            .columns(&INCREMENT_CSV_COLUMNS, "is this a comma-separated recording of increments with a header row?")?;
         let delivery = rows.optional_column("delivery")?;
         let (count, mut bytes) = (rows.len(), Vec::new());
         let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);

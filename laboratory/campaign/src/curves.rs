@@ -103,7 +103,7 @@ impl Bin {
 mod tests {
     use super::*;
 
-    /// A week with a row every 5 s and one spike.
+    /// A week with a row every 5 s, one spike and one dip.
     #[test]
     fn a_week_is_kept_at_a_bounded_size_with_its_extremes() {
         let mut curves = Curves::default();
@@ -112,6 +112,7 @@ mod tests {
             let mut values = [20.0; CURVES];
             values[1] = if row == rows / 3 { 95.0 } else { f64::from(row) / f64::from(rows) };
             values[2] = f64::NAN;
+            values[3] = if row == rows / 2 { -60.0 } else { 20.0 };
             curves.add(CurveRow { unix_s: 1e9 + 5.0 * f64::from(row), values });
             assert!(curves.bins.len() <= MAX_BINS && curves.recent.len() <= MAX_RECENT);
         }
@@ -120,7 +121,9 @@ mod tests {
         let all: Vec<_> = curves.all(1).collect();
         assert!(all.len() > MAX_BINS / 2, "{}", all.len());
         assert!(all.is_sorted_by(|a, b| a.0 <= b.0));
-        assert_eq!(all.iter().filter(|point| point.1 == 95.0).count(), 1);
+        let count = |curve: usize, value: f64| curves.all(curve).filter(|point| point.1 == value).count();
+        assert_eq!((count(1, 95.0), count(3, -60.0)), (1, 1));
+        assert_eq!(count(3, 20.0) + 1, curves.all(3).count());
         assert!((all[0].1 - 0.0).abs() < 1e-3 && (all[all.len() - 1].1 - 1.0).abs() < 1e-3);
         assert!(curves.all(2).all(|point| point.1.is_nan()));
         // The last three hours are kept unthinned.

@@ -1,144 +1,14 @@
 //! The plan of a campaign: everything that the operator specifies. It is checked before anything moves.
 
+mod model;
 mod read;
 
-use super::limits::Limits;
-use isotherm_calibration::campaign::Campaign;
+pub use model::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
+
 use isotherm_calibration::positions::Position;
 use isotherm_files::{LoadError, WorldWritable, read_text};
-use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::document::{Document, Faults};
-use isotherm_shared::stream::ImuId;
-use std::path::{Path, PathBuf};
-
-/// The file of the dwells' samples in the campaign's folder.
-pub const SAMPLES: &str = "campaign.csv";
-
-/// A checked plan. Times are laboratory time \[s\].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
-    /// The IMU to calibrate.
-    pub imu: ImuId,
-    /// The folder for everything that the campaign writes.
-    pub output: PathBuf,
-    /// Chamber temperatures, in order \[degC\].
-    pub set_points_c: Vec<f64>,
-    /// Positions of the turntable at each set point, in order; all have angles.
-    pub positions: Vec<Position>,
-    /// When a set point counts as reached and settled.
-    pub soak: Soak,
-    /// The samples to take in a position.
-    pub dwell: DwellPlan,
-    /// Ramp of the chamber's set point \[degC/s\].
-    pub ramp_c_per_s: f64,
-    /// How the turntable moves, and when it counts as arrived.
-    pub motion: Motion,
-    /// Limits of commands and readings.
-    pub limits: Limits,
-    /// Time-outs, and the number of attempts.
-    pub patience: Patience,
-    /// The set point that the chamber holds in the safe state \[degC\]; `None` for standby.
-    pub ambient_c: Option<f64>,
-    /// Verification runs; `None` for none.
-    pub verify: Option<VerificationPlan>,
-    /// The file that the coefficient table is installed as if the verification holds.
-    pub install: Option<PathBuf>,
-    /// The chamber's driver and line.
-    pub chamber: ChamberConfig,
-    /// The turntable's driver and line.
-    pub turntable: TurntableConfig,
-    /// Text of the campaign file that is written beside the samples.
-    pub campaign_toml: String,
-    /// The same campaign file, parsed.
-    pub campaign: Campaign,
-}
-
-/// When a set point counts as reached and settled. Times are laboratory time \[s\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Soak {
-    /// Shortest time at the set point before the first position.
-    pub time_s: f64,
-    /// Shortest time at the set point in all.
-    pub stay_s: f64,
-    /// Largest difference between the air and the set point \[degC\].
-    pub tolerance_c: f64,
-    /// Window over which rates of change are measured.
-    pub window_s: f64,
-    /// Largest rate of change of the air \[degC/h\].
-    pub chamber_c_per_h: f64,
-    /// Largest rate of change of each of the IMU's temperatures \[unit/h\]; `None` for no limit.
-    pub telemetry_per_h: Option<f64>,
-}
-
-/// The samples to take in a position. Times are laboratory time \[s\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DwellPlan {
-    /// Counted time: the sum of the samples' intervals.
-    pub time_s: f64,
-    /// Samples are summed into rows of this length; 0 writes every sample.
-    pub row_s: f64,
-}
-
-/// How the turntable moves, and when it counts as arrived.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
-    /// Commanded rate of each axis \[deg/s\].
-    pub rate_deg_s: f64,
-    /// Commanded acceleration of each axis \[deg/s2\].
-    pub acceleration_deg_s2: f64,
-    /// Largest angle error of an axis that has arrived \[deg\].
-    pub tolerance_deg: f64,
-    /// Largest rate of an axis at rest \[deg/s\].
-    pub still_deg_s: f64,
-    /// How long both must hold \[s\].
-    pub settle_s: f64,
-}
-
-/// Time-outs after which the campaign pauses or gives up, and the number of attempts. Times are laboratory time \[s\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patience {
-    /// Longest pause because an instrument or the IMU's stream is missing.
-    pub pause_s: f64,
-    /// Longest time without a usable sample.
-    pub stream_s: f64,
-    /// Longest time to the set point after the end of the ramp.
-    pub approach_s: f64,
-    /// Longest time until the rates of change are within their limits, after the soak and one window.
-    pub stable_s: f64,
-    /// Longest time until the turntable has settled, after the longest motion.
-    pub settle_s: f64,
-    /// After a longer interruption the soak begins anew.
-    pub resoak_s: f64,
-    /// Most attempts at one unit, and most interruptions without a complete unit between them.
-    pub attempts: u32,
-}
-
-/// The verification runs: the IMU is at rest while the chamber ramps.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VerificationPlan {
-    /// Number of runs.
-    pub runs: u32,
-    /// Set point of the chamber at the beginning \[degC\].
-    pub from_c: f64,
-    /// Set point of the chamber at the end \[degC\].
-    pub to_c: f64,
-    /// The ramp between them \[degC/s\].
-    pub ramp_c_per_s: f64,
-    /// Hold time before the ramp, and again after it \[s\].
-    pub hold_s: f64,
-    /// Outer and inner angle of the turntable \[deg\].
-    pub angles_deg: [f64; 2],
-    /// Direction of the specific force along A1, A2, A3 at these angles.
-    pub attitude: [f64; 3],
-}
-
-impl VerificationPlan {
-    /// The attitude of the runs as a position.
-    pub const fn position(&self) -> Position {
-        let label = String::new();
-        Position { number: 0, label, angles: Some(self.angles_deg), specific_force: self.attitude }
-    }
-}
+use std::path::Path;
 
 impl Plan {
     /// Reads a plan. Its paths are relative to the folder of the file.
@@ -173,12 +43,6 @@ impl Plan {
         let plan = read::plan(&root, folder, to_run);
         root.finish();
         document.finish(plan)
-    }
-
-    /// Whether a TOML document is meant as a plan: it has one of the sections of a plan.
-    #[must_use]
-    pub fn is_meant(document: &Document<'_>) -> bool {
-        ["set_points", "soak", "dwell", "chamber", "limits", "patience", "verify"].iter().any(|key| document.has(key))
     }
 
     /// The settings that determine the data, as keys and values. The journal keeps them to recognise the plan that it belongs to.

@@ -7,6 +7,7 @@ use isotherm_instruments::{ChamberReading, TurntableReading};
 use isotherm_shared::wire::AXES;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 /// The file in the campaign's folder.
@@ -17,7 +18,7 @@ const HEADER: &str = "unix_s,laboratory_s,phase,chamber_air_c,chamber_set_point_
 const UNIX_S: usize = 0;
 /// Columns of the [`CURVES`], in their order.
 const PLOTTED: [usize; CURVES] = [3, 4, 10, 12, 14, 11, 13, 15];
-/// Length limit of a line that is read \[bytes\]: rows are shorter.
+/// Length limit of a line that is read \[bytes\]: rows are shorter. A longer line stays in the file and is not plotted.
 const MAX_LINE: u64 = 4096;
 
 /// The open file and its curves.
@@ -72,25 +73,39 @@ impl Readbacks {
 
 fn open(path: &Path) -> io::Result<(File, Curves)> {
     let mut file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
-    let (mut reader, mut line) = (BufReader::new(&file), String::new());
-    let (mut curves, mut whole) = (Curves::default(), 0);
+    let (mut reader, mut line) = (BufReader::new(&file), Vec::new());
+    let (mut curves, mut complete) = (Curves::default(), 0);
     loop {
         line.clear();
-        let length = (&mut reader).take(MAX_LINE).read_line(&mut line)?;
-        // An incomplete last row is removed below.
-        if !line.ends_with('\n') {
+        let mut length = (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)?;
+        let too_long = length as u64 == MAX_LINE && !line.ends_with(b"\n");
+        let ended = if too_long {
+            length += reader.skip_until(b'\n')?;
+            ends_with_newline(&file, complete + length as u64)?
+        } else {
+            line.ends_with(b"\n")
+        };
+        // Only an incomplete last row is removed, below.
+        if !ended {
             break;
         }
-        if whole > 0 {
-            curves.add(curve_row(&line));
+        if complete > 0 && !too_long {
+            curves.add(curve_row(&String::from_utf8_lossy(&line)));
         }
-        whole += length as u64;
+        complete += length as u64;
     }
-    file.set_len(whole)?;
-    if whole == 0 {
+    file.set_len(complete)?;
+    if complete == 0 {
         file.write_all(HEADER.as_bytes())?;
     }
     Ok((file, curves))
+}
+
+/// Whether the byte before `end` is a line end.
+fn ends_with_newline(file: &File, end: u64) -> io::Result<bool> {
+    let mut last = [0];
+    file.read_exact_at(&mut last, end - 1)?;
+    Ok(last == *b"\n")
 }
 
 /// The values of a row that are plotted; NaN where a field is not a number.
@@ -126,5 +141,26 @@ mod tests {
         assert!(values(7)[0].is_nan());
         let text = fs::read_to_string(&path).unwrap();
         assert!(text.starts_with(HEADER) && text.lines().count() == 3, "{text}");
+    }
+
+    #[test]
+    fn rows_that_cannot_be_read_stay_in_the_file_and_hide_none_behind_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let chamber = ChamberReading { air_c: -5.0, ..ChamberReading::default() };
+        drop(Readbacks::open(folder.path()).unwrap());
+        let path = folder.path().join(READBACKS);
+        let row = |air_c: f64| format!("1.0,2.0,soak,{air_c},0,true,0,0,0,0,1,1,1,1,1,1\n").into_bytes();
+        let long = [vec![b'x'; 3 * MAX_LINE as usize], b"\n".to_vec()].concat();
+        let exact = [vec![b'x'; MAX_LINE as usize - 1], b"\n".to_vec()].concat();
+        let before = fs::read(&path).unwrap();
+        let complete = [before, row(1.0), long, row(2.0), b"\xff,\xfe\n".to_vec(), row(3.0), exact, row(4.0)].concat();
+        for incomplete in [&b""[..], b"1.0,2.0,so", &[b'y'; 2 * MAX_LINE as usize], &[b'z'; MAX_LINE as usize]] {
+            fs::write(&path, [&complete[..], incomplete].concat()).unwrap();
+            let mut readbacks = Readbacks::open(folder.path()).unwrap();
+            assert_eq!(fs::read(&path).unwrap(), complete, "{} bytes too many", incomplete.len());
+            readbacks.write(&chamber, &TurntableReading::default(), [[1.0; 2]; AXES], "dwell", 8.0).unwrap();
+            let air: Vec<_> = readbacks.curves().all(0).map(|point| point.1).filter(|air_c| !air_c.is_nan()).collect();
+            assert_eq!(air, [1.0, 2.0, 3.0, 4.0, -5.0]);
+        }
     }
 }

@@ -3,9 +3,10 @@
 //! A request is a line such as `:read:position? 1`, ended by CR LF. The reply to a query is a number or a word, the reply to a
 //! command is `OK`. Over TCP a reply has a header of eight bytes and may have no line end, so a pause ends it too.
 
+use super::fault::{FaultKind, InstrumentFault};
+use super::instrument::{Turntable, TurntableReading};
 use super::line::{ExchangeError, Framing, Line, line_feed, number, text};
 use super::line_config::{LineConfig, axes, seconds};
-use super::{FaultKind, InstrumentFault, Turntable, TurntableReading};
 use isotherm_shared::document::Section;
 use std::time::Duration;
 

@@ -3,9 +3,10 @@
 //! A request is a command of three letters with its argument, `MOV90.000`, ended by CR LF. For a table with two axes it also
 //! contains the number of the axis; `form` defines where. A reply is a line, which may be empty, and a line with the prompt.
 
+use super::fault::{FaultKind, InstrumentFault};
+use super::instrument::{Turntable, TurntableReading};
 use super::line::{ExchangeError, Framing, Line, number, text};
 use super::line_config::{LineConfig, axes};
-use super::{FaultKind, InstrumentFault, Turntable, TurntableReading};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.

@@ -3,9 +3,10 @@
 //! `$01I` CR reads everything: the reply has the values in a fixed order, separated by blanks, then the digital outputs as a word
 //! of 0 and 1. `$01E 0023.0 0100000000000000` CR sets the nominal values, in their order, and the digital outputs.
 
+use super::fault::{FaultKind, InstrumentFault};
+use super::instrument::{Chamber, ChamberReading};
 use super::line::{ExchangeError, Framing, Line, carriage_return, number, text};
 use super::line_config::LineConfig;
-use super::{Chamber, ChamberReading, FaultKind, InstrumentFault};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.

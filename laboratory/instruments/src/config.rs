@@ -1,7 +1,7 @@
 //! Instruments and their ports: the `[chamber]` and `[table]` sections of a campaign plan.
 
 use super::line_config::LineConfig;
-use super::{Chamber, InstrumentFault, Turntable, acutrol, aerosmith, ascii2, espec, f4t};
+use super::{acutrol, aerosmith, ascii2, espec, f4t};
 use isotherm_shared::document::Section;
 
 /// A checked `[chamber]` section.
@@ -60,14 +60,6 @@ impl ChamberConfig {
         let driver = read(section);
         Some(Self { line: line?, driver })
     }
-
-    pub(super) fn open(&self) -> Result<Box<dyn Chamber>, InstrumentFault> {
-        Ok(match &self.driver {
-            ChamberDriver::Espec(settings) => Box::new(espec::Espec::open(&self.line, settings)?),
-            ChamberDriver::F4t(settings) => Box::new(f4t::F4t::open(&self.line, settings)?),
-            ChamberDriver::Ascii2(settings) => Box::new(ascii2::Ascii2::open(&self.line, settings)?),
-        })
-    }
 }
 
 impl TurntableConfig {
@@ -85,12 +77,5 @@ impl TurntableConfig {
         let (_, read) = driver?;
         let driver = read(section);
         Some(Self { line: line?, driver })
-    }
-
-    pub(super) fn open(&self) -> Result<Box<dyn Turntable>, InstrumentFault> {
-        Ok(match &self.driver {
-            TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::open(&self.line, settings)?),
-            TurntableDriver::Aerosmith(settings) => Box::new(aerosmith::Aerosmith::open(&self.line, settings)?),
-        })
     }
 }

@@ -4,9 +4,10 @@
 //! `23.0,25.0,100.0,-50.0`. The reply to a command is `OK:..` if the chamber accepts it and `NA:PARA ERR` (or another reason) if
 //! it refuses it. All lines end with CR LF.
 
+use super::fault::{FaultKind, InstrumentFault};
+use super::instrument::{Chamber, ChamberReading};
 use super::line::{ExchangeError, Framing, Line, line_feed, number, text};
 use super::line_config::LineConfig;
-use super::{Chamber, ChamberReading, FaultKind, InstrumentFault};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.

@@ -4,9 +4,10 @@
 //! the controller's Modbus map; the driver reads the unit and assumes none. How a chamber is started and stopped depends on its
 //! maker; by default the driver sets the loop's control mode to automatic or off.
 
+use super::fault::{FaultKind, InstrumentFault};
+use super::instrument::{Chamber, ChamberReading};
 use super::line::{ExchangeError, Framing, Line};
 use super::line_config::LineConfig;
-use super::{Chamber, ChamberReading, FaultKind, InstrumentFault};
 use isotherm_shared::document::Section;
 use rmodbus::client::ModbusRequest;
 use rmodbus::{ErrorKind, ModbusProto};

@@ -9,8 +9,8 @@
 //!   times `quiet_s`, whatever the instrument does.
 //! - A lost port is closed, and opened again for the next request.
 
+use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
-use super::{FaultKind, InstrumentFault};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::SerialPort;
 use std::io::{self, Read as _, Write as _};

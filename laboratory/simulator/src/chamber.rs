@@ -1,9 +1,9 @@
 //! The simulated chamber and its controller.
 
-use super::SimulatedStation;
 use super::faults::InjectedFault;
 use super::link::DeviceEvent;
 use super::server;
+use super::station::SimulatedStation;
 use isotherm_calibration::simulate::{Chain, SimulatedChamber};
 
 /// Time constant of the controller's own sensor \[s\].

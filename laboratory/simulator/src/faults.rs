@@ -5,7 +5,7 @@
 //! third to the fifth, or `100s-200s` for simulated seconds; without it the fault is permanent. Requests are counted from the
 //! last reading of the file.
 
-use super::StationProcess;
+use super::station::StationProcess;
 use isotherm_files::Identity;
 use std::fs;
 use std::io::{self, Write as _};

@@ -1,7 +1,7 @@
 //! The process of the IMU: it simulates one control period after the other and publishes raw samples, as an acquisition does.
 
-use super::SimulatedStation;
 use super::link::{Answer, DeviceEvent, LinkClient};
+use super::station::SimulatedStation;
 use isotherm_calibration::simulate::{self, RandomGenerator, SimulatedTurntable, Truth, specific_force};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure};

@@ -1,7 +1,7 @@
 //! Starts a station, its files and its processes, and supervises them.
 
 use crate::faults::FAULTS;
-use crate::{SimulatedStation, StationProcess};
+use crate::station::{SimulatedStation, StationProcess};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::replace;
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};

@@ -1,7 +1,6 @@
 //! A campaign plan for a simulated station.
 
-use crate::SimulatedStation;
-use crate::protocol::{ChamberProtocol, TurntableProtocol};
+use crate::station::{ChamberProtocol, SimulatedStation, TurntableProtocol};
 use isotherm_calibration::simulate::Truth;
 
 impl SimulatedStation {

@@ -3,7 +3,7 @@
 use super::faults::{FaultSchedule, InjectedFault};
 use super::link::{Answer, DeviceEvent, LinkServer};
 use super::port::SimulatedPort;
-use super::{SimulatedStation, StationProcess};
+use super::station::{SimulatedStation, StationProcess};
 use isotherm_failure::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io;

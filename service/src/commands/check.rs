@@ -7,6 +7,7 @@ use isotherm_files::{
     LoadError, WorldWritable, check_written, load_table, read_text, remove_unfinished_on_signals, replace,
 };
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
+use isotherm_shared::kind::FileKind;
 use isotherm_shared::table::{CoefficientTable, Seal};
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -31,36 +32,19 @@ pub struct Check {
     files: Vec<PathBuf>,
 }
 
-/// A kind of file that a program recognises besides tables and configurations.
-#[derive(Clone, Copy)]
-pub struct FileKind {
-    /// Its name in messages, as in "a campaign plan".
-    pub name: &'static str,
-    /// The section by which a person recognises it, as in `[chamber]`.
-    pub mark: &'static str,
-    /// Whether a document is meant to be of this kind.
-    pub is_meant: fn(&Document<'_>) -> bool,
-    /// Validates a text that was read from this path. Returns a line for the operator if it is valid.
-    pub check: fn(&str, &Path) -> Result<String, Failure>,
-}
-
-/// The kind of file that a document is meant to be.
-enum Meaning<'a> {
-    Table,
-    Config,
-    Other(&'a FileKind),
-}
+/// Validates a campaign file or plan that was read from this path. Returns a line for the operator if it is valid.
+pub type CheckLaboratoryFile = fn(FileKind, &str, &Path) -> Result<String, Failure>;
 
 impl Check {
-    /// Validates the files. A file is compared with the kinds in `others` first, then with tables and configurations.
+    /// Validates the files. `laboratory` validates campaign files and plans.
     ///
     /// # Errors
     /// All faults of all files.
-    pub fn run(self, others: &[FileKind]) -> Result<(), Failure> {
+    pub fn run(self, laboratory: CheckLaboratoryFile) -> Result<(), Failure> {
         remove_unfinished_on_signals()?;
         let mut failures = Vec::new();
         for path in &self.files {
-            match check(path, self.seal, WorldWritable::allow_if(self.allow_world_writable), others) {
+            match check(path, self.seal, WorldWritable::allow_if(self.allow_world_writable), laboratory) {
                 Ok(line) => check_written(None, writeln!(io::stdout(), "{}: {line}", path.display()))?,
                 Err(failure) => failures.push(failure),
             }
@@ -69,16 +53,23 @@ impl Check {
     }
 }
 
-fn check(path: &Path, seal: bool, world_writable: WorldWritable, others: &[FileKind]) -> Result<String, Failure> {
+fn check(
+    path: &Path,
+    seal: bool,
+    world_writable: WorldWritable,
+    laboratory: CheckLaboratoryFile,
+) -> Result<String, Failure> {
     let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
     let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
-    let unsealed =
-        |name: &str| Err(Failure::new(Exit::Config, format!("{}: {name}; only tables are sealed", path.display())));
-    match meaning(&text, others).map_err(refuse)? {
-        Meaning::Table if seal && path == Path::new("-") => {
+    match kind(&text).map_err(refuse)? {
+        FileKind::Table if seal && path == Path::new("-") => {
             Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
         }
-        Meaning::Table => {
+        kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Configuration) if seal => {
+            let message = format!("{}: {}; only tables are sealed", path.display(), kind.name());
+            Err(Failure::new(Exit::Config, message))
+        }
+        FileKind::Table => {
             let policy = if seal { Seal::Renewed } else { Seal::Checked };
             let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
             let sealed = if seal {
@@ -91,10 +82,8 @@ fn check(path: &Path, seal: bool, world_writable: WorldWritable, others: &[FileK
             };
             Ok(format!("table of {}, {}, {sealed}", table.content().imu, table.digest()))
         }
-        Meaning::Config if seal => unsealed("a service configuration"),
-        Meaning::Other(kind) if seal => unsealed(kind.name),
-        Meaning::Other(kind) => (kind.check)(&text, path),
-        Meaning::Config => {
+        kind @ (FileKind::Plan | FileKind::Campaign) => laboratory(kind, &text, path),
+        FileKind::Configuration => {
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
             let failures = loaded.filter_map(Result::err).map(Failure::from).collect();
@@ -120,24 +109,15 @@ fn read_stdin() -> Result<String, Failure> {
     Ok(text)
 }
 
-/// The kind of a file, from its keys: a table has `[[axis]]` and `[imu]`, a configuration has `[[imu]]`.
-fn meaning<'a>(text: &str, others: &'a [FileKind]) -> Result<Meaning<'a>, Faults> {
+fn kind(text: &str) -> Result<FileKind, Faults> {
     let document = Document::parse_as(text, EXPECTED_KINDS)?;
-    let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
-    if let Some(kind) = others.iter().find(|kind| (kind.is_meant)(&document)) {
-        Ok(Meaning::Other(kind))
-    } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
-        Ok(Meaning::Config)
-    } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
-        Ok(Meaning::Table)
-    } else {
-        let others = others.iter().map(|FileKind { name, mark, .. }| format!(", nor {name}, which has {mark}"));
-        let message = format!(
-            "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]]{}",
-            others.collect::<String>()
-        );
-        Err(Faults(vec![Fault { line: 1, key: String::new(), message }]))
-    }
+    FileKind::of(&document).ok_or_else(|| {
+        let message =
+            "neither a coefficient table, which has [[axis]], nor a service configuration, which has [[imu]], nor a \
+                       campaign plan, which has [chamber], nor a campaign file, which has [[position]]"
+                .to_owned();
+        Faults(vec![Fault { line: 1, key: String::new(), message }])
+    })
 }
 
 /// Writes the digest of the table into its file, and leaves every other byte as the user wrote it.

@@ -58,7 +58,15 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
     match run() {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
-            let _ = writeln!(std::io::stderr(), "{program}: {failure}");
+            // The libraries' messages name the program `isotherm`. A vehicle has only `isothermd`, with these two commands.
+            let message = match program {
+                "isothermd" => failure
+                    .message
+                    .replace("`isotherm serve", "`isothermd serve")
+                    .replace("`isotherm status", "`isothermd status"),
+                _ => failure.message,
+            };
+            let _ = writeln!(std::io::stderr(), "{program}: {message}");
             ExitCode::from(failure.exit as u8)
         }
         Err(error) => {

@@ -69,12 +69,12 @@ impl MetricsServer {
             places.push(PollFd::new(&self.listener, PollFlags::IN));
         }
         let time = Timespec { tv_sec: CHECK_INTERVAL.as_secs() as i64, tv_nsec: 0 };
-        // The result does not matter, nor does an interruption: all peers are served next in any case.
+        // An error or an interruption changes nothing: all peers are served next in any case.
         let _ = poll(&mut places, Some(&time));
     }
 
     fn accept(&mut self) {
-        // At most as many as there are places, so that each new connection gets a turn before it can be replaced.
+        // Accept at most MAX_PEERS at once, so that each is served before it can be replaced.
         for _ in 0..MAX_PEERS {
             match self.listener.accept() {
                 Ok((stream, _)) if stream.set_nonblocking(true).is_ok() => {

@@ -134,6 +134,20 @@ const fn upper_end(bucket: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::Cell;
+    use std::sync::atomic::AtomicUsize;
+    use std::thread;
+
+    const fn lower_end(bucket: usize) -> u64 {
+        if bucket == 0 { 0 } else { upper_end(bucket - 1) + 1 }
+    }
+
+    /// Spins, and lets other threads run in between in case they share the core.
+    fn spin_until(condition: impl Fn() -> bool) {
+        while !(0..100).any(|_| condition()) {
+            thread::yield_now();
+        }
+    }
 
     #[test]
     fn every_value_falls_into_a_bucket_that_holds_it() {
@@ -189,5 +203,88 @@ mod tests {
             before = counts;
         }
         assert_eq!(BucketCounts::sum([&histogram.counts().since(&before)]).summary(), None);
+    }
+
+    /// One thread writes as a worker does, while this one takes windows as the control thread does.
+    ///
+    /// Most values are 0. A larger value than all before comes at most once in a window, at another moment of each: no other value
+    /// replaces its maximum if the maximum is missing.
+    #[test]
+    fn a_window_that_counts_a_value_has_its_maximum_also_while_the_writer_goes_on() {
+        let mut faults = Vec::new();
+        for _ in 0..2 {
+            let (histogram, windows) = (Histogram::default(), AtomicUsize::new(0));
+            let (mut before, mut total, mut with_larger) = (BucketCounts::default(), 0, 0);
+            thread::scope(|scope| {
+                let writer = scope.spawn(|| {
+                    let mut written = 0;
+                    let mut record = |bucket| {
+                        histogram.record(lower_end(bucket) as u32);
+                        written += 1;
+                    };
+                    for bucket in 1..BUCKETS {
+                        (0..bucket * 37 % 500).for_each(|_| record(0));
+                        record(bucket);
+                        // The value is counted in this window or the next one.
+                        let window = windows.load(Acquire);
+                        while windows.load(Acquire) < window + 2 {
+                            record(0);
+                            thread::yield_now();
+                        }
+                    }
+                    written
+                });
+                while !writer.is_finished() {
+                    let counts = histogram.counts();
+                    let window = counts.since(&before);
+                    before = counts;
+                    if let Some(summary) = BucketCounts::sum([&window]).summary() {
+                        total += summary.count;
+                        let highest = window.grown.last().map_or(0, |(bucket, _)| *bucket);
+                        with_larger += usize::from(highest > 0);
+                        if summary.max < lower_end(highest) {
+                            faults.push((highest, summary));
+                        }
+                    }
+                    windows.fetch_add(1, Release);
+                }
+                // The test is empty if windows are not as described. What came after the last window is counted here.
+                assert_eq!(with_larger, BUCKETS - 1);
+                total += BucketCounts::sum([&histogram.counts().since(&before)]).counts.iter().sum::<u64>();
+                assert_eq!(total, writer.join().unwrap(), "each value is counted in one window");
+            });
+        }
+        assert!(faults.is_empty(), "{} windows without their maximum, the first: {:?}", faults.len(), faults[0]);
+    }
+
+    /// Another thread looks at a bucket and at the maximum in the moment in which a value is counted.
+    #[test]
+    fn the_maximum_is_there_before_the_value_is_counted() {
+        let mut faults = Vec::new();
+        for _ in 0..16 {
+            let (histogram, seen) = (Histogram::default(), AtomicUsize::new(0));
+            thread::scope(|scope| {
+                scope.spawn(|| {
+                    for bucket in 1..BUCKETS {
+                        histogram.record(lower_end(bucket) as u32);
+                        spin_until(|| seen.load(Acquire) == bucket);
+                    }
+                });
+                for bucket in 1..BUCKETS {
+                    let (counter, max) = (&histogram.buckets[bucket], Cell::new(0));
+                    // Both are read at once each time: the maximum must not be read later than the count that it belongs to.
+                    spin_until(|| {
+                        let count = counter.load(Acquire);
+                        max.set(histogram.max.load(Relaxed));
+                        count > 0
+                    });
+                    if max.get() < lower_end(bucket) {
+                        faults.push((bucket, max.get()));
+                    }
+                    seen.store(bucket, Release);
+                }
+            });
+        }
+        assert!(faults.is_empty(), "{} values over the maximum, the first: {:?}", faults.len(), faults[0]);
     }
 }

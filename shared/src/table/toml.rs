@@ -1,9 +1,10 @@
 //! Reading and writing a table file's text. Reading reports all faults of the text together.
 
-use super::{
-    AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange, alignment_fault, bias_fault, gravity_fault, max_age_fault,
-    max_rate_fault, negative_scale_factor_fault, positive_scale_factor_fault,
+use super::checks::{
+    alignment_fault, bias_fault, gravity_fault, max_age_fault, max_rate_fault, negative_scale_factor_fault,
+    positive_scale_factor_fault,
 };
+use super::model::{AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange};
 use crate::document::{Document, Faults, Section};
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::stream::ImuId;
@@ -119,7 +120,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
         root.fault(
             "digest",
             format!(
-                "is {digest:?}, but the content has {}; if the change was meant, seal it anew with `isotherm check --seal`",
+                "is {digest:?}, but the content has {}; if the change was meant, seal it again with the command `check --seal`",
                 table.digest()
             ),
         );

@@ -36,7 +36,7 @@ pub struct SimulateStation {
     /// What the chamber speaks
     #[arg(long, value_name = "DRIVER", default_value = ChamberProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(ChamberProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&ChamberProtocol::NAMES, &name)))]
     chamber: ChamberProtocol,
-    /// What the table speaks
+    /// What the turntable speaks
     #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(TurntableProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&TurntableProtocol::NAMES, &name)))]
     table: TurntableProtocol,
     /// Ports on 127.0.0.1 instead of pseudo-terminals
@@ -51,7 +51,7 @@ pub struct SimulateStation {
     /// Simulated time between two telemetry readings [s]; 0 for a reading in every sample
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = size)]
     telemetry_every: f64,
-    /// Error of the table's angles after each move, one sigma [arcsec]
+    /// Error of the turntable's angles after each move, one sigma [arcsec]
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
     /// Temperature of the laboratory, and of everything at the beginning [degC]

@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: one file format, with one function for each of its sections.
 
-use super::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
+use super::model::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
 use crate::limits::{self, Limits};
 use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
@@ -251,9 +251,15 @@ fn set_points(section: Section<'_, '_>, air: &AirLimits<'_>) -> Option<Vec<f64>>
         section.refuse("list_c", wrong);
         right
     });
-    for celsius in list.iter().flatten() {
-        section.refuse("", air.set_point(*celsius));
-    }
+    // One wrong key makes many set points wrong: name the first of them and count the others.
+    let mut wrong = list.iter().flatten().filter_map(|celsius| air.set_point(*celsius));
+    section.refuse(
+        "",
+        wrong.next().map(|first| match wrong.count() {
+            0 => first,
+            more => format!("{first}; so are {more} more set points"),
+        }),
+    );
     section.finish();
     list
 }

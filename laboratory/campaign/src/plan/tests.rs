@@ -100,6 +100,7 @@ fn the_folder_of_the_installed_table_must_be_there_to_run() {
 fn nothing_beyond_the_limits_is_planned() {
     for (from, to, part) in [
         ("start_c = -25", "start_c = -35", "set_points: -35.0 degC is outside limits.chamber_c"),
+        ("start_c = -25", "start_c = -80", "-30.0 to 50.0 degC; so are 10 more set points"),
         ("from_c = -25", "from_c = -31", "verify.from_c: -31.0 degC"),
         (
             "outer_deg = [-5, 365]",

@@ -1,6 +1,6 @@
 //! An ACUTROL 3000 with two axes. Over TCP a reply has a header of eight bytes and no line end, as a public driver expects it.
 
-use super::take_line;
+use super::line::take_line;
 use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
 

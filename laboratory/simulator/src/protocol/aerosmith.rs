@@ -1,6 +1,6 @@
 //! An Ideal Aerosmith table with two axes. A request begins with the number of the axis; a reply is a line, then the prompt.
 
-use super::take_line;
+use super::line::take_line;
 use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
 

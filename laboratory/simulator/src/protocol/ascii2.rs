@@ -1,6 +1,6 @@
 //! A Voetsch chamber with temperature and humidity: ASCII-2, address 1.
 
-use super::take_line;
+use super::line::take_line;
 use crate::chamber::{ChamberDevice, Mode};
 use crate::server::Protocol;
 

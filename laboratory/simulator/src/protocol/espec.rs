@@ -1,6 +1,6 @@
 //! An ESPEC P-300 without humidity.
 
-use super::take_line;
+use super::line::take_line;
 use crate::chamber::{ChamberDevice, Mode, RANGE_C};
 use crate::server::Protocol;
 

@@ -5,7 +5,7 @@ use super::panics::catch_panic;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
 use crate::protobuf::{self, FieldNumber, Value};
 use isotherm_recording::RecordingError;
-use isotherm_recording::csv::list_columns;
+use isotherm_recording::csv::missing_columns;
 use isotherm_shared::stream::ImuId;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -234,6 +234,10 @@ impl McapReader {
 }
 
 impl TableReader for McapReader {
+    fn imu(&self) -> Option<&str> {
+        self.delivered.as_deref().filter(|_| self.raw)
+    }
+
     fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
         loop {
             match self.event()? {
@@ -307,7 +311,7 @@ fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) ->
     }
     let mut found: Vec<_> = fields.keys().cloned().collect();
     found.sort();
-    Err(format!("missing columns: {}; found: {}", missing.join(", "), list_columns(found)))
+    Err(missing_columns(&missing, found, ""))
 }
 
 /// Reads the values of a message. A missing field has the value 0, as defined by proto3; for [`Absence::Kept`] it has none.

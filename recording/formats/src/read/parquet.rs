@@ -6,7 +6,7 @@ use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
 use indicatif::ProgressBar;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::PARQUET_MAGIC;
-use isotherm_recording::csv::list_columns;
+use isotherm_recording::csv::missing_columns;
 use parquet::basic::{Compression, ConvertedType, LogicalType, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
@@ -23,6 +23,8 @@ const MAX_FOOTER: u64 = 16 << 20;
 pub struct ParquetReader {
     file: File,
     reader: SerializedFileReader<File>,
+    /// The IMU that the metadata name.
+    imu: Option<String>,
     wanted: Vec<WantedColumn>,
     columns: Vec<FoundColumn>,
     /// Index of the next row group, and the columns of the open one.
@@ -97,7 +99,8 @@ impl ParquetReader {
         };
         let metadata = reader.metadata().file_metadata();
         let imu = metadata.key_value_metadata().into_iter().flatten().find(|entry| entry.key == "isotherm.imu");
-        if let (ImuChoice::Only(wanted), Some(imu)) = (choice, imu.and_then(|imu| imu.value.as_deref()))
+        let imu = imu.and_then(|imu| imu.value.clone());
+        if let (ImuChoice::Only(wanted), Some(imu)) = (choice, &imu)
             && imu != wanted.as_str()
         {
             return Err(wrong(format!("samples of {}, not of {wanted}; choose with --imu", imu.escape_debug())));
@@ -108,6 +111,7 @@ impl ParquetReader {
         Ok(Self {
             file,
             reader,
+            imu,
             group: 0,
             open: Vec::new(),
             batch: columns.iter().map(|_| Vec::new()).collect(),
@@ -190,6 +194,10 @@ impl ParquetReader {
 }
 
 impl TableReader for ParquetReader {
+    fn imu(&self) -> Option<&str> {
+        self.imu.as_deref()
+    }
+
     fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
         while self.next == self.batch[0].len() {
             if !self.decode()? {
@@ -258,7 +266,7 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
         return Ok(columns);
     }
     let names = (0..schema.num_columns()).map(|index| schema.column(index).path().string());
-    Err(format!("missing columns: {}; found: {}; is this the recording?", missing.join(", "), list_columns(names)))
+    Err(missing_columns(&missing, names, "is this the recording?"))
 }
 
 /// Checks that the compression of every wanted column is supported.

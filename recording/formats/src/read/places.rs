@@ -29,12 +29,21 @@ impl Places {
     /// File and line, or file and row, of `place`, a line or row number over all pieces.
     #[must_use]
     pub fn locate(&self, place: u64) -> String {
-        let piece = self.0.iter().rfind(|piece| piece.before < place).or(self.0.first());
-        let Some(PiecePlace { path, unit, before }) = piece else { return place.to_string() };
-        let (path, place) = (path.display(), place.saturating_sub(*before));
+        let Some(PiecePlace { path, unit, .. }) = self.piece(place) else { return place.to_string() };
+        let (path, place) = (path.display(), self.within_piece(place));
         match unit {
             None => format!("{path}:{place}"),
             Some(unit) => format!("{path}: {unit} {place}"),
         }
+    }
+
+    /// Line or row within its piece of `place`, a line or row number over all pieces.
+    #[must_use]
+    pub fn within_piece(&self, place: u64) -> u64 {
+        place.saturating_sub(self.piece(place).map_or(0, |piece| piece.before))
+    }
+
+    fn piece(&self, place: u64) -> Option<&PiecePlace> {
+        self.0.iter().rfind(|piece| piece.before < place).or(self.0.first())
     }
 }

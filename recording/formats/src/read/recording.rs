@@ -88,10 +88,20 @@ impl Recording {
         bar: &ProgressBar,
         hash: Option<SharedHash>,
     ) -> Result<Self, Failure> {
+        let mut known: Option<(PathBuf, String)> = None;
         let first_time = |path: &Path| {
             let mut piece = Piece::open(path, kind, &choice, &ProgressBar::hidden(), None)?;
             let row = piece.next(SequenceRule::default());
             let row = row.map_err(|error| error.failure(path))?;
+            if let Some(imu) = piece.source.imu() {
+                let (first, of) = known.get_or_insert_with(|| (path.to_owned(), imu.to_owned()));
+                if of != imu {
+                    let (first, path, imu, of) =
+                        (first.display(), path.display(), imu.escape_debug(), of.escape_debug());
+                    let message = format!("{path} is of {imu}, but {first} of {of}; give the pieces of one IMU");
+                    return Err(Failure::new(Exit::Data, message));
+                }
+            }
             Ok(row.map(|row| (piece.source.recorded_ns(), row.sample.timestamp_ns)))
         };
         let mut waiting = in_order(paths, first_time, |times: &[Option<(Option<u64>, u64)>]| {
@@ -115,12 +125,21 @@ impl Recording {
     /// The next row. At the end of a piece, opens the next one.
     fn advance(&mut self) -> Result<Option<CampaignRow>, RecordingError> {
         let mut rule = self.current.source.sequence_rule();
+        // The piece before the current one, while no row of the current one has been read.
+        let mut previous: Option<PathBuf> = None;
         loop {
-            if let Some(row) = self.current.next(rule)? {
+            let row = self.current.next(rule).map_err(|error| match (error, &previous) {
+                (RecordingError::Data { line, message }, Some(previous)) => {
+                    let message = format!("{message}; the piece before is {}", previous.display());
+                    RecordingError::Data { line, message }
+                }
+                (error, _) => error,
+            });
+            if let Some(row) = row? {
                 return Ok(Some(CampaignRow { line: self.places.before() + row.line, ..row }));
             }
             rule = self.current.source.sequence_rule();
-            if let (Some(warning), false) = (self.current.source.truncation(), cfg!(test)) {
+            if let Some(warning) = self.current.source.truncation() {
                 let path = self.current.path.display();
                 let _ = writeln!(io::stderr(), "isotherm: warning: {path}: {warning}");
             }
@@ -129,7 +148,7 @@ impl Recording {
             let opened = Piece::open(&next, self.kind, &self.choice, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
             let opened = opened.map_err(|failure| RecordingError::Io(io::Error::other(failure.message)))?;
-            self.current = opened;
+            previous = Some(std::mem::replace(&mut self.current, opened).path);
             self.places.begin(&self.current.path, self.current.source.unit(), before);
         }
     }
@@ -267,7 +286,7 @@ impl Piece {
                 let position = match position.map(|number| to_integer(number).ok_or(number)).transpose() {
                     Ok(position) => position,
                     Err(number) => {
-                        let expected = "the number of a position, or nothing while the table moves";
+                        let expected = "the number of a position, or nothing while the turntable moves";
                         return Err(reader.error(format!("position is {number}, give {expected}")));
                     }
                 };
@@ -304,6 +323,14 @@ impl PieceSource {
         match self {
             Self::Csv(_) | Self::CampaignCsv(_) => None,
             Self::Table(reader, ..) => Some(reader.unit()),
+        }
+    }
+
+    /// The IMU of the rows, where the piece names it. Valid after the first row.
+    fn imu(&self) -> Option<&str> {
+        match self {
+            Self::Csv(_) | Self::CampaignCsv(_) => None,
+            Self::Table(reader, ..) => reader.imu(),
         }
     }
 

@@ -9,7 +9,7 @@ use isotherm_shared::stream::ImuId;
 pub enum ImuChoice {
     /// Only this IMU; an error if the recording is of other IMUs.
     Only(ImuId),
-    /// The only IMU of the recording, whichever it is; this IMU if there are several.
+    /// If the recording has one IMU, that IMU; if it has several, this one.
     Prefer(ImuId),
     /// The only stream that has the wanted columns; an error if there are several.
     Any,
@@ -87,6 +87,9 @@ pub trait TableReader {
 
     /// An error about the last row.
     fn error(&self, message: String) -> RecordingError;
+
+    /// The IMU of the rows, where the file names it. Valid after the first row.
+    fn imu(&self) -> Option<&str>;
 
     /// A warning if the end of the file is missing. Valid after the last row.
     fn truncation(&self) -> Option<String> {

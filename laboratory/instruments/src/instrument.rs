@@ -1,0 +1,114 @@
+//! What every chamber and every turntable can do, and what it reports.
+
+use super::fault::InstrumentFault;
+
+/// A temperature chamber. All temperatures \[degC\].
+pub trait Chamber: Send {
+    /// Type or identity as the controller reports it.
+    ///
+    /// # Errors
+    /// A fault of the chamber or the line.
+    fn identify(&mut self) -> Result<String, InstrumentFault>;
+
+    /// Measured values and state of the controller.
+    ///
+    /// # Errors
+    /// A fault of the chamber or the line.
+    fn read(&mut self) -> Result<ChamberReading, InstrumentFault>;
+
+    /// Sets the set point, reads it back and compares.
+    ///
+    /// # Errors
+    /// A fault of the chamber or the line; [`FaultKind::Mismatch`](super::FaultKind::Mismatch) if another set point is read back.
+    fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault>;
+
+    /// Starts the constant mode: the chamber holds the set point.
+    ///
+    /// # Errors
+    /// A fault of the chamber or the line.
+    fn run(&mut self) -> Result<(), InstrumentFault>;
+
+    /// Enters the safe state: no heating, no cooling.
+    ///
+    /// # Errors
+    /// A fault of the chamber or the line.
+    fn standby(&mut self) -> Result<(), InstrumentFault>;
+
+    /// Requests on this line that had to be repeated.
+    fn repeated(&self) -> u64;
+}
+
+/// Measured values and state of a chamber.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ChamberReading {
+    /// Measured air temperature \[degC\].
+    pub air_c: f64,
+    /// Set point \[degC\].
+    pub set_point_c: f64,
+    /// Whether it controls the temperature: heats and cools.
+    pub running: bool,
+    /// Active alarms as the controller names them; empty for none.
+    pub alarms: Vec<String>,
+}
+
+/// A two-axis turntable. Angles \[deg\], rates \[deg/s\]. Axis 0 is the outer (first) axis, 1 the inner.
+pub trait Turntable: Send {
+    /// Type or identity as the controller reports it.
+    ///
+    /// # Errors
+    /// A fault of the turntable or the line.
+    fn identify(&mut self) -> Result<String, InstrumentFault>;
+
+    /// Resets faults, closes the interlocks and powers the axes. Nothing moves.
+    ///
+    /// # Errors
+    /// A fault of the turntable or the line.
+    fn engage(&mut self) -> Result<(), InstrumentFault>;
+
+    /// Angles, rates and state.
+    ///
+    /// # Errors
+    /// A fault of the turntable or the line.
+    fn read(&mut self) -> Result<TurntableReading, InstrumentFault>;
+
+    /// Starts moving both axes. Returns when the move is commanded, not when it is complete.
+    ///
+    /// # Errors
+    /// A fault of the turntable or the line.
+    fn move_to(
+        &mut self,
+        angles_deg: [f64; 2],
+        rate_deg_s: f64,
+        acceleration_deg_s2: f64,
+    ) -> Result<(), InstrumentFault>;
+
+    /// Enters the safe state: the motion stops, the axes are held or without power. Both axes are commanded, even if the first
+    /// one fails.
+    ///
+    /// # Errors
+    /// A fault of the turntable or the line.
+    fn stop(&mut self) -> Result<(), InstrumentFault>;
+
+    /// Requests on this line that had to be repeated.
+    fn repeated(&self) -> u64;
+}
+
+/// Measured values and state of a turntable.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TurntableReading {
+    /// Angles of the outer and the inner axis \[deg\].
+    pub angles_deg: [f64; 2],
+    /// Rates of the outer and the inner axis \[deg/s\].
+    pub rates_deg_s: [f64; 2],
+    /// Active faults as the controller names them; empty for none.
+    pub faults: Vec<String>,
+    /// Axes without power (open interlocks), as the controller names them; always empty for controllers that do not report it.
+    pub open: Vec<String>,
+}
+
+/// The shortest rotation from `a` to `b`, over -180 and up to 180 \[deg\]: from 359.999 to 0 it is 0.001.
+#[must_use]
+pub fn turn_deg(a: f64, b: f64) -> f64 {
+    let turn = (b - a).rem_euclid(360.0);
+    if turn > 180.0 { turn - 360.0 } else { turn }
+}

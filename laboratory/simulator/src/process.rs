@@ -1,0 +1,36 @@
+//! One process of a station: the chamber, the turntable or the IMU.
+
+use crate::station::{SimulatedStation, StationProcess};
+use crate::{chamber, imu, launch, server, turntable};
+use isotherm_client::{Domain, ImuId};
+use isotherm_failure::{Exit, Failure};
+use std::path::Path;
+
+impl SimulatedStation {
+    /// Runs one process of the station in `folder`, until it receives a signal or another process of the station has ended.
+    ///
+    /// # Errors
+    /// If a file of the station cannot be read, or the port cannot be created or used.
+    pub fn run_process(process: StationProcess, folder: &Path, domain: Domain) -> Result<(), Failure> {
+        let path = folder.join(launch::DESCRIPTION);
+        let text = std::fs::read_to_string(&path).map_err(|error| Failure::io("reading", &path, &error))?;
+        let station: Self = serde_json::from_str(&text)
+            .map_err(|error| Failure::new(Exit::Config, format!("reading {}: {error}", path.display())))?;
+        match process {
+            StationProcess::Chamber => {
+                let device = chamber::ChamberDevice::new(&station);
+                let protocol = station.chamber.implementation();
+                server::serve(process, device, protocol, &station, &station.chamber_port, folder)
+            }
+            StationProcess::Turntable => {
+                let tcp = station.table_port.starts_with("tcp://");
+                let (device, protocol) = (turntable::TurntableDevice::default(), station.table.implementation(tcp));
+                server::serve(process, device, protocol, &station, &station.table_port, folder)
+            }
+            StationProcess::Imu => {
+                let imu: ImuId = station.imu.parse().map_err(|error| Failure::new(Exit::Config, format!("{error}")))?;
+                imu::run(&station, &imu, folder, domain)
+            }
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! What a station is: its description, its processes and the protocols that its devices can have.
+
+use isotherm_calibration::simulate::{Chain, Noise};
+use isotherm_client::monotonic_ns;
+use serde::{Deserialize, Serialize};
+
+/// A station, as described in its file DIR/station.json.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct SimulatedStation {
+    /// The IMU whose samples are published.
+    pub imu: String,
+    /// Protocol of the chamber.
+    pub chamber: ChamberProtocol,
+    /// Port of the chamber: a symbolic link to a pseudo-terminal, or `tcp://127.0.0.1:port`.
+    pub chamber_port: String,
+    /// Protocol of the turntable.
+    pub table: TurntableProtocol,
+    /// Port of the turntable.
+    pub table_port: String,
+    /// Simulated seconds per second.
+    pub speed: f64,
+    /// CLOCK_MONOTONIC at simulated time 0 \[ns\].
+    pub origin_ns: u64,
+    /// Control period of the IMU \[ns\].
+    pub interval_ns: u64,
+    /// Seed of the noise and of the phase of the chamber's oscillation.
+    pub seed: u64,
+    /// Temperature of the laboratory, and of the chamber at the beginning \[degC\].
+    pub ambient_c: f64,
+    /// The chamber's fastest ramp \[degC/s\].
+    pub ramp_c_per_s: f64,
+    /// Tilt of the turntable's base \[rad\].
+    pub tilt_rad: [f64; 2],
+    /// Local gravity \[m/s2\].
+    pub gravity_local: f64,
+    /// The IMU's measurement chain.
+    pub chain: Chain,
+    /// The random errors.
+    pub noise: Noise,
+}
+
+impl SimulatedStation {
+    /// Simulated time \[s\].
+    pub(super) fn now_s(&self) -> f64 {
+        monotonic_ns().saturating_sub(self.origin_ns) as f64 / 1e9 * self.speed
+    }
+}
+
+/// One process of a station.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum StationProcess {
+    /// The chamber.
+    Chamber,
+    /// The turntable.
+    Turntable,
+    /// The IMU.
+    Imu,
+}
+
+impl StationProcess {
+    /// Every process with its name.
+    pub const NAMES: [(Self, &'static str); 3] =
+        [(Self::Chamber, "chamber"), (Self::Turntable, "table"), (Self::Imu, "imu")];
+
+    /// The name, as in file names and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Chamber => "chamber",
+            Self::Turntable => "table",
+            Self::Imu => "imu",
+        }
+    }
+}
+
+/// Protocol of a chamber.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ChamberProtocol {
+    /// ESPEC P-300.
+    Espec,
+    /// Watlow F4T.
+    WatlowF4t,
+    /// Voetsch and Weiss, ASCII-2.
+    Ascii2,
+}
+
+impl ChamberProtocol {
+    /// Every protocol with the name of its driver.
+    pub const NAMES: [(Self, &'static str); 3] =
+        [(Self::Espec, "espec"), (Self::WatlowF4t, "watlow-f4t"), (Self::Ascii2, "ascii2")];
+
+    /// The name of its driver.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
+    }
+}
+
+/// Protocol of a turntable.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TurntableProtocol {
+    /// ACUTROL 3000.
+    Acutrol,
+    /// Ideal Aerosmith.
+    Aerosmith,
+}
+
+impl TurntableProtocol {
+    /// Every protocol with the name of its driver.
+    pub const NAMES: [(Self, &'static str); 2] = [(Self::Acutrol, "acutrol"), (Self::Aerosmith, "aerosmith")];
+
+    /// The name of its driver.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
+    }
+}

@@ -1,0 +1,49 @@
+//! The kinds of TOML files, recognised by their keys. All programs use this rule, so that they agree on what a file is.
+
+use crate::document::Document;
+
+/// A kind of TOML file.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum FileKind {
+    /// A campaign plan: what an automatic campaign is to do.
+    Plan,
+    /// A campaign file: what a laboratory states about the samples of a campaign.
+    Campaign,
+    /// A configuration of the service.
+    Configuration,
+    /// A coefficient table.
+    Table,
+}
+
+impl FileKind {
+    /// The kind that a document is meant to be: it has one of the keys of that kind, valid or not. `None` if it has none of any.
+    ///
+    /// A plan is tried first, because it may have positions like a campaign. A configuration has a list `[[imu]]`, a table a
+    /// section `[imu]`.
+    #[must_use]
+    pub fn of(document: &Document<'_>) -> Option<Self> {
+        let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
+        if has(&["set_points", "soak", "dwell", "chamber", "limits", "patience", "verify"]) {
+            Some(Self::Plan)
+        } else if has(&["position", "samples", "gravity_reference"]) {
+            Some(Self::Campaign)
+        } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
+            Some(Self::Configuration)
+        } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
+            Some(Self::Table)
+        } else {
+            None
+        }
+    }
+
+    /// Its name in messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Plan => "a campaign plan",
+            Self::Campaign => "a campaign file",
+            Self::Configuration => "a service configuration",
+            Self::Table => "a coefficient table",
+        }
+    }
+}
