@@ -229,9 +229,9 @@ impl Report<'_> {
         let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
         let hours = |dwell: &Dwell, _: usize| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
         let head = |dwell: &Dwell, axis: usize| dwell.head(axis);
-        type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell, usize) -> f64);
+        type DwellView<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell, usize) -> f64);
         let telemetry = self.telemetry(0);
-        let views: [View<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
+        let views: [DwellView<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
         let errors = [0, 1, 2].map(|axis| {
             let after: Vec<f64> = solution.residuals.iter().map(|residual| residual[axis] * 1e6).collect();
             (before(axis), after)

@@ -113,8 +113,8 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     let head = format!("Head telemetry / {}", table.content().temperature_unit);
     let drift = format!("dU/dt of the head / ({} per h)", table.content().temperature_unit);
     let force = stability.specific_force;
-    type View<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
-    let views: [View<'_>; 2] = [
+    type WindowView<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
+    let views: [WindowView<'_>; 2] = [
         ("over time", "Time / h", &|window, _| window.time_s / 3600.0, Style::Line),
         ("over temperature", &head, &|window, axis| window.head[axis], Style::Points),
     ];

@@ -30,7 +30,7 @@ struct Bin {
 
 /// All rows so far as bins, and the latest rows unthinned.
 #[derive(Clone, Debug, Default)]
-pub struct Curves {
+pub struct PlottedCurves {
     /// Length of a bin \[s\]; 0 while every row has its own bin.
     length_s: f64,
     bins: Vec<Bin>,
@@ -38,7 +38,7 @@ pub struct Curves {
     begin_s: Option<f64>,
 }
 
-impl Curves {
+impl PlottedCurves {
     /// Adds the next row.
     pub fn add(&mut self, row: CurveRow) {
         self.begin_s.get_or_insert(row.unix_s);
@@ -106,7 +106,7 @@ mod tests {
     /// A week with a row every 5 s, one spike and one dip.
     #[test]
     fn a_week_is_kept_at_a_bounded_size_with_its_extremes() {
-        let mut curves = Curves::default();
+        let mut curves = PlottedCurves::default();
         let rows = 7 * 24 * 720;
         for row in 0..rows {
             let mut values = [20.0; CURVES];
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn few_rows_are_kept_as_they_are() {
-        let mut curves = Curves::default();
+        let mut curves = PlottedCurves::default();
         assert_eq!(curves.span_s(), None);
         for row in 0..10 {
             curves.add(CurveRow { unix_s: f64::from(row), values: [f64::from(row); CURVES] });

@@ -1,6 +1,6 @@
 //! The live page: state and curves of the campaign in one HTML file that a browser reloads by itself.
 
-use super::curves::Curves;
+use super::curves::PlottedCurves;
 use super::plan::Plan;
 use super::progress::Snapshot;
 
@@ -17,7 +17,7 @@ pub const PERIOD_S: u32 = 10;
 /// Length of the additional figures of the latest curves \[h\].
 const RECENT_H: f64 = 3.0;
 
-/// The name of a curve in the legend, and its number in [`Curves`].
+/// The name of a curve in the legend, and its number in [`PlottedCurves`].
 type NamedCurve = (&'static str, usize);
 
 const CHAMBER: [NamedCurve; 2] = [("air", 0), ("set point", 1)];
@@ -28,13 +28,13 @@ const BOARDS: [NamedCurve; 3] = [(AXIS_NAMES[0], 5), (AXIS_NAMES[1], 6), (AXIS_N
 ///
 /// # Errors
 /// If the operating system cannot write it.
-pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &Curves) -> io::Result<()> {
+pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves) -> io::Result<()> {
     let staged = plan.output.join("live.html.new");
     fs::write(&staged, html(plan, snapshot, curves))?;
     fs::rename(staged, plan.output.join(PAGE))
 }
 
-fn html(plan: &Plan, snapshot: &Snapshot, curves: &Curves) -> String {
+fn html(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves) -> String {
     let subtitle = format!("{} of {} dwells and runs · {} left", snapshot.unit, snapshot.units, snapshot.remaining());
     let mut page = Page::new(&format!("Campaign of {}", plan.imu), &subtitle);
     match (&snapshot.ended, &snapshot.paused) {

@@ -1,6 +1,6 @@
 //! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, and its curves for the live page.
 
-use crate::curves::{CURVES, CurveRow, Curves};
+use crate::curves::{CURVES, CurveRow, PlottedCurves};
 use isotherm_client::unix_s;
 use isotherm_failure::Failure;
 use isotherm_instruments::{ChamberReading, TurntableReading};
@@ -25,7 +25,7 @@ const MAX_LINE: u64 = 4096;
 pub struct Readbacks {
     file: File,
     path: PathBuf,
-    curves: Curves,
+    curves: PlottedCurves,
 }
 
 impl Readbacks {
@@ -66,15 +66,15 @@ impl Readbacks {
     }
 
     /// The curves of all rows.
-    pub const fn curves(&self) -> &Curves {
+    pub const fn curves(&self) -> &PlottedCurves {
         &self.curves
     }
 }
 
-fn open(path: &Path) -> io::Result<(File, Curves)> {
+fn open(path: &Path) -> io::Result<(File, PlottedCurves)> {
     let mut file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
     let (mut reader, mut line) = (BufReader::new(&file), Vec::new());
-    let (mut curves, mut complete) = (Curves::default(), 0);
+    let (mut curves, mut complete) = (PlottedCurves::default(), 0);
     loop {
         line.clear();
         let mut length = (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)?;

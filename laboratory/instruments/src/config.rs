@@ -47,8 +47,8 @@ impl ChamberConfig {
     /// finishes the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
-        type ReadDriver = fn(&Section<'_, '_>) -> ChamberDriver;
-        let drivers: [((i64, f64, ReadDriver), &str); 3] = [
+        type ReadChamberDriver = fn(&Section<'_, '_>) -> ChamberDriver;
+        let drivers: [((i64, f64, ReadChamberDriver), &str); 3] = [
             ((9600, 0.0, |section| ChamberDriver::Espec(espec::EspecSettings::read(section))), "espec"),
             ((38400, f4t::PAUSE_S, |section| ChamberDriver::F4t(f4t::F4tSettings::read(section))), "watlow-f4t"),
             ((9600, 0.0, |section| ChamberDriver::Ascii2(ascii2::Ascii2Settings::read(section))), "ascii2"),
@@ -67,8 +67,8 @@ impl TurntableConfig {
     /// then finishes the section.
     #[must_use]
     pub fn read(section: &Section<'_, '_>) -> Option<Self> {
-        type ReadDriver = fn(&Section<'_, '_>) -> TurntableDriver;
-        let drivers: [((i64, ReadDriver), &str); 2] = [
+        type ReadTurntableDriver = fn(&Section<'_, '_>) -> TurntableDriver;
+        let drivers: [((i64, ReadTurntableDriver), &str); 2] = [
             ((19200, |section| TurntableDriver::Acutrol(acutrol::AcutrolSettings::read(section))), "acutrol"),
             ((9600, |section| TurntableDriver::Aerosmith(aerosmith::AerosmithSettings::read(section))), "aerosmith"),
         ];
