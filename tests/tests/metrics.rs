@@ -14,7 +14,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
+use std::time::Instant;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
@@ -311,10 +313,19 @@ fn misbehaving_peers_do_not_block_others() {
             stream
         })
         .collect();
+    let (served, begun) = (AtomicBool::new(false), Instant::now());
     thread::scope(|scope| {
-        scope.spawn(|| (0..2000).for_each(|_| drop(TcpStream::connect(&address))));
+        // The flood lasts until all pages have been received, so that none of them can come after it.
+        scope.spawn(|| {
+            let mut count = 0;
+            while count < 2000 || !served.load(Ordering::Relaxed) && begun.elapsed() < 11 * TIMEOUT {
+                drop(TcpStream::connect(&address));
+                count += 1;
+            }
+        });
         // A newer connection replaces the oldest, so a scraper that is slow to send its request must try again.
         (0..10).for_each(|_| wait_until("a page during the flood", || try_scrape(&address).is_some()));
+        served.store(true, Ordering::Relaxed);
     });
     let mut acquisition = domain.acquisition("imu-a");
     round_trip(&mut acquisition, &recording()[0]);
