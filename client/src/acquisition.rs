@@ -4,6 +4,7 @@ use crate::clock::{Clock, monotonic_ns};
 use crate::connect::{Options, absent, deadline, join_existing, retry_until};
 use crate::error::{ConnectError, permission};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
+use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, publisher_of};
 use crate::pending::Pending;
 use crate::resources::reserve;
@@ -14,6 +15,7 @@ use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe;
+use isotherm_shared::sequence::rises;
 use isotherm_shared::stream::{ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::hash::{BuildHasher as _, RandomState};
@@ -43,7 +45,8 @@ const LOANS: usize = 4;
 pub struct Acquisition {
     imu: ImuId,
     session: u64,
-    next_sequence: u64,
+    /// Of the last sample of this session.
+    last_sequence: Option<u64>,
     pending: Pending,
     clock: Clock,
     recovery: Recovery,
@@ -90,9 +93,10 @@ impl Acquisition {
         imu: &ImuId,
         options: &Options,
     ) -> Result<impl FnOnce(IpcNode) -> Self + use<>, ConnectError> {
+        refuse_foreign(&options.domain)?;
         let open = |error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(node, &options.domain, imu),
-            PublishSubscribeOpenError::InsufficientPermissions => permission(&options.domain),
+            PublishSubscribeOpenError::InsufficientPermissions => permission(&options.domain, None),
             other => ConnectError::transport("opening the streams", other),
         };
         let raw = node.service_builder(&imu.raw()).publish_subscribe::<RawSample>().open().map_err(open)?;
@@ -129,7 +133,7 @@ impl Acquisition {
         Ok(move |node| Self {
             imu,
             session: random(),
-            next_sequence: 0,
+            last_sequence: None,
             pending: Pending::new(depth),
             clock: Clock::new(),
             recovery: Recovery {
@@ -170,7 +174,7 @@ impl Acquisition {
         match self.in_flight() {
             0 => {
                 self.session = random();
-                self.next_sequence = 0;
+                self.last_sequence = None;
                 Ok(())
             }
             unanswered => Err(InFlight(unanswered)),
@@ -201,7 +205,7 @@ impl Acquisition {
         };
         let raw = sample.payload_mut();
         raw.session = self.session;
-        raw.sequence = self.next_sequence;
+        raw.sequence = self.last_sequence.map_or(0, |last| last.saturating_add(1));
         Ok(Loan(sample))
     }
 
@@ -216,9 +220,9 @@ impl Acquisition {
         if self.pending.is_full() {
             return Err(SendError::Full(sample));
         }
-        let Some(next_sequence) = sample.sequence.checked_add(1).filter(|next| *next > self.next_sequence) else {
+        if !rises(self.last_sequence, sample.sequence) {
             return Err(SendError::Sequence(sample));
-        };
+        }
         sample.session = self.session;
         sample.sent_ns = self.clock.now();
         if self.pending.len() == 0 {
@@ -226,7 +230,7 @@ impl Acquisition {
             self.recovery.resend_after_ns = SILENCE_NS;
         }
         // A send that fails may have reached some receivers. So no other sample gets this sequence.
-        self.next_sequence = next_sequence;
+        self.last_sequence = Some(sample.sequence);
         let copy = *sample;
         if let Err(error) = sample.0.send() {
             return Err(SendError::Transport(error.to_string()));

@@ -1,18 +1,18 @@
 //! Joining a domain: where its files are, how a process gets its node, and how long connecting may take.
 
 use crate::error::{ConnectError, permission};
+use crate::folder::{self, check_owner};
+use crate::objects::{OwnFile, close_to_others, own_files, refuse_foreign};
 use crate::peers::publisher_of;
-use crate::resources::{SHARED_MEMORY, check_folder, check_room};
+use crate::resources::{SHARED_MEMORY, check_room};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
 use std::collections::HashMap;
 use std::fs;
-use std::io;
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// Environment variable that names the domain.
 pub const DOMAIN_VARIABLE: &str = "ISOTHERM_DOMAIN";
@@ -23,6 +23,8 @@ const SYSTEM_ROOT: &str = "/run/isotherm";
 
 /// Pause between two attempts to join.
 const RETRY: Duration = Duration::from_millis(5);
+/// How long joining waits for objects that are being created. It covers the age at which one counts as left behind, with a reserve.
+const SWEEP_LIMIT: Duration = Duration::from_secs(2);
 /// If a running service does not serve an IMU after this long, connecting fails. A service that finds leftovers of a killed
 /// predecessor needs a second or two between its first stream and its last.
 const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
@@ -75,7 +77,7 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
 /// # Errors
 /// [`ConnectError::NoService`] besides those of [`join`].
 pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
-    check_owner(domain)?;
+    check_domain(domain)?;
     match fs::exists(format!("{}/services", domain.root_path())) {
         Ok(false) => Err(ConnectError::NoService(domain.name().to_owned())),
         Ok(true) | Err(_) => join(domain),
@@ -87,74 +89,63 @@ pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
 /// # Errors
 /// [`ConnectError::Permission`], [`ConnectError::Domain`] or [`ConnectError::Transport`].
 pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
-    check_owner(domain)?;
+    folder::prepare(domain)?;
     check_room(0)?;
-    check_folder(domain)?;
-    sweep_half_created(domain);
+    sweep_half_created(domain)?;
+    close_to_others(domain);
+    refuse_foreign(domain)?;
     let config = domain.config()?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
     node.create().map_err(|error| match error {
-        NodeCreationFailure::InsufficientPermissions => permission(domain),
+        NodeCreationFailure::InsufficientPermissions => permission(domain, None),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })
 }
 
-/// Checks that the domain, if it exists, belongs to this process's user. Even root is refused another user's domain.
+/// Checks that `domain`, if it exists, is this user's, and that no other user's object is in the place of a stream.
 ///
 /// # Errors
-/// [`ConnectError::Permission`] if not, and [`ConnectError::Transport`] if its folder is not usable.
-pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
-    match fs::metadata(domain.root_path()) {
-        Ok(metadata) if !metadata.is_dir() => {
-            let cause = format!("{} is not a folder; remove it, or use another --domain", domain.root_path());
-            Err(ConnectError::transport("joining the domain", cause))
-        }
-        Ok(metadata) if metadata.permissions().mode() & 0o002 != 0 => {
-            let cause = format!("everybody may write {0}; chmod o-w {0}", domain.root_path());
-            Err(ConnectError::transport("joining the domain", cause))
-        }
-        Ok(metadata) if metadata.uid() != rustix::process::geteuid().as_raw() => Err(permission(domain)),
-        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(permission(domain)),
-        _ => Ok(()),
-    }
+/// [`ConnectError::Permission`] or [`ConnectError::Transport`].
+pub fn check_domain(domain: &Domain) -> Result<(), ConnectError> {
+    check_owner(domain)?;
+    refuse_foreign(domain)
 }
 
-/// Removes shared memory objects of `domain` whose creator died before it set their size.
+/// Removes objects of `domain` whose creator died before it set their size.
 ///
 /// Such an object keeps mode 0200 for ever, and the transport waits for it without limit. An object counts as left behind
 /// when it is older than twice the transport's creation time-out. Waits until each younger object is complete or has reached this
-/// age.
-pub fn sweep_half_created(domain: &Domain) {
-    let limit = 2 * CREATION_TIMEOUT;
+/// age, but no longer than `SWEEP_LIMIT`. Objects of other users do not count.
+///
+/// # Errors
+/// [`ConnectError::Transport`] if at the end of that time there still is a half-created object.
+pub fn sweep_half_created(domain: &Domain) -> Result<(), ConnectError> {
+    let (limit, started) = (2 * CREATION_TIMEOUT, Instant::now());
     let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();
     loop {
-        let mut waiting = false;
-        for (path, age) in files_with_mode(SHARED_MEMORY, &domain.prefix(), 0o200) {
+        let mut waiting = None;
+        for object in half_created(domain) {
             // The age is wrong if the clock was set meanwhile. So the object is removed too if it has been watched for the limit.
-            let watched = watched_since.entry(path.clone()).or_insert_with(Instant::now).elapsed();
-            if age.is_some_and(|age| age > limit) || watched > limit {
-                let _ = fs::remove_file(path);
+            let watched = watched_since.entry(object.path.clone()).or_insert_with(Instant::now).elapsed();
+            if object.age().is_some_and(|age| age > limit) || watched > limit {
+                let _ = fs::remove_file(object.path);
             } else {
-                waiting = true;
+                waiting = Some(object.path);
             }
         }
-        if !waiting {
-            return;
+        let Some(path) = waiting else { return Ok(()) };
+        if started.elapsed() > SWEEP_LIMIT {
+            let cause = format!("processes of this user keep creating objects, the last one {}", path.display());
+            return Err(ConnectError::transport("joining the domain", cause));
         }
         thread::sleep(RETRY);
     }
 }
 
-/// The files of `folder` whose names begin with `prefix` and whose permissions are exactly `mode`, with their ages.
-pub fn files_with_mode(folder: &str, prefix: &str, mode: u32) -> Vec<(PathBuf, Option<Duration>)> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let ours = entries.filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()));
-    ours.filter_map(|entry| {
-        let metadata = entry.metadata().ok()?;
-        let age = metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok());
-        (metadata.permissions().mode() & 0o777 == mode).then(|| (entry.path(), age))
-    })
-    .collect()
+/// This user's objects of `domain` that have no size yet, in shared memory and in the domain's folder.
+pub fn half_created(domain: &Domain) -> impl Iterator<Item = OwnFile> {
+    let objects = own_files(SHARED_MEMORY, &domain.prefix()).chain(own_files(domain.root_path(), &domain.prefix()));
+    objects.filter(|object| object.mode() == 0o200)
 }
 
 /// The time when `timeout` has passed; decades ahead if the clock cannot represent it.

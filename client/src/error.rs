@@ -43,13 +43,17 @@ pub enum ConnectError {
     },
     /// The domain belongs to another user.
     #[error(
-        "domain {domain:?} belongs to another user ({root} or its shared memory cannot be opened); run as the service's user"
+        "domain {domain:?} belongs to another user ({}); run as the service's user, use another --domain, or name a folder of your own \
+         in ISOTHERM_ROOT",
+        made_by.map_or_else(|| format!("{root} or its shared memory cannot be opened"), |uid| format!("user {uid} made {root}"))
     )]
     Permission {
         /// The domain.
         domain: String,
         /// Its folder.
         root: String,
+        /// The number of the user who made the folder, if that is known.
+        made_by: Option<u32>,
     },
     /// The domain cannot be used.
     #[error(transparent)]
@@ -81,8 +85,8 @@ impl ConnectError {
     }
 }
 
-pub(crate) fn permission(domain: &Domain) -> ConnectError {
-    ConnectError::Permission { domain: domain.name().to_owned(), root: domain.root_path().to_owned() }
+pub(crate) fn permission(domain: &Domain, made_by: Option<u32>) -> ConnectError {
+    ConnectError::Permission { domain: domain.name().to_owned(), root: domain.root_path().to_owned(), made_by }
 }
 
 impl From<ConnectError> for Failure {

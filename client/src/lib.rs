@@ -47,10 +47,13 @@ mod acquisition;
 mod clock;
 mod connect;
 mod error;
+mod folder;
 mod loan;
+mod objects;
 mod once;
 mod peers;
 mod pending;
+mod process;
 mod reader;
 mod realtime;
 mod resources;
@@ -60,14 +63,16 @@ mod tap;
 pub use acquisition::Acquisition;
 pub use clock::{Clock, monotonic_ns, unix_s};
 pub use connect::{
-    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_owner, domain, files_with_mode, join, join_existing,
+    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_domain, domain, half_created, join, join_existing,
     sweep_half_created,
 };
 pub use error::ConnectError;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
 pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
+pub use objects::{OwnFile, close_to_others, foreign_objects, own_files};
 pub use peers::{publisher_of, subscribers_of};
+pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use resources::{check_room, reserve};

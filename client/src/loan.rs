@@ -38,7 +38,8 @@ pub enum SendError {
     /// sample to it with [`RawSample::merge`].
     #[error("the service's queue is full of unanswered samples")]
     Full(Loan),
-    /// The sequence is not above the last one sent in this session.
+    /// The sequence is not above the last one sent in this session. After the highest sequence, 2^64-1, only a new session can
+    /// begin.
     #[error("the sequence does not rise above the last one sent")]
     Sequence(Loan),
     /// The transport failed. The sample is lost, and the service will flag the gap.

@@ -2,6 +2,7 @@
 
 use crate::connect::{Options, absent, deadline, join_existing, retry_until};
 use crate::error::{ConnectError, permission};
+use crate::objects::refuse_foreign;
 use crate::once::Once;
 use crate::resources::reserve;
 use core::fmt;
@@ -169,10 +170,11 @@ impl<T: Streamed> Reader<T> {
             Some(node) => node,
             None => self.node.insert(join_existing(&self.domain)?),
         };
+        refuse_foreign(&self.domain)?;
         let stream = node.service_builder(&T::stream(&self.imu)).publish_subscribe::<T>().open();
         let stream = stream.map_err(|error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(node, &self.domain, &self.imu),
-            PublishSubscribeOpenError::InsufficientPermissions => permission(&self.domain),
+            PublishSubscribeOpenError::InsufficientPermissions => permission(&self.domain, None),
             other => ConnectError::transport("opening the stream", other),
         })?;
         let subscriber = stream.subscriber_builder().create().map_err(|error| match error {

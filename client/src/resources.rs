@@ -4,17 +4,19 @@
 //! So the free space is checked before anything is created, and created objects get all their pages at once.
 
 use crate::error::ConnectError;
+use crate::objects::own_files;
 use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
-use std::fs::{self, DirBuilder, File};
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
+use std::fs;
 
 /// Folder of the transport's shared memory.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Shared memory that a client needs at most, for its streams and their connections \[bytes\].
 const ROOM_OF_A_CLIENT: u64 = 1 << 20;
+/// A single object of the transport is smaller \[bytes\].
+const LARGEST_OBJECT: u64 = 1 << 20;
 /// Shared memory that a service without IMUs needs at most \[bytes\].
 const ROOM: u64 = 1 << 20;
 /// Shared memory that a service needs at most for each IMU, with its connections \[bytes\].
@@ -35,29 +37,14 @@ pub fn check_room(imus: usize) -> Result<(), ConnectError> {
         ConnectError::Exhausted(format!("shared memory {SHARED_MEMORY} cannot be written ({error}); mount it writable"))
     };
     access(SHARED_MEMORY, Access::WRITE_OK).map_err(unwritable)?;
-    if free_shared_memory().is_some_and(|free| free < needed) { Err(shared_memory_full(needed)) } else { Ok(()) }
-}
-
-/// Creates the domain's folder if necessary, and checks that it is writable and has space for the small files of streams and
-/// processes.
-pub(crate) fn check_folder(domain: &Domain) -> Result<(), ConnectError> {
-    const ROOM: u64 = 64 << 10;
-    const FILES: u64 = 64;
-    let root = domain.root_path();
-    let failed = |cause: String| {
-        ConnectError::Exhausted(format!(
-            "the domain's folder {root}: {cause}; ISOTHERM_ROOT names the folder above, which must be writable"
-        ))
-    };
-    let made = DirBuilder::new().recursive(true).mode(0o750).create(root);
-    made.map_err(|error| failed(error.to_string()))?;
-    access(root, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| failed(error.to_string()))?;
-    let Ok(room) = statvfs(root) else { return Ok(()) };
-    let (bytes, files) = (room.f_bavail * room.f_frsize, room.f_favail);
-    if (room.f_blocks > 0 && bytes < ROOM) || (room.f_files > 0 && files < FILES) {
-        return Err(failed(format!("its file system is full ({} kB and {files} files free)", bytes / 1024)));
+    if let Some(limit) = getrlimit(Resource::Fsize).current.filter(|limit| *limit < LARGEST_OBJECT) {
+        return Err(ConnectError::Exhausted(format!(
+            "this process may write files of {} kB and needs {} kB for shared memory; raise the limit (`ulimit -f`; systemd: LimitFSIZE=)",
+            limit / 1024,
+            LARGEST_OBJECT / 1024
+        )));
     }
-    Ok(())
+    if free_shared_memory().is_some_and(|free| free < needed) { Err(shared_memory_full(needed)) } else { Ok(()) }
 }
 
 /// Makes the kernel allocate all pages of this user's shared memory of `domain` now, so that none can be missing later.
@@ -65,16 +52,11 @@ pub(crate) fn check_folder(domain: &Domain) -> Result<(), ConnectError> {
 /// # Errors
 /// [`ConnectError::Exhausted`] if there is not enough.
 pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
-    for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-        if !entry.file_name().as_encoded_bytes().starts_with(domain.prefix().as_bytes()) {
-            continue;
-        }
+    for object in own_files(SHARED_MEMORY, &domain.prefix()).filter(|object| object.missing() > 0) {
         // Another process is just removing or creating the object; this process does not need it.
-        let Ok(object) = File::options().write(true).open(entry.path()) else { continue };
-        let Ok(metadata) = object.metadata() else { continue };
-        let missing = metadata.size().saturating_sub(metadata.blocks() * 512);
-        if missing > 0 && fallocate(&object, FallocateFlags::empty(), 0, metadata.size()) == Err(Errno::NOSPC) {
-            return Err(shared_memory_full(missing));
+        let Ok(file) = object.open() else { continue };
+        if fallocate(&file, FallocateFlags::empty(), 0, object.size()) == Err(Errno::NOSPC) {
+            return Err(shared_memory_full(object.missing()));
         }
     }
     Ok(())

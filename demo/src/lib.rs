@@ -59,7 +59,7 @@ impl Demo {
         let has_report = self.report != Path::new("-");
         let report = has_report.then(|| StagedText::create(Some(&self.report))).transpose()?;
         let interrupted = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        for signal in isotherm_files::end_signals() {
             // If the handler cannot be registered, the signal ends this program without cleaning up.
             let _ = signal_hook::flag::register(signal, Arc::clone(&interrupted));
         }

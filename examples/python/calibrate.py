@@ -28,8 +28,7 @@ def main() -> None:
     residuals = pd.DataFrame(calibration.residuals * 1e6, columns=["A1", "A2", "A3"])
     residuals["set_point_c"] = [dwell[0] for dwell in calibration.dwells]
     print(residuals.groupby("set_point_c").std().round(3))  # 1e-6 g0
-    calibration.save(options.output / "table.toml")
-    calibration.report(options.output / "calibration.html")
+    calibration.save(options.output / "table.toml", report=options.output / "calibration.html")
 
     # Compensate the same samples with the new table.
     table = isotherm.Table.load(options.output / "table.toml")

@@ -3,6 +3,10 @@
 //! Each crate converts its own errors into a [`Failure`] where it declares them, so that an error has the same exit code in every
 //! program.
 
+mod printable;
+
+pub use printable::{printable, tell};
+
 use std::io;
 use std::path::Path;
 
@@ -34,15 +38,26 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A failure with this exit code and message.
+    /// A failure with this exit code and message, as [`printable`] text.
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
-        Self { exit, message: message.into() }
+        let message = message.into();
+        Self { exit, message: printable(&message).into_owned() }
     }
 
     /// A file that could not be read or written; `phase` says what was being done, as in "writing".
     #[must_use]
     pub fn io(phase: &str, path: &Path, error: &io::Error) -> Self {
-        Self::new(Exit::Io, format!("{phase} {}: {error}", path.display()))
+        let folder = path.parent().filter(|folder| error.kind() == io::ErrorKind::NotFound && is_absent(folder));
+        let path = path.display();
+        Self::new(
+            Exit::Io,
+            match folder {
+                Some(folder) => {
+                    format!("{phase} {path}: there is no folder {}; make it, or name another", folder.display())
+                }
+                None => format!("{phase} {path}: {error}"),
+            },
+        )
     }
 
     /// Joins failures into one, with all messages and the highest exit code; `None` if there are none.
@@ -52,4 +67,8 @@ impl Failure {
         let messages: Vec<_> = failures.into_iter().map(|failure| failure.message).collect();
         Some(Self::new(exit, messages.join("\n")))
     }
+}
+
+fn is_absent(folder: &Path) -> bool {
+    !folder.as_os_str().is_empty() && !folder.is_dir()
 }

@@ -2,13 +2,20 @@
 //!
 //! Tables and configurations are checked while they are read ([`load_table`], [`read_text`]): a pipe, a file that is too large,
 //! or a file that changes during reading is refused. A result file appears whole or not at all ([`Output`]): it is written under
-//! a temporary name and renamed when it is complete.
+//! a temporary name and renamed when it is complete. Rows that cannot be had again stay under a name of their own if the command
+//! ends early ([`LiveFile`]).
 
+mod live;
 mod load;
 mod output;
+mod signals;
+mod stdout;
 
+pub use live::{LiveFile, Partial};
 pub use load::{Identity, LoadError, WorldWritable, load_table, read_text};
-pub use output::{Output, StagedText, check_written, print, refuse_overlap, remove_unfinished_on_signals, replace};
+pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
+pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};
+pub use stdout::check_stdout;
 
 use std::fs::File;
 use std::io::{self, Read};

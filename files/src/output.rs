@@ -1,30 +1,50 @@
-//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly.
+//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of a live
+//! stream are kept if the command ends early ([`Output::create_live`]).
 
-use isotherm_failure::{Exit, Failure};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use std::fs::{self, Metadata, OpenOptions, Permissions};
+use crate::live::{LiveFile, Partial, target_of};
+use crate::signals::unfinished;
+use crate::stdout::check_stdout;
+use isotherm_failure::{Exit, Failure, printable};
+use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::thread;
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 
 /// Where a command writes its data.
 pub enum Output {
-    /// A file with a temporary name in the target's folder; it is renamed when it is complete.
-    Staged(BufWriter<NamedTempFile>, PathBuf),
+    /// A file with a temporary name in the target's folder, and the target; it is renamed when it is complete.
+    Staged(BufWriter<File>, TempPath, PathBuf),
+    /// A file of rows that is kept if the command ends early.
+    Live(LiveFile),
     /// Stdout, a pipe or a device.
     Direct(BufWriter<Box<dyn Write>>),
 }
 
 impl Output {
-    /// Opens the output; `None` or `-` is stdout.
+    /// Opens the output of data that the command can make again; `None` or `-` is stdout.
     ///
     /// # Errors
-    /// If the file cannot be created.
+    /// If the file cannot be created, or stdout is closed.
     pub fn create(path: Option<&Path>) -> io::Result<Self> {
+        Self::open(path, |target, existing| Self::stage(&target, existing))
+    }
+
+    /// Opens the output of rows that come from a live stream and cannot be had again; `None` or `-` is stdout. The first line is
+    /// the header.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create), and if an earlier run has left its rows.
+    pub fn create_live(path: Option<&Path>) -> io::Result<Self> {
+        Self::open(path, |target, existing| LiveFile::create(target, existing).map(Self::Live))
+    }
+
+    fn open(
+        path: Option<&Path>,
+        regular: impl FnOnce(PathBuf, Option<&Metadata>) -> io::Result<Self>,
+    ) -> io::Result<Self> {
         let Some(path) = path.filter(|path| *path != Path::new("-")) else {
+            check_stdout()?;
             return Ok(Self::Direct(BufWriter::new(Box::new(io::stdout()))));
         };
         match fs::metadata(path) {
@@ -33,16 +53,12 @@ impl Output {
                 let direct = OpenOptions::new().write(true).open(path)?;
                 Ok(Self::Direct(BufWriter::new(Box::new(direct))))
             }
-            existing => Self::stage(path, existing.ok().as_ref()),
+            // If the path is a symbolic link, its target is replaced, not the link.
+            existing => regular(target_of(path), existing.ok().as_ref()),
         }
     }
 
-    fn stage(path: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
-        // If the path is a symbolic link, its target is replaced, not the link.
-        let target = fs::canonicalize(path)
-            .or_else(|_| fs::read_link(path).map(|link| path.parent().unwrap_or(Path::new("")).join(link)));
-        let target = target.unwrap_or_else(|_| path.to_owned());
-        let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
+    fn stage(target: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
         // The permissions of the file that is replaced, else 0666. The umask still applies.
         let permissions = existing.map_or_else(|| Permissions::from_mode(0o666), Metadata::permissions);
         let mut builder = tempfile::Builder::new();
@@ -50,44 +66,82 @@ impl Output {
         // Hold the lock until the file is listed, so that a signal between creating and listing removes it too.
         let mut unfinished = unfinished();
         // Keep only the kind of the error: its text names the temporary file, which the user does not know.
-        let staged = builder.tempfile_in(folder.unwrap_or(Path::new(".")));
-        let staged = staged.map_err(|error| io::Error::from(error.kind()))?;
-        unfinished.push(staged.path().to_owned());
+        let staged = builder.tempfile_in(folder_of(target)).map_err(|error| io::Error::from(error.kind()))?;
+        let (file, temporary) = staged.into_parts();
+        unfinished.add(&temporary);
         if let Some(existing) = existing {
             // The new file gets the owner of the old one, if this user may set it.
-            let _ = fchown(staged.as_file(), Some(existing.uid()), Some(existing.gid()));
+            let _ = fchown(&file, Some(existing.uid()), Some(existing.gid()));
         }
-        Ok(Self::Staged(BufWriter::new(staged), target))
+        Ok(Self::Staged(BufWriter::new(file), temporary, target.to_owned()))
+    }
+
+    /// Where the rows are until the output is complete, if it keeps them.
+    #[must_use]
+    pub fn partial(&self) -> Option<Partial> {
+        match self {
+            Self::Live(file) => Some(file.partial().clone()),
+            Self::Staged(..) | Self::Direct(_) => None,
+        }
     }
 
     /// Makes the data visible and durable.
     ///
     /// # Errors
     /// If the last bytes cannot be written or the file cannot be renamed; the old file is then unchanged.
-    pub fn finish(self) -> io::Result<()> {
+    pub fn finish(mut self) -> io::Result<()> {
+        self.complete()?;
+        self.rename()
+    }
+
+    /// Makes the data durable. A staged file still has its temporary name.
+    fn complete(&mut self) -> io::Result<()> {
+        self.flush()?;
         match self {
-            Self::Staged(writer, path) => {
-                let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
-                file.as_file().sync_all()?;
-                file.persist(&path).map_err(|error| error.error)?;
-                Ok(())
-            }
-            Self::Direct(mut writer) => writer.flush(),
+            Self::Staged(writer, ..) => writer.get_ref().sync_all(),
+            Self::Live(_) | Self::Direct(_) => Ok(()),
         }
     }
+
+    /// Removes the file that is about to be replaced, and waits until that is durable.
+    fn remove_old(&self) -> io::Result<()> {
+        let Self::Staged(_, _, path) = self else { return Ok(()) };
+        match fs::remove_file(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            Err(error) => Err(error),
+            // Some file systems cannot sync a folder.
+            Ok(()) => File::open(folder_of(path)).map(|folder| drop(folder.sync_all())),
+        }
+    }
+
+    /// Gives the file, which [`complete`](Self::complete) has made durable, its name.
+    fn rename(self) -> io::Result<()> {
+        match self {
+            Self::Staged(_, temporary, path) => temporary.persist(&path).map_err(|error| error.error),
+            Self::Live(file) => file.finish(),
+            Self::Direct(_) => Ok(()),
+        }
+    }
+}
+
+/// The folder of a file; `.` for a name alone.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 impl Write for Output {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
-            Self::Staged(writer, _) => writer.write(buffer),
+            Self::Staged(writer, ..) => writer.write(buffer),
+            Self::Live(file) => file.write(buffer),
             Self::Direct(writer) => writer.write(buffer),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match self {
-            Self::Staged(writer, _) => writer.flush(),
+            Self::Staged(writer, ..) => writer.flush(),
+            Self::Live(file) => file.flush(),
             Self::Direct(writer) => writer.flush(),
         }
     }
@@ -105,6 +159,7 @@ impl StagedText {
     /// # Errors
     /// If the file cannot be created.
     pub fn create(path: Option<&Path>) -> Result<Self, Failure> {
+        let path = path.filter(|path| *path != Path::new("-"));
         let output = Output::create(path);
         let output = output.map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
         Ok(Self { path: path.map(Path::to_owned), output })
@@ -114,8 +169,16 @@ impl StagedText {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(mut self, text: &str) -> Result<Self, Failure> {
-        let result = self.output.write_all(text.as_bytes()).and_then(|()| self.output.flush());
+    pub fn write(self, text: &str) -> Result<Self, Failure> {
+        self.write_with(|output| output.write_all(text.as_bytes()))
+    }
+
+    /// Writes the text with this function.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_with(mut self, write: impl FnOnce(&mut Output) -> io::Result<()>) -> Result<Self, Failure> {
+        let result = write(&mut self.output).and_then(|()| self.output.complete());
         check_written(self.path.as_deref(), result)?;
         Ok(self)
     }
@@ -126,6 +189,27 @@ impl StagedText {
     /// As [`Output::finish`].
     pub fn finish(self) -> Result<(), Failure> {
         check_written(self.path.as_deref(), self.output.finish())
+    }
+
+    /// Makes several texts visible that belong together: all or none. The first is the one that matters, as the table before its
+    /// report.
+    ///
+    /// No signal of [`end_signals`](crate::end_signals) ends the command in between. Because several files cannot be renamed at
+    /// once, SIGKILL or a power failure may leave fewer of them, but never an old one beside a new one: the old files that come
+    /// after the first are removed before the first is renamed.
+    ///
+    /// # Errors
+    /// As [`Output::finish`].
+    pub fn finish_together(mut texts: Vec<Self>) -> Result<(), Failure> {
+        for text in &mut texts {
+            let result = text.output.complete();
+            check_written(text.path.as_deref(), result)?;
+        }
+        let _no_signal = unfinished();
+        for text in texts.iter().skip(1) {
+            check_written(text.path.as_deref(), text.output.remove_old())?;
+        }
+        texts.into_iter().try_for_each(|text| check_written(text.path.as_deref(), text.output.rename()))
     }
 }
 
@@ -139,11 +223,19 @@ pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     output.finish()
 }
 
-/// Prints `text` to stdout.
+/// Prints words for people to stdout, as [`printable`] text.
 ///
 /// # Errors
 /// As [`check_written`].
 pub fn print(text: &str) -> Result<(), Failure> {
+    print_data(&printable(text))
+}
+
+/// Prints a document for programs to stdout, such as JSON, unchanged.
+///
+/// # Errors
+/// As [`check_written`].
+pub fn print_data(text: &str) -> Result<(), Failure> {
     let mut stdout = io::stdout();
     check_written(None, stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()))
 }
@@ -151,9 +243,11 @@ pub fn print(text: &str) -> Result<(), Failure> {
 /// Converts an error of writing results to `path`, or to stdout, into a failure.
 ///
 /// # Errors
-/// The error of `result`. A broken pipe is no failure: the reader may end early, as in `isotherm replay .. | head`.
+/// The error of `result`, or that stdout is closed. A broken pipe is no failure: the reader may end early, as in
+/// `isotherm replay .. | head`.
 pub fn check_written(path: Option<&Path>, result: io::Result<()>) -> Result<(), Failure> {
-    match result {
+    let path = path.filter(|path| *path != Path::new("-"));
+    match if path.is_none() { result.and_then(|()| check_stdout()) } else { result } {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         Err(error) => Err(Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error)),
         Ok(()) => Ok(()),
@@ -179,31 +273,4 @@ pub fn refuse_overlap(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Re
         }
     }
     Ok(())
-}
-
-/// The temporary names of all staged files so far. A file that has been renamed no longer has its temporary name.
-fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
-    static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Makes SIGINT, SIGTERM and SIGHUP remove the staged files before they end the process. For commands that do not handle these
-/// signals themselves.
-///
-/// # Errors
-/// If the operating system refuses the handlers.
-pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
-    let failed = |error: io::Error| Failure::new(Exit::Failed, format!("handling signals: {error}"));
-    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(failed)?;
-    let body = move || {
-        for signal in signals.forever() {
-            for path in unfinished().drain(..) {
-                // Fails if the file was already renamed; then nothing must be removed.
-                let _ = fs::remove_file(path);
-            }
-            // Ends the process as the signal would have.
-            let _ = signal_hook::low_level::emulate_default_handler(signal);
-        }
-    };
-    thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
 }

@@ -23,9 +23,13 @@ pub enum RecordingError {
         /// What is wrong, and what is expected.
         message: String,
     },
-    /// The source could not be read.
+    /// The source could not be read. Only an error of the operating system has a code of it; any other is in the data, such as an
+    /// end too early or a page that cannot be decompressed.
     #[error(transparent)]
     Io(#[from] io::Error),
+    /// The next piece of the recording could not be opened.
+    #[error(transparent)]
+    Piece(Failure),
 }
 
 impl RecordingError {
@@ -35,7 +39,32 @@ impl RecordingError {
         match self {
             Self::Data { line, message } => Failure::new(Exit::Data, format!("{}:{line}: {message}", path.display())),
             Self::Place { .. } => Failure::new(Exit::Data, format!("{}: {self}", path.display())),
+            Self::Io(error) if error.raw_os_error().is_none() => {
+                Failure::new(Exit::Data, format!("{}: {error}", path.display()))
+            }
             Self::Io(error) => Failure::io("reading", path, error),
+            Self::Piece(failure) => Failure::new(failure.exit, failure.message.as_str()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_errors_of_the_operating_system_are_errors_of_reading() {
+        let path = Path::new("r");
+        let exit = |error: io::Error| RecordingError::from(error).failure(path).exit;
+        for code in [5, 28, 116] {
+            assert_eq!(exit(io::Error::from_raw_os_error(code)), Exit::Io);
+        }
+        for error in
+            [io::ErrorKind::UnexpectedEof.into(), io::Error::other("no page"), io::ErrorKind::InvalidData.into()]
+        {
+            assert_eq!(exit(error), Exit::Data);
+        }
+        let piece = RecordingError::Piece(Failure::new(Exit::Usage, "p: cause"));
+        assert_eq!((piece.failure(path).exit, piece.failure(path).message.as_str()), (Exit::Usage, "p: cause"));
     }
 }

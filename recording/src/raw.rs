@@ -4,6 +4,7 @@ use crate::columns::{self, RAW};
 use crate::csv::{CsvColumn, Rows};
 use crate::error::RecordingError;
 use core::fmt::Display;
+use isotherm_shared::sequence::rises;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::io::{self, Read, Write};
 
@@ -18,8 +19,8 @@ pub struct RawCsvReader<R> {
     pub(crate) failed: bool,
 }
 
-/// Rule for the raw samples of a recording, in every format and over all its pieces: within a session the sequence rises. Keeps
-/// the session and sequence of the last sample.
+/// Rule for the raw samples of a recording, in every format and over all its pieces: within a session the sequence
+/// [`rises`], as an acquisition sends it. Keeps the session and sequence of the last sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceRule(Option<(u64, u64)>);
 
@@ -30,9 +31,10 @@ impl SequenceRule {
     /// If its sequence is not above that of the previous sample of the session.
     pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
         let previous = self.0.replace((sample.session, sample.sequence));
-        match previous {
-            Some((session, sequence)) if session == sample.session && sequence >= sample.sequence => {
-                Err(format!("sequence {} after {sequence}; it must rise from row to row", sample.sequence))
+        let last = previous.filter(|(session, _)| *session == sample.session).map(|(_, sequence)| sequence);
+        match last {
+            Some(last) if !rises(Some(last), sample.sequence) => {
+                Err(format!("sequence {} after {last}; it must rise from row to row", sample.sequence))
             }
             _ => Ok(()),
         }
@@ -278,6 +280,10 @@ mod tests {
         let read_rows = |rows: &[String]| read(&format!("{HEADER}\n{}", rows.concat())).unwrap_err();
         assert!(read_rows(&[good.clone(), good.clone()]).starts_with("line 3: sequence 5 after 5"));
         assert!(read_rows(&[good.clone(), row("4", "0", "1")]).starts_with("line 3: sequence 4 after 5"));
+        let highest = u64::MAX.to_string();
+        let rising = [row("18446744073709551614", "0", "1"), row(&highest, "0", "1")].concat();
+        assert_eq!(read(&format!("{HEADER}\n{rising}")).unwrap()[1].sequence, u64::MAX);
+        assert!(read_rows(&[row(&highest, "0", "1"), row("0", "0", "1")]).starts_with("line 3: sequence 0 after 1844"));
         assert!(read_rows(&[good.clone(), row("6", "-1", "1")]).starts_with("line 3: a1_positive is \"-1\""));
         assert!(read_rows(&[good.clone(), row("6", "1.5", "1")]).starts_with("line 3: a1_positive"));
         assert!(read_rows(&[good.clone(), row("6", "4294967296", "1")]).starts_with("line 3: a1_positive"));

@@ -2,7 +2,7 @@
 
 use iceoryx2::node::{NodeListFailure, NodeView as _};
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
-use isotherm_client::{Domain, check_owner, sweep_half_created};
+use isotherm_client::{Domain, check_domain, own_files, sweep_half_created};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
 use std::fs;
@@ -17,19 +17,22 @@ const FOLDERS: [&str; 2] = ["nodes", "services"];
 /// # Errors
 /// If a process of the domain is alive, or something cannot be removed.
 pub fn clean(domain: &Domain) -> Result<usize, Failure> {
-    check_owner(domain)?;
-    sweep_half_created(domain);
+    check_domain(domain)?;
+    sweep_half_created(domain)?;
     if let Some(user) = user_of(domain)? {
         let message = format!("cleaning domain {:?}: {user} is using it; stop it first", domain.name());
         return Err(Failure::new(Exit::Failed, message));
     }
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
-    let mut removed = remove_prefixed(Path::new("/dev/shm"), &prefix)?;
+    let mut removed = 0;
+    for object in own_files("/dev/shm", &prefix) {
+        removed += remove(&object.path)?;
+    }
     // Remove only what the transport has created: a user may have named a folder that has other files.
     for folder in FOLDERS.map(|folder| root.join(folder)) {
         removed += remove_prefixed(&folder, &prefix)?;
         for inner in fs::read_dir(&folder).into_iter().flatten().flatten() {
-            if inner.path().is_dir() {
+            if inner.file_type().is_ok_and(|kind| kind.is_dir()) {
                 removed += remove_prefixed(&inner.path(), &prefix)?;
                 remove_empty(&inner.path())?;
             }
@@ -74,17 +77,21 @@ fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     Ok(user.or_else(|| mapped().map(|pid| format!("pid {pid}"))))
 }
 
-/// Removes the files of `folder` whose names begin with `prefix`.
+/// Removes the files and sockets of the domain's folder, or a folder in it, whose names begin with `prefix`.
 fn remove_prefixed(folder: &Path, prefix: &str) -> Result<usize, Failure> {
     let mut removed = 0;
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let ours = entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes());
-        if ours && !entry.path().is_dir() {
-            fs::remove_file(entry.path()).map_err(|error| Failure::io("removing", &entry.path(), &error))?;
-            removed += 1;
+        if ours && !entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            removed += remove(&entry.path())?;
         }
     }
     Ok(removed)
+}
+
+fn remove(path: &Path) -> Result<usize, Failure> {
+    fs::remove_file(path).map_err(|error| Failure::io("removing", path, &error))?;
+    Ok(1)
 }
 
 /// Removes a folder if it is empty.

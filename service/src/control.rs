@@ -5,6 +5,7 @@
 //! a second service out -> workers with the IMUs' streams -> file watch -> loop. The service stops in the reverse order.
 
 use crate::config::{Config, Strategy};
+use crate::create;
 use crate::imu::{ImuState, PendingImu};
 use crate::leftovers::{self, Leftovers};
 use crate::metrics::Metrics;
@@ -16,7 +17,7 @@ use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
-use isotherm_client::{Realtime, check_room, join, monotonic_ns, process_kb, reserve, unix_s};
+use isotherm_client::{Realtime, check_domain, check_room, join, monotonic_ns, process_kb, reserve, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::WorldWritable;
 use isotherm_shared::status::ServiceStatus;
@@ -64,6 +65,8 @@ pub fn run(
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     leftovers::use_domain_config(domain);
+    create::remove_half_created(domain);
+    check_domain(domain)?;
     leftovers::make_room(domain, config.imus.len());
     check_room(config.imus.len())?;
     let node = join(domain)?;

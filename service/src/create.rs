@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::files_with_mode;
+use isotherm_client::{OwnFile, foreign_objects, own_files};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -136,10 +136,14 @@ impl<'a> Creator<'a> {
 
 fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     let (root, prefix) = (domain.root_path(), domain.prefix());
+    let foreign = foreign_objects(domain).into_iter().next();
+    let foreign =
+        foreign.map(|path| format!(" ({} is not this user's: its owner or root can remove it)", path.display()));
+    let foreign = foreign.unwrap_or_default();
     Failure::new(
         Exit::Failed,
         format!(
-            "creating {name}: {cause}; if nothing of domain {:?} runs, remove {root} and /dev/shm/{prefix}* and start again",
+            "creating {name}: {cause}; if nothing of domain {:?} runs, remove {root} and /dev/shm/{prefix}* and start again{foreign}",
             domain.name()
         ),
     )
@@ -147,18 +151,18 @@ fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
 
 /// Removes a service's file if it is still unreadable long after its creation began, or if its shared memory is gone: a process
 /// that removes a service removes the memory first, and this one was killed before it removed the file.
-/// The transport has already waited for its time-out when this is called.
-fn remove_half_created(domain: &Domain) {
+pub fn remove_half_created(domain: &Domain) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
-    let unfinished = files_with_mode(&folder, &prefix, 0o600);
-    let unfinished = unfinished.into_iter().filter(|(_, age)| age.is_none_or(|age| age > 2 * CREATION_TIMEOUT));
-    let finished = files_with_mode(&folder, &prefix, 0o400);
-    let without_memory = finished
-        .into_iter()
-        .filter(|(path, _)| ServiceFile::read(path).is_some_and(|file| file.memory(&prefix).is_none()));
-    for (path, _) in unfinished.chain(without_memory) {
-        tracing::warn!(path = %path.display(), "removing a stream that a killed process left half-created");
-        let _ = fs::remove_file(path);
+    for file in own_files(folder, &prefix) {
+        let left = match file.mode() {
+            0o600 => file.age().is_none_or(|age| age > 2 * CREATION_TIMEOUT),
+            0o400 => ServiceFile::read(&file.path).is_some_and(|service| service.memory(&prefix).is_none()),
+            _ => false,
+        };
+        if left {
+            tracing::warn!(path = %file.path.display(), "removing a stream that a killed process left half-created");
+            let _ = fs::remove_file(file.path);
+        }
     }
 }
 
@@ -166,7 +170,7 @@ fn remove_half_created(domain: &Domain) {
 /// destruction.
 fn remove_half_removed(domain: &Domain, stream: &ServiceName) {
     let (folder, prefix) = (format!("{}/services", domain.root_path()), domain.prefix());
-    for (path, _) in files_with_mode(&folder, &prefix, 0o400) {
+    for OwnFile { path, .. } in own_files(folder, &prefix).filter(|file| file.mode() == 0o400) {
         let Some(file) = ServiceFile::read(&path).filter(|file| file.service_name == stream.as_str()) else {
             continue;
         };
@@ -198,11 +202,8 @@ impl ServiceFile {
     fn memory(&self, prefix: &str) -> Option<PathBuf> {
         let ServiceId { payload_value, unique_value } = self.unique_service_id;
         let ending = format!("_{}.dynamic", (u128::from(unique_value) << 64) | u128::from(payload_value));
-        let mut objects = fs::read_dir("/dev/shm").ok()?.flatten().map(|entry| entry.path());
-        objects.find(|path| {
-            let name = path.file_name().and_then(|name| name.to_str());
-            name.is_some_and(|name| name.starts_with(prefix) && name.ends_with(&ending))
-        })
+        let mut objects = own_files("/dev/shm", prefix).map(|object| object.path);
+        objects.find(|path| path.to_str().is_some_and(|path| path.ends_with(&ending)))
     }
 }
 

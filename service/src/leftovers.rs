@@ -13,7 +13,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
-use isotherm_client::{check_room, files_with_mode};
+use isotherm_client::{check_room, close_to_others, half_created};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
@@ -78,6 +78,7 @@ fn clear_dead(domain: &Domain) {
 #[derive(Debug)]
 pub struct Leftovers {
     nodes: PathBuf,
+    domain: Domain,
     prefix: String,
     own_pid: u32,
     removal_logged: bool,
@@ -91,6 +92,7 @@ impl Leftovers {
         let nodes = Path::new(domain.root_path()).join("nodes");
         Self {
             nodes,
+            domain: domain.clone(),
             prefix: domain.prefix(),
             own_pid: pid(node.id().value()),
             removal_logged: false,
@@ -110,11 +112,12 @@ impl Leftovers {
             );
         }
         self.removal_logged = removed;
-        for (path, age) in files_with_mode("/dev/shm", &self.prefix, 0o200) {
-            if age.is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
-                let _ = fs::remove_file(path);
+        for object in half_created(&self.domain) {
+            if object.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
+                let _ = fs::remove_file(object.path);
             }
         }
+        close_to_others(&self.domain);
         // A node's number must contain its process id. If a later version of the transport makes numbers in another way, stop
         // here.
         if self.own_pid != std::process::id() {

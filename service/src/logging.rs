@@ -2,10 +2,13 @@
 
 use clap::ValueEnum;
 use iceoryx2::prelude::{LogLevel, set_log_level};
+use isotherm_failure::printable;
 use std::env;
 use std::io::{self, IsTerminal as _};
 use tracing::Level;
+use tracing_subscriber::field::MakeExt as _;
 use tracing_subscriber::filter::Targets;
+use tracing_subscriber::fmt::format::debug_fn;
 use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{fmt, registry};
@@ -29,9 +32,20 @@ pub fn start(format: LogFormat) {
     let filter = requested.unwrap_or_else(|| Targets::new().with_default(Level::INFO));
     // A line that cannot be written, for example to a full disk or a closed pipe, is lost; the service continues.
     let lines = fmt::layer().with_writer(io::stderr).log_internal_errors(false);
+    let colours = io::stderr().is_terminal();
+    let fields = debug_fn(|writer, field, value| {
+        let text = format!("{value:?}");
+        match field.name() {
+            "message" => write!(writer, "{}", printable(&text)),
+            name => write!(writer, "{name}={}", printable(&text)),
+        }
+    });
     // This fails only if logging was started before; then that logging stays in use.
     let _ = match format {
-        LogFormat::Human => registry().with(lines.with_ansi(io::stderr().is_terminal()).with_filter(filter)).try_init(),
+        LogFormat::Human => {
+            let lines = lines.fmt_fields(fields.delimited(" ")).with_ansi(colours);
+            registry().with(lines.with_filter(filter)).try_init()
+        }
         LogFormat::Json => registry().with(lines.json().with_filter(filter)).try_init(),
     };
 }

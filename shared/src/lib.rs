@@ -25,6 +25,7 @@ pub mod kind;
 pub mod lanes;
 pub mod polynomial;
 pub mod recycled;
+pub mod sequence;
 pub mod status;
 pub mod stream;
 pub mod table;

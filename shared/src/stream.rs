@@ -19,6 +19,7 @@ use iceoryx2::service::Service;
 use iceoryx2::service::builder::{event, publish_subscribe};
 use iceoryx2::service::internal::ServiceInternal;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use iceoryx2_cal::dynamic_storage::file;
 use sha2::{Digest as _, Sha256};
 
 /// Raw samples that the service's queue holds at most. A full queue discards the newest. An acquisition has at most this many
@@ -50,8 +51,9 @@ pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
 /// Length limit of IMU and domain names.
 pub const MAX_NAME: usize = 32;
 
-/// iceoryx2's inter-process variant with one difference: the bookkeeping of a loan uses [`Recycled`] memory instead of a new
-/// allocation for each loan.
+/// iceoryx2's inter-process variant with two differences. The bookkeeping of a loan uses [`Recycled`] memory instead of a new
+/// allocation for each loan. The counter of the domain's nodes is a file in the domain's folder, which other users cannot enter: in
+/// shared memory the transport would leave it writable by everybody, and would wait for it without limit if somebody cut it.
 ///
 /// Other processes see no difference to [`ipc::Service`]; both variants can use the same streams.
 #[derive(Clone, Debug)]
@@ -60,8 +62,7 @@ pub struct Ipc;
 impl Service for Ipc {
     type StaticStorage = <ipc::Service as Service>::StaticStorage;
     type ConfigSerializer = <ipc::Service as Service>::ConfigSerializer;
-    type PersistentDynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> =
-        <ipc::Service as Service>::PersistentDynamicStorage<T>;
+    type PersistentDynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> = file::Storage<T>;
     type Bag = <ipc::Service as Service>::Bag;
     type DynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> =
         <ipc::Service as Service>::DynamicStorage<T>;

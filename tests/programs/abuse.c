@@ -1,7 +1,7 @@
 /*
  * Calls the C interface in every wrong way and checks the answers: abuse IMU SERVICE_PID. Exits with 0 if all are as documented.
  */
-#define _POSIX_C_SOURCE 200809L
+#define _GNU_SOURCE
 #include <isotherm.h>
 #include <pthread.h>
 #include <signal.h>
@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -209,24 +210,52 @@ static void threads(isotherm_acquisition *acquisition)
     }
 }
 
-/* A forked child can neither use nor damage its parent's handles. */
-static void fork_it(isotherm_acquisition *acquisition, isotherm_reader *reader)
+/* A child with a copy of the memory, without the C library's knowledge. */
+static pid_t clone_it(void)
+{
+    return (pid_t)syscall(SYS_clone, (long)SIGCHLD, 0L, 0L, 0L, 0L);
+}
+
+static void ended_well(pid_t child)
+{
+    int status;
+    CHECK(child > 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+}
+
+/* A child can neither use nor damage its parent's handles, and neither can its own child. */
+static void child_of(pid_t (*make)(void), isotherm_acquisition *acquisition, isotherm_reader *reader)
 {
     isotherm_compensated_increment increment;
-    pid_t child = fork();
+    isotherm_raw_sample *on_loan;
+    CHECK(isotherm_loan(acquisition, &on_loan) == ISOTHERM_OK);
+    pid_t child = make();
     if (child == 0) {
         isotherm_raw_sample *sample;
         isotherm_reader *own;
         GIVES(isotherm_loan(acquisition, &sample), ISOTHERM_ERROR_FORKED, "forked");
+        CHECK(isotherm_send(acquisition, on_loan) == ISOTHERM_ERROR_FORKED);
+        CHECK(isotherm_compensate(acquisition, on_loan, 1, &increment) == ISOTHERM_ERROR_FORKED);
+        CHECK(isotherm_discard(acquisition, on_loan) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_depth(acquisition) == 0);
         CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_ERROR_FORKED && isotherm_reader_close(reader) == ISOTHERM_ERROR_FORKED);
+        if (make != fork)
+            exit(0); /* without the C library's knowledge it cannot connect either */
         CHECK(isotherm_reader_connect(imu, NULL, TIMEOUT_NS, &own) == ISOTHERM_OK);
-        isotherm_reader_close(own);
+        pid_t grandchild = make();
+        if (grandchild == 0) {
+            CHECK(isotherm_reader_receive(own, &increment) == ISOTHERM_ERROR_FORKED);
+            CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
+            exit(0);
+        }
+        ended_well(grandchild);
+        CHECK(isotherm_reader_receive(own, &increment) == ISOTHERM_NONE);
+        CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
+        CHECK(isotherm_reader_close(own) == ISOTHERM_OK);
         exit(0);
     }
-    int status;
-    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    ended_well(child);
+    CHECK(isotherm_discard(acquisition, on_loan) == ISOTHERM_OK);
     CHECK(round_trip(acquisition) == acquisition);
     CHECK(isotherm_reader_receive_timeout(reader, TIMEOUT_NS, &increment) == ISOTHERM_OK);
 }
@@ -267,7 +296,8 @@ int main(int count, char **words)
     threads(acquisition);
     while (isotherm_reader_receive(reader, &increment) == ISOTHERM_OK)
         ;
-    fork_it(acquisition, reader);
+    child_of(fork, acquisition, reader);
+    child_of(clone_it, acquisition, reader);
     values();
     /* Closing the acquisition releases its loans. */
     isotherm_raw_sample *sample;

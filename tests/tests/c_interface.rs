@@ -41,6 +41,8 @@ fn start(domain: &TestDomain, program: &Path, arguments: &[&str], out: &str) -> 
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::piped()).stdout(File::create(domain.path(out)).unwrap());
     command.env("ISOTHERM_DOMAIN", domain.client_domain().name()).env("ISOTHERM_ROOT", domain.path(""));
+    // Cargo's path comes before the program's own and may lead to the library of an older build.
+    command.env_remove("LD_LIBRARY_PATH");
     let child = command.stderr(Stdio::inherit()).spawn().unwrap();
     domain.register_process(child.id());
     child

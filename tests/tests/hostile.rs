@@ -259,7 +259,7 @@ fn as_nobody(domain: &TestDomain, arguments: &[&str]) -> Option<(Option<i32>, St
         skip("only root can be another user", Needs::Machine);
         return None;
     }
-    fs::set_permissions(domain.path(""), Permissions::from_mode(0o777)).unwrap();
+    fs::set_permissions(domain.path(""), Permissions::from_mode(0o755)).unwrap();
     let program = domain.path("isotherm");
     if !program.exists() {
         fs::copy(binary("isotherm"), &program).unwrap();

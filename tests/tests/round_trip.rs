@@ -314,6 +314,45 @@ fn a_sequence_that_does_not_rise_is_handed_back() {
     service.terminate();
 }
 
+/// `feed` and `replay` have one rule: within a session the sequence rises, up to the highest number of 64 bits.
+#[test]
+fn the_highest_sequence_is_sent_and_none_after_it() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let run = fs::read_to_string(RUN).unwrap();
+    let mut lines = run.lines();
+    let header = lines.next().unwrap();
+    let row = |sequence: u64, line: &str| format!("{sequence},{}\n", line.split_once(',').unwrap().1);
+    let rows: Vec<_> = (u64::MAX - 2..=u64::MAX).zip(lines).map(|(sequence, line)| row(sequence, line)).collect();
+    let rising = domain.write("rising.csv", &format!("{header}\n{}", rows.concat()));
+    let rising = rising.to_str().unwrap();
+    let table = domain.path("imu-a.toml");
+    let replayed = domain.run_ok(&["replay", "--table", table.to_str().unwrap(), rising]);
+    assert_eq!(domain.run_ok(&["feed", "--imu", "imu-a", rising]), replayed);
+    assert!(replayed.contains("\n18446744073709551615,"), "{replayed}");
+    let wrapped = format!("{header}\n{}{}", rows.concat(), row(0, &rows[0]));
+    let wrapped = domain.write("wrapped.csv", &wrapped);
+    for command in [&["replay", "--table", table.to_str().unwrap()][..], &["feed", "--imu", "imu-a"]] {
+        let output = domain.run(&[command, &[wrapped.to_str().unwrap()]].concat());
+        assert_eq!(output.status.code(), Some(65));
+        assert!(text(&output.stderr).contains(":5: sequence 0 after 18446744073709551615"), "{}", text(&output.stderr));
+    }
+    // The library hands it back.
+    let mut acquisition = domain.acquisition("imu-a");
+    let mut loan = acquisition.loan().unwrap();
+    loan.sequence = u64::MAX;
+    assert_eq!(acquisition.compensate(loan, TIMEOUT).unwrap().sequence, u64::MAX);
+    for sequence in [u64::MAX, 0] {
+        let mut loan = acquisition.loan().unwrap();
+        loan.sequence = sequence;
+        assert!(matches!(acquisition.send(loan), Err(SendError::Sequence(_))));
+    }
+    acquisition.begin_session().unwrap();
+    let loan = acquisition.loan().unwrap();
+    assert_eq!(acquisition.compensate(loan, TIMEOUT).unwrap().sequence, 0);
+    service.terminate();
+}
+
 #[test]
 fn demo_prints_every_step_and_leaves_only_its_report() {
     let domain = TestDomain::new();

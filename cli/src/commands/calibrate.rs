@@ -7,7 +7,7 @@ use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, obs
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_table, sha256, tool};
 use isotherm_calibration::report;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{LoadError, StagedText, WorldWritable, read_text, refuse_overlap};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
 use std::io::{self, Write as _};
@@ -119,14 +119,13 @@ impl Calibrate {
         let sealed = sealed_table(&campaign, &calibration, &source);
         let sealed = sealed.map_err(|message| Failure::new(Exit::Failed, message))?;
         for finding in &calibration.findings {
-            let _ = writeln!(io::stderr(), "isotherm: warning: {}", finding.located(locate));
+            tell("isotherm", format_args!("warning: {}", finding.located(locate)));
         }
-        let _ = io::stderr().write_all(report::text::calibration(&calibration).as_bytes());
+        let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
         let html = || report::calibration::html(&campaign, &calibration, &source);
-        let page = page.map(|page| page.write(&html())).transpose()?;
-        let table = table.write(&sealed)?;
-        page.map_or(Ok(()), StagedText::finish)?;
-        table.finish()
+        let mut texts = vec![table.write(&sealed)?];
+        texts.extend(page.map(|page| page.write(&html())).transpose()?);
+        StagedText::finish_together(texts)
     }
 }
 

@@ -14,9 +14,8 @@ use isotherm_campaign::station::Station;
 use isotherm_campaign::timeline::{duration, left_s, moments, units};
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::print;
+use isotherm_files::{end_signals, print, print_data};
 use isotherm_service::logging::{self, LogFormat};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
@@ -124,14 +123,6 @@ impl CampaignCommand {
     }
 }
 
-/// Whether this process was started with `signal` ignored.
-fn is_ignored(signal: i32) -> bool {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
-}
-
 impl RunCampaign {
     fn run(self, domain: Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
@@ -143,8 +134,7 @@ impl RunCampaign {
         fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
         let ended = Arc::<AtomicUsize>::default();
-        // Under nohup SIGHUP is ignored, and stays so.
-        for signal in [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
+        for signal in end_signals() {
             let registered = signal_hook::flag::register_usize(signal, Arc::clone(&ended), signal as usize);
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
@@ -203,18 +193,17 @@ impl StatusCampaign {
             return Err(Failure::new(Exit::Unavailable, message));
         };
         let died = pid.is_none() && snapshot.ended.is_none();
-        let text = if self.json {
+        if self.json {
             let document = serde_json::json!({ "pid": pid, "campaign": snapshot });
-            format!("{document:#}\n")
+            print_data(&format!("{document:#}\n"))?;
         } else {
             let state = match (pid, &snapshot.ended) {
                 (Some(pid), _) => format!("running, pid {pid}"),
                 (None, Some(ended)) => format!("ended: {ended}"),
                 (None, None) => "NOT RUNNING".to_owned(),
             };
-            format!("{state}\n{}\n", snapshot.line())
-        };
-        print(&text)?;
+            print(&format!("{state}\n{}\n", snapshot.line()))?;
+        }
         if died {
             let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` goes on, \
                            `isotherm campaign stop` brings them into the safe state";

@@ -3,7 +3,7 @@
 use clap::Args;
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
-use isotherm_files::print;
+use isotherm_files::{check_stdout, check_written, print};
 use isotherm_service::clean::clean;
 
 /// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
@@ -13,6 +13,7 @@ pub struct Clean {}
 
 impl Clean {
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+        check_written(None, check_stdout())?;
         let removed = clean(domain)?;
         print(&format!("domain {}: {removed} files removed\n", domain.name()))
     }

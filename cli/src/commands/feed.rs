@@ -5,12 +5,11 @@ use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;
 use indicatif::ProgressBar;
-use isotherm_client::{Acquisition, Domain, ImuId, Loan, RawSample};
-use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Output, check_written, refuse_overlap};
+use isotherm_client::{Acquisition, ConnectError, Domain, ImuId, Loan, RawSample};
+use isotherm_failure::{Exit, Failure, tell};
+use isotherm_files::{Output, check_written, end_flag, refuse_overlap};
 use isotherm_recording::IncrementCsvWriter;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,11 +17,13 @@ use std::time::{Duration, Instant};
 
 /// Longest single wait for an answer; signals and flushes are checked after each.
 const PAUSE: Duration = Duration::from_millis(50);
+/// How long connecting may take before the operator is told what is waited for. The place of a killed acquisition is free sooner.
+const PATIENCE: Duration = Duration::from_millis(300);
 
 /// Send a recording through the running service, as an acquisition process does
 ///
 /// Survives a service that dies and returns: what was unanswered is sent again, and each increment is written once, in
-/// order.
+/// order. If it ends early, what it has received stays in OUT.csv.partial, in whole rows.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv"
@@ -61,15 +62,16 @@ impl Feed {
         let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
         let samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
-        let sink = Output::create(path)
+        let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
-        let acquisition = Acquisition::connect(&self.imu, &options(domain, self.timeout))?;
+        let partial = sink.partial();
+        let acquisition = connect(&self.imu, &domain, self.timeout)?;
         let writer = match IncrementCsvWriter::new(sink, self.delivery) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
         let window = self.window.map_or(acquisition.depth(), |window| acquisition.depth().min(window as usize));
-        let (last_activity, interrupted) = (Instant::now(), interrupted());
+        let (last_activity, interrupted) = (Instant::now(), end_flag());
         let mut feeder = Feeder {
             acquisition,
             writer,
@@ -88,7 +90,6 @@ impl Feed {
                     Err(error) => {
                         // Write the answers to what has been sent, as `replay` would.
                         feeder.drain()?;
-                        feeder.writer.flush().map_err(FeedError::Write)?;
                         return Err(error.into());
                     }
                 };
@@ -106,15 +107,39 @@ impl Feed {
                 }
                 feeder.send(&sample)?;
             }
-            feeder.drain()
+            feeder.drain()?;
+            // The program that writes to our stdin may have got the same signal: this is not the whole recording then.
+            feeder.check_interrupted()
         })();
         progress.finish_and_clear();
-        match result {
+        let result = match result {
             Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),
-            Err(FeedError::Failed(failure)) => Err(failure),
+            Err(FeedError::Failed(failure)) => {
+                // If this fails, the message says how many rows there are.
+                let _ = feeder.writer.flush();
+                Err(failure)
+            }
             Err(FeedError::Write(error)) => check_written(path, Err(error)),
-        }
+        };
+        result.map_err(|failure| match &partial {
+            Some(partial) => partial.explain(failure),
+            None => failure,
+        })
     }
+}
+
+/// Connects as the acquisition. If that takes long, says once what is waited for.
+fn connect(imu: &ImuId, domain: &Domain, timeout: Duration) -> Result<Acquisition, Failure> {
+    let connect = |timeout| Acquisition::connect(imu, &options(domain.clone(), timeout));
+    let left = timeout.saturating_sub(PATIENCE);
+    let cause = match connect(timeout.min(PATIENCE)) {
+        Err(cause) if !left.is_zero() => cause,
+        result => return Ok(result?),
+    };
+    if matches!(cause, ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::NoService(_)) {
+        tell("isotherm", format_args!("waiting up to {} s: {cause}", timeout.as_secs_f64()));
+    }
+    Ok(connect(left)?)
 }
 
 /// Why feeding ends early.
@@ -174,39 +199,34 @@ impl Feeder {
 
     /// Waits up to `timeout` for the next increment and writes it. Returns whether one came.
     fn receive(&mut self, timeout: Duration) -> Result<bool, FeedError> {
-        if let Some(increment) = self.acquisition.receive_timeout(timeout)? {
-            self.last_activity = Instant::now();
-            self.writer.write(&increment).map_err(FeedError::Write)?;
-        } else if self.acquisition.in_flight() > 0 && self.last_activity.elapsed() > self.timeout {
+        let increment = self.acquisition.receive_timeout(timeout)?;
+        let now = Instant::now();
+        if let Some(increment) = &increment {
+            self.last_activity = now;
+            self.writer.write(increment).map_err(FeedError::Write)?;
+        } else if self.acquisition.in_flight() > 0 && now - self.last_activity > self.timeout {
             let message = format!(
                 "no answer from the service for {} s, {} samples unanswered; start it again, or give it longer with --timeout",
                 self.timeout.as_secs_f64(),
                 self.acquisition.in_flight()
             );
             return Err(Failure::new(Exit::Unavailable, message).into());
-        } else {
-            // Flush, so that a program that reads the output gets what has come.
-            if self.flushed.elapsed() > PAUSE {
-                self.writer.flush().map_err(FeedError::Write)?;
-                self.flushed = Instant::now();
-            }
-            if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::new(Exit::Failed, "interrupted").into());
-            }
-            return Ok(false);
         }
-        Ok(true)
+        // Flush, so that a program that reads the output gets what has come, and SIGKILL takes little of it.
+        if now - self.flushed > PAUSE {
+            self.writer.flush().map_err(FeedError::Write)?;
+            self.flushed = now;
+        }
+        self.check_interrupted()?;
+        Ok(increment.is_some())
     }
-}
 
-/// A flag that SIGINT and SIGTERM set, so that no incomplete file is left behind.
-fn interrupted() -> Arc<AtomicBool> {
-    let flag = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        // If no handler can be set, the signal ends the process as usual.
-        let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
+    fn check_interrupted(&self) -> Result<(), FeedError> {
+        if self.interrupted.load(Ordering::Relaxed) {
+            return Err(Failure::new(Exit::Failed, "interrupted").into());
+        }
+        Ok(())
     }
-    flag
 }
 
 fn rate(text: &str) -> Result<f64, String> {

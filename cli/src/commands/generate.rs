@@ -2,10 +2,10 @@
 
 use clap::Args;
 use clap_complete::Shell;
-use isotherm_failure::{Exit, Failure};
-use isotherm_files::check_written;
-use std::io::{self, Write as _};
-use std::path::PathBuf;
+use isotherm_failure::Failure;
+use isotherm_files::{StagedText, check_written, print_data};
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// Print the completions of a shell
 #[derive(Debug, Args)]
@@ -21,7 +21,7 @@ impl Completions {
     pub fn run(self, mut program: clap::Command) -> Result<(), Failure> {
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut program, "isotherm", &mut text);
-        check_written(None, io::stdout().write_all(&text))
+        print_data(&String::from_utf8_lossy(&text))
     }
 }
 
@@ -41,10 +41,22 @@ impl Man {
         let Some(folder) = self.output else {
             let mut text = Vec::new();
             let rendered = clap_mangen::Man::new(program).render(&mut text);
-            return check_written(None, rendered.and_then(|()| io::stdout().write_all(&text)));
+            check_written(None, rendered)?;
+            return print_data(&String::from_utf8_lossy(&text));
         };
-        let made = std::fs::create_dir_all(&folder);
-        let made = made.and_then(|()| clap_mangen::generate_to(program, &folder));
-        made.map_err(|error| Failure::new(Exit::Io, format!("writing manual pages to {}: {error}", folder.display())))
+        fs::create_dir_all(&folder).map_err(|error| Failure::io("making", &folder, &error))?;
+        let mut program = program.disable_help_subcommand(true);
+        program.build();
+        write_pages(&program, &folder)
     }
+}
+
+/// Writes the page of a command and those of its subcommands.
+fn write_pages(command: &clap::Command, folder: &Path) -> Result<(), Failure> {
+    for subcommand in command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set()) {
+        write_pages(subcommand, folder)?;
+    }
+    let page = clap_mangen::Man::new(command.clone());
+    let path = folder.join(page.get_filename());
+    StagedText::create(Some(&path))?.write_with(|output| page.render(output))?.finish()
 }

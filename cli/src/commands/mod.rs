@@ -93,10 +93,10 @@ impl Command {
         }
     }
 
-    /// Whether the command writes files, ends by itself and handles no signals of its own.
+    /// Whether the command writes files, ends by itself and registers no signals of its own.
     fn writes_and_ends(&self) -> bool {
         match self {
-            Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Man(_) => true,
+            Self::Feed(_) | Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Man(_) => true,
             Self::Simulate(simulate) => simulate.writes_and_ends(),
             _ => false,
         }

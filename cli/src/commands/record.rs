@@ -7,10 +7,10 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_failure::{Exit, Failure};
+use isotherm_files::{check_stdout, check_written, end_signals};
 use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, Rotation};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::stream::StreamKind;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -61,7 +61,7 @@ impl Record {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let (files, streams) = self.files()?;
         let end = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        for signal in end_signals() {
             let registered = signal_hook::flag::register(signal, Arc::clone(&end));
             registered.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
@@ -95,6 +95,9 @@ impl Record {
             && (format != Format::Csv || self.imus.len() > 1 || rotation.size.is_some() || rotation.time.is_some())
         {
             return usage("stdout takes one stream of one IMU as CSV, without rotation; name a file".to_owned());
+        }
+        if stdout {
+            check_written(None, check_stdout())?;
         }
         let file_per_imu = name.contains(IMU_PLACEHOLDER);
         if self.imus.len() > 1 && format != Format::Mcap && !file_per_imu {

@@ -7,11 +7,10 @@ use isotherm_calibration::double_double::DoubleDouble;
 use isotherm_calibration::order::{OrderTable, Rule, default_order};
 use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure};
-use isotherm_files::print;
+use isotherm_failure::{Exit, Failure, tell};
+use isotherm_files::{check_stdout, check_written, print, print_data};
 use isotherm_recording_formats::read::{ImuChoice, NumberRow, read_numbers};
 use serde_json::json;
-use std::io::{self, Write as _};
 use std::path::PathBuf;
 
 /// Descriptions of a valid number and a valid weight, for messages.
@@ -57,6 +56,7 @@ pub struct Regress {
 
 impl Regress {
     pub fn run(self) -> Result<(), Failure> {
+        check_written(None, check_stdout())?;
         let mut names = vec![self.x.as_str(), self.y.as_str()];
         names.extend(self.weights.as_deref());
         let choice = self.imu.clone().map_or(ImuChoice::Any, ImuChoice::Only);
@@ -101,7 +101,7 @@ impl Regress {
             ));
         }
         for warning in &warnings {
-            let _ = writeln!(io::stderr(), "isotherm: warning: {warning}");
+            tell("isotherm", format_args!("warning: {warning}"));
         }
         if !self.json {
             return print(&table.text(&self.x, &self.y));
@@ -114,6 +114,6 @@ impl Regress {
         document["diagnostics"]["outlier_lines"] = json!(lines);
         document["diagnostics"]["outlier_places"] = json!(located);
         document["warnings"] = json!(warnings);
-        print(&format!("{document:#}\n"))
+        print_data(&format!("{document:#}\n"))
     }
 }

@@ -11,9 +11,10 @@ use isotherm_calibration::positions::Scheme;
 use isotherm_calibration::simulate::{self as simulation, CampaignSchedule, Chain, RunSchedule, Truth, campaign_toml};
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
+use isotherm_files::{check_stdout, check_written};
 use isotherm_recording::RawCsvWriter;
 use isotherm_shared::wire::{AXES, RawSample};
-use options::{SimulatedImuOptions, arcsec, usage, write_file, write_text, write_truth};
+use options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml, usage};
 use serde::Serialize;
 use std::fmt::Display;
 use std::fs;
@@ -155,8 +156,9 @@ impl SimulateCampaign {
         let rows = simulation::campaign(&truth, &schedule, *seed)
             .map(|row| (format!("{},{}", row.set_point_c, row.position), row.raw));
         let telemetry_ns = chain.telemetry_s > 0.0;
-        write_rows(output, "samples.csv", "set_point_c,position", telemetry_ns, schedule.rows(), rows)?;
-        write_truth(output, &truth, "isotherm simulate campaign", *seed, &schedule)?;
+        let mut files = write_rows(output, "samples.csv", "set_point_c,position", telemetry_ns, schedule.rows(), rows)?;
+        let text = truth_toml(&truth, "isotherm simulate campaign", *seed, &schedule)?;
+        files.add(output.join("truth.toml"), &text)?;
         let content = truth.table.content();
         let unit = &content.temperature_unit;
         let text = campaign_toml(
@@ -167,7 +169,8 @@ impl SimulateCampaign {
             unit,
             &schedule.positions,
         );
-        write_text(output, "campaign.toml", &text)
+        files.add(output.join("campaign.toml"), &text)?;
+        files.finish()
     }
 }
 
@@ -197,8 +200,10 @@ impl SimulateRun {
         let schedule = RunScheduleDocument { specific_force: run.specific_force(&truth), run: &run };
         let SimulatedImuOptions { output, seed, .. } = &self.imu;
         let rows = simulation::run(&truth, &run, *seed).map(|raw| ("", raw));
-        write_rows(output, "run.csv", "", chain.telemetry_s > 0.0, run.samples(), rows)?;
-        write_truth(output, &truth, "isotherm simulate run", *seed, &schedule)
+        let mut files = write_rows(output, "run.csv", "", chain.telemetry_s > 0.0, run.samples(), rows)?;
+        let text = truth_toml(&truth, "isotherm simulate run", *seed, &schedule)?;
+        files.add(output.join("truth.toml"), &text)?;
+        files.finish()
     }
 }
 
@@ -212,7 +217,7 @@ fn reachable(truth: &Truth, chain: &Chain, temperatures_c: &[f64]) -> Result<(),
     }
 }
 
-/// Writes `rows` into `name`, with a progress bar on a terminal.
+/// Writes `rows` into `name`, with a progress bar on a terminal. Returns the file, which is not visible yet.
 fn write_rows(
     folder: &Path,
     name: &str,
@@ -220,13 +225,15 @@ fn write_rows(
     telemetry_ns: bool,
     count: u64,
     rows: impl Iterator<Item = (impl Display, RawSample)>,
-) -> Result<(), Failure> {
+) -> Result<SimulatedFiles, Failure> {
     if count > MAX_ROWS {
         return Err(usage(format!("{count} rows; up to {MAX_ROWS} can be simulated, give a longer interval")));
     }
+    check_written(None, check_stdout())?;
     fs::create_dir_all(folder).map_err(|error| Failure::io("making", folder, &error))?;
     let bar = rows_bar(count);
-    write_file(folder, name, |sink| {
+    let mut files = SimulatedFiles::default();
+    files.add_with(folder.join(name), |sink| {
         let mut writer = RawCsvWriter::new(sink, leading, telemetry_ns)?;
         for (index, (leading, raw)) in (0u64..).zip(rows) {
             if index.is_multiple_of(BAR_ROWS) {
@@ -236,5 +243,6 @@ fn write_rows(
         }
         bar.finish_and_clear();
         Ok(())
-    })
+    })?;
+    Ok(files)
 }

@@ -8,11 +8,10 @@ use isotherm_calibration::provenance::{now, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::stability::{Collector, Setup};
 use isotherm_client::ImuId;
-use isotherm_failure::{Exit, Failure};
-use isotherm_files::{StagedText, WorldWritable, load_table, print, refuse_overlap};
+use isotherm_failure::{Exit, Failure, tell};
+use isotherm_files::{StagedText, WorldWritable, check_stdout, check_written, load_table, print, refuse_overlap};
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::wire::AXES;
-use std::io::{self, Write as _};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -56,6 +55,7 @@ impl Verify {
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
         refuse_overlap(&files, &[self.report.as_deref()])?;
+        check_written(None, check_stdout())?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
@@ -70,7 +70,7 @@ impl Verify {
         let stability = collector.finish(&Setup::new(self.attitude, self.gravity_local, &table));
         let stability = stability.map_err(|error| Failure::new(Exit::Data, format!("{recording}: {error}")))?;
         if let Some(warning) = stability.gravity_mismatch() {
-            let _ = writeln!(io::stderr(), "isotherm: warning: {recording}: {warning}");
+            tell("isotherm", format_args!("warning: {recording}: {warning}"));
         }
         print(&report::text::stability(&stability, window_s, table.content().alignment.is_some()))?;
         if let Some(page) = page {

@@ -3,11 +3,11 @@
 mod tally;
 
 use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::write::{FileError, Files};
 use isotherm_shared::stream::StreamKind;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -289,5 +289,5 @@ fn is_full(error: &io::Error) -> bool {
 }
 
 fn print_message(message: &str) {
-    let _ = writeln!(io::stderr(), "isotherm: {message}");
+    tell("isotherm", message);
 }

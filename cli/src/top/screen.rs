@@ -6,6 +6,7 @@ use super::source::Waiting;
 use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
+use isotherm_failure::printable;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
@@ -63,6 +64,12 @@ pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     }
     if model.help {
         help(frame, area);
+    }
+    // The status is the text of another process. ratatui leaves control characters out, but not those of the direction of writing.
+    for cell in &mut frame.buffer_mut().content {
+        if printable(cell.symbol()) != cell.symbol() {
+            cell.set_symbol("?");
+        }
     }
 }
 

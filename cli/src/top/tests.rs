@@ -181,6 +181,31 @@ fn a_small_screen_has_what_matters_most_and_any_size_can_be_drawn() {
     }
 }
 
+/// A status is the text of another process.
+#[test]
+fn a_status_cannot_steer_the_terminal() {
+    const HOSTILE: &str = "\u{1b}]0;x\u{7}\u{9b}2J\r\u{202e}abc\u{2066}\n\u{7f}";
+    let mut hostile = model(&["imu-a"], Theme { colour: true, unicode: true }, |status| {
+        status.version = HOSTILE.to_owned();
+        status.domain.name = HOSTILE.to_owned();
+        status.wait = HOSTILE.to_owned();
+        status.workers[0].cores = HOSTILE.to_owned();
+        status.imus[0].table = Some(HOSTILE.to_owned());
+        status.imus[0].table_file = HOSTILE.to_owned();
+        status.imus[0].last_reload_error = Some(HOSTILE.to_owned());
+        status.imus[0].refused_unix_s = Some(1.0);
+        status.imus[0].flagged.insert(HOSTILE.to_owned(), 3);
+        status.imus[0].ranges =
+            Some(Ranges { unit: HOSTILE.to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] });
+    });
+    for (width, height) in [(300, 100), (80, 24), (40, 10)] {
+        let terminal = drawn(&mut hostile, width, height);
+        let cells: String = terminal.backend().buffer().content().iter().map(|cell| cell.symbol()).collect();
+        assert!(cells.contains("abc"), "nothing of it is shown");
+        assert!(isotherm_failure::printable(&cells) == cells && !cells.contains('\n'), "{cells:?}");
+    }
+}
+
 #[test]
 fn every_condition_is_shown() {
     let state = |change: fn(&mut ServiceStatus)| text(&mut model(&["imu-a"], PLAIN, change), 80, 24);

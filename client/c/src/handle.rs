@@ -3,17 +3,14 @@
 use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
 use crate::code::{CodedError, NULL, code, isotherm_code};
 use core::cell::UnsafeCell;
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU8, Ordering};
+use isotherm_client::Process;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Once;
 
 const FREE: u8 = 0;
 const IN_USE: u8 = 1;
 /// A call has panicked. The content may be inconsistent and is not used again.
 const BROKEN: u8 = 2;
-
-/// Number of forks between this process and the one that loaded the library.
-static FORKS: AtomicU32 = AtomicU32::new(0);
 
 /// The content with its guard.
 ///
@@ -24,23 +21,19 @@ static FORKS: AtomicU32 = AtomicU32::new(0);
 #[derive(Debug)]
 pub(crate) struct Handle<T> {
     state: AtomicU8,
-    forks: u32,
+    process: Process,
     content: UnsafeCell<T>,
 }
 
 impl<T> Handle<T> {
     fn new(content: T) -> Self {
-        Self { state: AtomicU8::new(FREE), forks: FORKS.load(Ordering::Relaxed), content: UnsafeCell::new(content) }
-    }
-
-    fn is_forked(&self) -> bool {
-        self.forks != FORKS.load(Ordering::Relaxed)
+        Self { state: AtomicU8::new(FREE), process: Process::current(), content: UnsafeCell::new(content) }
     }
 
     /// Calls `work` with the content, unless another call is in the handle.
     #[inline]
     fn enter(&self, work: impl FnOnce(&mut T) -> Result<(), CodedError>) -> Result<(), CodedError> {
-        if self.is_forked() {
+        if !self.process.is_current() {
             return Err(FORKED);
         }
         match self.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) {
@@ -97,10 +90,6 @@ pub(crate) unsafe fn create<T, H>(
     // SAFETY: the caller's contract.
     unsafe { output.write(core::ptr::null_mut()) };
     without_handle(|| {
-        static ONCE: Once = Once::new();
-        // SAFETY: registers a function that only counts, which is allowed in a forked child. If there is no memory to register
-        // it, forks are not detected.
-        ONCE.call_once(|| _ = unsafe { libc::pthread_atfork(None, None, Some(count_fork)) });
         let handle = Box::new(wrap(Handle::new(make()?)));
         // SAFETY: as above.
         unsafe { output.write(Box::into_raw(handle)) };
@@ -115,7 +104,7 @@ pub(crate) unsafe fn create<T, H>(
 pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) -> isotherm_code {
     // SAFETY: the caller's contract.
     let Some(content) = (unsafe { handle.as_ref() }).map(content) else { return ISOTHERM_OK };
-    if content.is_forked() {
+    if !content.process.is_current() {
         // Only the parent may leave the streams.
         return code(Err(FORKED));
     }
@@ -127,10 +116,6 @@ pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) 
         drop(unsafe { Box::from_raw(handle) });
         Ok(())
     })
-}
-
-extern "C" fn count_fork() {
-    FORKS.fetch_add(1, Ordering::Relaxed);
 }
 
 #[cfg(test)]

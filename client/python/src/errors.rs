@@ -75,5 +75,6 @@ pub fn recording(path: &Path, error: &RecordingError) -> PyErr {
             RecordingFault::new_err((format!("{}: {place}: {message}", path.display()), None::<u64>))
         }
         RecordingError::Io(error) => file(path, error),
+        RecordingError::Piece(failure) => RecordingFault::new_err((failure.message.clone(), None::<u64>)),
     }
 }

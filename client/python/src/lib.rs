@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 /// See `_isotherm.pyi`.
 #[pymodule]
 mod _isotherm {
-    use super::{Bound, Flags, PyArray1, PyModule, PyModuleMethods as _, PyResult, pyfunction};
+    use super::{Bound, Flags, PyArray1, PyModule, PyModuleMethods as _, PyResult};
 
     #[pymodule_export]
     use crate::acquisition::{Acquisition, Loan};
@@ -36,11 +36,6 @@ mod _isotherm {
     use crate::records::Increment;
     #[pymodule_export]
     use crate::table::{Axis, Polynomial, Table};
-
-    #[pyfunction]
-    fn count_fork() {
-        crate::owned::count_fork();
-    }
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

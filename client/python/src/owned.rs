@@ -1,28 +1,20 @@
 //! Values that belong to the thread that created them, as the transport's ports do.
 
 use crate::errors::{Closed, IsothermError, WrongThread};
+use isotherm_client::Process;
 use pyo3::exceptions::PyResourceWarning;
 use pyo3::prelude::*;
 use send_wrapper::SendWrapper;
 use std::ffi::CString;
 use std::mem::ManuallyDrop;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
-
-/// Number of forks between this process and the one that imported the package; counted by Python's `os.register_at_fork`.
-static FORKS: AtomicU32 = AtomicU32::new(0);
-
-/// Called in a forked child. The child shares memory and files with its parent and must not use the parent's ports.
-pub fn count_fork() {
-    FORKS.fetch_add(1, Ordering::Relaxed);
-}
 
 /// A value that only the thread that created it may use; other threads get an exception. Empty after it has been closed.
 pub struct Owned<T> {
     name: &'static str,
     thread: ThreadId,
-    forks: u32,
+    process: Process,
     value: Mutex<Option<SendWrapper<T>>>,
 }
 
@@ -31,14 +23,15 @@ pub struct Held<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
 
 impl<T> Owned<T> {
     pub fn new(name: &'static str, value: T) -> Self {
-        let (thread, forks) = (thread::current().id(), FORKS.load(Ordering::Relaxed));
-        Self { name, thread, forks, value: Mutex::new(Some(SendWrapper::new(value))) }
+        let (thread, process) = (thread::current().id(), Process::current());
+        Self { name, thread, process, value: Mutex::new(Some(SendWrapper::new(value))) }
     }
 
     /// # Errors
     /// In another thread, and in a forked child.
     fn check(&self) -> PyResult<()> {
-        if self.forks != FORKS.load(Ordering::Relaxed) {
+        // A child with a copy of the memory has its parent's files too, and must not use the parent's ports.
+        if !self.process.is_current() {
             let message =
                 format!("this {} belongs to the process that was forked; open one in this process", self.name);
             return Err(WrongThread::new_err(message));
@@ -93,7 +86,7 @@ impl<T> Drop for Owned<T> {
         }
         // Only its own thread may drop the value. So it is leaked, and stays until the process ends.
         let _kept = ManuallyDrop::new(value);
-        if self.forks != FORKS.load(Ordering::Relaxed) {
+        if !self.process.is_current() {
             return;
         }
         Python::attach(|py| {

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
+import sys
 import threading
 import tomllib
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE
-from isotherm import _isotherm, _offline
+from isotherm import _files, _isotherm, _offline
 
 
 def command(*arguments: str | Path) -> str:
@@ -201,8 +203,7 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
     right = (tmp_path / "command.toml").read_text()
     calibration = isotherm.calibrate(CAMPAIGN)
     assert without_what_differs(calibration.text) == without_what_differs(right)
-    calibration.save(tmp_path / "python.toml")
-    calibration.report(tmp_path / "python.html")
+    calibration.save(tmp_path / "python.toml", report=tmp_path / "python.html")
     assert isotherm.Table.load(tmp_path / "python.toml") == calibration.table
     assert "</svg>" in (tmp_path / "python.html").read_text()
     # The object's figures are those of the file.
@@ -220,6 +221,37 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
     settings = tomllib.loads(CAMPAIGN.read_text())
     for other in (isotherm.calibrate(CAMPAIGN, samples), isotherm.calibrate(settings, samples)):
         assert other.table.digest == calibration.table.digest
+
+
+# Kills itself instead of the rename with this number.
+KILLED = """
+import os, signal, sys
+from isotherm import _files
+left, rename = int(sys.argv[1]), os.replace
+def replace(*names):
+    global left
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left -= 1
+    rename(*names)
+os.replace = replace
+_files.write_together([("table", "new"), ("report", "new")])
+"""
+
+
+@pytest.mark.parametrize(("renames", "left"), [(0, {"table": "old"}), (1, {"table": "new"}), (2, {"table": "new", "report": "new"})])
+def test_no_old_report_stays_beside_a_new_table(tmp_path: Path, renames: int, left: dict[str, str]) -> None:
+    for name in ("table", "report"):
+        (tmp_path / name).write_text("old")
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(renames)], cwd=tmp_path)
+    assert killed.returncode == (0 if renames == 2 else -signal.SIGKILL)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir() if not path.name.startswith(".")} == left
+    # What fails leaves nothing.
+    if renames == 2:
+        with pytest.raises(OSError):
+            _files.write_together([(tmp_path / "table", "newer"), (tmp_path / "nowhere" / "report", "newer")])
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["report", "table"]
+        assert (tmp_path / "table").read_text() == "new"
 
 
 def test_calibrate_follows_its_options(tmp_path: Path) -> None:

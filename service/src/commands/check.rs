@@ -3,13 +3,11 @@
 use crate::config::Config;
 use clap::Args;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{
-    LoadError, WorldWritable, check_written, load_table, read_text, remove_unfinished_on_signals, replace,
-};
+use isotherm_files::{LoadError, WorldWritable, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
 use isotherm_shared::table::{CoefficientTable, Seal};
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
@@ -45,7 +43,7 @@ impl Check {
         let mut failures = Vec::new();
         for path in &self.files {
             match check(path, self.seal, WorldWritable::allow_if(self.allow_world_writable), laboratory) {
-                Ok(line) => check_written(None, writeln!(io::stdout(), "{}: {line}", path.display()))?,
+                Ok(line) => print(&format!("{}: {line}\n", path.display()))?,
                 Err(failure) => failures.push(failure),
             }
         }

@@ -5,8 +5,7 @@ pub mod serve;
 pub mod status;
 
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure};
-use std::io::Write as _;
+use isotherm_failure::{Exit, Failure, tell};
 use std::process::ExitCode;
 
 /// The meaning of the exit codes, shown below the help of every command.
@@ -55,6 +54,7 @@ pub fn finish(command: clap::Command, program: &str) -> clap::Command {
 
 /// Runs a program: prints help and version to stdout, errors to stderr, and turns the result of `run` into an exit code.
 pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>, clap::Error>) -> ExitCode {
+    isotherm_files::report_file_limit();
     match run() {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
@@ -66,13 +66,22 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
                     .replace("`isotherm status", "`isothermd status"),
                 _ => failure.message,
             };
-            let _ = writeln!(std::io::stderr(), "{program}: {message}");
+            tell(program, message);
             ExitCode::from(failure.exit as u8)
         }
         Err(error) => {
+            if error.use_stderr() {
+                let _ = error.print();
+                return ExitCode::from(Exit::Usage as u8);
+            }
             // Help and version are no failure, and neither is a closed pipe.
-            let _ = error.print();
-            ExitCode::from(if error.use_stderr() { Exit::Usage as u8 } else { 0 })
+            match isotherm_files::check_written(None, error.print()) {
+                Ok(()) => ExitCode::SUCCESS,
+                Err(failure) => {
+                    tell(program, failure);
+                    ExitCode::from(Exit::Io as u8)
+                }
+            }
         }
     }
 }

@@ -3,7 +3,7 @@
 use clap::Args;
 use isotherm_client::{Domain, Options, fetch_status};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::print;
+use isotherm_files::{print, print_data};
 use isotherm_shared::status::{ImuStatus, LatencySummary, ServiceStatus, WorkerStatus};
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -29,16 +29,15 @@ impl Status {
     /// If no service answers.
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         if self.iceoryx2 {
-            return print(&transport_config(&domain)?);
+            return print_data(&transport_config(&domain)?);
         }
         let status = fetch_status(&Options { domain, timeout: Duration::ZERO })?;
-        let text = if self.json {
-            let text = serde_json::to_string_pretty(&status);
-            text.map_err(|error| Failure::new(Exit::Failed, format!("writing JSON: {error}")))? + "\n"
-        } else {
-            describe(&status)
-        };
-        print(&text)
+        if !self.json {
+            return print(&describe(&status));
+        }
+        let text = serde_json::to_string_pretty(&status);
+        let text = text.map_err(|error| Failure::new(Exit::Failed, format!("writing JSON: {error}")))?;
+        print_data(&(text + "\n"))
     }
 }
 

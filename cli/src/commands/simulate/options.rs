@@ -4,12 +4,12 @@ use crate::parse::{gravity, size, sizes, vibration};
 use clap::Args;
 use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{Output, WorldWritable, load_table, print};
+use isotherm_files::{Output, StagedText, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Refusal};
 use serde::Serialize;
-use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::PathBuf;
 
 /// Options of the simulated IMU.
 #[derive(Debug, Args)]
@@ -111,34 +111,42 @@ pub fn usage(message: impl Into<String>) -> Failure {
     Failure::new(Exit::Usage, message)
 }
 
-/// Writes truth.toml, the coefficients that the simulated data come from, into the data's folder.
-pub fn write_truth(
-    folder: &Path,
-    truth: &Truth,
-    command: &str,
-    seed: u64,
-    schedule: &impl Serialize,
-) -> Result<(), Failure> {
+/// The text of truth.toml: the coefficients that the simulated data come from.
+pub fn truth_toml(truth: &Truth, command: &str, seed: u64, schedule: &impl Serialize) -> Result<String, Failure> {
     let tool = format!("{command} {}", env!("CARGO_PKG_VERSION"));
     let text = truth.to_toml(&tool, seed, schedule);
-    let text = text.map_err(|error| Failure::new(Exit::Failed, format!("writing the truth: {error}")))?;
-    write_text(folder, "truth.toml", &text)
+    text.map_err(|error| Failure::new(Exit::Failed, format!("writing the truth: {error}")))
 }
 
-/// Writes `folder/name`, and prints its path.
-pub fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    write_file(folder, name, |sink| sink.write_all(text.as_bytes()))
+/// The files of a simulation. They appear together: the data first, which the others describe.
+#[derive(Default)]
+pub struct SimulatedFiles {
+    paths: Vec<PathBuf>,
+    texts: Vec<StagedText>,
 }
 
-/// Writes `folder/name`, and prints its path when it is complete.
-pub fn write_file(folder: &Path, name: &str, write: impl FnOnce(&mut Output) -> io::Result<()>) -> Result<(), Failure> {
-    let path = folder.join(name);
-    let result = Output::create(Some(&path)).and_then(|mut sink| {
-        write(&mut sink)?;
-        sink.finish()
-    });
-    result.map_err(|error| Failure::io("writing", &path, &error))?;
-    print(&format!("{}\n", path.display()))
+impl SimulatedFiles {
+    /// Adds a text.
+    pub fn add(&mut self, path: PathBuf, text: &str) -> Result<(), Failure> {
+        self.add_with(path, |output| io::Write::write_all(output, text.as_bytes()))
+    }
+
+    /// Adds a file that this function writes.
+    pub fn add_with(
+        &mut self,
+        path: PathBuf,
+        write: impl FnOnce(&mut Output) -> io::Result<()>,
+    ) -> Result<(), Failure> {
+        self.texts.push(StagedText::create(Some(&path))?.write_with(write)?);
+        self.paths.push(path);
+        Ok(())
+    }
+
+    /// Makes the files visible, and prints their paths.
+    pub fn finish(self) -> Result<(), Failure> {
+        StagedText::finish_together(self.texts)?;
+        self.paths.iter().try_for_each(|path| print(&format!("{}\n", path.display())))
+    }
 }
 
 /// Converts an angle from arc seconds to radians.

@@ -1,6 +1,6 @@
 //! `simulate station`: a laboratory in processes of its own.
 
-use super::options::{SimulatedImuOptions, write_text, write_truth};
+use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml};
 use crate::parse::{interval, size};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
@@ -62,7 +62,7 @@ pub struct SimulateStation {
     chamber_ramp: f64,
     /// A fault, WHAT[:chamber|:table][@WHEN]
     ///
-    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot or never-there; WHEN is 3 for the
+    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, babble, dead, no-settle, overshoot or never-there; WHEN is 3 for the
     /// third request, 3-5 for the third to the fifth, 100s-200s for simulated seconds, always unless given
     #[arg(long, value_name = "WHAT@WHEN", value_parser = fault)]
     fault: Vec<String>,
@@ -152,8 +152,13 @@ impl SimulateStation {
         }
         let SimulatedStation { interval_ns, ambient_c, ramp_c_per_s, .. } = station;
         let schedule = StationSchedule { interval_ns, ambient_c, ramp_c_per_s, chain, noise };
-        write_truth(&folder, &truth, "isotherm simulate station", self.imu.seed, &schedule)?;
-        write_text(&folder, "plan.toml", &station.plan_toml(&truth))?;
+        let mut files = SimulatedFiles::default();
+        files.add(
+            folder.join("truth.toml"),
+            &truth_toml(&truth, "isotherm simulate station", self.imu.seed, &schedule)?,
+        )?;
+        files.add(folder.join("plan.toml"), &station.plan_toml(&truth))?;
+        files.finish()?;
         let program = std::env::current_exe();
         let program = program
             .map_err(|error| Failure::new(Exit::Failed, format!("starting the station's processes: {error}")))?;

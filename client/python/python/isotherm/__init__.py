@@ -1,7 +1,5 @@
 """Isotherm: clients of the compensation service and its offline tools. See docs/python.md of the repository."""
 
-import os
-
 from ._errors import (
     CalibrationError,
     Closed,
@@ -18,7 +16,7 @@ from ._errors import (
     TransportError,
     WrongThread,
 )
-from ._isotherm import Acquisition, Axis, Increment, IncrementReader, Loan, Polynomial, Stability, Table, __version__, count_fork
+from ._isotherm import Acquisition, Axis, Increment, IncrementReader, Loan, Polynomial, Stability, Table, __version__
 from ._offline import (
     Calibration,
     calibrate,
@@ -31,10 +29,6 @@ from ._offline import (
     write_recording,
 )
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, WINDOW, Flags, Records, flag_names
-
-# A forked child must not use its parent's streams.
-os.register_at_fork(after_in_child=count_fork)
-del os, count_fork
 
 __all__ = [
     "CAMPAIGN",

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
-from ._files import staged, write_text
+from ._files import staged, write_text, write_together
 from ._isotherm import Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
 
@@ -155,9 +155,12 @@ class Calibration:
         """(set point [degC], position, first and last line or row, seconds) of each dwell that was used."""
         return self._native.dwells()
 
-    def save(self, path: AnyPath) -> None:
-        """Writes the sealed table file."""
-        write_text(path, self.text)
+    def save(self, path: AnyPath, *, report: AnyPath | None = None) -> None:
+        """Writes the sealed table file, and with `report` the report (HTML) beside it: both or none."""
+        texts = [(path, self.text)]
+        if report is not None:
+            texts.append((report, self._native.html()))
+        write_together(texts)
 
     def report(self, path: AnyPath) -> None:
         """Writes the report (HTML)."""

@@ -67,6 +67,8 @@ enum McapEvent {
     Read(usize),
     Record(Record<'static>),
     Footer,
+    /// A schema or channel whose texts are longer than its record.
+    TooLong,
     Other,
 }
 
@@ -102,6 +104,11 @@ impl McapReader {
             Some(match self.reader.next_event()? {
                 Ok(LinearReadEvent::ReadRequest(need)) => Ok(McapEvent::Read(need)),
                 Ok(LinearReadEvent::Record { opcode: op::FOOTER, .. }) => Ok(McapEvent::Footer),
+                Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL), data })
+                    if !texts_fit(opcode, data) =>
+                {
+                    Ok(McapEvent::TooLong)
+                }
                 Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL | op::MESSAGE), data }) => {
                     parse_record(opcode, data).map(|record| McapEvent::Record(record.into_owned()))
                 }
@@ -111,6 +118,7 @@ impl McapReader {
         });
         match event.ok_or_else(|| self.error("a record that cannot be read".to_owned()))? {
             None => Ok(None),
+            Some(Ok(McapEvent::TooLong)) => Err(self.error("a text that is longer than its record".to_owned())),
             Some(Ok(event)) => Ok(Some(event)),
             // The file ends within a record.
             Some(Err(McapError::UnexpectedEof)) => {
@@ -247,7 +255,7 @@ impl TableReader for McapReader {
                     self.reader.notify_read(read);
                 }
                 Some(McapEvent::Footer) => self.finished = true,
-                Some(McapEvent::Other) => {}
+                Some(McapEvent::Other | McapEvent::TooLong) => {}
                 Some(McapEvent::Record(record)) => {
                     if self.take_record(record, values)? {
                         return Ok(true);
@@ -284,6 +292,39 @@ impl TableReader for McapReader {
         };
         Some(format!("the recording was not ended properly: {what}; everything before has been read"))
     }
+}
+
+/// Whether the texts of a schema or a channel end within its record. The library allocates the length that a text claims before it
+/// reads the text.
+fn texts_fit(opcode: u8, record: &[u8]) -> bool {
+    fn length(rest: &mut &[u8]) -> Option<usize> {
+        let (length, after) = rest.split_first_chunk()?;
+        *rest = after;
+        usize::try_from(u32::from_le_bytes(*length)).ok()
+    }
+    fn text(rest: &mut &[u8]) -> Option<()> {
+        let length = length(rest)?;
+        *rest = rest.get(length..)?;
+        Some(())
+    }
+    let fit = || {
+        let channel = opcode == op::CHANNEL;
+        // The numbers of schema and channel, then two names.
+        let mut rest = record.get(if channel { 4 } else { 2 }..)?;
+        text(&mut rest)?;
+        text(&mut rest)?;
+        if channel {
+            // Keys and values, in this number of bytes.
+            let size = length(&mut rest)?;
+            let end = rest.len().checked_sub(size)?;
+            while rest.len() > end {
+                text(&mut rest)?;
+                text(&mut rest)?;
+            }
+        }
+        Some(())
+    };
+    fit().is_some()
 }
 
 /// Maps fields to wanted columns. An error if a column is missing or has an unsuitable type.

@@ -1,58 +1,83 @@
-//! Checks the page headers of a Parquet file before the library reads the pages. The library allocates the size that a header
-//! claims.
+//! Checks the structures of a Parquet file before the library reads them: it allocates the size and the number of values of a
+//! dictionary that a page header claims, and counts through a list of booleans of any claimed length, which takes no bytes in its
+//! opinion.
 
 use crate::varint;
 use std::fs::File;
+use std::io;
 use std::os::unix::fs::FileExt as _;
 
 /// Longest page, compressed and decompressed \[bytes\]. Common writers make pages of about 1 MB.
 const MAX_PAGE: u64 = 16 << 20;
+/// Deepest nesting of structures and lists; a footer has 8.
+const MAX_DEPTH: u8 = 16;
 /// Longest page header \[bytes\].
 const MAX_HEADER: usize = 1 << 16;
 
 /// Checks the pages in the `length` bytes from `begin` on.
-pub fn check(file: &File, begin: u64, length: u64) -> Result<(), String> {
-    let end = begin.checked_add(length).ok_or("a column's place")?;
+///
+/// # Errors
+/// The operating system's error, or one without its code if a page is not valid.
+pub fn check(file: &File, begin: u64, length: u64) -> io::Result<()> {
+    let end = begin.checked_add(length).ok_or_else(|| io::Error::other("a column's place"))?;
     let (mut at, mut buffer) = (begin, vec![0; MAX_HEADER]);
     while at < end {
         let most = MAX_HEADER.min((end - at) as usize);
-        let read = file.read_at(&mut buffer[..most], at).map_err(|error| error.to_string())?;
-        let mut header = Header { bytes: &buffer[..read] };
-        let sizes = header.sizes().ok_or_else(|| format!("byte {at}: no page header"))?;
+        let read = file.read_at(&mut buffer[..most], at)?;
+        let mut header = Thrift { bytes: &buffer[..read] };
+        let sizes = header.sizes().ok_or_else(|| io::Error::other(format!("byte {at}: no page header")))?;
         if sizes.decompressed > MAX_PAGE || sizes.compressed > MAX_PAGE {
-            return Err(format!("byte {at}: a page of over {MAX_PAGE} bytes; write smaller pages"));
+            let message = format!("byte {at}: a page of over {MAX_PAGE} bytes; write smaller pages");
+            return Err(io::Error::other(message));
+        }
+        // The values that are read have 4 or 8 bytes.
+        if sizes.dictionary > sizes.decompressed / 4 {
+            return Err(io::Error::other(format!("byte {at}: a dictionary with more values than its page can have")));
         }
         at += (read - header.bytes.len()) as u64 + sizes.compressed;
     }
     Ok(())
 }
 
+/// Whether the footer is a structure whose lists end within it.
+pub fn is_footer(bytes: &[u8]) -> bool {
+    let mut footer = Thrift { bytes };
+    footer.each_field(0, &mut |footer, _, kind| footer.skip(kind, 0)).is_some()
+}
+
 struct Sizes {
     decompressed: u64,
     compressed: u64,
+    /// Number of values of a dictionary; 0 for other pages.
+    dictionary: u64,
 }
 
-/// A page header: a structure in Thrift's compact protocol.
-struct Header<'a> {
+/// A page header or a footer: a structure in Thrift's compact protocol.
+struct Thrift<'a> {
     bytes: &'a [u8],
 }
 
-impl Header<'_> {
-    /// Reads fields 2 (uncompressed size) and 3 (compressed size) of a `PageHeader`.
+impl Thrift<'_> {
+    /// Reads fields 2 (uncompressed size), 3 (compressed size) and 7 (dictionary) of a `PageHeader`.
     fn sizes(&mut self) -> Option<Sizes> {
         const I32: u8 = 5;
-        let (mut decompressed, mut compressed) = (None, None);
+        const STRUCTURE: u8 = 12;
+        let (mut decompressed, mut compressed, mut dictionary) = (None, None, 0);
         self.each_field(0, &mut |header, field, kind| match (field, kind) {
             (2, I32) => header.size().map(|size| decompressed = Some(size)),
             (3, I32) => header.size().map(|size| compressed = Some(size)),
+            // Its field 1 is the number of values.
+            (7, STRUCTURE) => header.each_field(1, &mut |header, field, kind| match (field, kind) {
+                (1, I32) => header.size().map(|count| dictionary = count),
+                _ => header.skip(kind, 1),
+            }),
             _ => header.skip(kind, 0),
         })?;
-        Some(Sizes { decompressed: decompressed?, compressed: compressed? })
+        Some(Sizes { decompressed: decompressed?, compressed: compressed?, dictionary })
     }
 
     /// Calls `take` at the beginning of each field's value, with the field's number and type. `take` must consume the value.
     fn each_field(&mut self, depth: u8, take: &mut dyn FnMut(&mut Self, i64, u8) -> Option<()>) -> Option<()> {
-        const MAX_DEPTH: u8 = 8;
         let mut field = 0;
         loop {
             let head = self.byte()?;
@@ -78,10 +103,38 @@ impl Header<'_> {
             4..=6 => varint::read(&mut self.bytes).map(drop),
             7 => self.take(8),
             8 => varint::read(&mut self.bytes).and_then(|length| self.take(usize::try_from(length).ok()?)),
+            9 | 10 => self.skip_list(depth + 1),
+            11 => self.skip_map(depth + 1),
             12 => self.each_field(depth + 1, &mut |header, _, kind| header.skip(kind, depth + 1)),
-            // A page header has no lists.
             _ => None,
         }
+    }
+
+    fn skip_list(&mut self, depth: u8) -> Option<()> {
+        let head = self.byte()?;
+        let count = if head >> 4 == 15 { varint::read(&mut self.bytes)? } else { u64::from(head >> 4) };
+        self.skip_elements(count, &[head & 0xf], depth)
+    }
+
+    fn skip_map(&mut self, depth: u8) -> Option<()> {
+        let count = varint::read(&mut self.bytes)?;
+        if count == 0 {
+            return Some(());
+        }
+        let kinds = self.byte()?;
+        self.skip_elements(count, &[kinds >> 4, kinds & 0xf], depth)
+    }
+
+    /// Skips `count` elements, each with values of these types. Every value takes a byte, except booleans, of which Parquet has no
+    /// lists here.
+    fn skip_elements(&mut self, count: u64, kinds: &[u8], depth: u8) -> Option<()> {
+        if count == 0 {
+            return Some(());
+        }
+        if depth > MAX_DEPTH || count > self.bytes.len() as u64 || kinds.iter().any(|kind| matches!(kind, 1 | 2)) {
+            return None;
+        }
+        (0..count).try_for_each(|_| kinds.iter().try_for_each(|kind| self.skip(*kind, depth)))
     }
 
     fn size(&mut self) -> Option<u64> {

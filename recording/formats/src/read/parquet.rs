@@ -10,8 +10,10 @@ use isotherm_recording::csv::missing_columns;
 use parquet::basic::{Compression, ConvertedType, LogicalType, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
+use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use std::fs::File;
+use std::io;
 use std::os::unix::fs::FileExt as _;
 
 /// Number of rows that are decoded at once.
@@ -80,20 +82,29 @@ impl ParquetReader {
     ) -> Result<Self, RecordingError> {
         let wrong = |message: String| RecordingError::Place { place: "footer".to_owned(), message };
         let size = file.metadata()?.len();
+        let cut = || wrong("the end of the Parquet file is missing; is it cut?".to_owned());
         let mut tail = [0; 8];
-        file.read_exact_at(&mut tail, size.saturating_sub(8))?;
+        file.read_exact_at(&mut tail, size.checked_sub(8).ok_or_else(cut)?)?;
         let [length @ .., _, _, _, _] = tail;
         let length = u64::from(u32::from_le_bytes(length));
         if !tail.ends_with(PARQUET_MAGIC) || length > size {
-            return Err(wrong("the end of the Parquet file is missing; is it cut?".to_owned()));
+            return Err(cut());
         }
         if length > MAX_FOOTER {
             return Err(wrong(format!("{length} bytes; at most {MAX_FOOTER} are read: make larger row groups")));
         }
+        let mut footer = vec![0; length as usize];
+        file.read_exact_at(&mut footer, (size - 8).checked_sub(length).ok_or_else(cut)?)?;
+        if !pages::is_footer(&footer) {
+            return Err(wrong("not a valid Parquet file".to_owned()));
+        }
         let opened = catch_panic(|| file.try_clone().map(SerializedFileReader::new));
         let reader = match opened {
             Some(Ok(Ok(reader))) => reader,
-            Some(Ok(Err(error))) => return Err(wrong(format!("not a valid Parquet file: {error}"))),
+            Some(Ok(Err(error))) => {
+                let error = cause(error);
+                return Err(located(error, |error| wrong(format!("not a valid Parquet file: {error}"))));
+            }
             Some(Err(error)) => return Err(error.into()),
             None => return Err(wrong("not a valid Parquet file".to_owned())),
         };
@@ -148,10 +159,10 @@ impl ParquetReader {
                 ColumnReader::DoubleColumnReader(reader) => {
                     batch(reader, found.absence, values, |value| Some(value.to_bits()))
                 }
-                _ => Err("not of its type".to_owned()),
+                _ => Err(io::Error::other("not of its type")),
             });
-            let decoded = decoded.unwrap_or_else(|| Err("a page that cannot be read".to_owned()));
-            decoded.map_err(|message| self.error(format!("{}: {message}", self.name(index))))?;
+            let decoded = decoded.unwrap_or_else(|| Err(io::Error::other("a page that cannot be read")));
+            decoded.map_err(|error| located(error, |error| self.error(format!("{}: {error}", self.name(index)))))?;
         }
         let rows = self.batch[0].len();
         if let Some(other) = self.batch.iter().position(|values| values.len() != rows) {
@@ -173,17 +184,20 @@ impl ParquetReader {
         }
         let (reader, file, group) = (&self.reader, &self.file, self.group);
         let opened = catch_panic(|| {
-            let group = reader.get_row_group(group).map_err(|error| error.to_string())?;
+            let group = reader.get_row_group(group).map_err(|error| (None, cause(error)))?;
             let open = self.columns.iter().enumerate().map(|(index, column)| {
                 let chunk = group.metadata().column(column.index);
                 let (begin, length) = chunk.byte_range();
-                pages::check(file, begin, length).map_err(|error| format!("{}: {error}", self.name(index)))?;
-                group.get_column_reader(column.index).map_err(|error| error.to_string())
+                pages::check(file, begin, length).map_err(|error| (Some(index), error))?;
+                group.get_column_reader(column.index).map_err(|error| (Some(index), cause(error)))
             });
-            open.collect::<Result<Vec<_>, String>>()
+            open.collect::<Result<Vec<_>, (Option<usize>, io::Error)>>()
         });
-        let opened = opened.unwrap_or_else(|| Err("a row group that cannot be read".to_owned()));
-        self.open = opened.map_err(|message| self.error(message))?;
+        let opened = opened.unwrap_or_else(|| Err((None, io::Error::other("a row group that cannot be read"))));
+        self.open = opened.map_err(|(column, error)| {
+            let name = column.map(|column| format!("{}: ", self.name(column))).unwrap_or_default();
+            located(error, |error| self.error(format!("{name}{error}")))
+        })?;
         self.group += 1;
         Ok(true)
     }
@@ -225,6 +239,19 @@ impl TableReader for ParquetReader {
     fn error(&self, message: String) -> RecordingError {
         RecordingError::Place { place: format!("row {}", self.row), message }
     }
+}
+
+/// The operating system's error in an error of the library; otherwise the library's message, in an error without a code.
+fn cause(error: ParquetError) -> io::Error {
+    match error {
+        ParquetError::External(source) => source.downcast::<io::Error>().map_or_else(io::Error::other, |error| *error),
+        error => io::Error::other(error.to_string()),
+    }
+}
+
+/// An error of the operating system as it is; for any other error, which is one of the data, the result of `refuse`.
+fn located(error: io::Error, refuse: impl FnOnce(io::Error) -> RecordingError) -> RecordingError {
+    if error.raw_os_error().is_some() { RecordingError::Io(error) } else { refuse(error) }
 }
 
 /// Finds the wanted columns in a file's schema.
@@ -294,10 +321,10 @@ fn batch<T: DataType>(
     absence: Absence,
     decoded: &mut Vec<Option<u64>>,
     value: impl Fn(T::T) -> Option<u64>,
-) -> Result<(), String> {
+) -> io::Result<()> {
     let (mut levels, mut values) = (Vec::new(), Vec::new());
     let read = reader.read_records(BATCH, Some(&mut levels), None, &mut values);
-    let (rows, ..) = read.map_err(|error| error.to_string())?;
+    let (rows, ..) = read.map_err(cause)?;
     let is_float = matches!(T::get_physical_type(), Physical::DOUBLE | Physical::FLOAT);
     let mut values = values.into_iter();
     for row in 0..rows {
@@ -311,7 +338,9 @@ fn batch<T: DataType>(
         decoded.push(match next {
             None => None,
             Some(Some(bits)) => Some(bits),
-            Some(None) => return Err(format!("no number, or one that does not fit, {row} rows further")),
+            Some(None) => {
+                return Err(io::Error::other(format!("no number, or one that does not fit, {row} rows further")));
+            }
         });
     }
     Ok(())

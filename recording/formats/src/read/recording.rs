@@ -7,7 +7,7 @@ use super::parquet::ParquetReader;
 use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn, sample_columns};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::open_recording;
 use isotherm_recording::columns::{MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RawCsvReader, RecordingError, SequenceRule};
@@ -15,7 +15,7 @@ use isotherm_shared::wire::RawSample;
 use sha2::{Digest as _, Sha256};
 use std::cell::RefCell;
 use std::fs::{self, File};
-use std::io::{self, Cursor, Read, Write as _};
+use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -141,13 +141,13 @@ impl Recording {
             rule = self.current.source.sequence_rule();
             if let Some(warning) = self.current.source.truncation() {
                 let path = self.current.path.display();
-                let _ = writeln!(io::stderr(), "isotherm: warning: {path}: {warning}");
+                tell("isotherm", format_args!("warning: {path}: {warning}"));
             }
             let Some(next) = self.waiting.pop() else { return Ok(None) };
             let before = self.places.before() + self.current.source.place();
             let opened = Piece::open(&next, self.kind, &self.choice, &self.bar, self.hash.as_ref());
             // An error is unlikely: the beginning was already read to sort the pieces.
-            let opened = opened.map_err(|failure| RecordingError::Io(io::Error::other(failure.message)))?;
+            let opened = opened.map_err(RecordingError::Piece)?;
             previous = Some(std::mem::replace(&mut self.current, opened).path);
             self.places.begin(&self.current.path, self.current.source.unit(), before);
         }

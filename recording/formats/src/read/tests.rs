@@ -4,7 +4,7 @@
 use super::{ImuChoice, Samples};
 use crate::write::{Files, Format, Rotation};
 use indicatif::ProgressBar;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, printable};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::stream::{ImuId, StreamKind};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
@@ -149,43 +149,197 @@ fn a_truncated_file_is_read_up_to_its_end() {
     }
 }
 
-/// Any damaged file gives samples or an error, and no panic.
+/// Files of pyarrow; `tests/data/make.py` made them.
+const OTHERS: [(&str, &[u8]); 6] = [
+    ("none-dictionary", include_bytes!("../../tests/data/none-dictionary.parquet")),
+    ("none-plain", include_bytes!("../../tests/data/none-plain.parquet")),
+    ("snappy-dictionary", include_bytes!("../../tests/data/snappy-dictionary.parquet")),
+    ("snappy-plain", include_bytes!("../../tests/data/snappy-plain.parquet")),
+    ("zstd-dictionary", include_bytes!("../../tests/data/zstd-dictionary.parquet")),
+    ("zstd-plain", include_bytes!("../../tests/data/zstd-plain.parquet")),
+];
+
 #[test]
-fn damaged_files_are_errors() {
+fn other_writers_encodings_are_read() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("r.parquet");
+    let all = OTHERS.map(|(_, whole)| {
+        fs::write(&path, whole).unwrap();
+        read(&path, ImuChoice::Any).unwrap()
+    });
+    assert!(all.iter().all(|samples| bits(samples) == bits(&all[0])));
+    let last = all[0].last().unwrap();
+    assert_eq!((all[0].len(), last.sequence, last.positive_pulses), (24, 51, [102, 102, 102]));
+    assert_eq!((last.head_temperature, last.board_temperature), ([2.0; 3], [13.5; 3]));
+    assert!(all[0][3].board_temperature.iter().all(|board| board.is_nan()));
+}
+
+/// A file that is hardly more than its first bytes is bad data too, not an error of reading.
+#[test]
+fn beginnings_of_files_are_bad_data() {
     let folder = TempDir::new().unwrap();
     let a = imu("imu-a");
-    let mut random = TestRandom(1);
+    let path = folder.path().join("begun");
     for (format, name) in FORMATS {
-        let path = write(folder.path(), format, name, std::slice::from_ref(&a), &samples(40));
-        let whole = fs::read(&path).unwrap();
-        let mut refused = 0;
-        for round in 0..400 {
-            let mut bytes = whole.clone();
-            match round % 4 {
-                0 => bytes.truncate(random.below(whole.len())),
-                1 => {
-                    let (from, to) = (random.below(whole.len()), random.below(whole.len()));
-                    let length = random.below(64).min(whole.len() - from.max(to));
-                    bytes.copy_within(from..from + length, to);
-                }
-                _ => {
-                    for _ in 0..=round % 3 {
-                        // Half of these rounds damage the last third of the file: a footer with sizes is there.
-                        let place = random.below(whole.len());
-                        let place = if round % 8 < 4 { whole.len() - 1 - place.min(whole.len() / 3) } else { place };
-                        bytes[place] = [0, 1, 0x7f, 0x80, 0xff, random.next() as u8][random.below(6)];
-                    }
-                }
+        let whole = fs::read(write(folder.path(), format, name, std::slice::from_ref(&a), &samples(40))).unwrap();
+        for length in 0..40 {
+            fs::write(&path, &whole[..length]).unwrap();
+            let refused = read(&path, ImuChoice::Any).unwrap_err();
+            assert_eq!(refused.exit, Exit::Data, "{format:?}, {length} bytes: {refused}");
+        }
+    }
+    // An error of the operating system: EIO.
+    assert_eq!(read(Path::new("/proc/self/mem"), ImuChoice::Any).unwrap_err().exit, Exit::Io);
+}
+
+/// A text in an MCAP file that claims 4 GB is refused before memory for it is requested.
+#[test]
+fn a_text_longer_than_its_record_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let path = write(folder.path(), Format::Mcap, "r.mcap", &[imu("imu-a")], &samples(40));
+    let whole = fs::read(&path).unwrap();
+    for text in ["isotherm/imu-a/raw", "isotherm.RawSample", "protobuf"] {
+        // The last place is in the summary, which is not compressed.
+        let place = whole.windows(text.len()).rposition(|window| window == text.as_bytes()).unwrap();
+        let mut bytes = whole.clone();
+        bytes[place - 4..place].copy_from_slice(&0xffff_fff0_u32.to_le_bytes());
+        fs::write(&path, &bytes).unwrap();
+        let refused = read(&path, ImuChoice::Any).unwrap_err();
+        assert!(refused.message.contains("a text that is longer than its record"), "{text}: {refused}");
+    }
+}
+
+/// A footer with a list of 2^31-1 booleans, which take no bytes in the library's opinion, is refused before it counts through them.
+#[test]
+fn a_list_longer_than_its_footer_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("r.parquet");
+    // The one field of the footer: a structure without fields, or the list.
+    for (field, refused) in [(&[0x1c, 0][..], false), (&[0x19, 0xf1, 0xff, 0xff, 0xff, 0xff, 0x07], true)] {
+        let length = (field.len() as u32 + 1).to_le_bytes();
+        let file = [b"PAR1", field, &[0], &length, b"PAR1"].concat();
+        fs::write(&path, file).unwrap();
+        let failure = read(&path, ImuChoice::Any).unwrap_err();
+        assert_eq!(failure.exit, Exit::Data);
+        assert_eq!(failure.message.ends_with("not a valid Parquet file"), refused, "{failure}");
+    }
+}
+
+/// A dictionary that claims 2^31-1 values is refused before memory for them is requested.
+#[test]
+fn a_dictionary_larger_than_its_page_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("r.parquet");
+    let (_, whole) = OTHERS[0];
+    // The header of the first page: a dictionary of 10 values, and the number of values that it claims.
+    let header = [0x15, 0x04, 0x15, 0xa0, 0x01, 0x15, 0xa0, 0x01, 0x4c, 0x15, 0x14];
+    assert_eq!(whole[4..15], header);
+    let claimed = [0xfe, 0xff, 0xff, 0xff, 0x0f];
+    let mut bytes = whole.to_vec();
+    bytes.splice(14..15, claimed);
+    fs::write(&path, bytes).unwrap();
+    let refused = read(&path, ImuChoice::Any).unwrap_err();
+    assert!(refused.message.contains("a dictionary with more values than its page can have"), "{refused}");
+    assert_eq!(refused.exit, Exit::Data);
+}
+
+/// A piece that changes after its beginning has been read keeps its exit code.
+#[test]
+fn a_later_piece_that_has_become_bad_is_bad_data() {
+    let folder = TempDir::new().unwrap();
+    let imus = [imu("imu-a")];
+    let (first, second) = (samples(40), samples(80));
+    let late: Vec<_> = second.iter().map(|raw| RawSample { session: 9, ..*raw }).collect();
+    let pieces = [("1.parquet", &first), ("2.parquet", &late)]
+        .map(|(name, samples)| write(folder.path(), Format::Parquet, name, &imus, samples));
+    let mut reading = Samples::open(&pieces, ImuChoice::Any, &ProgressBar::hidden()).unwrap();
+    let begun = reading.next().unwrap().unwrap();
+    for piece in &pieces {
+        fs::write(piece, "PAR1PAR1").unwrap();
+    }
+    let refused = reading.find_map(Result::err).unwrap();
+    assert_eq!(refused.exit, Exit::Data, "{refused}, after {begun:?}");
+}
+
+/// Damages a file in one of the ways that files are damaged, by accident or on purpose.
+fn damage(random: &mut TestRandom, whole: &[u8]) -> Vec<u8> {
+    const LENGTHS: [u32; 8] = [0, 1, 0x7f, 0xffff, 0x7fff_ffff, 0x8000_0000, 0xffff_fff8, u32::MAX];
+    // The longest integers of a footer and of a page header.
+    const VARINTS: [&[u8]; 4] = [
+        &[0xff, 0xff, 0xff, 0xff, 0x0f],
+        &[0xfe, 0xff, 0xff, 0xff, 0x0f],
+        &[0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01],
+        &[0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80],
+    ];
+    let mut bytes = whole.to_vec();
+    for _ in 0..=random.below(3) {
+        let size = bytes.len();
+        if size < 16 {
+            break;
+        }
+        // Half of the damage is in the last third of the file: a footer with sizes is there.
+        let place = random.below(size);
+        let place = if random.below(2) == 0 { size - 1 - place / 3 } else { place };
+        let length = random.below(64).min(size - place);
+        match random.below(8) {
+            0 => bytes.truncate(place),
+            1 => {
+                let to = random.below(size);
+                bytes.copy_within(place..place + length.min(size - to), to);
             }
+            2 => drop(bytes.drain(place..place + length)),
+            3 => drop(bytes.splice(place..place, whole[place.min(whole.len())..].iter().copied().take(length))),
+            4 => bytes[place] ^= 1 << random.below(8),
+            5 => {
+                let varint = VARINTS[random.below(4)];
+                bytes.splice(place..(place + random.below(varint.len() + 1)).min(size), varint.iter().copied());
+            }
+            6 => {
+                let place = if random.below(2) == 0 { size - 8 } else { place.min(size - 4) };
+                let length = LENGTHS[random.below(8)].wrapping_add(random.below(4) as u32);
+                bytes[place..place + 4].copy_from_slice(&length.to_le_bytes());
+            }
+            _ => bytes[place] = [0, 1, 0x7f, 0x80, 0xff, random.next() as u8][random.below(6)],
+        }
+    }
+    bytes
+}
+
+/// Any damaged file gives samples or is refused as bad data, with a place. It is never an error of the operating system, and never
+/// a panic. `ISOTHERM_MUTATIONS` sets how many damaged files of each kind are read, from the first one or the one that
+/// `ISOTHERM_MUTATION` names on.
+#[test]
+fn damaged_files_are_bad_data() {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
+    let (begin, count) = (number("ISOTHERM_MUTATION").unwrap_or(0), number("ISOTHERM_MUTATIONS").unwrap_or(250));
+    let folder = TempDir::new().unwrap();
+    let a = imu("imu-a");
+    let own = FORMATS.map(|(format, name)| {
+        let path = write(folder.path(), format, name, std::slice::from_ref(&a), &samples(40));
+        (name, fs::read(path).unwrap())
+    });
+    let others = OTHERS.map(|(name, whole)| (name, whole.to_vec()));
+    let mut wrong = Vec::new();
+    for (name, whole) in own.iter().chain(&others) {
+        let path = folder.path().join("damaged");
+        let (mut refused, mut slowest) = (0, (std::time::Duration::ZERO, 0));
+        for round in begin..begin + count {
+            let bytes = damage(&mut TestRandom(round), whole);
             fs::write(&path, &bytes).unwrap();
+            let started = std::time::Instant::now();
             match read(&path, ImuChoice::Only(a.clone())) {
-                Ok(read) => assert!(read.len() <= 40, "{format:?} {round}"),
-                Err(failure) => {
-                    assert!(matches!(failure.exit, Exit::Data | Exit::Io), "{format:?} {round}: {failure}");
+                Ok(read) if read.len() <= 200 => {}
+                Ok(read) => wrong.push(format!("{name} {round}: {} rows", read.len())),
+                Err(failure) if failure.exit == Exit::Data => {
+                    assert_eq!(printable(&failure.message), failure.message);
                     refused += 1;
                 }
+                Err(failure) => wrong.push(format!("{name} {round}, {} bytes: {failure}", bytes.len())),
             }
+            slowest = slowest.max((started.elapsed(), round));
         }
-        assert!(refused > 80, "{format:?}: {refused} of 400 were refused");
+        println!("{name}: {refused} of {count} refused; the slowest: {slowest:?}");
+        assert!(refused > count / 4, "{name}: {refused} of {count} were refused");
     }
+    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), count * 9, wrong.join("\n"));
 }
