@@ -36,12 +36,17 @@ const SHORTER_PLAN: [(&str, &str); 7] = [
 impl TestLaboratory {
     /// Starts service and station, and applies [`SHORTER_PLAN`] and then `changes` to the station's plan.
     fn new(changes: &[(&str, &str)]) -> Self {
+        Self::with_station(&[], changes)
+    }
+
+    /// The same, with more arguments for the station.
+    fn with_station(more: &[&str], changes: &[(&str, &str)]) -> Self {
         let domain = TestDomain::new();
         // A linear truth, so that a few set points are enough to choose the order.
         let truth: String = TABLE.lines().map(linear).collect();
         domain.write("truth-table.toml", &truth);
         let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
-        let station = domain.spawn(&[
+        let arguments = [
             "simulate",
             "station",
             "-o",
@@ -58,11 +63,13 @@ impl TestLaboratory {
             "5",
             "--positioning",
             "0",
-        ]);
+        ];
+        let station = domain.spawn(&[&arguments, more].concat());
+        let on_terminals = !more.contains(&"--tcp");
         wait_until("the station", || {
-            domain.path("station/chamber").exists()
-                && domain.path("station/table").exists()
-                && domain.path("station/plan.toml").exists()
+            let ports = ["station/chamber", "station/table"];
+            domain.path("station/faults").exists()
+                && (!on_terminals || ports.iter().all(|port| domain.path(port).exists()))
         });
         let mut plan = fs::read_to_string(domain.path("station/plan.toml")).unwrap();
         for (from, to) in SHORTER_PLAN.iter().chain(changes) {
@@ -438,4 +445,125 @@ fn the_live_page_has_the_earlier_curves_when_the_readbacks_are_truncated() {
     let series = format!("Series: air ({0} points), set point ({0} points)", earlier + later);
     let found: Vec<_> = page.split("<desc>").skip(1).filter_map(|figure| figure.split("</desc>").next()).collect();
     assert!(found.contains(&series.as_str()), "{earlier} + {later} rows, but {found:?}");
+}
+
+/// The stop orders as they arrive at the simulated turntable.
+const TURNTABLE_ORDERS: [&str; 4] = [":mode:off 1", ":interlock:open 1", ":mode:off 2", ":interlock:open 2"];
+
+/// A campaign with a single set point at instruments on pseudo-terminals, or on TCP, with these keys of both lines.
+fn with_lines(connection: &[&str], keys: &str) -> TestLaboratory {
+    let [chamber, table] = ["driver = \"espec\"\n", "driver = \"acutrol\"\n"];
+    let [chamber_keys, table_keys] = [chamber, table].map(|driver| format!("{driver}{keys}"));
+    let changes = [("list_c = [20, 23]", "list_c = [20]"), (chamber, &chamber_keys), (table, &table_keys)];
+    TestLaboratory::with_station(connection, &changes)
+}
+
+/// Asks the runner to end, and returns how to read the requests that an instrument gets from then on.
+fn interrupt<'l>(laboratory: &'l TestLaboratory, runner: &Process) -> impl Fn(&str) -> Vec<String> + use<'l> {
+    runner.stop();
+    laboratory.domain.replace("station/requests", "");
+    runner.signal(Signal::INT);
+    runner.resume();
+    |instrument: &str| {
+        let requests = fs::read_to_string(laboratory.domain.path("station/requests")).unwrap();
+        let mut lines = requests.lines().map(|line| line.splitn(3, ' ').collect::<Vec<_>>());
+        let mine = lines.by_ref().filter(|line| line[1] == instrument);
+        mine.map(|line| line[2].to_owned()).collect()
+    }
+}
+
+/// Asserts that the orders come first. A request that was under way when the signal came may be before them.
+fn assert_first(orders: &[&str], requests: &[String]) {
+    let before = requests.iter().take_while(|request| *request != orders[0]).count();
+    assert!(
+        before <= 1 && requests[before..].starts_with(&orders.iter().map(ToString::to_string).collect::<Vec<_>>()[..]),
+        "{requests:?}"
+    );
+}
+
+/// However the lines disturb, the orders arrive before any request that waits for something, and the runner says what is not sure.
+fn the_orders_go_out_first(connection: &[&str]) {
+    for fault in ["babble", "garbled", "missing"] {
+        let laboratory = with_lines(connection, "quiet_s = 0.2\nretries = 1\n");
+        let runner = laboratory.spawn();
+        laboratory.wait_for("kept", 1);
+        laboratory.faults(fault);
+        laboratory.wait_for("paused", 1);
+        let requests = interrupt(&laboratory, &runner);
+        wait_long("the end", || runner.has_ended());
+        let (status, log) = runner.wait();
+        assert_eq!(status.code(), Some(69), "{log}");
+        assert!(log.contains("stopped by SIGINT") && log.contains("GO THERE AND LOOK"), "{log}");
+        assert_first(&["MODE,STANDBY"], &requests("chamber"));
+        assert_first(&TURNTABLE_ORDERS, &requests("table"));
+        if fault == "babble" {
+            let cause = laboratory.events("paused")[0]["cause"].as_str().unwrap().to_owned();
+            assert!(cause.contains("babble: it sends without a request"), "{cause}");
+            let safe = laboratory.events("safe").pop().unwrap();
+            assert!(safe["table"].as_str().unwrap().contains("babble:"), "{safe}");
+        }
+        // The next command finds still lines and confirms.
+        laboratory.faults("");
+        stdout_of_success(&stop(&laboratory));
+        laboratory.assert_in_standby();
+    }
+}
+
+#[test]
+fn the_orders_go_out_first_on_serial_lines_that_do_not_work() {
+    the_orders_go_out_first(&[]);
+}
+
+#[test]
+fn the_orders_go_out_first_on_tcp_that_does_not_work() {
+    the_orders_go_out_first(&["--tcp"]);
+}
+
+/// A turntable that takes nothing does not delay the chamber's order; neither does a second signal change anything.
+#[test]
+fn a_dead_turntable_does_not_hold_the_chambers_order() {
+    for connection in [&[][..], &["--tcp"]] {
+        let laboratory = with_lines(connection, "quiet_s = 0.2\nretries = 1\n");
+        let runner = laboratory.spawn();
+        laboratory.wait_for("kept", 1);
+        laboratory.faults("dead:table");
+        laboratory.wait_for("paused", 1);
+        let requests = interrupt(&laboratory, &runner);
+        wait_until("the chamber's order", || requests("chamber").contains(&"MODE,STANDBY".to_owned()));
+        runner.signal(Signal::INT);
+        wait_long("the end", || runner.has_ended());
+        let (status, log) = runner.wait();
+        assert_eq!(status.code(), Some(69), "{log}");
+        assert_first(&["MODE,STANDBY"], &requests("chamber"));
+        assert_eq!(requests("table"), [""; 0]);
+        let safe = laboratory.events("safe").pop().unwrap();
+        assert!(safe["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{safe}");
+        assert!(safe["table"].as_str().unwrap().starts_with("table NOT known to be stopped"), "{safe}");
+    }
+}
+
+/// The lines may wait a minute for a reply, but not once the safe state is wanted.
+#[test]
+fn the_orders_wait_for_no_time_out() {
+    for connection in [&[][..], &["--tcp"]] {
+        let laboratory = with_lines(connection, "timeout_s = 60\nquiet_s = 0.2\n");
+        let runner = laboratory.spawn();
+        laboratory.wait_for("kept", 1);
+        laboratory.domain.replace("station/requests", "");
+        laboratory.faults("missing");
+        // The runner waits for the reply to the last request.
+        let sent = || fs::read_to_string(laboratory.domain.path("station/requests")).unwrap();
+        let mut last = sent();
+        wait_until("a request without a reply", || {
+            std::thread::sleep(Duration::from_millis(500));
+            let before = std::mem::replace(&mut last, sent());
+            before == last
+        });
+        let requests = interrupt(&laboratory, &runner);
+        wait_until("the orders", || {
+            requests("chamber").first().is_some_and(|first| first == "MODE,STANDBY")
+                && requests("table").starts_with(&TURNTABLE_ORDERS.map(ToOwned::to_owned))
+        });
+        runner.kill();
+    }
 }

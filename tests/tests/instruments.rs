@@ -5,15 +5,18 @@
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_instruments::{
-    self as instruments, Chamber, ChamberConfig, ChamberReading, FaultKind, InstrumentFault, Turntable,
+    self as instruments, Chamber, ChamberConfig, ChamberReading, FaultKind, Instrument, InstrumentFault, Turntable,
     TurntableConfig, TurntableReading, turn_deg,
 };
 use isotherm_shared::document::{Document, Faults};
-use isotherm_tests::{Process, TestDomain, text, wait_until};
+use isotherm_tests::{Process, TIMEOUT, TestDomain, text, wait_until};
 use rustix::process::Signal;
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread::{self, JoinHandle};
+use std::time::Instant;
 
 /// Settings of the line with a long time-out: on a loaded machine a reply may be late without a fault.
 const LONG_TIMEOUT: &str = "timeout_s = 20\nquiet_s = 0.05\nretries = 0\n";
@@ -65,12 +68,16 @@ impl<'d> TestStation<'d> {
 
     fn chamber(&self, keys: &str) -> Box<dyn Chamber> {
         let config = chamber_config(&format!("port = {:?}\n{keys}", self.port("chamber"))).unwrap();
-        open_when_ready(|| instruments::chamber(&config))
+        let mut chamber = chamber(&config);
+        wait_until("the port", || chamber.line_mut().connect().is_ok());
+        chamber
     }
 
     fn turntable(&self, keys: &str) -> Box<dyn Turntable> {
         let config = turntable_config(&format!("port = {:?}\n{keys}", self.port("table"))).unwrap();
-        open_when_ready(|| instruments::turntable(&config))
+        let mut turntable = turntable(&config);
+        wait_until("the port", || turntable.line_mut().connect().is_ok());
+        turntable
     }
 
     /// Sets the faults that are simulated from now on, one per line.
@@ -79,14 +86,14 @@ impl<'d> TestStation<'d> {
     }
 }
 
-/// Waits until the port exists, and opens it.
-fn open_when_ready<T>(open: impl Fn() -> Result<T, InstrumentFault>) -> T {
-    let mut opened = None;
-    wait_until("the port", || {
-        opened = open().ok();
-        opened.is_some()
-    });
-    opened.unwrap()
+/// A chamber that no signal stops.
+fn chamber(config: &ChamberConfig) -> Box<dyn Chamber> {
+    instruments::chamber(config, &Arc::default())
+}
+
+/// A turntable that no signal stops.
+fn turntable(config: &TurntableConfig) -> Box<dyn Turntable> {
+    instruments::turntable(config, &Arc::default())
 }
 
 fn keys(driver: &str, own: &str, line: &str) -> String {
@@ -95,6 +102,22 @@ fn keys(driver: &str, own: &str, line: &str) -> String {
 
 fn fault_kind<T: std::fmt::Debug>(result: Result<T, InstrumentFault>) -> FaultKind {
     result.unwrap_err().kind
+}
+
+/// The fault of a request to a simulated instrument whose line is dead.
+const fn dead_line(connection: &[&str]) -> FaultKind {
+    if connection.is_empty() { FaultKind::Line } else { FaultKind::NoReply }
+}
+
+/// Sends a first order of the safe state.
+fn order_at_once<I: Instrument + ?Sized>(
+    instrument: &mut I,
+    order: impl FnOnce(&mut I) -> Result<(), InstrumentFault>,
+) -> Result<(), InstrumentFault> {
+    instrument.line_mut().begin_orders(Instant::now() + TIMEOUT);
+    let result = order(instrument);
+    instrument.line_mut().end_orders();
+    result
 }
 
 /// Runs a test for all drivers at the same time: it mostly waits.
@@ -189,6 +212,17 @@ fn each_fault_of_a_chambers_line_is_reported_and_the_next_request_is_answered() 
             wait_until("the garbled reply", || fault_kind(chamber.read()) == FaultKind::Garbled);
             station.faults("missing:chamber\n");
             wait_until("silence", || fault_kind(chamber.read()) == FaultKind::NoReply);
+            // A pseudo-terminal takes no bytes then, TCP takes them and nobody reads.
+            station.faults("dead:chamber\n");
+            wait_until("the dead line", || chamber.read().is_err_and(|fault| fault.kind == dead_line(connection)));
+            station.faults("");
+            wait_until("the line", || chamber.run().is_ok());
+            station.faults("babble:chamber\n");
+            wait_until("babble", || chamber.read().is_err_and(|fault| fault.kind == FaultKind::Babble));
+            // The order arrives all the same. It is not acknowledged.
+            assert!(order_at_once(chamber.as_mut(), |chamber| chamber.standby()).is_err());
+            station.faults("");
+            wait_until("the line", || chamber.read().is_ok_and(|reading| !reading.running));
             drop(chamber);
             let mut chamber = station.chamber(&keys(driver, own, LONG_TIMEOUT));
             station.faults("duplicated:chamber\n");
@@ -225,8 +259,20 @@ fn each_fault_of_a_turntables_line_is_reported_and_the_next_request_is_answered(
             drop(turntable);
             let mut turntable = station.turntable(&short_timeout);
             assert_eq!(fault_kind(turntable.read()), FaultKind::NoReply, "{driver}");
+            station.faults("dead:table\n");
+            wait_until("the dead line", || turntable.read().is_err_and(|fault| fault.kind == dead_line(connection)));
+            station.faults("");
+            // This motion takes hours.
+            wait_until("the line", || turntable.move_to([0.0, 700.0], 0.05, 5.0).is_ok());
+            station.faults("babble:table\n");
+            wait_until("babble", || turntable.read().is_err_and(|fault| fault.kind == FaultKind::Babble));
+            // The order arrives all the same. It is not acknowledged.
+            assert!(order_at_once(turntable.as_mut(), |turntable| turntable.stop()).is_err());
+            station.faults("");
+            wait_until("the stop", || turntable.read().is_ok_and(|reading| reading.rates_deg_s == [0.0; 2]));
             drop(turntable);
             let mut turntable = station.turntable(&keys(driver, own, LONG_TIMEOUT));
+            turntable.engage().unwrap();
             if driver == "acutrol" && !connection.is_empty() {
                 // On TCP only a pause ends a reply, so the second copy is read as a part of it.
                 station.faults("duplicated:table@1\n");
@@ -432,9 +478,7 @@ fn the_acutrol_driver_sends_what_a_public_driver_sends() {
         (b":interlock:open 2\r\n", b"HEADER.\nERR"),
     ];
     let (port, peer) = scripted(transcript);
-    let mut turntable =
-        instruments::turntable(&turntable_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap())
-            .unwrap();
+    let mut turntable = turntable(&turntable_config(&format!("driver = \"acutrol\"\ngap_s = 0.3\n{port}")).unwrap());
     turntable.engage().unwrap();
     assert_eq!(fault_kind(turntable.stop()), FaultKind::Refused);
     drop(turntable);
@@ -454,7 +498,7 @@ fn the_acutrol_driver_reads_replies_as_a_public_driver_does() {
     ];
     let (port, peer) = scripted(transcript);
     let config = turntable_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
-    let reading = instruments::turntable(&config).unwrap().read().unwrap();
+    let reading = turntable(&config).read().unwrap();
     assert_eq!((reading.angles_deg, reading.rates_deg_s), ([90.0001, 180.0], [-0.005, 0.0]));
     assert_eq!(reading.faults, ["interlock of axis 3: Fault"]);
     peer.join().unwrap();
@@ -472,7 +516,7 @@ fn the_espec_driver_sends_and_reads_what_a_public_driver_does() {
     ];
     let (port, peer) = scripted(transcript);
     let config = chamber_config(&format!("driver = \"espec\"\naddress = 1\n{port}")).unwrap();
-    let mut chamber = instruments::chamber(&config).unwrap();
+    let mut chamber = chamber(&config);
     assert_eq!(chamber.identify().unwrap(), "ESPEC SCP220");
     let reading = chamber.read().unwrap();
     assert_eq!((reading.air_c, reading.set_point_c, reading.running), (23.1, 25.0, true));
@@ -497,7 +541,7 @@ fn a_watlow_can_use_fahrenheit_and_send_the_high_word_first() {
     let (port, peer) = scripted(transcript);
     let config =
         format!("driver = \"watlow-f4t\"\naddress = 5\nloop = 2\nword_order = \"high-first\"\npause_s = 0\n{port}");
-    let fault = instruments::chamber(&chamber_config(&config).unwrap()).unwrap().read().unwrap_err();
+    let fault = chamber(&chamber_config(&config).unwrap()).read().unwrap_err();
     assert_eq!(fault.kind, FaultKind::Refused, "{fault}");
     peer.join().unwrap();
 }
@@ -512,10 +556,42 @@ fn a_peer_that_never_stops_sending_is_given_up() {
     });
     let config =
         chamber_config(&format!("driver = \"espec\"\nport = \"tcp://{address}\"\nquiet_s = 0.1\nretries = 1\n"));
-    let mut chamber = instruments::chamber(&config.unwrap()).unwrap();
-    assert_eq!(fault_kind(chamber.read()), FaultKind::Garbled);
+    let mut chamber = chamber(&config.unwrap());
+    let fault = chamber.read().unwrap_err();
+    assert_eq!(fault.kind, FaultKind::Babble);
+    assert!(fault.to_string().contains("babble: it sends without a request"), "{fault}");
     drop(chamber);
     peer.join().unwrap();
+}
+
+/// The peer answers nothing. The wait for its reply would take a minute, and the order would wait for silence after that.
+#[test]
+fn a_signal_ends_the_wait_for_a_reply_and_the_order_follows_at_once() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let stop_signal = Arc::<AtomicUsize>::default();
+    let signal = Arc::clone(&stop_signal);
+    let peer = thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut expect = |request: &[u8]| {
+            let mut received = vec![0; request.len()];
+            stream.read_exact(&mut received).unwrap();
+            assert_eq!(text(&received), text(request));
+        };
+        expect(b"MON?\r\n");
+        signal.store(2, Relaxed);
+        expect(b"MODE,STANDBY\r\n");
+        // Open until the order's reply has been waited for.
+        stream
+    });
+    let config =
+        chamber_config(&format!("driver = \"espec\"\nport = \"tcp://{address}\"\ntimeout_s = 60\nquiet_s = 0\n"));
+    let mut chamber = instruments::chamber(&config.unwrap(), &stop_signal);
+    assert_eq!(fault_kind(chamber.read()), FaultKind::Stopped);
+    // From now on nothing is sent but orders.
+    assert_eq!(fault_kind(chamber.set_point(30.0)), FaultKind::Stopped);
+    assert_eq!(fault_kind(order_at_once(chamber.as_mut(), |chamber| chamber.standby())), FaultKind::NoReply);
+    drop(peer.join().unwrap());
 }
 
 #[test]
@@ -523,12 +599,12 @@ fn a_missing_peer_is_a_line_fault() {
     let domain = TestDomain::new();
     let port = domain.path("no-such-device").display().to_string();
     let config = chamber_config(&format!("driver = \"ascii2\"\nport = {port:?}\n")).unwrap();
-    let fault = instruments::chamber(&config).err().unwrap();
+    let fault = chamber(&config).read().unwrap_err();
     assert_eq!(fault.kind, FaultKind::Line);
     assert!(fault.to_string().contains(&port) && fault.to_string().contains("check cable"), "{fault}");
     // No program listens at port 1. A port that was just freed could belong to another test by now.
     let config = turntable_config("driver = \"aerosmith\"\nport = \"tcp://127.0.0.1:1\"\n").unwrap();
-    assert_eq!(instruments::turntable(&config).err().unwrap().kind, FaultKind::Line);
+    assert_eq!(turntable(&config).read().unwrap_err().kind, FaultKind::Line);
 }
 
 #[test]

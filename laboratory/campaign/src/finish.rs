@@ -9,7 +9,7 @@ use isotherm_calibration::provenance::{CampaignSource, Hashed, now, sealed_table
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::stability::{Collector, Setup};
 use isotherm_client::{Options, fetch_status};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, open_recording, print, read_text, replace};
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_shared::table::CoefficientTable;
@@ -116,13 +116,10 @@ fn calibrate_campaign(folder: &Path, table: &Path, alignment: bool) -> Result<Op
     for finding in &calibration.findings {
         print_message(&format!("warning: {}", finding.located(locate)));
     }
-    let _ = io::stderr().write_all(report::text::calibration(&calibration).as_bytes());
-    // Both files are complete before either gets its final name.
+    let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
     let page = StagedText::create(Some(&folder.join("calibration.html")))?;
     let page = page.write(&report::calibration::html(&campaign, &calibration, &source))?;
-    let written = StagedText::create(Some(table))?.write(&sealed)?;
-    page.finish()?;
-    written.finish()?;
+    StagedText::finish_together(vec![StagedText::create(Some(table))?.write(&sealed)?, page])?;
     Ok(calibration.solution.tilt)
 }
 
@@ -170,7 +167,7 @@ fn check_stop_signal(stop_signal: &AtomicUsize) -> Result<(), Failure> {
 }
 
 fn print_message(message: &str) {
-    let _ = writeln!(io::stderr(), "isotherm: {message}");
+    tell("isotherm", message);
 }
 
 /// Installs the table by a rename, so that a service that watches the file never sees a part of it.

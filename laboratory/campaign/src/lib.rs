@@ -18,6 +18,7 @@ pub mod plan;
 pub mod progress;
 mod readbacks;
 pub mod runner;
+mod safe_state;
 pub mod samples;
 mod stability;
 pub mod station;

@@ -2,6 +2,7 @@
 
 use super::timeline::duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use isotherm_failure::printable;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, IsTerminal as _};
@@ -152,7 +153,7 @@ impl Progress {
     /// Prints an event above the bars, or into the log.
     pub fn event(&self, text: &str) {
         match &self.bars {
-            Some([bar, ..]) => bar.println(format!("{}  {text}", isotherm_calibration::provenance::now())),
+            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_calibration::provenance::now(), printable(text))),
             None => tracing::info!("{text}"),
         }
     }
@@ -188,8 +189,8 @@ impl Progress {
             units.set_position(snapshot.unit as u64);
             units.set_message(format!("{} of {}, {} left", snapshot.unit, snapshot.units, snapshot.remaining()));
             unit.set_position((fraction * 1000.0) as u64);
-            unit.set_message(snapshot.state());
-            readings.set_message(snapshot.readings());
+            unit.set_message(printable(&snapshot.state()).into_owned());
+            readings.set_message(printable(&snapshot.readings()).into_owned());
             self.drawn = Some(Instant::now());
         }
     }

@@ -145,7 +145,7 @@ impl<'p> Runner<'p> {
             plan,
             clock,
             machine: CampaignMachine::new(plan, history.kept.len(), min_timeout_s),
-            station: Station::new(plan, history.begun && !history.safe),
+            station: Station::stopped_by(plan, history.begun && !history.safe, &stop_signal),
             tap,
             recorder: SampleRecorder::new(plan, clock, history.kept.last(), ago_s(history.kept_unix_s)),
             journal,
@@ -228,7 +228,11 @@ impl<'p> Runner<'p> {
             match self.run_once() {
                 Ok(true) => return Ok(()),
                 Ok(false) => {}
-                Err(RunnerError::Interrupted(cause)) => self.pause(cause)?,
+                Err(RunnerError::Interrupted(cause)) => {
+                    // A signal ends the waits for the instruments: that is no cause for a pause.
+                    self.check_stop_signal()?;
+                    self.pause(cause)?;
+                }
                 Err(given_up) => return Err(given_up),
             }
         }
@@ -432,6 +436,7 @@ impl<'p> Runner<'p> {
                 Err(RunnerError::Interrupted(cause)) => cause,
                 Err(given_up) => return Err(given_up),
             };
+            self.check_stop_signal()?;
             if self.clock.now() - begun > patience_s {
                 return Err(RunnerError::GivenUp(Failure::new(Exit::Unavailable, cause)));
             }

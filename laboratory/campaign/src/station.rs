@@ -1,19 +1,14 @@
-//! Chamber and turntable: every command and every reading is checked against the limits here, and only this module commands them.
+//! Chamber and turntable: every command and every reading is checked against the limits here. Only this module and the safe state
+//! command them.
 
 use super::plan::Plan;
+use super::safe_state::{self, SafeOutcome};
 use isotherm_instruments::{
     self as instruments, Chamber, ChamberReading, FaultKind, InstrumentFault, Turntable, TurntableReading,
 };
-use std::fmt;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
-/// Number of attempts at the safe state of an instrument.
-const SAFE_ATTEMPTS: u32 = 5;
-/// Pause between two attempts, and between two readings of a turntable that stops.
-const SAFE_PAUSE: Duration = Duration::from_millis(300);
-/// Longest time until the turntable is at rest after a stop command.
-const STOP_TIMEOUT: Duration = Duration::from_secs(20);
 /// The air's rate of change is an alarm beyond this multiple of the ramp's limit: a controller overshoots.
 const RAMP_ALARM_FACTOR: f64 = 1.5;
 
@@ -25,53 +20,34 @@ pub enum StationError {
     Alarm(String),
 }
 
-/// The result of bringing an instrument into the safe state, as messages show it.
-pub enum SafeOutcome {
-    /// The instrument has confirmed the safe state.
-    Reached(String),
-    /// The instrument is not in the safe state, or has not confirmed it.
-    Unknown(String),
-}
-
-impl SafeOutcome {
-    /// Whether the safe state is confirmed.
-    pub const fn is_reached(&self) -> bool {
-        matches!(self, Self::Reached(_))
-    }
-}
-
-impl fmt::Display for SafeOutcome {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Reached(text) => f.write_str(text),
-            Self::Unknown(text) => write!(f, "{text}; GO THERE AND LOOK"),
-        }
-    }
-}
-
 /// Both instruments, each connected or not.
 pub struct Station<'p> {
     plan: &'p Plan,
-    chamber: Option<Box<dyn Chamber>>,
-    turntable: Option<Box<dyn Turntable>>,
+    chamber: Box<dyn Chamber>,
+    turntable: Box<dyn Turntable>,
+    /// Whether chamber and turntable are connected: identified, and the turntable engaged.
+    connected: [bool; 2],
     /// Identities of chamber and turntable.
     names: [String; 2],
     /// Whether an earlier connection or an earlier runner has engaged the turntable: it may have a fault or still move.
     was_engaged: bool,
-    /// Repeated requests to chamber and turntable on lines that are closed by now.
-    repeated: [u64; 2],
 }
 
 impl<'p> Station<'p> {
     /// A station without connections. `was_engaged` if an earlier runner has not ended in the safe state.
     pub fn new(plan: &'p Plan, was_engaged: bool) -> Self {
+        Self::stopped_by(plan, was_engaged, &Arc::default())
+    }
+
+    /// The same. A number other than 0 in `stop_signal` ends every wait for an instrument, until the safe state is entered.
+    pub fn stopped_by(plan: &'p Plan, was_engaged: bool, stop_signal: &Arc<AtomicUsize>) -> Self {
         Self {
             plan,
-            chamber: None,
-            turntable: None,
+            chamber: instruments::chamber(&plan.chamber, stop_signal),
+            turntable: instruments::turntable(&plan.turntable, stop_signal),
+            connected: [false; 2],
             names: [String::new(), String::new()],
             was_engaged,
-            repeated: [0; 2],
         }
     }
 
@@ -82,8 +58,7 @@ impl<'p> Station<'p> {
 
     /// Repeated requests to chamber and turntable.
     pub fn repeated(&self) -> [u64; 2] {
-        let now = [self.chamber.as_ref().map(|c| c.repeated()), self.turntable.as_ref().map(|t| t.repeated())];
-        [0, 1].map(|i| self.repeated[i] + now[i].unwrap_or_default())
+        [self.chamber.line().repeated(), self.turntable.line().repeated()]
     }
 
     /// Connects and identifies the chamber if it is not connected. This commands nothing.
@@ -91,10 +66,9 @@ impl<'p> Station<'p> {
     /// # Errors
     /// If the chamber does not answer.
     pub fn connect_chamber(&mut self) -> Result<(), StationError> {
-        if self.chamber.is_none() {
-            let mut chamber = instruments::chamber(&self.plan.chamber).map_err(station_error)?;
-            self.names[0] = chamber.identify().map_err(station_error)?;
-            self.chamber = Some(chamber);
+        if !self.connected[0] {
+            self.connected[0] = true;
+            self.names[0] = self.chamber(|chamber| chamber.identify())?;
         }
         Ok(())
     }
@@ -105,16 +79,16 @@ impl<'p> Station<'p> {
     /// # Errors
     /// If the turntable does not answer, has a fault or exceeds a limit.
     pub fn connect_turntable(&mut self) -> Result<(), StationError> {
-        if self.turntable.is_none() {
-            let mut turntable = instruments::turntable(&self.plan.turntable).map_err(station_error)?;
-            self.names[1] = turntable.identify().map_err(station_error)?;
+        if !self.connected[1] {
+            self.connected[1] = true;
+            self.names[1] = self.turntable(|turntable| turntable.identify())?;
             if self.was_engaged {
-                self.check_turntable(&turntable.read().map_err(station_error)?)?;
-                turntable.stop().map_err(station_error)?;
+                let reading = self.turntable(|turntable| turntable.read())?;
+                self.check_turntable(&reading).inspect_err(|_| self.close_turntable())?;
+                self.turntable(|turntable| turntable.stop())?;
             }
-            turntable.engage().map_err(station_error)?;
+            self.turntable(|turntable| turntable.engage())?;
             self.was_engaged = true;
-            self.turntable = Some(turntable);
         }
         Ok(())
     }
@@ -135,12 +109,13 @@ impl<'p> Station<'p> {
         &mut self,
         request: impl FnOnce(&mut dyn Chamber) -> Result<T, InstrumentFault>,
     ) -> Result<T, StationError> {
-        let Some(chamber) = &mut self.chamber else {
+        if !self.connected[0] {
             return Err(StationError::Lost("the chamber is not connected".to_owned()));
-        };
-        let result = request(chamber.as_mut());
-        if result.is_err() {
-            self.repeated[0] += self.chamber.take().map_or(0, |chamber| chamber.repeated());
+        }
+        let result = request(self.chamber.as_mut());
+        if result.as_ref().is_err_and(is_broken) {
+            self.chamber.line_mut().close();
+            self.connected[0] = false;
         }
         result.map_err(station_error)
     }
@@ -150,18 +125,19 @@ impl<'p> Station<'p> {
         &mut self,
         request: impl FnOnce(&mut dyn Turntable) -> Result<T, InstrumentFault>,
     ) -> Result<T, StationError> {
-        let Some(turntable) = &mut self.turntable else {
+        if !self.connected[1] {
             return Err(StationError::Lost("the table is not connected".to_owned()));
-        };
-        let result = request(turntable.as_mut());
-        if result.is_err() {
+        }
+        let result = request(self.turntable.as_mut());
+        if result.as_ref().is_err_and(is_broken) {
             self.close_turntable();
         }
         result.map_err(station_error)
     }
 
     fn close_turntable(&mut self) {
-        self.repeated[1] += self.turntable.take().map_or(0, |turntable| turntable.repeated());
+        self.turntable.line_mut().close();
+        self.connected[1] = false;
     }
 
     /// Reads the chamber and checks it for alarms and limits.
@@ -245,120 +221,31 @@ impl<'p> Station<'p> {
         self.close_turntable();
     }
 
-    /// Brings both instruments into the safe state: turntable stopped, chamber in standby or held at ambient. Both are commanded
-    /// at the same time, each with several attempts. Returns the results of turntable and chamber.
+    /// Brings both instruments into the safe state: turntable stopped, chamber in standby or held at ambient. Returns the results
+    /// of turntable and chamber.
     pub fn enter_safe_state(&mut self) -> (SafeOutcome, SafeOutcome) {
-        let (plan, turntable, chamber) = (self.plan, self.turntable.take(), self.chamber.take());
-        thread::scope(|scope| {
-            let turntable = scope.spawn(move || stop_turntable(plan, turntable));
-            let chamber = make_chamber_safe(plan, chamber);
-            let panicked = || SafeOutcome::Unknown("table NOT known to be stopped: the program has failed".to_owned());
-            (turntable.join().unwrap_or_else(|_| panicked()), chamber)
-        })
+        let [chamber_connected, turntable_connected] = self.connected;
+        let turntable = (self.turntable.as_mut(), turntable_connected);
+        safe_state::enter(self.plan, turntable, (self.chamber.as_mut(), chamber_connected))
     }
 }
 
-/// Stops the turntable, and reads it until it is at rest.
-fn stop_turntable(plan: &Plan, mut turntable: Option<Box<dyn Turntable>>) -> SafeOutcome {
-    let open = || {
-        let mut turntable = instruments::turntable(&plan.turntable)?;
-        turntable.identify().map(|_| turntable)
-    };
-    let still =
-        |reading: &TurntableReading| reading.rates_deg_s.iter().all(|rate| rate.abs() <= plan.motion.still_deg_s);
-    let stopped = attempt(&mut turntable, open, |turntable| {
-        turntable.stop()?;
-        let begun = Instant::now();
-        loop {
-            let reading = turntable.read()?;
-            if still(&reading) || begun.elapsed() > STOP_TIMEOUT {
-                return Ok(reading);
-            }
-            thread::sleep(SAFE_PAUSE);
-        }
-    });
-    match stopped {
-        Ok(reading) => {
-            let [outer, inner] = reading.angles_deg;
-            if still(&reading) {
-                return SafeOutcome::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg"));
-            }
-            let rates = reading.rates_deg_s;
-            SafeOutcome::Unknown(format!("table was told to stop, but turns at {:.3}/{:.3} deg/s", rates[0], rates[1]))
-        }
-        Err(fault) => SafeOutcome::Unknown(format!("table NOT known to be stopped: {fault}")),
-    }
-}
-
-/// The set point that the chamber holds \[degC\], `None` for standby; and its reading after the command.
-type SafeChamber = (Option<f64>, ChamberReading);
-
-fn standby(chamber: &mut (dyn Chamber + 'static)) -> Result<SafeChamber, InstrumentFault> {
-    chamber.standby()?;
-    chamber.read().map(|reading| (None, reading))
-}
-
-/// Commands standby, or ambient if the plan says so, and reads the chamber back.
-fn make_chamber_safe(plan: &Plan, mut chamber: Option<Box<dyn Chamber>>) -> SafeOutcome {
-    let open = || {
-        let mut chamber = instruments::chamber(&plan.chamber)?;
-        chamber.identify().map(|_| chamber)
-    };
-    let result = match plan.ambient_c {
-        None => attempt(&mut chamber, open, standby),
-        Some(ambient_c) => attempt(&mut chamber, open, |chamber| {
-            let reading = chamber.read()?;
-            // A chamber that is stopped, has an alarm or exceeds a limit is not started.
-            if !reading.running || !reading.alarms.is_empty() || plan.limits.chamber(reading.air_c).is_some() {
-                return standby(chamber);
-            }
-            // The limits hold for ambient too.
-            chamber.set_point(plan.limits.clamp_chamber(ambient_c))?;
-            chamber.run()?;
-            chamber.read().map(|reading| (Some(ambient_c), reading))
-        })
-        .or_else(|_| attempt(&mut None, open, standby)),
-    };
-    match result {
-        Ok((held, ChamberReading { air_c, running, .. })) if running == held.is_some() => {
-            let state = held.map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
-            SafeOutcome::Reached(format!("chamber {state}, air at {air_c:.1} degC"))
-        }
-        Ok(_) => SafeOutcome::Unknown("chamber was commanded into the safe state, but does not confirm it".to_owned()),
-        Err(fault) => SafeOutcome::Unknown(format!("chamber NOT known to be safe: {fault}")),
-    }
-}
-
-/// Sends `request` up to [`SAFE_ATTEMPTS`] times. The line is opened anew after each failure.
-fn attempt<I: ?Sized, T>(
-    instrument: &mut Option<Box<I>>,
-    open: impl Fn() -> Result<Box<I>, InstrumentFault>,
-    request: impl Fn(&mut I) -> Result<T, InstrumentFault>,
-) -> Result<T, InstrumentFault> {
-    let mut attempts = 1;
-    loop {
-        let result = match instrument.take() {
-            Some(instrument) => Ok(instrument),
-            None => open(),
-        };
-        let result = result.and_then(|mut connected| request(connected.as_mut()));
-        match result {
-            Err(_) if attempts < SAFE_ATTEMPTS => {
-                attempts += 1;
-                thread::sleep(SAFE_PAUSE);
-            }
-            result => return result,
-        }
-    }
+/// Whether a connection ends by this fault. After a signal the first orders go out on the connection that is there.
+fn is_broken(fault: &InstrumentFault) -> bool {
+    fault.kind != FaultKind::Stopped
 }
 
 /// The error of a fault: an alarm of the instrument ends the campaign, every other fault pauses it.
 fn station_error(fault: InstrumentFault) -> StationError {
     match fault.kind {
         FaultKind::Alarm => StationError::Alarm(fault.to_string()),
-        FaultKind::Line | FaultKind::NoReply | FaultKind::Garbled | FaultKind::Refused | FaultKind::Mismatch => {
-            StationError::Lost(fault.to_string())
-        }
+        FaultKind::Line
+        | FaultKind::NoReply
+        | FaultKind::Garbled
+        | FaultKind::Babble
+        | FaultKind::Refused
+        | FaultKind::Stopped
+        | FaultKind::Mismatch => StationError::Lost(fault.to_string()),
     }
 }
 

@@ -4,9 +4,10 @@
 //! command is `OK`. Over TCP a reply has a header of eight bytes and may have no line end, so a pause ends it too.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Turntable, TurntableReading};
-use super::line::{ExchangeError, Framing, Line, line_feed, number, text};
-use super::line_config::{LineConfig, axes, seconds};
+use super::instrument::{Instrument, Turntable, TurntableReading};
+use super::line::Line;
+use super::line_config::{axes, seconds};
+use super::reply::{ExchangeError, Framing, line_feed, number, text};
 use isotherm_shared::document::Section;
 use std::time::Duration;
 
@@ -52,8 +53,8 @@ pub struct Acutrol {
 }
 
 impl Acutrol {
-    pub(super) fn open(config: &LineConfig, settings: &AcutrolSettings) -> Result<Self, InstrumentFault> {
-        Ok(Self { line: Line::open("table", config)?, settings: settings.clone() })
+    pub(super) fn new(line: Line, settings: &AcutrolSettings) -> Self {
+        Self { line, settings: settings.clone() }
     }
 
     fn ask<T>(&mut self, request: &str, read: impl Fn(&str) -> Result<T, ExchangeError>) -> Result<T, InstrumentFault> {
@@ -122,14 +123,24 @@ impl Acutrol {
     }
 }
 
-impl Turntable for Acutrol {
+impl Instrument for Acutrol {
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn line_mut(&mut self) -> &mut Line {
+        &mut self.line
+    }
+
     fn identify(&mut self) -> Result<String, InstrumentFault> {
         self.ask("*idn?", |reply| match number(reply) {
             None if reply != "OK" => Ok(reply.to_owned()),
             _ => Err(ExchangeError::garbled(reply.as_bytes())),
         })
     }
+}
 
+impl Turntable for Acutrol {
     fn engage(&mut self) -> Result<(), InstrumentFault> {
         self.command(":utility:lockout on")?;
         for axis in self.settings.axes {
@@ -176,9 +187,5 @@ impl Turntable for Acutrol {
     fn stop(&mut self) -> Result<(), InstrumentFault> {
         let [outer, inner] = self.settings.axes.map(|axis| self.stop_axis(axis));
         outer.and(inner)
-    }
-
-    fn repeated(&self) -> u64 {
-        self.line.repeated()
     }
 }

@@ -4,9 +4,10 @@
 //! contains the number of the axis; `form` defines where. A reply is a line, which may be empty, and a line with the prompt.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Turntable, TurntableReading};
-use super::line::{ExchangeError, Framing, Line, number, text};
-use super::line_config::{LineConfig, axes};
+use super::instrument::{Instrument, Turntable, TurntableReading};
+use super::line::Line;
+use super::line_config::axes;
+use super::reply::{ExchangeError, Framing, number, text};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.
@@ -65,8 +66,8 @@ pub struct Aerosmith {
 }
 
 impl Aerosmith {
-    pub(super) fn open(config: &LineConfig, settings: &AerosmithSettings) -> Result<Self, InstrumentFault> {
-        Ok(Self { line: Line::open("table", config)?, settings: settings.clone() })
+    pub(super) fn new(line: Line, settings: &AerosmithSettings) -> Self {
+        Self { line, settings: settings.clone() }
     }
 
     fn ask<T>(
@@ -107,7 +108,15 @@ impl Aerosmith {
     }
 }
 
-impl Turntable for Aerosmith {
+impl Instrument for Aerosmith {
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn line_mut(&mut self) -> &mut Line {
+        &mut self.line
+    }
+
     /// The protocol has no identification command. Reading the status of both axes shows that a controller of this protocol
     /// answers.
     fn identify(&mut self) -> Result<String, InstrumentFault> {
@@ -115,7 +124,9 @@ impl Turntable for Aerosmith {
         self.faults()?;
         Ok(format!("Aerosmith Table Language, axes {outer} and {inner}"))
     }
+}
 
+impl Turntable for Aerosmith {
     fn engage(&mut self) -> Result<(), InstrumentFault> {
         let command = self.settings.engage.clone();
         for axis in self.settings.axes.into_iter().filter(|_| !command.is_empty()) {
@@ -160,10 +171,6 @@ impl Turntable for Aerosmith {
     fn stop(&mut self) -> Result<(), InstrumentFault> {
         let [outer, inner] = self.settings.axes.map(|axis| self.command(axis, "STO", ""));
         outer.and(inner)
-    }
-
-    fn repeated(&self) -> u64 {
-        self.line.repeated()
     }
 }
 

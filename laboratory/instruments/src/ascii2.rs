@@ -4,9 +4,9 @@
 //! of 0 and 1. `$01E 0023.0 0100000000000000` CR sets the nominal values, in their order, and the digital outputs.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading};
-use super::line::{ExchangeError, Framing, Line, carriage_return, number, text};
-use super::line_config::LineConfig;
+use super::instrument::{Chamber, ChamberReading, Instrument};
+use super::line::Line;
+use super::reply::{ExchangeError, Framing, carriage_return, number, text};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.
@@ -108,25 +108,33 @@ struct Reading {
 pub struct Ascii2 {
     line: Line,
     settings: Ascii2Settings,
+    /// The last reading. A command sets every output, and a first order cannot wait for a reading.
+    last: Option<Reading>,
 }
 
 impl Ascii2 {
-    pub(super) fn open(config: &LineConfig, settings: &Ascii2Settings) -> Result<Self, InstrumentFault> {
-        Ok(Self { line: Line::open("chamber", config)?, settings: settings.clone() })
+    pub(super) fn new(line: Line, settings: &Ascii2Settings) -> Self {
+        Self { line, settings: settings.clone(), last: None }
     }
 
     fn reading(&mut self) -> Result<Reading, InstrumentFault> {
         let settings = &self.settings;
         let request = format!("${:02}I\r", settings.address);
-        self.line.ask(request.as_bytes(), Framing { reply_length: &carriage_return, gap: None }, |reply| {
-            settings.parse_reading(text(reply)?).ok_or_else(|| ExchangeError::garbled(reply))
-        })
+        let reading =
+            self.line.ask(request.as_bytes(), Framing { reply_length: &carriage_return, gap: None }, |reply| {
+                settings.parse_reading(text(reply)?).ok_or_else(|| ExchangeError::garbled(reply))
+            })?;
+        self.last = Some(reading.clone());
+        Ok(reading)
     }
 
     /// Sets temperature and running state and reads them back; `None` keeps a value. The reply to `$01E` is not documented: any
     /// reply that is not a reading is accepted.
     fn set(&mut self, celsius: Option<f64>, running: Option<bool>) -> Result<(), InstrumentFault> {
-        let before = self.reading()?;
+        let before = match self.last.clone().filter(|_| self.line.has_orders()) {
+            Some(last) => last,
+            None => self.reading()?,
+        };
         let celsius = celsius.unwrap_or(before.nominal);
         let running = running.unwrap_or(before.running);
         let request = self.settings.write_request(celsius, running, &before.bits);
@@ -156,13 +164,23 @@ const fn on(running: bool) -> &'static str {
     if running { "on" } else { "off" }
 }
 
-impl Chamber for Ascii2 {
+impl Instrument for Ascii2 {
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn line_mut(&mut self) -> &mut Line {
+        &mut self.line
+    }
+
     /// The protocol's list of fields is free text, so the number of values and outputs identifies the chamber.
     fn identify(&mut self) -> Result<String, InstrumentFault> {
         let reading = self.reading()?;
         Ok(format!("ASCII-2, {} values, {} digital outputs", reading.values, reading.bits.len()))
     }
+}
 
+impl Chamber for Ascii2 {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         let Reading { nominal, actual, running, alarm, .. } = self.reading()?;
         let alarms = if alarm { vec!["alarm output".to_owned()] } else { Vec::new() };
@@ -179,10 +197,6 @@ impl Chamber for Ascii2 {
 
     fn standby(&mut self) -> Result<(), InstrumentFault> {
         self.set(None, Some(false))
-    }
-
-    fn repeated(&self) -> u64 {
-        self.line.repeated()
     }
 }
 

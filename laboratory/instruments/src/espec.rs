@@ -5,9 +5,9 @@
 //! it refuses it. All lines end with CR LF.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading};
-use super::line::{ExchangeError, Framing, Line, line_feed, number, text};
-use super::line_config::LineConfig;
+use super::instrument::{Chamber, ChamberReading, Instrument};
+use super::line::Line;
+use super::reply::{ExchangeError, Framing, line_feed, number, text};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.
@@ -38,8 +38,8 @@ pub struct Espec {
 }
 
 impl Espec {
-    pub(super) fn open(config: &LineConfig, settings: &EspecSettings) -> Result<Self, InstrumentFault> {
-        Ok(Self { line: Line::open("chamber", config)?, settings: settings.clone() })
+    pub(super) fn new(line: Line, settings: &EspecSettings) -> Self {
+        Self { line, settings: settings.clone() }
     }
 
     /// Sends a request and parses the reply with `read`.
@@ -101,7 +101,15 @@ fn parse_set_point(reply: &str) -> Option<f64> {
     fields.filter(|fields| fields.len() == 4).map(|fields| fields[1])
 }
 
-impl Chamber for Espec {
+impl Instrument for Espec {
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn line_mut(&mut self) -> &mut Line {
+        &mut self.line
+    }
+
     fn identify(&mut self) -> Result<String, InstrumentFault> {
         // One or two sensors, controller, highest temperature. The checks exclude late replies to other requests.
         let controller = |reply: &str| {
@@ -112,7 +120,9 @@ impl Chamber for Espec {
         };
         self.ask("TYPE?", controller)
     }
+}
 
+impl Chamber for Espec {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         let (air_c, mode, alarms) = self.ask("MON?", parse_monitor)?;
         let set_point_c = self.ask("TEMP?", parse_set_point)?;
@@ -143,10 +153,6 @@ impl Chamber for Espec {
 
     fn standby(&mut self) -> Result<(), InstrumentFault> {
         self.set_mode("STANDBY", &["STANDBY", "OFF"])
-    }
-
-    fn repeated(&self) -> u64 {
-        self.line.repeated()
     }
 }
 

@@ -5,9 +5,9 @@
 //! maker; by default the driver sets the loop's control mode to automatic or off.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Chamber, ChamberReading};
-use super::line::{ExchangeError, Framing, Line};
-use super::line_config::LineConfig;
+use super::instrument::{Chamber, ChamberReading, Instrument};
+use super::line::Line;
+use super::reply::{ExchangeError, Framing};
 use isotherm_shared::document::Section;
 use rmodbus::client::ModbusRequest;
 use rmodbus::{ErrorKind, ModbusProto};
@@ -105,8 +105,8 @@ fn reply_length(request: &[u8], reply: &[u8]) -> Option<usize> {
 }
 
 impl F4t {
-    pub(super) fn open(config: &LineConfig, settings: &F4tSettings) -> Result<Self, InstrumentFault> {
-        Ok(Self { line: Line::open("chamber", config)?, settings: settings.clone(), fahrenheit: None })
+    pub(super) fn new(line: Line, settings: &F4tSettings) -> Self {
+        Self { line, settings: settings.clone(), fahrenheit: None }
     }
 
     fn ask<T>(
@@ -220,14 +220,24 @@ impl F4t {
     }
 }
 
-impl Chamber for F4t {
+impl Instrument for F4t {
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn line_mut(&mut self) -> &mut Line {
+        &mut self.line
+    }
+
     /// Public drivers know no register with the controller's part number.
     fn identify(&mut self) -> Result<String, InstrumentFault> {
         let unit = if self.fahrenheit()? { "F" } else { "C" };
         let number = self.settings.offset / LOOP_STEP + 1;
         Ok(format!("Watlow F4T, address {}, loop {number}, unit {unit}", self.settings.address))
     }
+}
 
+impl Chamber for F4t {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
         Ok(ChamberReading {
             air_c: self.temperature(PROCESS_VALUE)?,
@@ -257,10 +267,6 @@ impl Chamber for F4t {
 
     fn standby(&mut self) -> Result<(), InstrumentFault> {
         self.switch(self.settings.start[2], false)
-    }
-
-    fn repeated(&self) -> u64 {
-        self.line.repeated()
     }
 }
 

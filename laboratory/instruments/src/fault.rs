@@ -11,6 +11,10 @@ pub enum FaultKind {
     NoReply,
     /// The reply is damaged, or does not belong to this request.
     Garbled,
+    /// The line does not keep still: bytes arrive without a request, again and again.
+    Babble,
+    /// A signal asks to end: the request was not sent, or its reply not waited for.
+    Stopped,
     /// The instrument refuses the request: `NA:`, a Modbus exception, an error reply.
     Refused,
     /// The instrument has an alarm or an internal fault and does not carry out the request.
@@ -37,6 +41,10 @@ impl fmt::Display for InstrumentFault {
             FaultKind::Line => "check cable, power and the port's name, and that no other program has it",
             FaultKind::NoReply => "check power, address, line settings and timeout_s",
             FaultKind::Garbled => "check line settings, cable and shield, and the driver's keys",
+            FaultKind::Babble => {
+                "check that nothing else sends on this line, then the instrument (restart it), line settings and cable"
+            }
+            FaultKind::Stopped => "the instrument may be well",
             FaultKind::Refused => "check that the controller is in remote mode and allows this value",
             FaultKind::Alarm => "clear the cause at the instrument",
             FaultKind::Mismatch => "check the controller's limits and units and the driver's keys",

@@ -1,15 +1,25 @@
 //! What every chamber and every turntable can do, and what it reports.
 
 use super::fault::InstrumentFault;
+use super::line::Line;
 
-/// A temperature chamber. All temperatures \[degC\].
-pub trait Chamber: Send {
+/// An instrument on a line.
+pub trait Instrument: Send {
+    /// The line to it.
+    fn line(&self) -> &Line;
+
+    /// The line to it, to open or close it, or to change how it sends.
+    fn line_mut(&mut self) -> &mut Line;
+
     /// Type or identity as the controller reports it.
     ///
     /// # Errors
-    /// A fault of the chamber or the line.
+    /// A fault of the instrument or the line.
     fn identify(&mut self) -> Result<String, InstrumentFault>;
+}
 
+/// A temperature chamber. All temperatures \[degC\].
+pub trait Chamber: Instrument {
     /// Measured values and state of the controller.
     ///
     /// # Errors
@@ -33,9 +43,6 @@ pub trait Chamber: Send {
     /// # Errors
     /// A fault of the chamber or the line.
     fn standby(&mut self) -> Result<(), InstrumentFault>;
-
-    /// Requests on this line that had to be repeated.
-    fn repeated(&self) -> u64;
 }
 
 /// Measured values and state of a chamber.
@@ -52,13 +59,7 @@ pub struct ChamberReading {
 }
 
 /// A two-axis turntable. Angles \[deg\], rates \[deg/s\]. Axis 0 is the outer (first) axis, 1 the inner.
-pub trait Turntable: Send {
-    /// Type or identity as the controller reports it.
-    ///
-    /// # Errors
-    /// A fault of the turntable or the line.
-    fn identify(&mut self) -> Result<String, InstrumentFault>;
-
+pub trait Turntable: Instrument {
     /// Resets faults, closes the interlocks and powers the axes. Nothing moves.
     ///
     /// # Errors
@@ -88,9 +89,6 @@ pub trait Turntable: Send {
     /// # Errors
     /// A fault of the turntable or the line.
     fn stop(&mut self) -> Result<(), InstrumentFault>;
-
-    /// Requests on this line that had to be repeated.
-    fn repeated(&self) -> u64;
 }
 
 /// Measured values and state of a turntable.

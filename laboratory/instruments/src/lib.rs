@@ -4,6 +4,9 @@
 //! requests under way. An error of an instrument or its line is an [`InstrumentFault`]; its [`FaultKind`] decides how a campaign
 //! reacts. A driver repeats a request without a reply, or with a garbled one, up to `retries` times. That is safe because every
 //! request is idempotent: it reads, or it sets an absolute value.
+//!
+//! [`Line::begin_orders`] is for the safe state: the same stop requests of the same drivers then go out at once, without waiting
+//! for silence on the line.
 
 pub mod acutrol;
 pub mod aerosmith;
@@ -16,9 +19,12 @@ mod instrument;
 mod line;
 mod line_config;
 mod open;
+mod port;
+mod reply;
 
 pub use config::{ChamberConfig, TurntableConfig};
 pub use fault::{FaultKind, InstrumentFault};
-pub use instrument::{Chamber, ChamberReading, Turntable, TurntableReading, turn_deg};
-pub use line_config::LineConfig;
+pub use instrument::{Chamber, ChamberReading, Instrument, Turntable, TurntableReading, turn_deg};
+pub use line::Line;
+pub use line_config::{LineConfig, Parity};
 pub use open::{chamber, turntable};

@@ -5,43 +5,39 @@
 //!   discarded.
 //! - These protocols do not mark which request a reply belongs to. After a time-out or a garbled reply, a late reply may still
 //!   arrive: nothing is sent until the line has been quiet for `quiet_s`.
-//! - Every wait is bounded: a request takes at most (retries + 1) times (opening + drain + `timeout_s`). A drain ends after ten
-//!   times `quiet_s`, whatever the instrument does.
+//! - Every wait is bounded: a request takes at most (retries + 1) times (opening + drain + sending + reply). A line that does not
+//!   keep still for `quiet_s` within [`STILL_WITHIN`] times that is at fault, and the request is not repeated.
 //! - A lost port is closed, and opened again for the next request.
+//! - A signal that asks to end also ends every wait; only a reply that is under way may still arrive for [`GRACE`]. No further
+//!   request is sent.
+//! - Orders that lead to the safe state ([`Line::begin_orders`]) break the first two rules: they go out at once, whatever arrives.
+//!   Only the reply of a line that was still counts as an acknowledgement.
 
 use super::fault::{FaultKind, InstrumentFault};
 use super::line_config::LineConfig;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use serialport::SerialPort;
-use std::io::{self, Read as _, Write as _};
-use std::net::{TcpStream, ToSocketAddrs as _};
+use super::port::InstrumentPort;
+use super::reply::{ExchangeError, Framing};
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// Longest reply \[bytes\]; no reply of these protocols is as long.
 const MAX_REPLY: usize = 4096;
-/// Longest drain, in units of `quiet_s`.
-const DRAIN: u32 = 10;
-
-/// Why an exchange failed: kind and message, without the instrument's name, which [`Line::fault`] adds.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct ExchangeError(pub FaultKind, pub String);
-
-impl ExchangeError {
-    /// A reply that is damaged, or does not belong to the request.
-    pub fn garbled(reply: &[u8]) -> Self {
-        Self(FaultKind::Garbled, format!("a reply that makes no sense: \"{}\"", reply.escape_ascii()))
-    }
-}
-
-/// How the end of a reply is found.
-#[derive(Clone, Copy)]
-pub struct Framing<'a> {
-    /// Length of the reply at the beginning of these bytes, or `None` while it is incomplete.
-    pub reply_length: &'a dyn Fn(&[u8]) -> Option<usize>,
-    /// A pause of this length ends a reply too.
-    pub gap: Option<Duration>,
-}
+/// A line must become quiet within this multiple of `quiet_s`, and may always try for [`MIN_STILL_WITHIN`].
+const STILL_WITHIN: u32 = 3;
+const MIN_STILL_WITHIN: Duration = Duration::from_secs(1);
+/// How long the line must be quiet after bytes that nobody has asked for, between two requests that were answered.
+const STRAY_QUIET: Duration = Duration::from_millis(50);
+/// The stop signal is looked at so often during a wait.
+const SLICE: Duration = Duration::from_millis(50);
+/// How long the reply to the request under way is waited for after the stop signal: a controller that works answers sooner, and
+/// can then take the next request.
+const GRACE: Duration = Duration::from_millis(500);
+/// Longest wait for a first order to be taken, longest wait for its reply, and longest silence before it.
+const ORDER_WAIT: Duration = Duration::from_millis(300);
 
 /// A line. A lost port is opened again for the next request.
 pub struct Line {
@@ -51,38 +47,80 @@ pub struct Line {
     port: Option<InstrumentPort>,
     /// Whether a late reply may still arrive.
     stale: bool,
-    /// When bytes were last sent or received.
+    /// When bytes were last received, or the last byte that was sent has left.
     last_activity: Instant,
     repeated: u64,
+    /// Not 0 when a signal asks to end.
+    stop_signal: Arc<AtomicUsize>,
+    /// When this line first saw the signal.
+    stopped: Option<Instant>,
+    /// The end of the time for the first orders, while they go out.
+    orders_until: Option<Instant>,
 }
 
 impl Line {
-    /// Opens the port.
-    ///
-    /// # Errors
-    /// If that fails.
-    pub fn open(kind: &str, config: &LineConfig) -> Result<Self, InstrumentFault> {
-        let instrument = format!("{kind} at {}", config.port);
-        // A reply to the previous user of the port may still arrive.
-        let mut line = Self {
-            instrument,
+    /// A line whose port is not open yet. A number other than 0 in `stop_signal` ends its waits.
+    pub(super) fn new(kind: &str, config: &LineConfig, stop_signal: &Arc<AtomicUsize>) -> Self {
+        Self {
+            instrument: format!("{kind} at {}", config.port),
             config: config.clone(),
             port: None,
+            // A reply to the previous user of the port may still arrive.
             stale: true,
             last_activity: Instant::now(),
             repeated: 0,
-        };
-        line.connect().map_err(|error| line.fault(error))?;
-        Ok(line)
+            stop_signal: Arc::clone(stop_signal),
+            stopped: None,
+            orders_until: None,
+        }
     }
 
     /// Requests that had to be repeated.
+    #[must_use]
     pub const fn repeated(&self) -> u64 {
         self.repeated
     }
 
+    /// From now on requests are orders that go out at once: until `until` the line waits for no silence, only shortly for a reply,
+    /// and repeats a request only on a port that it had to open anew. The stop signal has done its work and is no longer looked at.
+    pub fn begin_orders(&mut self, until: Instant) {
+        self.stop_signal = Arc::default();
+        self.orders_until = Some(until);
+    }
+
+    /// From now on requests obey the line's rules again.
+    pub const fn end_orders(&mut self) {
+        self.orders_until = None;
+    }
+
+    /// Whether requests are orders that go out at once.
+    pub(super) const fn has_orders(&self) -> bool {
+        self.orders_until.is_some()
+    }
+
+    /// Opens the port, if it is not open.
+    ///
+    /// # Errors
+    /// If that fails.
+    pub fn connect(&mut self) -> Result<(), InstrumentFault> {
+        self.open().map_err(|error| self.fault(error))
+    }
+
+    /// Closes the port. The next request opens it again.
+    pub fn close(&mut self) {
+        if self.port.as_ref().is_some_and(InstrumentPort::is_serial) {
+            // Closing discards what has not left yet.
+            thread::sleep(self.last_activity.saturating_duration_since(Instant::now()));
+        }
+        self.lose();
+    }
+
+    fn lose(&mut self) {
+        (self.port, self.stale) = (None, true);
+    }
+
     /// Adds the instrument's name to an error.
-    pub fn fault(&self, ExchangeError(kind, message): ExchangeError) -> InstrumentFault {
+    pub(super) fn fault(&self, ExchangeError(kind, message): ExchangeError) -> InstrumentFault {
         InstrumentFault { kind, instrument: self.instrument.clone(), message }
     }
 
@@ -90,103 +128,211 @@ impl Line {
     ///
     /// # Errors
     /// The error of the last attempt, or the refusal that the reply contains.
-    pub fn ask<T>(
+    pub(super) fn ask<T>(
         &mut self,
         request: &[u8],
         framing: Framing<'_>,
         read: impl Fn(&[u8]) -> Result<T, ExchangeError>,
     ) -> Result<T, InstrumentFault> {
-        let shown = request.trim_ascii_end().escape_ascii().to_string();
-        let mut attempt = 0;
-        loop {
-            let result = self.exchange(request, framing).and_then(|reply| read(&reply));
-            let error = match result {
-                Ok(value) => return Ok(value),
-                Err(error) => error,
-            };
-            match error.0 {
-                FaultKind::Line => (self.port, self.stale) = (None, true),
-                FaultKind::NoReply | FaultKind::Garbled => self.stale = true,
-                _ => attempt = self.config.retries,
+        self.attempts(request, |line| {
+            let value = read(&line.exchange(request, framing)?)?;
+            if line.has_orders() && line.stale {
+                let message = "its reply cannot be told from others on the line".to_owned();
+                return Err(ExchangeError(FaultKind::Garbled, message));
             }
-            if attempt == self.config.retries {
-                let ExchangeError(kind, message) = error;
-                return Err(self.fault(ExchangeError(kind, format!("asking \"{shown}\": {message}"))));
-            }
-            attempt += 1;
-            self.repeated += 1;
-        }
+            Ok(value)
+        })
     }
 
     /// Sends a request that the instrument never answers.
     ///
     /// # Errors
     /// If the port is lost.
-    pub fn send_without_reply(&mut self, request: &[u8]) -> Result<(), InstrumentFault> {
-        self.send(request).map_err(|error| {
-            self.port = None;
-            self.fault(error)
-        })
+    pub(super) fn send_without_reply(&mut self, request: &[u8]) -> Result<(), InstrumentFault> {
+        self.attempts(request, |line| line.send(request))
     }
 
-    fn connect(&mut self) -> Result<(), ExchangeError> {
-        if self.port.is_none() {
-            let port = InstrumentPort::open(&self.config);
-            self.port =
-                Some(port.map_err(|error| ExchangeError(FaultKind::Line, format!("opening the port: {error}")))?);
+    fn attempts<T>(
+        &mut self,
+        request: &[u8],
+        attempt: impl Fn(&mut Self) -> Result<T, ExchangeError>,
+    ) -> Result<T, InstrumentFault> {
+        let mut repeated = 0;
+        loop {
+            let error = match self.check_stop(Duration::ZERO).and_then(|()| attempt(self)) {
+                Ok(value) => return Ok(value),
+                Err(error) => error,
+            };
+            match error.0 {
+                FaultKind::Line => self.lose(),
+                FaultKind::NoReply | FaultKind::Garbled | FaultKind::Babble | FaultKind::Stopped => self.stale = true,
+                FaultKind::Refused | FaultKind::Alarm | FaultKind::Mismatch => {}
+            }
+            let retries = match (error.0, self.orders_until) {
+                (FaultKind::Line, Some(until)) => u32::from(Instant::now() < until),
+                (FaultKind::Line | FaultKind::NoReply | FaultKind::Garbled, None) => self.config.retries,
+                _ => 0,
+            };
+            if repeated >= retries || self.check_stop(Duration::ZERO).is_err() {
+                let ExchangeError(kind, message) = error;
+                let shown = request.trim_ascii_end().escape_ascii();
+                return Err(self.fault(ExchangeError(kind, format!("asking \"{shown}\": {message}"))));
+            }
+            repeated += 1;
+            self.repeated += 1;
         }
-        Ok(())
+    }
+
+    /// An error if the stop signal came longer than `grace` ago.
+    fn check_stop(&mut self, grace: Duration) -> Result<(), ExchangeError> {
+        if self.stop_signal.load(Relaxed) == 0 {
+            return Ok(());
+        }
+        let stopped = *self.stopped.get_or_insert_with(Instant::now);
+        if stopped.elapsed() < grace {
+            return Ok(());
+        }
+        Err(ExchangeError(FaultKind::Stopped, "not waited for, because a signal asks to end".to_owned()))
+    }
+
+    /// Opens the port, if it is not open, in a thread of its own: names are looked up there, and connections made, which has no
+    /// end that this thread could bring about. A port that opens too late is closed there.
+    fn open(&mut self) -> Result<(), ExchangeError> {
+        if self.port.is_some() {
+            return Ok(());
+        }
+        let failed = |error: &io::Error| ExchangeError::line("opening the port", error);
+        let (opened, result) = mpsc::channel();
+        let config = self.config.clone();
+        let open = move || drop(opened.send(InstrumentPort::open(&config)));
+        thread::Builder::new().name("open port".to_owned()).spawn(open).map_err(|error| failed(&error))?;
+        loop {
+            let slice =
+                self.orders_until.map_or(SLICE, |until| SLICE.min(until.saturating_duration_since(Instant::now())));
+            match result.recv_timeout(slice) {
+                Ok(port) => {
+                    self.port = Some(port.map_err(|error| failed(&error))?);
+                    return Ok(());
+                }
+                Err(RecvTimeoutError::Disconnected) => return Err(failed(&io::ErrorKind::Other.into())),
+                Err(RecvTimeoutError::Timeout) => self.check_stop(Duration::ZERO)?,
+            }
+            if self.orders_until.is_some_and(|until| Instant::now() >= until) {
+                return Err(failed(&io::ErrorKind::TimedOut.into()));
+            }
+        }
     }
 
     fn send(&mut self, request: &[u8]) -> Result<(), ExchangeError> {
-        self.connect()?;
-        self.drain()?;
-        thread::sleep(self.config.pause.saturating_sub(self.last_activity.elapsed()));
-        let Some(port) = &mut self.port else { return Ok(()) };
-        port.write(request).map_err(|error| ExchangeError(FaultKind::Line, format!("sending: {error}")))?;
-        self.last_activity = Instant::now();
+        self.open()?;
+        if self.has_orders() {
+            self.discard_input()?;
+        } else {
+            self.drain()?;
+        }
+        self.pause()?;
+        self.write(request)
+    }
+
+    /// Waits until the line has been silent for `pause_s`.
+    fn pause(&mut self) -> Result<(), ExchangeError> {
+        let mut until = self.last_activity + self.config.pause;
+        if let Some(end) = self.orders_until {
+            until = until.min(end).min(Instant::now() + ORDER_WAIT);
+        }
+        while Instant::now() < until {
+            self.check_stop(Duration::ZERO)?;
+            thread::sleep(SLICE.min(until.saturating_duration_since(Instant::now())));
+        }
         Ok(())
     }
 
-    /// Appends the next bytes, at least one, that arrive before `deadline`. Returns whether any arrived.
-    fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant) -> Result<bool, ExchangeError> {
-        let mut buffer = [0; 512];
-        let Some(port) = &mut self.port else { return Ok(false) };
-        let count = loop {
-            match port.read(&mut buffer, deadline.saturating_duration_since(Instant::now())) {
-                // A signal ends the campaign, but not this wait: the reply will still arrive.
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                other => break other.map_err(|error| ExchangeError(FaultKind::Line, format!("receiving: {error}")))?,
+    fn write(&mut self, request: &[u8]) -> Result<(), ExchangeError> {
+        let deadline = self.deadline(Instant::now());
+        let mut rest = request;
+        loop {
+            let Some(port) = &self.port else { return Ok(()) };
+            let slice = deadline.min(Instant::now() + SLICE);
+            let count = port.write(rest, slice).map_err(|error| ExchangeError::line("sending", &error))?;
+            rest = rest.get(count..).unwrap_or_default();
+            if rest.is_empty() {
+                break;
             }
-        };
-        bytes.extend_from_slice(&buffer[..count]);
-        if count > 0 {
-            self.last_activity = Instant::now();
+            // A part of a request would become the beginning of the next one: an error of the line closes the port.
+            if Instant::now() >= deadline || self.check_stop(Duration::ZERO).is_err() {
+                return Err(ExchangeError(FaultKind::Line, "sending: the port takes no bytes".to_owned()));
+            }
         }
-        Ok(count > 0)
+        self.last_activity = Instant::now();
+        if self.port.as_ref().is_some_and(InstrumentPort::is_serial) {
+            self.last_activity += self.config.transmission(request.len());
+        }
+        Ok(())
     }
 
-    /// Discards the input. If a late reply may still arrive, goes on until the line is quiet.
+    /// The end of a wait that begins at `from`.
+    fn deadline(&self, from: Instant) -> Instant {
+        match self.orders_until {
+            Some(until) => (from + ORDER_WAIT.min(self.config.timeout)).min(until),
+            None => from + self.config.timeout,
+        }
+    }
+
+    /// Appends the next bytes, at least one, that arrive before `deadline`. Returns whether any arrived. The stop signal ends the
+    /// wait after `grace`.
+    fn receive(&mut self, bytes: &mut Vec<u8>, deadline: Instant, grace: Duration) -> Result<bool, ExchangeError> {
+        let mut buffer = [0; 512];
+        loop {
+            self.check_stop(grace)?;
+            let Some(port) = &self.port else { return Ok(false) };
+            let slice = deadline.min(Instant::now() + SLICE);
+            let count = port.read(&mut buffer, slice).map_err(|error| ExchangeError::line("receiving", &error))?;
+            if count > 0 {
+                bytes.extend_from_slice(&buffer[..count]);
+                self.last_activity = Instant::now();
+                return Ok(true);
+            }
+            if Instant::now() >= deadline {
+                return Ok(false);
+            }
+        }
+    }
+
+    /// Discards the input. If a late reply may still arrive, or if anything is there, goes on until the line is quiet.
     fn drain(&mut self) -> Result<(), ExchangeError> {
         let (begun, mut discarded) = (Instant::now(), Vec::new());
-        let quiet = if self.stale { self.config.quiet } else { Duration::ZERO };
-        while self.receive(&mut discarded, Instant::now() + quiet)? {
+        let mut quiet = if self.stale { self.config.quiet } else { Duration::ZERO };
+        let most = (self.config.quiet * STILL_WITHIN).max(MIN_STILL_WITHIN);
+        while self.receive(&mut discarded, Instant::now() + quiet, Duration::ZERO)? {
             discarded.clear();
-            if begun.elapsed() > self.config.quiet * DRAIN {
-                return Err(ExchangeError(FaultKind::Garbled, "it sends data without a request".to_owned()));
+            quiet = quiet.max(STRAY_QUIET);
+            if begun.elapsed() > most {
+                let (quiet, most) = (quiet.as_secs_f64(), most.as_secs_f64());
+                let message =
+                    format!("babble: it sends without a request, and is not quiet for {quiet} s within {most} s");
+                return Err(ExchangeError(FaultKind::Babble, message));
             }
         }
         self.stale = false;
         Ok(())
     }
 
+    /// Discards what has arrived, without any wait. After that a reply cannot be trusted.
+    fn discard_input(&mut self) -> Result<(), ExchangeError> {
+        let mut discarded = Vec::new();
+        while discarded.len() < MAX_REPLY && self.receive(&mut discarded, Instant::now(), Duration::ZERO)? {
+            self.stale = true;
+        }
+        Ok(())
+    }
+
     fn exchange(&mut self, request: &[u8], framing: Framing<'_>) -> Result<Vec<u8>, ExchangeError> {
         self.send(request)?;
-        let deadline = self.last_activity + self.config.timeout;
+        let deadline = self.deadline(self.last_activity);
         let mut reply = Vec::new();
         loop {
             let gap_end = framing.gap.filter(|_| !reply.is_empty()).map(|gap| self.last_activity + gap);
-            let received = self.receive(&mut reply, gap_end.map_or(deadline, |end| end.min(deadline)))?;
+            let received = self.receive(&mut reply, gap_end.map_or(deadline, |end| end.min(deadline)), GRACE)?;
             if let Some(length) = (framing.reply_length)(&reply) {
                 reply.truncate(length);
                 return Ok(reply);
@@ -198,96 +344,15 @@ impl Line {
                 return Err(ExchangeError::garbled(&reply[..reply.len().min(100)]));
             }
             if !received {
-                let timeout = self.config.timeout.as_secs_f64();
-                return Err(ExchangeError(FaultKind::NoReply, format!("no reply in {timeout} s")));
+                let waited = deadline.saturating_duration_since(self.last_activity).as_secs_f64();
+                return Err(ExchangeError(FaultKind::NoReply, format!("no reply in {waited} s")));
             }
         }
     }
 }
 
-/// Length of a reply that ends with a line feed.
-pub fn line_feed(bytes: &[u8]) -> Option<usize> {
-    bytes.iter().position(|&byte| byte == b'\n').map(|end| end + 1)
-}
-
-/// Length of a reply that ends with a carriage return.
-pub fn carriage_return(bytes: &[u8]) -> Option<usize> {
-    bytes.iter().position(|&byte| byte == b'\r').map(|end| end + 1)
-}
-
-/// The text of a reply without blanks around it. A reply with other bytes than printable ASCII is garbled.
-pub fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
-    let trimmed = reply.trim_ascii();
-    let printable = trimmed.iter().all(|&byte| matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t'));
-    let text = core::str::from_utf8(trimmed).ok().filter(|_| printable);
-    text.ok_or_else(|| ExchangeError::garbled(reply))
-}
-
-/// Parses a finite number.
-pub fn number(text: &str) -> Option<f64> {
-    text.trim().parse().ok().filter(|number: &f64| number.is_finite())
-}
-
-/// An open port.
-enum InstrumentPort {
-    Serial(Box<dyn SerialPort>),
-    Tcp(TcpStream),
-}
-
-impl InstrumentPort {
-    fn open(config: &LineConfig) -> io::Result<Self> {
-        let Some(address) = config.port.strip_prefix("tcp://") else {
-            let port = serialport::new(&config.port, config.baud)
-                .data_bits(config.data_bits)
-                .parity(config.parity)
-                .stop_bits(config.stop_bits)
-                .timeout(config.timeout);
-            return Ok(Self::Serial(port.open()?));
-        };
-        let mut refused = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
-        for address in address.to_socket_addrs()? {
-            match TcpStream::connect_timeout(&address, config.timeout) {
-                Ok(stream) => {
-                    stream.set_nodelay(true)?;
-                    stream.set_write_timeout(Some(config.timeout))?;
-                    return Ok(Self::Tcp(stream));
-                }
-                Err(error) => refused = error,
-            }
-        }
-        Err(refused)
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
-        match self {
-            Self::Serial(port) => {
-                port.write_all(bytes)?;
-                port.flush()
-            }
-            Self::Tcp(stream) => stream.write_all(bytes),
-        }
-    }
-
-    /// Reads at least one byte; returns 0 if none arrives within `timeout`.
-    fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        let result = match self {
-            Self::Serial(port) => {
-                port.set_timeout(timeout)?;
-                port.read(buffer)
-            }
-            Self::Tcp(stream) => {
-                let timeout = Timespec::try_from(timeout).map_err(io::Error::other)?;
-                match poll(&mut [PollFd::new(stream, PollFlags::IN)], Some(&timeout)) {
-                    Ok(0) => return Ok(0),
-                    Ok(_) => stream.read(buffer),
-                    Err(error) => Err(error.into()),
-                }
-            }
-        };
-        match result {
-            Ok(0) => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "closed by the other side")),
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(0),
-            other => other,
-        }
+impl Drop for Line {
+    fn drop(&mut self) {
+        self.close();
     }
 }

@@ -1,8 +1,18 @@
 //! The keys that every instrument's section has: its line, and keys that several drivers have.
 
 use isotherm_shared::document::Section;
-use serialport::{DataBits, Parity, StopBits};
 use std::time::Duration;
+
+/// Parity bit of a character.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Parity {
+    /// No parity bit.
+    None,
+    /// An even number of ones.
+    Even,
+    /// An odd number of ones.
+    Odd,
+}
 
 /// Checked settings of a line.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,12 +21,12 @@ pub struct LineConfig {
     pub port: String,
     /// Rate \[Bd\].
     pub baud: u32,
-    /// Data bits of a character.
-    pub data_bits: DataBits,
+    /// Data bits of a character, 7 or 8.
+    pub data_bits: u8,
     /// Parity bit of a character.
     pub parity: Parity,
-    /// Stop bits of a character.
-    pub stop_bits: StopBits,
+    /// Stop bits of a character, 1 or 2.
+    pub stop_bits: u8,
     /// Longest wait for a reply, and for a TCP connection.
     pub timeout: Duration,
     /// How long the line must be quiet before the next request, after a reply was missing or garbled.
@@ -28,6 +38,12 @@ pub struct LineConfig {
 }
 
 impl LineConfig {
+    /// How long so many bytes take on a serial line, with start, parity and stop bits.
+    pub(super) fn transmission(&self, bytes: usize) -> Duration {
+        let bits = 1 + self.data_bits + u8::from(self.parity != Parity::None) + self.stop_bits;
+        Duration::from_secs_f64((bytes * usize::from(bits)) as f64 / f64::from(self.baud))
+    }
+
     /// Reads the keys. Defaults: `baud`, 8N1, a time-out of 1 s, `quiet_s` as long as the time-out, `pause_s`, 2 retries.
     pub(super) fn read(section: &Section<'_, '_>, baud: i64, pause_s: f64) -> Option<Self> {
         let port = section.string("port", "a device as \"/dev/ttyUSB0\", or \"tcp://host:port\"").and_then(|port| {
@@ -40,16 +56,10 @@ impl LineConfig {
             right.then(|| port.to_owned())
         });
         let baud = section.optional_integer("baud", 50..=4_000_000).unwrap_or(baud) as u32;
-        let data_bits = match section.optional_integer("data_bits", 7..=8) {
-            Some(7) => DataBits::Seven,
-            _ => DataBits::Eight,
-        };
+        let data_bits = section.optional_integer("data_bits", 7..=8).unwrap_or(8) as u8;
         let parities = [(Parity::None, "none"), (Parity::Even, "even"), (Parity::Odd, "odd")];
         let parity = section.optional_choice("parity", &parities).unwrap_or(Parity::None);
-        let stop_bits = match section.optional_integer("stop_bits", 1..=2) {
-            Some(2) => StopBits::Two,
-            _ => StopBits::One,
-        };
+        let stop_bits = section.optional_integer("stop_bits", 1..=2).unwrap_or(1) as u8;
         let timeout = seconds(section, "timeout_s", 1.0, 60.0);
         let quiet = seconds(section, "quiet_s", timeout.as_secs_f64(), 60.0);
         let pause = seconds(section, "pause_s", pause_s, 10.0);

@@ -1,29 +1,29 @@
-//! Opens an instrument with the driver that its configuration names.
+//! Makes an instrument with the driver that its configuration names. Nothing is opened: the first request opens the port.
 
 use super::config::{ChamberConfig, ChamberDriver, TurntableConfig, TurntableDriver};
-use super::fault::InstrumentFault;
 use super::instrument::{Chamber, Turntable};
+use super::line::Line;
 use super::{acutrol, aerosmith, ascii2, espec, f4t};
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
-/// Opens the line to a chamber.
-///
-/// # Errors
-/// If the port cannot be opened.
-pub fn chamber(config: &ChamberConfig) -> Result<Box<dyn Chamber>, InstrumentFault> {
-    Ok(match &config.driver {
-        ChamberDriver::Espec(settings) => Box::new(espec::Espec::open(&config.line, settings)?),
-        ChamberDriver::F4t(settings) => Box::new(f4t::F4t::open(&config.line, settings)?),
-        ChamberDriver::Ascii2(settings) => Box::new(ascii2::Ascii2::open(&config.line, settings)?),
-    })
+/// A chamber. A number other than 0 in `stop_signal` ends its line's waits.
+#[must_use]
+pub fn chamber(config: &ChamberConfig, stop_signal: &Arc<AtomicUsize>) -> Box<dyn Chamber> {
+    let line = Line::new("chamber", &config.line, stop_signal);
+    match &config.driver {
+        ChamberDriver::Espec(settings) => Box::new(espec::Espec::new(line, settings)),
+        ChamberDriver::F4t(settings) => Box::new(f4t::F4t::new(line, settings)),
+        ChamberDriver::Ascii2(settings) => Box::new(ascii2::Ascii2::new(line, settings)),
+    }
 }
 
-/// Opens the line to a turntable.
-///
-/// # Errors
-/// If the port cannot be opened.
-pub fn turntable(config: &TurntableConfig) -> Result<Box<dyn Turntable>, InstrumentFault> {
-    Ok(match &config.driver {
-        TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::open(&config.line, settings)?),
-        TurntableDriver::Aerosmith(settings) => Box::new(aerosmith::Aerosmith::open(&config.line, settings)?),
-    })
+/// A turntable. A number other than 0 in `stop_signal` ends its line's waits.
+#[must_use]
+pub fn turntable(config: &TurntableConfig, stop_signal: &Arc<AtomicUsize>) -> Box<dyn Turntable> {
+    let line = Line::new("table", &config.line, stop_signal);
+    match &config.driver {
+        TurntableDriver::Acutrol(settings) => Box::new(acutrol::Acutrol::new(line, settings)),
+        TurntableDriver::Aerosmith(settings) => Box::new(aerosmith::Aerosmith::new(line, settings)),
+    }
 }

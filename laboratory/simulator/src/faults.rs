@@ -1,14 +1,14 @@
 //! Faults that are injected on request: DIR/faults has one per line and is read again whenever it changes.
 //!
-//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, no-settle, overshoot or
-//! never-there. DEVICE is `chamber` or `table`; without it both have the fault. WHEN is `3` for the third request, `3-5` for the
+//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is garbled, late, missing, duplicated, babble, dead, na, alarm, port-loss, no-settle,
+//! overshoot or never-there. DEVICE is `chamber` or `table`; without it both have the fault. WHEN is `3` for the third request, `3-5` for the
 //! third to the fifth, or `100s-200s` for simulated seconds; without it the fault is permanent. Requests are counted from the
 //! last reading of the file.
 
 use super::station::StationProcess;
+use isotherm_failure::tell;
 use isotherm_files::Identity;
 use std::fs;
-use std::io::{self, Write as _};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -27,6 +27,10 @@ pub enum InjectedFault {
     Missing,
     /// The reply is sent twice.
     Duplicated,
+    /// The device sends digits without end. It goes on obeying; its replies are lost among the digits.
+    Babble,
+    /// The port exists, but takes nothing and sends nothing; what was sent meanwhile is lost.
+    Dead,
     /// The request is refused, or not answered if the protocol has no refusal.
     Na,
     /// The device has an alarm: the chamber stops heating and cooling; the turntable stops, and its interlocks are at fault.
@@ -43,11 +47,13 @@ pub enum InjectedFault {
 
 impl InjectedFault {
     /// Every fault with its name.
-    pub const NAMES: [(Self, &'static str); 10] = [
+    pub const NAMES: [(Self, &'static str); 12] = [
         (Self::Garbled, "garbled"),
         (Self::Late, "late"),
         (Self::Missing, "missing"),
         (Self::Duplicated, "duplicated"),
+        (Self::Babble, "babble"),
+        (Self::Dead, "dead"),
         (Self::Na, "na"),
         (Self::Alarm, "alarm"),
         (Self::PortLoss, "port-loss"),
@@ -154,10 +160,7 @@ impl FaultSchedule {
                     // Both devices read the file, one reports.
                     Err(wrong) if self.device == StationProcess::Chamber => {
                         let path = self.path.display();
-                        let _ = writeln!(
-                            io::stderr(),
-                            "isotherm: the simulated station: {path}:{number}: {line:?}: {wrong}"
-                        );
+                        tell("isotherm", format_args!("the simulated station: {path}:{number}: {line:?}: {wrong}"));
                     }
                     Err(_) => {}
                 }

@@ -4,11 +4,11 @@ use super::link::{Answer, DeviceEvent, LinkClient};
 use super::station::SimulatedStation;
 use isotherm_calibration::simulate::{self, RandomGenerator, SimulatedTurntable, Truth, specific_force};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{WorldWritable, load_table};
 use isotherm_shared::wire::RawSample;
 use std::collections::VecDeque;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -230,8 +230,7 @@ impl SampleSender {
     fn print_obstacle(&mut self, obstacle: &str) {
         if self.obstacle != obstacle {
             self.obstacle = obstacle.to_owned();
-            // Fails if stderr is closed.
-            let _ = writeln!(io::stderr(), "isotherm: the simulated IMU: {obstacle}; it keeps trying to connect");
+            tell("isotherm", format_args!("the simulated IMU: {obstacle}; it keeps trying to connect"));
         }
     }
 

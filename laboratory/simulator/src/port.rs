@@ -3,7 +3,7 @@
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
+use rustix::termios::{Action, OptionalActions, ioctl_tiocnxcl, tcflow, tcgetattr, tcsetattr};
 use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -92,6 +92,23 @@ impl SimulatedPort {
         {
             let _ = fs::remove_file(link);
         }
+    }
+
+    /// Makes the port take nothing, as by flow control, or take bytes again; what it has taken and not given is lost then. A TCP
+    /// port takes nothing because nobody reads, and needs no call.
+    pub fn set_dead(&mut self, dead: bool) -> io::Result<()> {
+        if let Some(OpenPort::Terminal { user_side, .. }) = &self.open {
+            tcflow(user_side, if dead { Action::OOff } else { Action::OOn })?;
+        }
+        let mut lost = Vec::new();
+        while !dead && self.open.is_some() {
+            let before = lost.len();
+            self.read(&mut lost)?;
+            if lost.len() == before {
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// The descriptor to poll: readable when bytes arrive, or when a connection is to be accepted.

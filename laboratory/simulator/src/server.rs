@@ -6,14 +6,20 @@ use super::port::SimulatedPort;
 use super::station::{SimulatedStation, StationProcess};
 use isotherm_failure::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use std::io;
-use std::path::Path;
+use std::fs::OpenOptions;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Delay of a late reply: more than the plan's time-out, less than time-out plus `quiet_s`.
 pub const LATE_REPLY: Duration = Duration::from_millis(1500);
 /// How often the faults are checked while nothing happens.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// How often a device that babbles sends, and what.
+const BABBLE_INTERVAL: Duration = Duration::from_millis(2);
+const BABBLE: &[u8] = b"27182818284590452353602874713526";
+/// Name of the file in a station's folder that gets all requests, if it exists.
+const REQUESTS: &str = "requests";
 /// Longest input without a complete request \[bytes\].
 const MAX_INPUT: usize = 4096;
 
@@ -52,7 +58,10 @@ pub fn serve<M: SimulatedDevice>(
     let mut server = ProtocolServer {
         device,
         protocol,
+        name: process.name(),
         station,
+        requests: folder.join(REQUESTS),
+        state: LineState::Normal,
         port: SimulatedPort::new(port).map_err(failed)?,
         link: LinkServer::new(io::stdin()).map_err(failed)?,
         faults: FaultSchedule::new(folder, process),
@@ -63,10 +72,23 @@ pub fn serve<M: SimulatedDevice>(
     Ok(())
 }
 
+/// What the faults make of the line itself.
+#[derive(Clone, Copy, Eq, PartialEq)]
+enum LineState {
+    Normal,
+    Babble,
+    Dead,
+    Lost,
+}
+
 struct ProtocolServer<'a, M> {
     device: M,
     protocol: Box<dyn Protocol<M>>,
+    name: &'static str,
     station: &'a SimulatedStation,
+    /// The file that gets the requests.
+    requests: PathBuf,
+    state: LineState,
     port: SimulatedPort,
     link: LinkServer,
     faults: FaultSchedule,
@@ -79,9 +101,11 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
     /// Waits for input, a question of the IMU or a time-out, and handles it. Returns `false` if the IMU's process has ended.
     fn poll_once(&mut self) -> io::Result<bool> {
         let next = self.delayed.iter().map(|(due, _)| due.saturating_duration_since(Instant::now())).min();
-        let timeout = Timespec::try_from(next.unwrap_or(POLL_INTERVAL).min(POLL_INTERVAL)).map_err(io::Error::other)?;
+        let most = if self.state == LineState::Babble { BABBLE_INTERVAL } else { POLL_INTERVAL };
+        let timeout = Timespec::try_from(next.unwrap_or(most).min(most)).map_err(io::Error::other)?;
         let mut ready = vec![PollFd::new(&self.link.0, PollFlags::IN)];
-        let port = self.port.readable();
+        // Nobody looks at a dead port.
+        let port = self.port.readable().filter(|_| self.state != LineState::Dead);
         ready.extend(port.as_ref().map(|port| PollFd::new(port, PollFlags::IN)));
         match poll(&mut ready, Some(&timeout)) {
             Ok(_) | Err(rustix::io::Errno::INTR) => {}
@@ -91,12 +115,8 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         let input_waits = ready.get(1).is_some_and(|port| !port.revents().is_empty());
 
         let active = self.advance();
-        if active.contains(&InjectedFault::PortLoss) {
-            self.port.lose();
-            self.input.clear();
-            self.delayed.clear();
-        } else {
-            self.port.restore()?;
+        self.change_state(&active)?;
+        if matches!(self.state, LineState::Normal | LineState::Babble) {
             if input_waits {
                 self.port.read(&mut self.input)?;
             }
@@ -106,6 +126,9 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
             if self.input.len() > MAX_INPUT {
                 self.input.clear();
             }
+        }
+        if self.state == LineState::Babble {
+            self.port.write(BABBLE);
         }
         for (due, reply) in std::mem::take(&mut self.delayed) {
             if due > Instant::now() {
@@ -124,6 +147,33 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         Ok(true)
     }
 
+    /// Loses the port, makes it dead, or brings it back.
+    fn change_state(&mut self, active: &[InjectedFault]) -> io::Result<()> {
+        let before = self.state;
+        self.state = if active.contains(&InjectedFault::PortLoss) {
+            LineState::Lost
+        } else if active.contains(&InjectedFault::Dead) {
+            LineState::Dead
+        } else if active.contains(&InjectedFault::Babble) {
+            LineState::Babble
+        } else {
+            LineState::Normal
+        };
+        if matches!(self.state, LineState::Lost | LineState::Dead) {
+            self.input.clear();
+            self.delayed.clear();
+        }
+        if self.state == LineState::Lost {
+            self.port.lose();
+            return Ok(());
+        }
+        self.port.restore()?;
+        if (self.state == LineState::Dead) != (before == LineState::Dead) {
+            self.port.set_dead(self.state == LineState::Dead)?;
+        }
+        Ok(())
+    }
+
     fn advance(&mut self) -> Vec<InjectedFault> {
         let now_s = self.station.now_s();
         let active = self.faults.active(now_s);
@@ -131,16 +181,26 @@ impl<M: SimulatedDevice> ProtocolServer<'_, M> {
         active
     }
 
+    /// Appends a request to the file of requests, if somebody has made one.
+    fn note(&self, request: &[u8]) {
+        if let Ok(mut file) = OpenOptions::new().append(true).open(&self.requests) {
+            let line = format!("{:.3} {} {}\n", self.station.now_s(), self.name, request.escape_ascii());
+            // A full disk does not stop the laboratory.
+            let _ = file.write_all(line.as_bytes());
+        }
+    }
+
     fn reply(&mut self, request: &[u8]) {
         self.faults.count_request();
         let active = self.advance();
+        self.note(request);
         let is = |fault| active.contains(&fault);
         let mut reply = if is(InjectedFault::Na) {
             self.protocol.refuse(request)
         } else {
             self.protocol.answer(request, &mut self.device)
         };
-        if is(InjectedFault::Missing) {
+        if is(InjectedFault::Missing) || is(InjectedFault::Babble) {
             return;
         }
         if is(InjectedFault::Garbled) {

@@ -14,7 +14,9 @@ const VERIFY: (&str, &str) =
     ("[safe]", "[verify]\nruns = 1\nfrom_c = 25\nto_c = 27\nramp_c_per_h = 60\nhold_s = 60\n\n[safe]");
 
 const PHASES: [&str; 5] = ["approach", "soak", "travel", "dwell", "sweep"];
-const FAULTS: [(&str, &[&str]); 10] = [
+const FAULTS: [(&str, &[&str]); 12] = [
+    ("babble", &["chamber", "table"]),
+    ("dead", &["chamber", "table"]),
     ("garbled", &["chamber", "table"]),
     ("late", &["chamber", "table"]),
     ("missing", &["chamber", "table"]),

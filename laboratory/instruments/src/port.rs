@@ -1,0 +1,157 @@
+//! The port of a line: a serial device or a TCP connection, as one descriptor that never blocks.
+//!
+//! Only [`InstrumentPort::open`] may block, because names are looked up and connections are made there; the line calls it in a
+//! thread of its own. Reading and writing wait with a deadline. Even a device that takes no bytes (flow control, a full
+//! window, an adapter that hangs) stops nobody for longer.
+
+use super::line_config::{LineConfig, Parity};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
+use rustix::io::Errno;
+use rustix::termios::{
+    ControlModes, InputModes, OptionalActions, QueueSelector, ioctl_tiocexcl, ioctl_tiocnxcl, tcflush, tcgetattr,
+    tcsetattr,
+};
+use std::io;
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::os::fd::OwnedFd;
+use std::time::{Duration, Instant};
+
+/// An open port.
+pub struct InstrumentPort {
+    descriptor: OwnedFd,
+    serial: bool,
+}
+
+impl InstrumentPort {
+    /// Opens a device, or connects to a host.
+    pub fn open(config: &LineConfig) -> io::Result<Self> {
+        match config.port.strip_prefix("tcp://") {
+            Some(address) => Self::connect(address, config.timeout),
+            None => Self::open_serial(config),
+        }
+    }
+
+    fn connect(address: &str, timeout: Duration) -> io::Result<Self> {
+        let mut refused = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+        for address in address.to_socket_addrs()? {
+            match TcpStream::connect_timeout(&address, timeout) {
+                Ok(stream) => {
+                    stream.set_nodelay(true)?;
+                    stream.set_nonblocking(true)?;
+                    return Ok(Self { descriptor: stream.into(), serial: false });
+                }
+                Err(error) => refused = error,
+            }
+        }
+        Err(refused)
+    }
+
+    fn open_serial(config: &LineConfig) -> io::Result<Self> {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let descriptor = open(config.port.as_str(), flags, Mode::empty())?;
+        let mut settings = tcgetattr(&descriptor)?;
+        // No other program can open the device from here on, nor may one have it open that locks it as is usual.
+        ioctl_tiocexcl(&descriptor)?;
+        let port = Self { descriptor, serial: true };
+        flock(&port.descriptor, FlockOperation::NonBlockingLockExclusive)
+            .map_err(|_| io::Error::new(io::ErrorKind::ResourceBusy, "another program has it"))?;
+        settings.make_raw();
+        settings.input_modes -= InputModes::IXON | InputModes::IXOFF | InputModes::INPCK | InputModes::IGNPAR;
+        settings.control_modes -= ControlModes::CSIZE
+            | ControlModes::PARENB
+            | ControlModes::PARODD
+            | ControlModes::CSTOPB
+            | ControlModes::CRTSCTS;
+        settings.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL;
+        settings.control_modes |= if config.data_bits == 7 { ControlModes::CS7 } else { ControlModes::CS8 };
+        if config.stop_bits == 2 {
+            settings.control_modes |= ControlModes::CSTOPB;
+        }
+        match config.parity {
+            Parity::None => settings.input_modes |= InputModes::IGNPAR,
+            Parity::Even => {
+                settings.input_modes |= InputModes::INPCK;
+                settings.control_modes |= ControlModes::PARENB;
+            }
+            Parity::Odd => {
+                settings.input_modes |= InputModes::INPCK;
+                settings.control_modes |= ControlModes::PARENB | ControlModes::PARODD;
+            }
+        }
+        settings.set_speed(config.baud)?;
+        tcsetattr(&port.descriptor, OptionalActions::Now, &settings)?;
+        Ok(port)
+    }
+
+    /// Whether it is a serial device: its bytes take time after they are written.
+    pub const fn is_serial(&self) -> bool {
+        self.serial
+    }
+
+    /// Writes some bytes; returns 0 if it takes none until `deadline`.
+    pub fn write(&self, bytes: &[u8], deadline: Instant) -> io::Result<usize> {
+        self.when(PollFlags::OUT, deadline, || rustix::io::write(&self.descriptor, bytes))
+            .map(Option::unwrap_or_default)
+    }
+
+    /// Reads at least one byte; returns 0 if none arrives until `deadline`.
+    pub fn read(&self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
+        match self.when(PollFlags::IN, deadline, || rustix::io::read(&self.descriptor, &mut *buffer))? {
+            Some(0) => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "closed by the other side")),
+            Some(count) => Ok(count),
+            None => Ok(0),
+        }
+    }
+
+    /// Does it when the descriptor is ready; returns `None` if it is not ready until `deadline`. A signal ends the wait, so that
+    /// the caller can look at it.
+    fn when(
+        &self,
+        ready: PollFlags,
+        deadline: Instant,
+        mut transfer: impl FnMut() -> rustix::io::Result<usize>,
+    ) -> io::Result<Option<usize>> {
+        let wait = deadline.saturating_duration_since(Instant::now());
+        let wait = Timespec::try_from(wait).map_err(io::Error::other)?;
+        match poll(&mut [PollFd::new(&self.descriptor, ready)], Some(&wait)) {
+            Ok(0) | Err(Errno::INTR) => return Ok(None),
+            Ok(_) => {}
+            Err(error) => return Err(error.into()),
+        }
+        match transfer() {
+            Ok(count) => Ok(Some(count)),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+impl Drop for InstrumentPort {
+    /// Without the flush, closing a serial device waits until its output has left: 30 s on Linux if it takes none.
+    fn drop(&mut self) {
+        if self.serial {
+            let _ = tcflush(&self.descriptor, QueueSelector::OFlush);
+            let _ = ioctl_tiocnxcl(&self.descriptor);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    /// The other side never reads: its window and our buffer are full after some megabytes.
+    #[test]
+    fn a_peer_that_takes_nothing_does_not_hold_the_writer() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port =
+            InstrumentPort::connect(&listener.local_addr().unwrap().to_string(), Duration::from_secs(20)).unwrap();
+        let soon = || Instant::now() + Duration::from_millis(50);
+        let full = (0..10_000).any(|_| port.write(&[b'x'; 65536], soon()).unwrap() == 0);
+        assert!(full);
+        assert_eq!(port.write(b"STANDBY", soon()).unwrap(), 0);
+        assert_eq!(port.read(&mut [0; 8], soon()).unwrap(), 0);
+    }
+}

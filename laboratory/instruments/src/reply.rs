@@ -1,0 +1,53 @@
+//! What drivers and lines share about replies: where a reply ends, what is wrong with it, and its text.
+
+use super::fault::FaultKind;
+use std::io;
+use std::time::Duration;
+
+/// Why an exchange failed: kind and message, without the instrument's name, which the line adds.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct ExchangeError(pub FaultKind, pub String);
+
+impl ExchangeError {
+    /// A reply that is damaged, or does not belong to the request.
+    pub fn garbled(reply: &[u8]) -> Self {
+        Self(FaultKind::Garbled, format!("a reply that makes no sense: \"{}\"", reply.escape_ascii()))
+    }
+
+    /// A port that cannot be opened or used.
+    pub(super) fn line(phase: &str, error: &io::Error) -> Self {
+        Self(FaultKind::Line, format!("{phase}: {error}"))
+    }
+}
+
+/// How the end of a reply is found.
+#[derive(Clone, Copy)]
+pub struct Framing<'a> {
+    /// Length of the reply at the beginning of these bytes, or `None` while it is incomplete.
+    pub reply_length: &'a dyn Fn(&[u8]) -> Option<usize>,
+    /// A pause of this length ends a reply too.
+    pub gap: Option<Duration>,
+}
+
+/// Length of a reply that ends with a line feed.
+pub fn line_feed(bytes: &[u8]) -> Option<usize> {
+    bytes.iter().position(|&byte| byte == b'\n').map(|end| end + 1)
+}
+
+/// Length of a reply that ends with a carriage return.
+pub fn carriage_return(bytes: &[u8]) -> Option<usize> {
+    bytes.iter().position(|&byte| byte == b'\r').map(|end| end + 1)
+}
+
+/// The text of a reply without blanks around it. A reply with other bytes than printable ASCII is garbled.
+pub fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
+    let trimmed = reply.trim_ascii();
+    let printable = trimmed.iter().all(|&byte| matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t'));
+    let text = core::str::from_utf8(trimmed).ok().filter(|_| printable);
+    text.ok_or_else(|| ExchangeError::garbled(reply))
+}
+
+/// Parses a finite number.
+pub fn number(text: &str) -> Option<f64> {
+    text.trim().parse().ok().filter(|number: &f64| number.is_finite())
+}
