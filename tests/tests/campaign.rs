@@ -497,8 +497,8 @@ fn the_orders_go_out_first(connection: &[&str]) {
         assert_first(&["MODE,STANDBY"], &requests("chamber"));
         assert_first(&TURNTABLE_ORDERS, &requests("table"));
         if fault == "babble" {
-            let cause = laboratory.events("paused")[0]["cause"].as_str().unwrap().to_owned();
-            assert!(cause.contains("babble: it sends without a request"), "{cause}");
+            // The first cause may be a reply that the babble has spoiled.
+            assert!(log.contains("babble: it sends without a request"), "{log}");
             let safe = laboratory.events("safe").pop().unwrap();
             assert!(safe["table"].as_str().unwrap().contains("babble:"), "{safe}");
         }

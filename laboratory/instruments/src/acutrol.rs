@@ -66,9 +66,7 @@ impl Acutrol {
             let body =
                 reply.get(header..).filter(|body| !body.is_empty()).ok_or_else(|| ExchangeError::garbled(reply))?;
             match text(body)? {
-                refused if refused.to_ascii_lowercase().starts_with("error") => {
-                    Err(ExchangeError(FaultKind::Refused, format!("refused, \"{refused}\"")))
-                }
+                refused if refused.to_ascii_lowercase().starts_with("error") => Err(ExchangeError::refused(refused)),
                 reply => read(reply),
             }
         })
@@ -86,7 +84,7 @@ impl Acutrol {
             "OK" => Ok(()),
             // A number is a late reply to an earlier query.
             other if number(other).is_some() => Err(ExchangeError::garbled(other.as_bytes())),
-            other => Err(ExchangeError(FaultKind::Refused, format!("refused, \"{other}\""))),
+            other => Err(ExchangeError::refused(other)),
         })
     }
 

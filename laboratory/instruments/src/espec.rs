@@ -49,7 +49,7 @@ impl Espec {
         self.line.ask(format!("{address}{request}\r\n").as_bytes(), framing, |reply| {
             let text = text(reply)?;
             match text.strip_prefix("NA:") {
-                Some(reason) => Err(ExchangeError(FaultKind::Refused, format!("refused, \"{}\"", reason.trim()))),
+                Some(reason) => Err(ExchangeError::refused(reason)),
                 None => read(text).ok_or_else(|| ExchangeError::garbled(reply)),
             }
         })

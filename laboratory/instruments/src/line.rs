@@ -341,7 +341,7 @@ impl Line {
                 return Ok(reply);
             }
             if reply.len() > MAX_REPLY || (!received || Instant::now() >= deadline) && !reply.is_empty() {
-                return Err(ExchangeError::garbled(&reply[..reply.len().min(100)]));
+                return Err(ExchangeError::garbled(&reply));
             }
             if !received {
                 let waited = deadline.saturating_duration_since(self.last_activity).as_secs_f64();

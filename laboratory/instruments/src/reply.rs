@@ -4,6 +4,9 @@ use super::fault::FaultKind;
 use std::io;
 use std::time::Duration;
 
+/// Messages show at most this much of a reply \[bytes\].
+const SHOWN: usize = 100;
+
 /// Why an exchange failed: kind and message, without the instrument's name, which the line adds.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct ExchangeError(pub FaultKind, pub String);
@@ -11,12 +14,25 @@ pub struct ExchangeError(pub FaultKind, pub String);
 impl ExchangeError {
     /// A reply that is damaged, or does not belong to the request.
     pub fn garbled(reply: &[u8]) -> Self {
-        Self(FaultKind::Garbled, format!("a reply that makes no sense: \"{}\"", reply.escape_ascii()))
+        Self(FaultKind::Garbled, format!("a reply that makes no sense: {}", quoted(reply)))
+    }
+
+    /// A reply by which the instrument refuses the request.
+    pub fn refused(reply: &str) -> Self {
+        Self(FaultKind::Refused, format!("refused, {}", quoted(reply.trim().as_bytes())))
     }
 
     /// A port that cannot be opened or used.
     pub(super) fn line(phase: &str, error: &io::Error) -> Self {
         Self(FaultKind::Line, format!("{phase}: {error}"))
+    }
+}
+
+/// A reply in quotation marks, without what is beyond [`SHOWN`].
+fn quoted(reply: &[u8]) -> String {
+    match reply.get(..SHOWN).filter(|_| reply.len() > SHOWN) {
+        Some(begin) => format!("\"{}\".. ({} bytes)", begin.escape_ascii(), reply.len()),
+        None => format!("\"{}\"", reply.escape_ascii()),
     }
 }
 
