@@ -92,14 +92,15 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     folder::prepare(domain)?;
     check_room(0)?;
     sweep_half_created(domain)?;
-    close_to_others(domain);
     refuse_foreign(domain)?;
     let config = domain.config()?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
-    node.create().map_err(|error| match error {
+    let node = node.create().map_err(|error| match error {
         NodeCreationFailure::InsufficientPermissions => permission(domain, None),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
-    })
+    })?;
+    close_to_others(domain);
+    Ok(node)
 }
 
 /// Checks that `domain`, if it exists, is this user's, and that no other user's object is in the place of a stream.

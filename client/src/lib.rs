@@ -67,10 +67,11 @@ pub use connect::{
     sweep_half_created,
 };
 pub use error::ConnectError;
+pub use folder::check_owner;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
 pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
-pub use objects::{OwnFile, close_to_others, foreign_objects, own_files};
+pub use objects::{OwnFile, close_to_others, foreign_object, own_files};
 pub use peers::{publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};

@@ -6,15 +6,15 @@
 use crate::error::ConnectError;
 use crate::resources::SHARED_MEMORY;
 use isotherm_shared::stream::Domain;
-use rustix::fs::{Mode, OFlags, open};
-use std::fs::{self, File, Metadata, Permissions};
+use rustix::fs::OFlags;
+use std::fs::{self, DirEntry, File, Metadata, Permissions};
 use std::io;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// Permissions that other users have on a file.
-const OTHERS: u32 = 0o007;
+/// Permissions on a file that its group and other users have.
+const OTHERS: u32 = 0o077;
 
 /// A regular file of this process's user.
 #[derive(Debug)]
@@ -49,6 +49,13 @@ impl OwnFile {
         self.metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok())
     }
 
+    /// Takes the permissions of group and other users from it.
+    fn close_to_others(&self) {
+        let mode = self.mode() & !OTHERS;
+        // Its creator may just be removing it.
+        let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
+    }
+
     /// Opens it for writing, if it is still the same file.
     ///
     /// # Errors
@@ -62,68 +69,69 @@ impl OwnFile {
     }
 }
 
-/// Looks at a directory entry without following or opening what it names. `None` unless it is a regular file of this user.
-fn own_file(path: PathBuf) -> Option<OwnFile> {
-    let flags = OFlags::PATH | OFlags::NOFOLLOW | OFlags::CLOEXEC;
-    let metadata = File::from(open(&path, flags, Mode::empty()).ok()?).metadata().ok()?;
+/// Looks at a directory entry without following or opening what it names. `None` unless it is a regular file of this user, which nobody
+/// else can replace: in a folder that everybody may write, the sticky bit protects it.
+fn own_file(entry: &DirEntry) -> Option<OwnFile> {
+    let metadata = entry.metadata().ok()?;
     let own = metadata.is_file() && metadata.uid() == rustix::process::geteuid().as_raw();
-    own.then_some(OwnFile { path, metadata })
+    own.then(|| OwnFile { path: entry.path(), metadata })
 }
 
-fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = PathBuf> + use<> {
+fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let prefix = prefix.as_bytes().to_owned();
-    entries.filter(move |entry| entry.file_name().as_encoded_bytes().starts_with(&prefix)).map(|entry| entry.path())
+    entries.filter(move |entry| entry.file_name().as_encoded_bytes().starts_with(&prefix))
 }
 
 /// The regular files of this user in `folder` whose names begin with `prefix`. What belongs to other users, and anything that is no
 /// regular file, is left out; a folder that cannot be read has no files.
 pub fn own_files<P: AsRef<Path>>(folder: P, prefix: &str) -> impl Iterator<Item = OwnFile> + use<P> {
-    entries(folder.as_ref(), prefix).filter_map(own_file)
+    entries(folder.as_ref(), prefix).filter_map(|entry| own_file(&entry))
 }
 
-/// What is in shared memory under the prefix of `domain` and is no regular file of this user. Isotherm ignores it, unless a stream
-/// needs its name.
+/// An object in shared memory under the prefix of `domain` that is no regular file of this user, if there is one. Isotherm ignores it,
+/// unless a stream needs its name.
 #[must_use]
-pub fn foreign_objects(domain: &Domain) -> Vec<PathBuf> {
-    let gone = |path: &PathBuf| fs::symlink_metadata(path).is_err();
-    let foreign = |path: &PathBuf| own_file(path.clone()).is_none() && !gone(path);
-    entries(Path::new(SHARED_MEMORY), &domain.prefix()).filter(foreign).collect()
+pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
+    let foreign = |entry: &DirEntry| own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
+    entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign).map(|entry| entry.path())
 }
 
-/// Refuses an object of another user in the place of a stream's memory: the transport would wait for it without limit.
+/// Refuses an object of another user in the place of a stream's memory.
 ///
-/// A stream's memory has the stream's number in its name, which cannot be guessed. But a stream whose memory is gone, as after a
-/// restart of the machine, leaves a file that tells the number to nobody but this user, and other users may have seen the name before.
+/// The name of a stream's memory has the time of its creation in it, so that it cannot be known before. But a stream whose memory is gone,
+/// as after a restart of the machine, leaves its file, and other users may have seen the name. The transport would report an internal
+/// error ([`OwnStorage`](isotherm_shared::own_storage::OwnStorage)); this names the object.
 ///
 /// # Errors
 /// [`ConnectError::Transport`].
 pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
-    let foreign = foreign_objects(domain);
-    if foreign.is_empty() {
-        return Ok(());
-    }
     let services = Path::new(domain.root_path()).join("services");
-    let services: Vec<_> =
-        own_files(services, &domain.prefix()).filter_map(|file| fs::read_to_string(file.path).ok()).collect();
-    // The file of a stream has both halves of its number, each in a line of its own.
-    let in_use = |path: &PathBuf| {
-        let Some(name) = path.to_str().and_then(|path| path.strip_suffix(".dynamic")) else { return false };
-        let Some(number) = name.rsplit('_').next().and_then(|number| number.parse::<u128>().ok()) else { return false };
-        let lines = [format!("unique_value = {}", number >> 64), format!("payload_value = {}", number as u64)];
-        services.iter().any(|text| lines.iter().all(|wanted| text.lines().any(|line| line == wanted)))
+    // Other users may make any number of objects, so names are compared before anything is looked at.
+    let memories: Vec<_> = own_files(services, &domain.prefix()).filter_map(|file| memory_name(&file.path)).collect();
+    let in_use = |entry: &DirEntry| {
+        let name = entry.file_name();
+        memories.iter().any(|memory| name.as_encoded_bytes().ends_with(memory.as_bytes()))
     };
-    let Some(path) = foreign.into_iter().find(in_use) else { return Ok(()) };
-    let cause = format!("{} is not this user's; its owner or root can remove it", path.display());
+    let foreign =
+        |entry: &DirEntry| in_use(entry) && own_file(entry).is_none() && fs::symlink_metadata(entry.path()).is_ok();
+    let Some(entry) = entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign) else { return Ok(()) };
+    let cause = format!("{} is not this user's; its owner or root can remove it", entry.path().display());
     Err(ConnectError::transport("joining the domain", cause))
 }
 
-/// Takes the permissions of other users from this user's objects in shared memory. Isotherm makes none with such permissions, but a
-/// program that uses iceoryx2 without Isotherm's client does.
+/// How the name of a stream's memory ends, from the stream's file: it has both halves of the stream's number, each in a line of its own.
+fn memory_name(stream: &Path) -> Option<String> {
+    let text = fs::read_to_string(stream).ok()?;
+    let half =
+        |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(" = ")?.parse::<u64>().ok());
+    let number = (u128::from(half("unique_value")?) << 64) | u128::from(half("payload_value")?);
+    Some(format!("_{number}.dynamic"))
+}
+
+/// Takes the permissions of group and other users from this user's objects in shared memory and in the domain's folder. The transport
+/// makes its counter of nodes with all permissions; programs that use it without Isotherm's client make one in shared memory.
 pub fn close_to_others(domain: &Domain) {
-    for object in own_files(SHARED_MEMORY, &domain.prefix()).filter(|object| object.mode() & OTHERS != 0) {
-        let mode = object.mode() & !OTHERS;
-        // Its creator may just be removing it.
-        let _ = object.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
-    }
+    let objects = own_files(SHARED_MEMORY, &domain.prefix()).chain(own_files(domain.root_path(), &domain.prefix()));
+    objects.filter(|object| object.mode() & OTHERS != 0).for_each(|object| object.close_to_others());
 }

@@ -11,7 +11,7 @@ mod output;
 mod signals;
 mod stdout;
 
-pub use live::{LiveFile, Partial};
+pub use live::{LiveFile, Partial, partial_path};
 pub use load::{Identity, LoadError, WorldWritable, load_table, read_text};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};

@@ -6,15 +6,18 @@
 use super::signals::unfinished;
 use isotherm_failure::Failure;
 use rustix::fs::OFlags;
-use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
+use rustix::process::geteuid;
+use std::fs::{self, File, Metadata, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Seek as _, SeekFrom, Write};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The rows are written when they are this long, or at a flush \[bytes\].
 const BLOCK: usize = 1 << 16;
+/// How often creating the file is tried while other processes make and remove files of its name.
+const TRIES: usize = 100;
 
 /// Where the rows of an output are until it is complete.
 #[derive(Clone, Debug)]
@@ -55,44 +58,26 @@ impl LiveFile {
     /// Creates the file `target` under its temporary name, with the permissions and owner of the `existing` one.
     ///
     /// # Errors
-    /// If it cannot be created, if another process writes it, or if there are rows in it from an earlier run.
+    /// If it cannot be created, if another process writes it, if there are rows in it from an earlier run, or if something else has
+    /// its name.
     pub fn create(target: PathBuf, existing: Option<&Metadata>) -> io::Result<Self> {
-        let mut name = target.clone().into_os_string();
-        name.push(".partial");
-        let path = PathBuf::from(name);
-        let mode = existing.map_or(0o666, |existing| existing.permissions().mode() & 0o777);
-        let mut options = OpenOptions::new();
-        options.write(true).create(true).truncate(false).mode(mode);
-        options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed());
-        let file = loop {
+        let path = partial_of(&target);
+        let tries = (0..TRIES).find_map(|_| {
             // Hold the lock until the file is listed, so that a signal between creating and listing removes it too.
             let mut unfinished = unfinished();
-            let file = options.open(&path)?;
-            match file.try_lock() {
-                Err(TryLockError::WouldBlock) => {
-                    let message = format!("another process is writing {}; name another file", path.display());
-                    return Err(io::Error::new(io::ErrorKind::ResourceBusy, message));
-                }
-                // Some network file systems have no locks.
-                Err(TryLockError::Error(error)) if error.kind() != io::ErrorKind::Unsupported => return Err(error),
-                Ok(()) | Err(TryLockError::Error(_)) => {}
-            }
-            let opened = file.metadata()?;
-            let id = |metadata: &Metadata| (metadata.dev(), metadata.ino());
-            // Its owner may have renamed or removed the file between opening and locking.
-            if fs::symlink_metadata(&path).is_ok_and(|named| id(&named) == id(&opened)) {
-                if !opened.is_file() || opened.len() > 0 {
-                    let message = format!("{} has what an earlier run received; move or remove it", path.display());
-                    return Err(io::Error::new(io::ErrorKind::AlreadyExists, message));
-                }
+            let claimed = claim(&path, existing).transpose()?;
+            if claimed.is_ok() {
                 unfinished.add(&path);
-                break file;
             }
-        };
-        if let Some(existing) = existing {
-            // The new file gets the owner of the old one, if this user may set it.
-            let _ = fchown(&file, Some(existing.uid()), Some(existing.gid()));
-        }
+            Some(claimed)
+        });
+        let busy = || refusal(&path, "is made and removed by other processes all the time; name another file");
+        let file = tries.unwrap_or_else(|| Err(busy())).map_err(|error| match error.raw_os_error() {
+            // The user knows the name of the target only.
+            Some(_) => io::Error::new(error.kind(), format!("{}: {error}", path.display())),
+            None => error,
+        })?;
+        give_mode_and_owner(&file, existing);
         let partial = Partial { path, lines: Arc::default() };
         Ok(Self { file, target, partial, pending: Vec::new(), length: 0, complete: false })
     }
@@ -165,6 +150,95 @@ impl Drop for LiveFile {
             let _ = fs::remove_file(&self.partial.path);
         }
     }
+}
+
+/// Creates the file at `path` and locks it; `None` if what was in its place has gone. Nothing is ever written into a file that was
+/// there before: anybody who may write the folder can have made it, with any permissions.
+fn claim(path: &Path, existing: Option<&Metadata>) -> io::Result<Option<File>> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true).mode(mode_of(existing));
+    options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed());
+    let (file, new) = match options.open(path) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+            let opened = check_leftover(path, existing).and_then(|()| options.create_new(false).open(path));
+            match opened {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+                opened => (opened?, false),
+            }
+        }
+        created => (created?, true),
+    };
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            let message = format!("another process is writing {}; name another file", path.display());
+            return Err(io::Error::new(io::ErrorKind::ResourceBusy, message));
+        }
+        // Some network file systems have no locks.
+        Err(TryLockError::Error(error)) if error.kind() != io::ErrorKind::Unsupported => return Err(error),
+        Ok(()) | Err(TryLockError::Error(_)) => {}
+    }
+    let opened = file.metadata()?;
+    let id = |metadata: &Metadata| (metadata.dev(), metadata.ino());
+    // Another run may have renamed or removed the file between opening and locking.
+    if !fs::symlink_metadata(path).is_ok_and(|named| id(&named) == id(&opened)) {
+        return Ok(None);
+    }
+    if new {
+        return Ok(Some(file));
+    }
+    if opened.len() > 0 {
+        return Err(refusal(path, "has what an earlier run received; move or remove it"));
+    }
+    fs::remove_file(path)?;
+    Ok(None)
+}
+
+/// Checks that an earlier run of this user can have left what is at `path`. A run of root gives its file to the owner of the
+/// `existing` one.
+fn check_leftover(path: &Path, existing: Option<&Metadata>) -> io::Result<()> {
+    let found = fs::symlink_metadata(path)?;
+    let kind = found.file_type();
+    let object = match () {
+        () if kind.is_file() => "file",
+        () if kind.is_symlink() => "link",
+        () if kind.is_dir() => "folder",
+        () if kind.is_fifo() => "pipe",
+        () => "device or socket",
+    };
+    let own = found.uid() == geteuid().as_raw() || existing.is_some_and(|existing| existing.uid() == found.uid());
+    if kind.is_file() && own {
+        return Ok(());
+    }
+    Err(refusal(path, &format!("is a {object} of user {}; have it removed, or name another file", found.uid())))
+}
+
+fn refusal(path: &Path, why: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::AlreadyExists, format!("{} {why}", path.display()))
+}
+
+/// The permissions to create a file with that replaces the `existing` one. The umask applies to them.
+pub fn mode_of(existing: Option<&Metadata>) -> u32 {
+    existing.map_or(0o666, |existing| existing.mode() & 0o777)
+}
+
+/// Gives a new file owner and permissions of the `existing` one that it replaces, as far as this user and the file system allow.
+pub fn give_mode_and_owner(file: &File, existing: Option<&Metadata>) {
+    if let Some(existing) = existing {
+        let _ = fchown(file, Some(existing.uid()), Some(existing.gid()));
+        // The umask does not apply here.
+        let _ = file.set_permissions(Permissions::from_mode(mode_of(Some(existing))));
+    }
+}
+
+/// Where the rows of the output `path` are until it is complete.
+pub fn partial_path(path: &Path) -> PathBuf {
+    partial_of(&target_of(path))
+}
+
+fn partial_of(target: &Path) -> PathBuf {
+    let mut name = target.as_os_str().to_owned();
+    name.push(".partial");
+    PathBuf::from(name)
 }
 
 /// Where `path` leads: through a symbolic link to its target, which need not exist.

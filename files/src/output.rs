@@ -1,15 +1,18 @@
 //! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of a live
 //! stream are kept if the command ends early ([`Output::create_live`]).
 
-use crate::live::{LiveFile, Partial, target_of};
+use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of, target_of};
 use crate::signals::unfinished;
 use crate::stdout::check_stdout;
 use isotherm_failure::{Exit, Failure, printable};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
+
+/// How the names of files begin that are not complete, or no longer needed.
+const HIDDEN: &str = ".isotherm-";
 
 /// Where a command writes its data.
 pub enum Output {
@@ -47,6 +50,7 @@ impl Output {
             check_stdout()?;
             return Ok(Self::Direct(BufWriter::new(Box::new(io::stdout()))));
         };
+        refuse_planted(path)?;
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => Err(io::Error::from(io::ErrorKind::IsADirectory)),
             Ok(metadata) if !metadata.is_file() => {
@@ -59,20 +63,15 @@ impl Output {
     }
 
     fn stage(target: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
-        // The permissions of the file that is replaced, else 0666. The umask still applies.
-        let permissions = existing.map_or_else(|| Permissions::from_mode(0o666), Metadata::permissions);
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".isotherm-").permissions(permissions);
+        builder.prefix(HIDDEN).permissions(Permissions::from_mode(mode_of(existing)));
         // Hold the lock until the file is listed, so that a signal between creating and listing removes it too.
         let mut unfinished = unfinished();
         // Keep only the kind of the error: its text names the temporary file, which the user does not know.
         let staged = builder.tempfile_in(folder_of(target)).map_err(|error| io::Error::from(error.kind()))?;
         let (file, temporary) = staged.into_parts();
         unfinished.add(&temporary);
-        if let Some(existing) = existing {
-            // The new file gets the owner of the old one, if this user may set it.
-            let _ = fchown(&file, Some(existing.uid()), Some(existing.gid()));
-        }
+        give_mode_and_owner(&file, existing);
         Ok(Self::Staged(BufWriter::new(file), temporary, target.to_owned()))
     }
 
@@ -103,14 +102,18 @@ impl Output {
         }
     }
 
-    /// Removes the file that is about to be replaced, and waits until that is durable.
-    fn remove_old(&self) -> io::Result<()> {
-        let Self::Staged(_, _, path) = self else { return Ok(()) };
-        match fs::remove_file(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            Err(error) => Err(error),
-            // Some file systems cannot sync a folder.
-            Ok(()) => File::open(folder_of(path)).map(|folder| drop(folder.sync_all())),
+    /// Gives the file that is about to be replaced, if there is one, a hidden name, and waits until that is durable.
+    fn set_aside(&self) -> io::Result<Option<Aside>> {
+        let Self::Staged(_, _, path) = self else { return Ok(None) };
+        match tempfile::Builder::new().prefix(HIDDEN).make_in(folder_of(path), |hidden| fs::rename(path, hidden)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            // Keep only the kind of the error, as in `stage`.
+            Err(error) => Err(io::Error::from(error.kind())),
+            Ok(hidden) => {
+                // Some file systems cannot sync a folder.
+                let _ = File::open(folder_of(path)).and_then(|folder| folder.sync_all());
+                Ok(Some(Aside { hidden: hidden.into_temp_path(), path: path.clone() }))
+            }
         }
     }
 
@@ -121,6 +124,22 @@ impl Output {
             Self::Live(file) => file.finish(),
             Self::Direct(_) => Ok(()),
         }
+    }
+}
+
+/// An old file under a hidden name. Dropping it removes the file.
+struct Aside {
+    hidden: TempPath,
+    path: PathBuf,
+}
+
+impl Aside {
+    /// Gives the file its name again, because of this failure. If that fails too, the message says where the file is.
+    fn put_back(failure: Failure, aside: Self) -> Failure {
+        let hidden = aside.hidden.to_path_buf();
+        let Err(error) = aside.hidden.persist(&aside.path) else { return failure };
+        let _ = error.path.keep();
+        Failure::new(failure.exit, format!("{failure}; the old {} is {}", aside.path.display(), hidden.display()))
     }
 }
 
@@ -145,6 +164,23 @@ impl Write for Output {
             Self::Direct(writer) => writer.flush(),
         }
     }
+}
+
+/// Refuses what another user has put into a folder that everybody may write, such as `/tmp`: a link would lead the result into a file of
+/// this user, a pipe would block.
+fn refuse_planted(path: &Path) -> io::Result<()> {
+    /// Sticky, and writable by everybody.
+    const SHARED: u32 = 0o1002;
+    let (Ok(folder), Ok(entry)) = (fs::metadata(folder_of(path)), fs::symlink_metadata(path)) else { return Ok(()) };
+    let trusted = [rustix::process::geteuid().as_raw(), 0].contains(&entry.uid());
+    if folder.mode() & SHARED != SHARED || trusted {
+        return Ok(());
+    }
+    let message = format!(
+        "it belongs to user {}, and everybody may make one there; have it removed, or name another file",
+        entry.uid()
+    );
+    Err(io::Error::other(message))
 }
 
 /// A text that is written first and becomes visible later, when everything else has succeeded.
@@ -196,7 +232,7 @@ impl StagedText {
     ///
     /// No signal of [`end_signals`](crate::end_signals) ends the command in between. Because several files cannot be renamed at
     /// once, SIGKILL or a power failure may leave fewer of them, but never an old one beside a new one: the old files that come
-    /// after the first are removed before the first is renamed.
+    /// after the first get hidden names before the first is renamed. If the first cannot be renamed, they get their names again.
     ///
     /// # Errors
     /// As [`Output::finish`].
@@ -206,10 +242,22 @@ impl StagedText {
             check_written(text.path.as_deref(), result)?;
         }
         let _no_signal = unfinished();
-        for text in texts.iter().skip(1) {
-            check_written(text.path.as_deref(), text.output.remove_old())?;
+        let mut texts = texts.into_iter();
+        let Some(first) = texts.next() else { return Ok(()) };
+        let rest: Vec<_> = texts.collect();
+        let mut old = Vec::new();
+        let begun = rest.iter().try_for_each(|text| {
+            let aside = text.output.set_aside().map(|aside| old.extend(aside));
+            check_written(text.path.as_deref(), aside)
+        });
+        if let Err(failure) = begun.and_then(|()| first.rename()) {
+            return Err(old.into_iter().fold(failure, Aside::put_back));
         }
-        texts.into_iter().try_for_each(|text| check_written(text.path.as_deref(), text.output.rename()))
+        rest.into_iter().try_for_each(Self::rename)
+    }
+
+    fn rename(self) -> Result<(), Failure> {
+        check_written(self.path.as_deref(), self.output.rename())
     }
 }
 

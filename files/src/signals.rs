@@ -71,8 +71,8 @@ pub fn remove_unfinished_on_signals() -> Result<(), Failure> {
     thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
 }
 
-/// After [`remove_unfinished_on_signals`]: the first signal from now on only sets the returned flag, so that the command can end by itself. The
-/// second one ends the process.
+/// After [`remove_unfinished_on_signals`]: the first signal from now on only sets the returned flag, so that the command can end
+/// by itself. The second one ends the process.
 #[must_use]
 pub fn end_flag() -> Arc<AtomicBool> {
     Arc::clone(unfinished().flag.insert(Arc::default()))

@@ -5,8 +5,9 @@ use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
 use isotherm_client::{Domain, check_domain, own_files, sweep_half_created};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
-use std::fs;
+use std::fs::{self, DirEntry};
 use std::io;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
 /// The folders that the transport creates in a domain's folder.
@@ -71,7 +72,10 @@ fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let needle = format!("/dev/shm/{}", domain.prefix());
     let mapped = || {
         let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
-        let mut pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+        // Another user's process can have only another user's object mapped.
+        let own =
+            |entry: &DirEntry| entry.metadata().is_ok_and(|found| found.uid() == rustix::process::geteuid().as_raw());
+        let mut pids = processes.filter(own).filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
         pids.find(|pid| fs::read_to_string(format!("/proc/{pid}/maps")).is_ok_and(|maps| maps.contains(&needle)))
     };
     Ok(user.or_else(|| mapped().map(|pid| format!("pid {pid}"))))

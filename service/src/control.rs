@@ -17,7 +17,9 @@ use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::CounterReader;
-use isotherm_client::{Realtime, check_domain, check_room, join, monotonic_ns, process_kb, reserve, unix_s};
+use isotherm_client::{
+    Realtime, check_domain, check_owner, check_room, join, monotonic_ns, process_kb, reserve, unix_s,
+};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::WorldWritable;
 use isotherm_shared::status::ServiceStatus;
@@ -65,6 +67,7 @@ pub fn run(
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
     lock.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     leftovers::use_domain_config(domain);
+    check_owner(domain)?;
     create::remove_half_created(domain);
     check_domain(domain)?;
     leftovers::make_room(domain, config.imus.len());

@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::{OwnFile, foreign_objects, own_files};
+use isotherm_client::{OwnFile, foreign_object, own_files};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -136,7 +136,7 @@ impl<'a> Creator<'a> {
 
 fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
     let (root, prefix) = (domain.root_path(), domain.prefix());
-    let foreign = foreign_objects(domain).into_iter().next();
+    let foreign = foreign_object(domain);
     let foreign =
         foreign.map(|path| format!(" ({} is not this user's: its owner or root can remove it)", path.display()));
     let foreign = foreign.unwrap_or_default();

@@ -79,7 +79,6 @@ fn clear_dead(domain: &Domain) {
 pub struct Leftovers {
     nodes: PathBuf,
     domain: Domain,
-    prefix: String,
     own_pid: u32,
     removal_logged: bool,
     /// Dead nodes by number, with how many searches in a row have found them dead.
@@ -93,7 +92,6 @@ impl Leftovers {
         Self {
             nodes,
             domain: domain.clone(),
-            prefix: domain.prefix(),
             own_pid: pid(node.id().value()),
             removal_logged: false,
             dead: HashMap::new(),
@@ -151,9 +149,8 @@ impl Leftovers {
     fn node_numbers(&self) -> BTreeSet<u128> {
         let names = fs::read_dir(&self.nodes).into_iter().flatten().flatten();
         let names = names.filter_map(|entry| entry.file_name().into_string().ok());
-        names
-            .filter_map(|name| name.strip_prefix(&self.prefix).unwrap_or(&name).split('.').next()?.parse().ok())
-            .collect()
+        let prefix = self.domain.prefix();
+        names.filter_map(|name| name.strip_prefix(&prefix).unwrap_or(&name).split('.').next()?.parse().ok()).collect()
     }
 
     /// Whether the process of a node may be alive. A live process that is not visible in `/proc` still holds its lock.
@@ -162,7 +159,7 @@ impl Leftovers {
         if pid == self.own_pid || Path::new(&format!("/proc/{pid}")).exists() {
             return true;
         }
-        let monitor = self.nodes.join(format!("{}{number}.node_monitor", self.prefix));
+        let monitor = self.nodes.join(format!("{}{number}.node_monitor", self.domain.prefix()));
         let lock = File::open(monitor).and_then(|file| Ok(fcntl_getlk(&file, &Flock::from(FlockType::WriteLock))?));
         lock.is_ok_and(|holder| holder.is_some())
     }
@@ -172,7 +169,8 @@ impl Leftovers {
         let folder = self.nodes.join(number.to_string());
         let inner = fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let outer = ["node_monitor", "node_monitor_context", "node_monitor_owner_lock"];
-        let outer = outer.map(|name| self.nodes.join(format!("{}{number}.{name}", self.prefix)));
+        let prefix = self.domain.prefix();
+        let outer = outer.map(|name| self.nodes.join(format!("{prefix}{number}.{name}")));
         for path in inner.chain(outer) {
             // Most of these files do not exist.
             let _ = fs::remove_file(path);

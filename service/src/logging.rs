@@ -37,7 +37,8 @@ pub fn start(format: LogFormat) {
         let text = format!("{value:?}");
         match field.name() {
             "message" => write!(writer, "{}", printable(&text)),
-            name => write!(writer, "{name}={}", printable(&text)),
+            // A line end in the name of a file would begin a line that looks like the service's own.
+            name => write!(writer, "{name}={}", printable(&text).replace('\n', "\\n")),
         }
     });
     // This fails only if logging was started before; then that logging stays in use.

@@ -17,12 +17,13 @@
 //! [`CompensatedIncrement`](wire::CompensatedIncrement)s. [`stream`] defines the streams, [`document`] reads files, and
 //! [`status`] is the document that describes the running service.
 //!
-//! This crate opens no file, reads no clock and starts no thread.
+//! This crate starts no thread. It opens no file and reads no clock, except for the transport's shared memory ([`own_storage`]).
 
 pub mod compensate;
 pub mod document;
 pub mod kind;
 pub mod lanes;
+pub mod own_storage;
 pub mod polynomial;
 pub mod recycled;
 pub mod sequence;

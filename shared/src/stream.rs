@@ -10,6 +10,7 @@
 //!
 //! Only the service creates them, so that it decides depths and limits; all other processes open them.
 
+use crate::own_storage::OwnStorage;
 use crate::recycled::Recycled;
 use crate::wire::{CompensatedIncrement, RawSample};
 use core::fmt;
@@ -19,7 +20,14 @@ use iceoryx2::service::Service;
 use iceoryx2::service::builder::{event, publish_subscribe};
 use iceoryx2::service::internal::ServiceInternal;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use iceoryx2_bb_lock_free::mpmc::counting_bit_set::RelocatableCountingBitSet;
 use iceoryx2_cal::dynamic_storage::file;
+use iceoryx2_cal::event::trigger::State;
+use iceoryx2_cal::event::trigger::unix_datagram_socket::GenericUnixDatagramSocketTrigger;
+use iceoryx2_cal::resizable_shared_memory::dynamic::DynamicMemory;
+use iceoryx2_cal::shared_memory::common::details::{AllocatorDetails, Memory};
+use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
+use iceoryx2_cal::zero_copy_connection::common::details::{Connection, SharedManagementData};
 use sha2::{Digest as _, Sha256};
 
 /// Raw samples that the service's queue holds at most. A full queue discards the newest. An acquisition has at most this many
@@ -51,7 +59,10 @@ pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
 /// Length limit of IMU and domain names.
 pub const MAX_NAME: usize = 32;
 
-/// iceoryx2's inter-process variant with two differences. The bookkeeping of a loan uses [`Recycled`] memory instead of a new
+/// The samples of a publisher.
+type Segment = Memory<PoolAllocator, OwnStorage<AllocatorDetails<PoolAllocator>>>;
+
+/// iceoryx2's inter-process variant with three differences. Shared memory of other users is never opened, see [`OwnStorage`]. The bookkeeping of a loan uses [`Recycled`] memory instead of a new
 /// allocation for each loan. The counter of the domain's nodes is a file in the domain's folder, which other users cannot enter: in
 /// shared memory the transport would leave it writable by everybody, and would wait for it without limit if somebody cut it.
 ///
@@ -64,13 +75,13 @@ impl Service for Ipc {
     type ConfigSerializer = <ipc::Service as Service>::ConfigSerializer;
     type PersistentDynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> = file::Storage<T>;
     type Bag = <ipc::Service as Service>::Bag;
-    type DynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> =
-        <ipc::Service as Service>::DynamicStorage<T>;
+    type DynamicStorage<T: fmt::Debug + Send + Sync + ZeroCopySend + 'static> = OwnStorage<T>;
     type ServiceNameHasher = <ipc::Service as Service>::ServiceNameHasher;
-    type SharedMemory = <ipc::Service as Service>::SharedMemory;
-    type ResizableSharedMemory = <ipc::Service as Service>::ResizableSharedMemory;
-    type Connection = <ipc::Service as Service>::Connection;
-    type Event = <ipc::Service as Service>::Event;
+    type SharedMemory = Segment;
+    type ResizableSharedMemory = DynamicMemory<PoolAllocator, Segment>;
+    type Connection = Connection<OwnStorage<SharedManagementData>>;
+    type Event =
+        GenericUnixDatagramSocketTrigger<RelocatableCountingBitSet, OwnStorage<State<RelocatableCountingBitSet, ()>>>;
     type Monitoring = <ipc::Service as Service>::Monitoring;
     type Reactor = <ipc::Service as Service>::Reactor;
     type ArcThreadSafetyPolicy<T: Send + fmt::Debug + Abandonable> = Recycled<T>;

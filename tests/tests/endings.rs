@@ -10,9 +10,11 @@ use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File, Permissions};
 use std::io::{PipeWriter, Write as _, pipe};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, lchown};
 use std::os::unix::process::ExitStatusExt as _;
+use std::path::Path;
 use std::process::{Command, Output};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -117,7 +119,7 @@ fn what_can_be_made_again_leaves_nothing() {
 /// Runs the command after these commands of a shell, with its input from the file.
 fn run_after(domain: &TestDomain, unshare: &[&str], preparation: &str, arguments: &[&str], input: &str) -> Output {
     let mut command = domain.isotherm_after(unshare, preparation, arguments);
-    command.stdin(fs::File::open(domain.path(input)).unwrap());
+    command.stdin(File::open(domain.path(input)).unwrap());
     domain.finish(command)
 }
 
@@ -170,7 +172,7 @@ fn run_on_full_disk(
     let mut command = Command::new("unshare");
     command.args(["-m", "sh", "-c", &script]).arg(plain.get_program()).args(plain.get_args());
     command.envs(plain.get_envs().filter_map(|(name, value)| Some((name, value?))));
-    command.current_dir(domain.path("")).stdin(fs::File::open(domain.path(input)).unwrap());
+    command.current_dir(domain.path("")).stdin(File::open(domain.path(input)).unwrap());
     let output = domain.finish(command);
     let said = text(&output.stderr);
     let left = said.lines().find_map(|line| line.strip_prefix("left: ")).unwrap_or_else(|| panic!("{said}"));
@@ -246,12 +248,18 @@ fn a_closed_standard_output_is_an_error() {
     }
     assert_eq!(fs::read(domain.path("o.csv")).unwrap(), fs::read(domain.path("f.csv")).unwrap());
     service.terminate();
+    // What is wrong besides is said, with its own exit code.
+    domain.write("bad.toml", "bad\n");
+    for (arguments, code) in [(&["check", "bad.toml"][..], 78), (&["status"], 69)] {
+        let output = domain.finish(domain.isotherm_after(&[], "exec >&-", arguments));
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", text(&output.stderr));
+    }
 }
 
 /// The table and the report after the command has been stopped before its `number`th removal or renaming of a file, and then
 /// got this signal.
 #[cfg(target_arch = "x86_64")]
-fn stopped_before(number: usize, signal: Option<Signal>) -> Option<BTreeMap<&'static str, bool>> {
+fn stopped_before(number: usize, signal: Signal) -> Option<BTreeMap<&'static str, bool>> {
     let derived = &DERIVED[2];
     let domain = derived.prepare();
     let (process, mut input) = derived.start(&domain);
@@ -286,17 +294,14 @@ fn stopped_before(number: usize, signal: Option<Signal>) -> Option<BTreeMap<&'st
             other => panic!("{other:?}"),
         }
     }
-    match signal {
-        Some(signal) => process.signal(signal),
-        None => panic!("give a signal"),
-    }
-    if signal != Some(Signal::KILL) {
+    process.signal(signal);
+    if signal != Signal::KILL {
         // The thread that handles the signal runs while the main thread is stopped. It must wait.
         thread::sleep(Duration::from_millis(300));
         ptrace::detach(pid, None).unwrap();
     }
     let (status, log) = process.wait();
-    assert!(status.success() || status.signal() == signal.map(Signal::as_raw), "{status}\n{log}");
+    assert!(status.success() || status.signal() == Some(signal.as_raw()), "{status}\n{log}");
     writer.join().unwrap();
     let new = |name| fs::read_to_string(domain.path(name)).ok().map(|text| (name, text != "old\n"));
     Some(derived.results.iter().filter_map(|name| new(*name)).collect())
@@ -306,20 +311,43 @@ fn stopped_before(number: usize, signal: Option<Signal>) -> Option<BTreeMap<&'st
 #[test]
 fn no_old_table_stays_beside_a_new_report() {
     let (old, new) = (false, true);
-    let sigkill: [&[(&str, bool)]; 3] = [
-        // Before the old report is removed, before the table is renamed, and before the report is renamed.
+    let sigkill: [&[(&str, bool)]; 4] = [
+        // Before the old report gets a hidden name, before the table is renamed, before the report is renamed, and before the old
+        // report is removed.
         &[("t.toml", old), ("r.html", old)],
         &[("t.toml", old)],
         &[("t.toml", new)],
+        &[("t.toml", new), ("r.html", new)],
     ];
     for (number, expected) in sigkill.into_iter().enumerate() {
-        let Some(left) = stopped_before(number, Some(Signal::KILL)) else { return };
+        let Some(left) = stopped_before(number, Signal::KILL) else { return };
         assert_eq!(left, expected.iter().copied().collect(), "killed before step {number}");
         // Every other signal waits until both are there.
         for signal in [Signal::INT, Signal::TERM] {
-            let left = stopped_before(number, Some(signal)).unwrap();
+            let left = stopped_before(number, signal).unwrap();
             assert_eq!(left, BTreeMap::from([("t.toml", new), ("r.html", new)]), "{signal:?} before step {number}");
         }
+    }
+}
+
+#[test]
+fn a_table_that_cannot_be_replaced_leaves_both_old_files() {
+    let derived = &DERIVED[2];
+    for fixed in derived.results {
+        let domain = derived.prepare();
+        // In a folder with the sticky bit, only its owner may replace a file: a root that lacks two capabilities may not.
+        fs::set_permissions(domain.path(""), Permissions::from_mode(0o1777)).unwrap();
+        if !(give_to_nobody(&domain.path("")) && give_to_nobody(&domain.path(fixed))) {
+            return;
+        }
+        let plain = domain.isotherm(derived.arguments);
+        let mut command = Command::new("setpriv");
+        command.arg("--bounding-set=-fowner,-chown").arg(plain.get_program()).args(plain.get_args());
+        command.current_dir(domain.path("")).stdin(File::open(domain.path(derived.input)).unwrap());
+        let output = domain.finish(command);
+        assert_failed(&output, fixed, &format!("writing {fixed}: "));
+        derived.assert_old(&domain, fixed);
+        assert!(staged(&domain).is_empty());
     }
 }
 
@@ -472,4 +500,113 @@ fn feed_and_record_keep_their_rows_up_to_a_file_limit() {
     );
     assert!(replay("r.csv").lines().count() > 1000);
     service.terminate();
+}
+
+const NOBODY: u32 = 65_534;
+
+/// Gives a file, link or folder to another user; false if this user may not.
+fn give_to_nobody(path: &Path) -> bool {
+    let root = rustix::process::geteuid().is_root();
+    if root {
+        lchown(path, Some(NOBODY), Some(NOBODY)).unwrap();
+    } else {
+        skip("only root can give a file to another user", Needs::Machine);
+    }
+    root
+}
+
+fn shell(domain: &TestDomain, script: &str) {
+    let mut command = Command::new("sh");
+    command.args(["-c", script]).current_dir(domain.path(""));
+    assert!(command.status().unwrap().success(), "{script}");
+}
+
+#[test]
+fn a_feed_writes_into_nothing_that_was_there_before() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    // As /tmp.
+    fs::create_dir(domain.path("shared")).unwrap();
+    fs::set_permissions(domain.path("shared"), Permissions::from_mode(0o1777)).unwrap();
+    let partial = domain.path("shared/fed.csv.partial");
+    let feed = ["feed", "--imu", "imu-a", "-o", "shared/fed.csv", RUN];
+    let assert_refused = |kind: &str| {
+        let before = fs::symlink_metadata(&partial).unwrap();
+        let output = domain.run(&feed);
+        let why =
+            format!("fed.csv.partial is a {kind} of user {}; have it removed, or name another file", before.uid());
+        assert_failed(&output, kind, &why);
+        let after = fs::symlink_metadata(&partial).unwrap();
+        assert_eq!((before.ino(), before.uid(), before.len()), (after.ino(), after.uid(), after.len()));
+        assert!(!domain.path("shared/fed.csv").exists());
+    };
+    for (kind, script) in
+        [("pipe", "mkfifo shared/fed.csv.partial"), ("link", "touch x; ln -s ../x shared/fed.csv.partial")]
+    {
+        shell(&domain, script);
+        assert_refused(kind);
+        fs::remove_file(&partial).unwrap();
+    }
+    fs::create_dir(&partial).unwrap();
+    assert_refused("folder");
+    fs::remove_dir(&partial).unwrap();
+    // What a run of this user has left is removed, and not used: another name of it stays empty.
+    shell(&domain, "touch shared/fed.csv.partial; ln shared/fed.csv.partial left");
+    domain.run_ok(&feed);
+    assert_eq!(kept(&domain, "shared/fed.csv"), 4000);
+    assert_eq!(fs::read(domain.path("left")).unwrap(), b"");
+    fs::remove_file(domain.path("shared/fed.csv")).unwrap();
+
+    shell(&domain, "touch shared/fed.csv.partial; chmod 666 shared/fed.csv.partial");
+    if give_to_nobody(&partial) {
+        assert_refused("file");
+        // The lock of another user says nothing about another run.
+        let lock = File::open(&partial).unwrap();
+        lock.lock().unwrap();
+        assert_refused("file");
+        drop(lock);
+        // A run of root leaves this where it replaces a file of that user.
+        domain.write("shared/fed.csv", "old\n");
+        give_to_nobody(&domain.path("shared/fed.csv"));
+        domain.run_ok(&feed);
+        assert_eq!(kept(&domain, "shared/fed.csv"), 4000);
+        assert_eq!(fs::metadata(domain.path("shared/fed.csv")).unwrap().uid(), NOBODY);
+    }
+    service.terminate();
+}
+
+#[test]
+fn a_new_file_has_the_permissions_of_the_old_one() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let commands: [&[&str]; 2] =
+        [&["feed", "--imu", "imu-a", "-o", "o.csv", RUN], &["replay", "--table", "imu-a.toml", "-o", "o.csv", RUN]];
+    for arguments in commands {
+        // None is there, and the umask counts; it counts no more for a file that is replaced.
+        for (old, new) in [(None, 0o600), (Some(0o666), 0o666), (Some(0o600), 0o600), (Some(0o640), 0o640)] {
+            let _ = fs::remove_file(domain.path("o.csv"));
+            if let Some(mode) = old {
+                fs::set_permissions(domain.write("o.csv", "old\n"), Permissions::from_mode(mode)).unwrap();
+            }
+            // What a killed run may have left.
+            let left = domain.write("o.csv.partial", "");
+            fs::set_permissions(left, Permissions::from_mode(0o666)).unwrap();
+            let output = domain.finish(domain.isotherm_after(&[], "umask 077", arguments));
+            assert!(output.status.success(), "{}", text(&output.stderr));
+            let mode = fs::metadata(domain.path("o.csv")).unwrap().permissions().mode() & 0o7777;
+            assert_eq!(mode, new, "{}, {old:?}: {mode:o}", arguments[0]);
+        }
+    }
+    service.terminate();
+}
+
+#[test]
+fn a_feed_does_not_take_its_input_for_its_rows() {
+    let domain = TestDomain::new();
+    fs::copy(RUN, domain.path("in.csv.partial")).unwrap();
+    let output = domain.run(&["feed", "--imu", "imu-a", "-o", "in.csv", "in.csv.partial"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(64), "{said}");
+    assert!(said.contains("in.csv.partial is the recording; write to another file"), "{said}");
+    assert_eq!(fs::read(domain.path("in.csv.partial")).unwrap(), fs::read(RUN).unwrap());
 }

@@ -12,6 +12,7 @@ use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, symlink};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::{Duration, SystemTime};
 
 const NOBODY: u32 = 65_534;
 
@@ -177,9 +178,15 @@ fn nothing_in_shared_memory_is_open_to_other_users() {
         let objects = fs::read_dir("/dev/shm").unwrap().flatten();
         let objects = objects.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
         let modes = objects.filter_map(|entry| Some((entry.path(), entry.metadata().ok()?.mode())));
-        modes.filter(|(_, mode)| mode & 0o007 != 0).collect::<Vec<_>>()
+        modes.filter(|(_, mode)| mode & 0o077 != 0).collect::<Vec<_>>()
     };
     assert_eq!(open_to_others(), []);
+    let folder = fs::read_dir(domain.client_domain().root_path()).unwrap().flatten();
+    let files: Vec<_> = folder.filter(|entry| entry.file_type().unwrap().is_file()).collect();
+    assert!(!files.is_empty());
+    for file in files {
+        assert_eq!(file.metadata().unwrap().mode() & 0o077, 0, "{}", file.path().display());
+    }
     // A program that uses the transport without Isotherm's client leaves an object that everybody may write.
     let config = domain.client_domain().config().unwrap();
     let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
@@ -226,8 +233,15 @@ fn a_folder_or_link_that_another_user_made_first_is_refused_with_the_remedy() {
     let own = domain.path("own");
     fs::create_dir(&own).unwrap();
     assert!(plant(&format!("ln -s {} $1", own.display()), root));
+    // An old file that looks like a stream that was left half-created.
+    let precious = own.join("services").join(format!("{}precious", shared.prefix()));
+    fs::create_dir(own.join("services")).unwrap();
+    let file = fs::File::create(&precious).unwrap();
+    file.set_modified(SystemTime::now() - Duration::from_secs(3600)).unwrap();
+    fs::set_permissions(&precious, Permissions::from_mode(0o600)).unwrap();
     assert_refused(&domain, &parent, "is a link of user 65534");
-    assert_eq!(fs::read_dir(&own).unwrap().count(), 0);
+    assert!(precious.exists() && fs::read_dir(&own).unwrap().count() == 1);
+    fs::remove_dir_all(own.join("services")).unwrap();
     fs::remove_file(root).unwrap();
     assert!(plant("mkfifo $1", root));
     assert_refused(&domain, &parent, "is not a folder");
@@ -248,6 +262,31 @@ fn a_folder_or_link_that_another_user_made_first_is_refused_with_the_remedy() {
             fs::remove_file(path.path()).unwrap();
         }
     }
+}
+
+#[test]
+fn results_do_not_follow_what_another_user_has_put_into_a_shared_folder() {
+    let domain = TestDomain::new();
+    let table = domain.write("imu-a.toml", isotherm_tests::TABLE);
+    let victim = domain.write("victim.txt", "precious");
+    let (parent, _) = shared_parent(&domain);
+    let output = parent.join("o.csv");
+    for script in [format!("ln -s {} $1", victim.display()), "mkfifo -m 666 $1".to_owned(), "echo x > $1".to_owned()] {
+        if !plant(&script, &output) {
+            return;
+        }
+        let arguments = ["replay", "--table", table.to_str().unwrap(), RUN, "-o", output.to_str().unwrap()];
+        let refused = domain.run(&arguments);
+        let message = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(74), "{script}: {message}");
+        assert!(message.contains("o.csv: it belongs to user 65534"), "{message}");
+        assert_eq!(fs::read_to_string(&victim).unwrap(), "precious");
+        fs::remove_file(&output).unwrap();
+    }
+    // One's own entries are used as anywhere.
+    symlink(domain.path("mine.csv"), &output).unwrap();
+    domain.run_ok(&["replay", "--table", table.to_str().unwrap(), RUN, "-o", output.to_str().unwrap()]);
+    assert!(domain.path("mine.csv").exists());
 }
 
 #[test]

@@ -44,6 +44,8 @@ fn hostile_text_in_files_is_escaped() {
         domain.write(name, &content);
         assert_refused(&domain.run(&["check", domain.path(name).to_str().unwrap()]), 78);
     }
+    // Arguments that are repeated, such as the name of a file that looks like an option.
+    assert_refused(&domain.run(&["check", &format!("--{HOSTILE}")]), 64);
     // CSV: names of columns and fields. A carriage return in a row is refused without being shown.
     let hostile = HOSTILE.replace('\r', "");
     let run = fs::read_to_string(RUN).unwrap();

@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::{Acquisition, ConnectError, Domain, ImuId, Loan, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{Output, check_written, end_flag, refuse_overlap};
+use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap};
 use isotherm_recording::IncrementCsvWriter;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use std::path::{Path, PathBuf};
@@ -57,7 +57,10 @@ pub struct Feed {
 impl Feed {
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
         let path = self.output.as_deref();
-        refuse_overlap(&inputs(&self.recording), &[path])?;
+        let rows = path.map(partial_path);
+        for output in [path, rows.as_deref()] {
+            refuse_overlap(&inputs(&self.recording), &[output])?;
+        }
         // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
         let samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
@@ -65,7 +68,8 @@ impl Feed {
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
         let partial = sink.partial();
-        let acquisition = connect(&self.imu, &domain, self.timeout)?;
+        let connect = |timeout| Acquisition::connect(&self.imu, &options(domain.clone(), timeout));
+        let acquisition = patiently(self.timeout, connect)?;
         let writer = match IncrementCsvWriter::new(sink, self.delivery) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
@@ -128,18 +132,25 @@ impl Feed {
     }
 }
 
-/// Connects as the acquisition. If that takes long, says once what is waited for.
-fn connect(imu: &ImuId, domain: &Domain, timeout: Duration) -> Result<Acquisition, Failure> {
-    let connect = |timeout| Acquisition::connect(imu, &options(domain.clone(), timeout));
+/// Connects within the time-out. If that takes long, says once what is waited for.
+fn patiently<T>(
+    timeout: Duration,
+    mut connect: impl FnMut(Duration) -> Result<T, ConnectError>,
+) -> Result<T, ConnectError> {
     let left = timeout.saturating_sub(PATIENCE);
     let cause = match connect(timeout.min(PATIENCE)) {
         Err(cause) if !left.is_zero() => cause,
-        result => return Ok(result?),
+        result => return result,
     };
-    if matches!(cause, ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::NoService(_)) {
-        tell("isotherm", format_args!("waiting up to {} s: {cause}", timeout.as_secs_f64()));
+    match cause {
+        ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::NoService(_) => {
+            tell("isotherm", format_args!("waiting up to {} s: {cause}", timeout.as_secs_f64()));
+        }
+        // So it looks while a service is starting.
+        ConnectError::NoSuchImu { .. } | ConnectError::Transport { .. } => {}
+        ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_) => return Err(cause),
     }
-    Ok(connect(left)?)
+    connect(left)
 }
 
 /// Why feeding ends early.
@@ -232,4 +243,31 @@ impl Feeder {
 fn rate(text: &str) -> Result<f64, String> {
     let rate: f64 = text.parse().map_err(|_| "give a number of samples per second".to_owned())?;
     if (1e-3..=1e6).contains(&rate) { Ok(rate) } else { Err("give a rate from 0.001 to 1000000 Hz".to_owned()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_will_not_change_is_tried_once() {
+        let (imu, domain): (ImuId, _) = ("imu-a".parse().unwrap(), "default".to_owned());
+        let text = String::new;
+        let errors: [(ConnectError, usize); 6] = [
+            (ConnectError::Permission { domain: text(), root: text(), made_by: None }, 1),
+            (ConnectError::Exhausted(text()), 1),
+            (ConnectError::Occupied { imu: imu.clone(), pid: None }, 2),
+            (ConnectError::NoService(text()), 2),
+            (ConnectError::NoSuchImu { imu, domain }, 2),
+            (ConnectError::Transport { phase: "opening the streams", cause: text() }, 2),
+        ];
+        for (error, expected) in errors {
+            let mut tries = 0;
+            let result: Result<(), _> = patiently(Duration::from_secs(1), |_| {
+                tries += 1;
+                Err(error.clone())
+            });
+            assert_eq!((result, tries), (Err(error), expected));
+        }
+    }
 }

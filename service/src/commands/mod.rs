@@ -5,7 +5,9 @@ pub mod serve;
 pub mod status;
 
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure, tell};
+use isotherm_failure::{Exit, Failure, printable, tell};
+use std::borrow::Cow;
+use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 /// The meaning of the exit codes, shown below the help of every command.
@@ -71,7 +73,12 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
         }
         Err(error) => {
             if error.use_stderr() {
-                let _ = error.print();
+                // The message repeats arguments, which may be names of files that others have made.
+                let plain = error.render().to_string();
+                let _ = match printable(&plain) {
+                    Cow::Borrowed(_) => error.print(),
+                    Cow::Owned(escaped) => io::stderr().write_all(escaped.as_bytes()),
+                };
                 return ExitCode::from(Exit::Usage as u8);
             }
             // Help and version are no failure, and neither is a closed pipe.

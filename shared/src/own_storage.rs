@@ -1,0 +1,235 @@
+//! Shared memory of the transport that belongs to this process's user.
+//!
+//! iceoryx2 opens shared memory by its name, whoever made it: an object that another user puts in the place of a connection would be
+//! taken for a queue, and an empty one would be waited for without limit. [`OwnStorage`] is iceoryx2's storage in POSIX shared memory with
+//! one difference: it opens an object only if that is a regular file of this user, and waits for its size no longer than the
+//! time-out. In `/dev/shm` nobody else can replace such an object, because of the sticky bit. Names and contents are the same, so
+//! processes that use iceoryx2's own storage take part in the same streams.
+#![expect(unsafe_code, reason = "two functions of iceoryx2's traits are unsafe, and are passed on")]
+
+use core::fmt::Debug;
+use core::mem::MaybeUninit;
+use core::ptr::NonNull;
+use core::time::Duration;
+use iceoryx2::prelude::{FileName, Path, ZeroCopySend};
+use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use iceoryx2_bb_memory::bump_allocator::BumpAllocator;
+use iceoryx2_bb_posix::file::AccessMode;
+use iceoryx2_cal::dynamic_storage::posix_shared_memory::{Builder, Configuration, Storage};
+use iceoryx2_cal::dynamic_storage::{
+    DynamicStorage, DynamicStorageBuilder, DynamicStorageCreateError, DynamicStorageOpenError,
+    DynamicStorageOpenOrCreateError, Initializer,
+};
+use iceoryx2_cal::named_concept::{
+    NamedConcept, NamedConceptBuilder, NamedConceptConfiguration as _, NamedConceptDoesExistError,
+    NamedConceptListError, NamedConceptMgmt, NamedConceptPathHintRemoveError, NamedConceptRemoveError,
+};
+use std::fs;
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
+use std::thread;
+use std::time::Instant;
+
+/// Pause between two looks at an object that has no size yet.
+const PAUSE: Duration = Duration::from_millis(1);
+/// An object that appears and vanishes so often while it is opened is given up.
+const MAX_ATTEMPTS: u32 = 100;
+
+/// iceoryx2's storage in POSIX shared memory, for objects of this user only.
+#[derive(Debug)]
+#[repr(transparent)]
+pub struct OwnStorage<T: Debug + Send + Sync + ZeroCopySend>(Storage<T>);
+
+/// Builder of [`OwnStorage`].
+#[derive(Debug)]
+pub struct OwnStorageBuilder<'builder, T: Debug + Send + Sync + ZeroCopySend> {
+    name: FileName,
+    config: Configuration<T>,
+    supplementary_size: usize,
+    has_ownership: bool,
+    timeout: Duration,
+    initializer: Initializer<'builder, T>,
+}
+
+/// What is in the place of an object.
+enum Found {
+    Nothing,
+    /// A regular file of this user that has a size.
+    Own,
+    /// Anything else.
+    Foreign,
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
+    /// Looks at the object without opening it. Waits for an own object that has no size yet.
+    fn find(&self) -> Result<Found, DynamicStorageOpenError> {
+        let path = format!("/dev/shm/{}", self.config.path_for(&self.name).file_name());
+        let begun = Instant::now();
+        loop {
+            match fs::symlink_metadata(&path) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Nothing),
+                Err(_) => return Err(DynamicStorageOpenError::InternalError),
+                Ok(found) if !found.is_file() || found.uid() != rustix::process::geteuid().as_raw() => {
+                    return Ok(Found::Foreign);
+                }
+                Ok(found) if found.size() > 0 => return Ok(Found::Own),
+                Ok(_) if begun.elapsed() >= self.timeout => {
+                    return Err(DynamicStorageOpenError::InitializationNotYetFinalized);
+                }
+                Ok(_) => thread::sleep(PAUSE),
+            }
+        }
+    }
+
+    /// iceoryx2's builder with the same settings. Nobody else gets permissions.
+    fn inner(&mut self) -> Builder<'_, T> {
+        let initializer = &mut self.initializer;
+        Builder::new(&self.name)
+            .config(&self.config)
+            .supplementary_size(self.supplementary_size)
+            .has_ownership(self.has_ownership)
+            .timeout(self.timeout)
+            .initializer(move |value: &mut MaybeUninit<T>, allocator: &mut BumpAllocator| {
+                initializer.call(value, allocator)
+            })
+    }
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend + 'static> NamedConceptBuilder<OwnStorage<T>> for OwnStorageBuilder<'_, T> {
+    fn new(name: &FileName) -> Self {
+        Self {
+            name: *name,
+            config: Configuration::default(),
+            supplementary_size: 0,
+            has_ownership: true,
+            timeout: Duration::ZERO,
+            initializer: Initializer::new(|_, _| false),
+        }
+    }
+
+    fn config(mut self, config: &Configuration<T>) -> Self {
+        self.config = config.clone();
+        self
+    }
+}
+
+impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBuilder<'builder, T, OwnStorage<T>>
+    for OwnStorageBuilder<'builder, T>
+{
+    fn has_ownership(mut self, value: bool) -> Self {
+        self.has_ownership = value;
+        self
+    }
+
+    fn enable_global_access(self, _: bool) -> Self {
+        self
+    }
+
+    fn supplementary_size(mut self, value: usize) -> Self {
+        self.supplementary_size = value;
+        self
+    }
+
+    fn timeout(mut self, value: Duration) -> Self {
+        self.timeout = value;
+        self
+    }
+
+    fn initializer<F: FnMut(&mut MaybeUninit<T>, &mut BumpAllocator) -> bool + 'builder>(mut self, value: F) -> Self {
+        self.initializer = Initializer::new(value);
+        self
+    }
+
+    fn create(mut self) -> Result<OwnStorage<T>, DynamicStorageCreateError> {
+        // An object that exists is not opened.
+        self.inner().create().map(OwnStorage)
+    }
+
+    fn open(mut self, access_mode: AccessMode) -> Result<OwnStorage<T>, DynamicStorageOpenError> {
+        match self.find()? {
+            Found::Nothing => Err(DynamicStorageOpenError::DoesNotExist),
+            Found::Own => self.inner().open(access_mode).map(OwnStorage),
+            Found::Foreign => Err(DynamicStorageOpenError::InternalError),
+        }
+    }
+
+    fn open_or_create(mut self) -> Result<OwnStorage<T>, DynamicStorageOpenOrCreateError> {
+        for _ in 0..MAX_ATTEMPTS {
+            match self.find()? {
+                Found::Nothing => match self.inner().create() {
+                    Err(DynamicStorageCreateError::AlreadyExists) => {}
+                    result => return Ok(OwnStorage(result?)),
+                },
+                Found::Own => match self.inner().open(AccessMode::ReadWrite) {
+                    Err(DynamicStorageOpenError::DoesNotExist) => {}
+                    result => return Ok(OwnStorage(result?)),
+                },
+                Found::Foreign => return Err(DynamicStorageOpenError::InternalError.into()),
+            }
+        }
+        Err(DynamicStorageOpenError::InternalError.into())
+    }
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend> Abandonable for OwnStorage<T> {
+    unsafe fn abandon_in_place(this: NonNull<Self>) {
+        // SAFETY: the type is transparent, so the pointer to it is a pointer to its only field; the caller's promises are passed on.
+        unsafe { Storage::abandon_in_place(this.cast::<Storage<T>>()) };
+    }
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend> NamedConcept for OwnStorage<T> {
+    fn name(&self) -> &FileName {
+        self.0.name()
+    }
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend> NamedConceptMgmt for OwnStorage<T> {
+    type Configuration = Configuration<T>;
+
+    fn does_exist_cfg(name: &FileName, config: &Configuration<T>) -> Result<bool, NamedConceptDoesExistError> {
+        Storage::<T>::does_exist_cfg(name, config)
+    }
+
+    fn list_cfg(config: &Configuration<T>) -> Result<Vec<FileName>, NamedConceptListError> {
+        Storage::<T>::list_cfg(config)
+    }
+
+    unsafe fn remove_cfg(name: &FileName, config: &Configuration<T>) -> Result<bool, NamedConceptRemoveError> {
+        // SAFETY: the caller's promise, that no other process uses the object, is passed on.
+        unsafe { Storage::<T>::remove_cfg(name, config) }
+    }
+
+    fn remove_path_hint(value: &Path) -> Result<(), NamedConceptPathHintRemoveError> {
+        Storage::<T>::remove_path_hint(value)
+    }
+}
+
+impl<T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorage<T> for OwnStorage<T> {
+    type Builder<'builder> = OwnStorageBuilder<'builder, T>;
+
+    fn does_support_persistency() -> bool {
+        Storage::<T>::does_support_persistency()
+    }
+
+    fn has_ownership(&self) -> bool {
+        self.0.has_ownership()
+    }
+
+    fn release_ownership(&self) {
+        self.0.release_ownership();
+    }
+
+    fn acquire_ownership(&self) {
+        self.0.acquire_ownership();
+    }
+
+    fn get(&self) -> &T {
+        self.0.get()
+    }
+
+    unsafe fn __internal_set_type_name_in_config(config: &mut Configuration<T>, type_name: &str) {
+        // SAFETY: the caller's promise, that the name is that of the contained type, is passed on.
+        unsafe { Storage::<T>::__internal_set_type_name_in_config(config, type_name) };
+    }
+}
