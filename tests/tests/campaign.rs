@@ -461,14 +461,31 @@ fn with_lines(connection: &[&str], keys: &str) -> TestLaboratory {
 /// Asks the runner to end, and returns how to read the requests that an instrument gets from then on.
 fn interrupt<'l>(laboratory: &'l TestLaboratory, runner: &Process) -> impl Fn(&str) -> Vec<String> + use<'l> {
     runner.stop();
-    laboratory.domain.replace("station/requests", "");
+    let requests = requests_from_now(laboratory);
     runner.signal(Signal::INT);
     runner.resume();
+    requests
+}
+
+/// How to read the requests that an instrument gets from now on.
+fn requests_from_now(laboratory: &TestLaboratory) -> impl Fn(&str) -> Vec<String> {
+    laboratory.domain.replace("station/requests", "");
     |instrument: &str| {
         let requests = fs::read_to_string(laboratory.domain.path("station/requests")).unwrap();
         let mut lines = requests.lines().map(|line| line.splitn(3, ' ').collect::<Vec<_>>());
         let mine = lines.by_ref().filter(|line| line[1] == instrument);
         mine.map(|line| line[2].to_owned()).collect()
+    }
+}
+
+/// Number of attempts at the safe state of an instrument.
+const SAFE_ATTEMPTS: usize = 5;
+
+/// Asserts that each order came at every attempt.
+fn assert_repeated(orders: &[&str], requests: &[String]) {
+    for order in orders {
+        let count = requests.iter().filter(|request| request == order).count();
+        assert!(count >= SAFE_ATTEMPTS, "{order}: {count} of {SAFE_ATTEMPTS} in {requests:?}");
     }
 }
 
@@ -496,6 +513,8 @@ fn the_orders_go_out_first(connection: &[&str]) {
         assert!(log.contains("stopped by SIGINT") && log.contains("GO THERE AND LOOK"), "{log}");
         assert_first(&["MODE,STANDBY"], &requests("chamber"));
         assert_first(&TURNTABLE_ORDERS, &requests("table"));
+        assert_repeated(&["MODE,STANDBY"], &requests("chamber"));
+        assert_repeated(&TURNTABLE_ORDERS, &requests("table"));
         if fault == "babble" {
             // The first cause may be a reply that the babble has spoiled.
             assert!(log.contains("babble: it sends without a request"), "{log}");
@@ -517,6 +536,72 @@ fn the_orders_go_out_first_on_serial_lines_that_do_not_work() {
 #[test]
 fn the_orders_go_out_first_on_tcp_that_does_not_work() {
     the_orders_go_out_first(&["--tcp"]);
+}
+
+/// A campaign with a single set point, this chamber and this safe state.
+fn with_chamber(chamber: &str, safe: &str) -> TestLaboratory {
+    let with_keys = |driver: &str| format!("{driver}quiet_s = 0.2\nretries = 0\n");
+    let [driver, turntable] = [chamber, "acutrol"].map(|driver| format!("driver = {driver:?}\n"));
+    TestLaboratory::with_station(
+        &["--chamber", chamber],
+        &[
+            ("list_c = [20, 23]", "list_c = [20]"),
+            (&driver, &with_keys(&driver)),
+            (&turntable, &with_keys(&turntable)),
+            ("chamber = \"standby\"", &format!("chamber = {safe:?}")),
+        ],
+    )
+}
+
+/// The write of 62 to register 2730.
+const F4T_STOP: &str = "\\x01\\x06\\n\\xaa\\x00>";
+
+/// A process that has not reached the chamber before orders what it knows: without the unit of a Watlow F4T its stop in place of
+/// ambient, without the outputs of an ASCII-2 chamber nothing.
+#[test]
+fn a_new_process_orders_what_it_can_on_lines_that_do_not_work() {
+    for (chamber, safe, fault, order, attempts) in [
+        // Attempts at ambient, then at standby.
+        ("watlow-f4t", "ambient", "babble", Some(F4T_STOP), 2 * SAFE_ATTEMPTS),
+        ("ascii2", "standby", "babble", None, 0),
+        // The first readings are answered. They have the outputs.
+        ("ascii2", "standby", "babble:table\nmissing:chamber@4-1000000", Some("$01E 0020.0 00"), SAFE_ATTEMPTS),
+    ] {
+        let laboratory = with_chamber(chamber, safe);
+        let runner = laboratory.spawn();
+        laboratory.wait_for("reached", 1);
+        runner.kill();
+        let requests = requests_from_now(&laboratory);
+        laboratory.faults(fault);
+        let stopped = stop(&laboratory);
+        assert_eq!(stopped.status.code(), Some(69), "{}", text(&stopped.stderr));
+        let chamber_requests = requests("chamber");
+        let orders = chamber_requests.iter().filter(|request| order.is_some_and(|order| request.starts_with(order)));
+        match order {
+            Some(_) => assert!(orders.count() >= attempts, "{chamber_requests:?}"),
+            None => assert!(chamber_requests.iter().all(|request| request == "$01I"), "{chamber_requests:?}"),
+        }
+        assert_repeated(&TURNTABLE_ORDERS, &requests("table"));
+        // The next command finds still lines and confirms.
+        laboratory.faults("");
+        stdout_of_success(&stop(&laboratory));
+        laboratory.assert_in_standby();
+    }
+}
+
+/// A line that works gives the unit in time, and the chamber is not stopped. On a loaded machine that may take several tries.
+#[test]
+fn a_new_process_holds_a_watlow_at_ambient() {
+    let laboratory = with_chamber("watlow-f4t", "ambient");
+    wait_long("a unit in time", || {
+        let kept = laboratory.events("kept").len();
+        let runner = laboratory.spawn();
+        laboratory.wait_for("kept", kept + 1);
+        runner.kill();
+        let requests = requests_from_now(&laboratory);
+        let held = stdout_of_success(&stop(&laboratory)).contains("chamber held at 20.0 degC");
+        held && !requests("chamber").iter().any(|request| request.starts_with(F4T_STOP))
+    });
 }
 
 /// A turntable that takes nothing does not delay the chamber's order; neither does a second signal change anything.

@@ -2,12 +2,12 @@
 //!
 //! Each instrument has a thread, so that none waits for the other. First the stop orders go out, at once and whatever the line
 //! does (see `begin_orders` of the line), within [`FIRST_ORDERS`]. Then comes the usual protocol, with its waits and repetitions:
-//! what the replies to the first orders have not acknowledged is ordered again, and the state is read back.
+//! what the replies to the first orders have not acknowledged is ordered again, and the state is read back. If that fails, all
+//! begins anew, the orders first: one spoiled byte loses an order, and a line that babbles lets nothing else through.
 
 use super::plan::Plan;
 use isotherm_instruments::{Chamber, ChamberReading, Instrument, InstrumentFault, Turntable, TurntableReading};
 use std::fmt;
-use std::mem;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -53,136 +53,129 @@ pub fn enter(
     (turntable, turntable_connected): (&mut (dyn Turntable + 'static), bool),
     (chamber, chamber_connected): (&mut (dyn Chamber + 'static), bool),
 ) -> (SafeOutcome, SafeOutcome) {
-    let until = Instant::now() + (FIRST_ORDERS - NOTICE);
     thread::scope(|scope| {
-        let turntable = scope.spawn(|| stop_turntable(plan, turntable, turntable_connected, until));
-        let chamber = make_chamber_safe(plan, chamber, chamber_connected, until);
+        let turntable = scope.spawn(|| stop_turntable(plan, turntable, turntable_connected));
+        let chamber = make_chamber_safe(plan, chamber, chamber_connected);
         let panicked = || SafeOutcome::Unknown("table NOT known to be stopped: the program has failed".to_owned());
         (turntable.join().unwrap_or_else(|_| panicked()), chamber)
     })
 }
 
-/// Sends an order at once. Returns whether its reply acknowledges it.
-fn order_first<I: Instrument + ?Sized>(
-    instrument: &mut I,
-    until: Instant,
-    order: impl FnOnce(&mut I) -> Result<(), InstrumentFault>,
-) -> bool {
-    instrument.line_mut().begin_orders(until);
-    let result = order(instrument);
-    instrument.line_mut().end_orders();
-    if let Err(fault) = &result {
-        tracing::warn!("the first stop order is not acknowledged and will be repeated: {fault}");
-    }
-    result.is_ok()
-}
-
 /// Stops the turntable, and reads it until it is at rest.
-fn stop_turntable(
-    plan: &Plan,
-    turntable: &mut (dyn Turntable + 'static),
-    connected: bool,
-    until: Instant,
-) -> SafeOutcome {
-    let mut acknowledged = order_first(turntable, until, |turntable| turntable.stop());
+fn stop_turntable(plan: &Plan, turntable: &mut (dyn Turntable + 'static), connected: bool) -> SafeOutcome {
     let still =
         |reading: &TurntableReading| reading.rates_deg_s.iter().all(|rate| rate.abs() <= plan.motion.still_deg_s);
-    let stopped = attempt(turntable, connected, |turntable| {
-        if !mem::take(&mut acknowledged) {
-            turntable.stop()?;
-        }
-        let begun = Instant::now();
-        loop {
-            let reading = turntable.read()?;
-            if still(&reading) || begun.elapsed() > STOP_TIMEOUT {
-                return Ok(reading);
+    let stopped = attempt(
+        turntable,
+        connected,
+        |turntable| turntable.stop(),
+        |turntable, acknowledged| {
+            if !acknowledged {
+                turntable.stop()?;
             }
-            thread::sleep(SAFE_PAUSE);
-        }
-    });
-    match stopped {
-        Ok(reading) => {
-            let [outer, inner] = reading.angles_deg;
-            if still(&reading) {
-                return SafeOutcome::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg"));
+            let begun = Instant::now();
+            loop {
+                let reading = turntable.read()?;
+                if still(&reading) {
+                    let [outer, inner] = reading.angles_deg;
+                    return Ok(SafeOutcome::Reached(format!("table stopped at {outer:.3}/{inner:.3} deg")));
+                }
+                if begun.elapsed() > STOP_TIMEOUT {
+                    let [outer, inner] = reading.rates_deg_s;
+                    let message = format!("table was told to stop, but turns at {outer:.3}/{inner:.3} deg/s");
+                    return Ok(SafeOutcome::Unknown(message));
+                }
+                thread::sleep(SAFE_PAUSE);
             }
-            let rates = reading.rates_deg_s;
-            SafeOutcome::Unknown(format!("table was told to stop, but turns at {:.3}/{:.3} deg/s", rates[0], rates[1]))
-        }
-        Err(fault) => SafeOutcome::Unknown(format!("table NOT known to be stopped: {fault}")),
-    }
-}
-
-/// The set point that the chamber holds \[degC\], `None` for standby; and its reading after the command.
-type SafeChamber = (Option<f64>, ChamberReading);
-
-fn standby(chamber: &mut (dyn Chamber + 'static)) -> Result<SafeChamber, InstrumentFault> {
-    chamber.standby()?;
-    chamber.read().map(|reading| (None, reading))
+        },
+    );
+    stopped.unwrap_or_else(|fault| SafeOutcome::Unknown(format!("table NOT known to be stopped: {fault}")))
 }
 
 /// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is the set point
 /// alone, which starts no chamber.
-fn make_chamber_safe(
-    plan: &Plan,
-    chamber: &mut (dyn Chamber + 'static),
-    connected: bool,
-    until: Instant,
-) -> SafeOutcome {
+fn make_chamber_safe(plan: &Plan, chamber: &mut (dyn Chamber + 'static), connected: bool) -> SafeOutcome {
+    let mut connected = connected;
     // The limits hold for ambient too.
-    let ambient_c = plan.ambient_c.map(|ambient_c| plan.limits.clamp_chamber(ambient_c));
-    let mut acknowledged = order_first(chamber, until, |chamber| match ambient_c {
-        None => chamber.standby(),
-        Some(ambient_c) => chamber.set_point(ambient_c),
-    });
-    let result = match ambient_c {
-        None => attempt(chamber, connected, |chamber| {
-            if !mem::take(&mut acknowledged) {
-                chamber.standby()?;
-            }
-            chamber.read().map(|reading| (None, reading))
-        }),
-        Some(ambient_c) => attempt(chamber, connected, |chamber| {
-            let reading = chamber.read()?;
-            // A chamber that is stopped, has an alarm or exceeds a limit is not started.
-            if !reading.running || !reading.alarms.is_empty() || plan.limits.chamber(reading.air_c).is_some() {
-                return standby(chamber);
-            }
-            if !mem::take(&mut acknowledged) {
-                chamber.set_point(ambient_c)?;
-            }
-            chamber.run()?;
-            chamber.read().map(|reading| (Some(ambient_c), reading))
-        })
-        .or_else(|_| attempt(chamber, false, standby)),
-    };
-    match result {
-        Ok((held, ChamberReading { air_c, running, .. })) if running == held.is_some() => {
-            let state = held.map_or_else(|| "in standby".to_owned(), |ambient_c| format!("held at {ambient_c:?} degC"));
-            SafeOutcome::Reached(format!("chamber {state}, air at {air_c:.1} degC"))
+    if let Some(ambient_c) = plan.ambient_c.map(|ambient_c| plan.limits.clamp_chamber(ambient_c)) {
+        let held = attempt(
+            chamber,
+            connected,
+            |chamber| chamber.set_point(ambient_c),
+            |chamber, acknowledged| {
+                let reading = chamber.read()?;
+                // A chamber that is stopped, has an alarm or exceeds a limit is not started.
+                if !reading.running || !reading.alarms.is_empty() || plan.limits.chamber(reading.air_c).is_some() {
+                    return standby(chamber, false);
+                }
+                if !acknowledged {
+                    chamber.set_point(ambient_c)?;
+                }
+                chamber.run()?;
+                read_back(chamber, Some(ambient_c))
+            },
+        );
+        match held {
+            Ok(held) if held.is_reached() => return held,
+            _ => connected = false,
         }
-        Ok(_) => SafeOutcome::Unknown("chamber was commanded into the safe state, but does not confirm it".to_owned()),
-        Err(fault) => SafeOutcome::Unknown(format!("chamber NOT known to be safe: {fault}")),
+    }
+    attempt(chamber, connected, |chamber| chamber.standby(), standby)
+        .unwrap_or_else(|fault| SafeOutcome::Unknown(format!("chamber NOT known to be safe: {fault}")))
+}
+
+/// Commands standby if it is not `acknowledged` yet, and reads the chamber back.
+fn standby(chamber: &mut (dyn Chamber + 'static), acknowledged: bool) -> Result<SafeOutcome, InstrumentFault> {
+    if !acknowledged {
+        chamber.standby()?;
+    }
+    read_back(chamber, None)
+}
+
+/// Whether the chamber holds this set point \[degC\], or is in standby with `None`.
+fn read_back(chamber: &mut (dyn Chamber + 'static), held_c: Option<f64>) -> Result<SafeOutcome, InstrumentFault> {
+    let ChamberReading { air_c, running, .. } = chamber.read()?;
+    if running != held_c.is_some() {
+        let message = "chamber was commanded into the safe state, but does not confirm it";
+        return Ok(SafeOutcome::Unknown(message.to_owned()));
+    }
+    let state = held_c.map_or_else(|| "in standby".to_owned(), |held_c| format!("held at {held_c:?} degC"));
+    Ok(SafeOutcome::Reached(format!("chamber {state}, air at {air_c:.1} degC")))
+}
+
+/// Tries up to [`SAFE_ATTEMPTS`] times. Each attempt sends `order` at once; then `confirm` gets whether it was acknowledged, and does
+/// the rest by the line's usual rules. After each failure the line is opened anew, and the instrument identified before `confirm`.
+fn attempt<I: Instrument + ?Sized>(
+    instrument: &mut I,
+    mut connected: bool,
+    order: impl Fn(&mut I) -> Result<(), InstrumentFault>,
+    confirm: impl Fn(&mut I, bool) -> Result<SafeOutcome, InstrumentFault>,
+) -> Result<SafeOutcome, InstrumentFault> {
+    let mut attempts = 1;
+    loop {
+        let acknowledged = order_at_once(instrument, &order);
+        let identified = if connected { Ok(()) } else { instrument.identify().map(drop) };
+        let result = identified.and_then(|()| confirm(instrument, acknowledged));
+        if attempts == SAFE_ATTEMPTS || result.as_ref().is_ok_and(SafeOutcome::is_reached) {
+            return result;
+        }
+        attempts += 1;
+        instrument.line_mut().close();
+        connected = false;
+        thread::sleep(SAFE_PAUSE);
     }
 }
 
-/// Sends `request` up to [`SAFE_ATTEMPTS`] times. After each failure the line is opened anew, and the instrument identified.
-fn attempt<I: Instrument + ?Sized, T>(
+/// Sends an order at once. Returns whether its reply acknowledges it.
+fn order_at_once<I: Instrument + ?Sized>(
     instrument: &mut I,
-    mut connected: bool,
-    mut request: impl FnMut(&mut I) -> Result<T, InstrumentFault>,
-) -> Result<T, InstrumentFault> {
-    let mut attempts = 1;
-    loop {
-        let identified = if connected { Ok(()) } else { instrument.identify().map(drop) };
-        match identified.and_then(|()| request(instrument)) {
-            Err(_) if attempts < SAFE_ATTEMPTS => {
-                attempts += 1;
-                instrument.line_mut().close();
-                connected = false;
-                thread::sleep(SAFE_PAUSE);
-            }
-            result => return result,
-        }
+    order: impl FnOnce(&mut I) -> Result<(), InstrumentFault>,
+) -> bool {
+    instrument.line_mut().begin_orders(Instant::now() + (FIRST_ORDERS - NOTICE));
+    let result = order(instrument);
+    let still = instrument.line_mut().end_orders();
+    if let Err(fault) = &result {
+        tracing::warn!("a stop order is not acknowledged: {fault}");
     }
+    result.is_ok() && still
 }

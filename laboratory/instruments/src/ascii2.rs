@@ -62,7 +62,9 @@ impl Ascii2Settings {
             Some(index) => bit(index)?,
             None => false,
         };
-        let (nominal, actual) = (*values.get(self.nominal)?, *values.get(self.actual)?);
+        // An order may write back a nominal temperature that came with foreign bytes.
+        let nominal = values.get(self.nominal).copied().filter(|nominal| nominal.abs() < 1000.0)?;
+        let actual = *values.get(self.actual)?;
         Some(Reading {
             nominal,
             actual,
@@ -108,7 +110,7 @@ struct Reading {
 pub struct Ascii2 {
     line: Line,
     settings: Ascii2Settings,
-    /// The last reading. A command sets every output, and a first order cannot wait for a reading.
+    /// The last reading. A command sets every output, and an order of the safe state does not wait for another reading.
     last: Option<Reading>,
 }
 
@@ -138,6 +140,10 @@ impl Ascii2 {
         let celsius = celsius.unwrap_or(before.nominal);
         let running = running.unwrap_or(before.running);
         let request = self.settings.write_request(celsius, running, &before.bits);
+        // No later order may start a chamber that was told to stop, even if it is not read in between.
+        if let Some(last) = &mut self.last {
+            last.running &= running;
+        }
         if self.settings.acknowledge {
             let settings = &self.settings;
             self.line.ask(request.as_bytes(), Framing { reply_length: &carriage_return, gap: None }, |reply| {
@@ -203,10 +209,44 @@ impl Chamber for Ascii2 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line_config::settings_of;
+    use crate::line_config::{LineConfig, settings_of};
+    use std::io::{BufRead as _, BufReader, Write as _};
+    use std::net::TcpListener;
+    use std::sync::Arc;
+    use std::thread;
+    use std::time::{Duration, Instant};
 
     fn settings(toml: &str) -> Ascii2Settings {
         settings_of(toml, Ascii2Settings::read)
+    }
+
+    #[test]
+    fn an_order_starts_no_chamber_that_was_told_to_stop() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap();
+        let peer = thread::spawn(move || {
+            let mut stream = BufReader::new(listener.accept().unwrap().0);
+            let mut request = || {
+                let mut request = Vec::new();
+                stream.read_until(b'\r', &mut request).unwrap();
+                if request == b"$01I\r" {
+                    stream.get_mut().write_all(b"0023.0 0022.4 01000000\r").unwrap();
+                }
+                String::from_utf8(request).unwrap()
+            };
+            [request(), request(), request(), request()]
+        });
+        let keys = format!("port = \"tcp://{port}\"\ntimeout_s = 20\nquiet_s = 0\nretries = 0\n");
+        let config = settings_of(&keys, |section| LineConfig::read(section, 9600, 0.0)).unwrap();
+        let mut chamber = Ascii2::new(Line::new("chamber", &config, &Arc::default()), &settings(""));
+        assert!(chamber.read().unwrap().running);
+        // The orders are not acknowledged.
+        chamber.line.begin_orders(Instant::now() + Duration::from_secs(20));
+        chamber.set_point(20.0).unwrap_err();
+        chamber.standby().unwrap_err();
+        chamber.set_point(20.0).unwrap_err();
+        let expected = ["$01I\r", "$01E 0020.0 01000000\r", "$01E 0023.0 00000000\r", "$01E 0020.0 00000000\r"];
+        assert_eq!(peer.join().unwrap(), expected);
     }
 
     // The request that ondrejh/VT4002, VT4002.py sends for -25 degC, without its line feed.
@@ -228,7 +268,15 @@ mod tests {
         let other =
             settings("nominal_field = 1\nactual_field = 0\nstart_bit = 2\nalarm_bit = 3").parse_reading(reply).unwrap();
         assert_eq!((other.nominal, other.actual, other.running, other.alarm), (22.4, 23.0, false, true));
-        for wrong in ["0", "", "0023.0 0022.4", "0023.0 01010000", "x 1 01010000", "0023.0 0022.4 0101"] {
+        for wrong in [
+            "0",
+            "",
+            "0023.0 0022.4",
+            "0023.0 01010000",
+            "x 1 01010000",
+            "0023.0 0022.4 0101",
+            "27180023.0 0022.4 01010000",
+        ] {
             assert_eq!(settings("").parse_reading(wrong), None, "{wrong}");
         }
     }

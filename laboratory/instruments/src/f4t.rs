@@ -172,7 +172,10 @@ impl F4t {
                 return Err(self.line.fault(ExchangeError(FaultKind::Mismatch, message)));
             }
         };
-        self.fahrenheit = Some(fahrenheit);
+        // The reply to an order may belong to another request.
+        if !self.line.has_orders() {
+            self.fahrenheit = Some(fahrenheit);
+        }
         Ok(fahrenheit)
     }
 
@@ -248,7 +251,13 @@ impl Chamber for F4t {
     }
 
     fn set_point(&mut self, celsius: f64) -> Result<(), InstrumentFault> {
-        let number = if self.fahrenheit()? { celsius * 1.8 + 32.0 } else { celsius };
+        let fahrenheit = match self.fahrenheit() {
+            Ok(fahrenheit) => fahrenheit,
+            // Without the unit only the stop can be ordered.
+            Err(fault) if self.line.has_orders() => return self.standby().and(Err(fault)),
+            Err(fault) => return Err(fault),
+        };
+        let number = if fahrenheit { celsius * 1.8 + 32.0 } else { celsius };
         let words = self.settings.words(number as f32);
         self.write(SET_POINT + self.settings.offset, &words)?;
         let now = self.temperature(SET_POINT)?;

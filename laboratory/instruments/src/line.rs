@@ -88,9 +88,11 @@ impl Line {
         self.orders_until = Some(until);
     }
 
-    /// From now on requests obey the line's rules again.
-    pub const fn end_orders(&mut self) {
+    /// From now on requests obey the line's rules again. Returns whether the line was still, so that the replies to the orders can
+    /// be told from others.
+    pub const fn end_orders(&mut self) -> bool {
         self.orders_until = None;
+        !self.stale
     }
 
     /// Whether requests are orders that go out at once.
@@ -134,14 +136,7 @@ impl Line {
         framing: Framing<'_>,
         read: impl Fn(&[u8]) -> Result<T, ExchangeError>,
     ) -> Result<T, InstrumentFault> {
-        self.attempts(request, |line| {
-            let value = read(&line.exchange(request, framing)?)?;
-            if line.has_orders() && line.stale {
-                let message = "its reply cannot be told from others on the line".to_owned();
-                return Err(ExchangeError(FaultKind::Garbled, message));
-            }
-            Ok(value)
-        })
+        self.attempts(request, |line| read(&line.exchange(request, framing)?))
     }
 
     /// Sends a request that the instrument never answers.

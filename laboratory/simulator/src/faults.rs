@@ -1,9 +1,8 @@
 //! Faults that are injected on request: DIR/faults has one per line and is read again whenever it changes.
 //!
-//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is garbled, late, missing, duplicated, babble, dead, na, alarm, port-loss, no-settle,
-//! overshoot or never-there. DEVICE is `chamber` or `table`; without it both have the fault. WHEN is `3` for the third request, `3-5` for the
-//! third to the fifth, or `100s-200s` for simulated seconds; without it the fault is permanent. Requests are counted from the
-//! last reading of the file.
+//! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is one of [`InjectedFault::NAMES`]. DEVICE is `chamber` or `table`; without it both
+//! have the fault. WHEN is `3` for the third request, `3-5` for the third to the fifth, or `100s-200s` for simulated seconds;
+//! without it the fault is permanent. Requests are counted from the last reading of the file.
 
 use super::station::StationProcess;
 use isotherm_failure::tell;
