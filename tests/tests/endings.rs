@@ -565,12 +565,13 @@ fn a_feed_writes_into_nothing_that_was_there_before() {
         lock.lock().unwrap();
         assert_refused("file");
         drop(lock);
-        // A run of root leaves this where it replaces a file of that user.
-        domain.write("shared/fed.csv", "old\n");
-        give_to_nobody(&domain.path("shared/fed.csv"));
-        domain.run_ok(&feed);
-        assert_eq!(kept(&domain, "shared/fed.csv"), 4000);
-        assert_eq!(fs::metadata(domain.path("shared/fed.csv")).unwrap().uid(), NOBODY);
+        // A run of root leaves this where it replaces a file of that user, in a folder that not everybody may write.
+        for (name, content) in [("fed.csv", "old\n"), ("fed.csv.partial", "")] {
+            give_to_nobody(&domain.write(name, content));
+        }
+        domain.run_ok(&["feed", "--imu", "imu-a", "-o", "fed.csv", RUN]);
+        assert_eq!(kept(&domain, "fed.csv"), 4000);
+        assert_eq!(fs::metadata(domain.path("fed.csv")).unwrap().uid(), NOBODY);
     }
     service.terminate();
 }
