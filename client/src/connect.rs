@@ -2,9 +2,9 @@
 
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
-use crate::objects::{OwnFile, close_to_others, own_files, refuse_foreign};
+use crate::objects::{OwnFile, SHARED_MEMORY, close_to_others, own_files, refuse_foreign};
 use crate::peers::publisher_of;
-use crate::resources::{SHARED_MEMORY, check_room};
+use crate::resources::check_room;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};

@@ -4,7 +4,6 @@
 //! of Isotherm that walks such a folder walks it here: nothing is followed, nothing blocks, and only regular files of this user count.
 
 use crate::error::ConnectError;
-use crate::resources::SHARED_MEMORY;
 use isotherm_shared::stream::Domain;
 use rustix::fs::OFlags;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
@@ -13,6 +12,8 @@ use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+/// Folder of the transport's shared memory.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Permissions on a file that its group and other users have.
 const OTHERS: u32 = 0o077;
 

@@ -4,15 +4,13 @@
 //! So the free space is checked before anything is created, and created objects get all their pages at once.
 
 use crate::error::ConnectError;
-use crate::objects::own_files;
+use crate::objects::{SHARED_MEMORY, own_files};
 use isotherm_shared::stream::Domain;
 use rustix::fs::{Access, FallocateFlags, access, fallocate, statvfs};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 use std::fs;
 
-/// Folder of the transport's shared memory.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Shared memory that a client needs at most, for its streams and their connections \[bytes\].
 const ROOM_OF_A_CLIENT: u64 = 1 << 20;
 /// A single object of the transport is smaller \[bytes\].
