@@ -2,7 +2,7 @@
 
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
-use crate::objects::{OwnFile, SHARED_MEMORY, close_to_others, own_files, refuse_foreign};
+use crate::objects::{OwnFile, domain_files, refuse_foreign};
 use crate::peers::publisher_of;
 use crate::resources::check_room;
 use iceoryx2::node::NodeCreationFailure;
@@ -99,7 +99,7 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
         NodeCreationFailure::InsufficientPermissions => permission(domain, None),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })?;
-    close_to_others(domain);
+    domain_files(domain).for_each(|file| file.close_to_others());
     Ok(node)
 }
 
@@ -125,7 +125,7 @@ pub fn sweep_half_created(domain: &Domain) -> Result<(), ConnectError> {
     let mut watched_since: HashMap<PathBuf, Instant> = HashMap::new();
     loop {
         let mut waiting = None;
-        for object in half_created(domain) {
+        for object in domain_files(domain).filter(OwnFile::is_half_created) {
             // The age is wrong if the clock was set meanwhile. So the object is removed too if it has been watched for the limit.
             let watched = watched_since.entry(object.path.clone()).or_insert_with(Instant::now).elapsed();
             if object.age().is_some_and(|age| age > limit) || watched > limit {
@@ -141,12 +141,6 @@ pub fn sweep_half_created(domain: &Domain) -> Result<(), ConnectError> {
         }
         thread::sleep(RETRY);
     }
-}
-
-/// This user's objects of `domain` that have no size yet, in shared memory and in the domain's folder.
-pub fn half_created(domain: &Domain) -> impl Iterator<Item = OwnFile> {
-    let objects = own_files(SHARED_MEMORY, &domain.prefix()).chain(own_files(domain.root_path(), &domain.prefix()));
-    objects.filter(|object| object.mode() == 0o200)
 }
 
 /// The time when `timeout` has passed; decades ahead if the clock cannot represent it.

@@ -6,7 +6,6 @@ use rustix::fs::{Access, Mode, OFlags, access, open, statvfs};
 use rustix::io::Errno;
 use std::fs::{self, DirBuilder, File};
 use std::io;
-use std::os::fd::OwnedFd;
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::Path;
 
@@ -26,14 +25,14 @@ pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
     inspect(domain).map(drop)
 }
 
-/// Opens the domain's folder without following a link, and checks the open folder. `None` if it does not exist.
-fn inspect(domain: &Domain) -> Result<Option<OwnedFd>, ConnectError> {
+/// Opens the domain's folder without following a link, and checks the open folder. Returns whether it exists.
+fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
     let root = domain.root_path();
     let unusable = |cause: String| Err(ConnectError::transport("joining the domain", cause));
     let opened = |flags| open(root, OFlags::PATH | OFlags::CLOEXEC | flags, Mode::empty());
     let mut folder = match opened(OFlags::NOFOLLOW) {
         Ok(folder) => File::from(folder),
-        Err(Errno::NOENT) => return Ok(None),
+        Err(Errno::NOENT) => return Ok(false),
         Err(Errno::ACCESS) => return Err(permission(domain, None)),
         Err(error) => return Err(failed(root, &error.to_string())),
     };
@@ -74,7 +73,7 @@ fn inspect(domain: &Domain) -> Result<Option<OwnedFd>, ConnectError> {
     if found.mode() & EVERYBODY != 0 {
         return unusable(format!("everybody may write {root}; chmod o-w {root}"));
     }
-    Ok(Some(folder.into()))
+    Ok(true)
 }
 
 /// Creates the domain's folder if necessary, and checks that it is this user's, is writable and has space for the small files of
@@ -84,15 +83,13 @@ pub(crate) fn prepare(domain: &Domain) -> Result<(), ConnectError> {
     const FILES: u64 = 64;
     let root = domain.root_path();
     let failed = |cause: String| failed(root, &cause);
-    if inspect(domain)?.is_none() {
+    if !inspect(domain)? {
         let parent = Path::new(root).parent().unwrap_or(Path::new("/"));
-        let made = DirBuilder::new().recursive(true).mode(0o750).create(parent);
+        DirBuilder::new().recursive(true).mode(0o750).create(parent).map_err(|error| failed(error.to_string()))?;
         // This one call never follows a link; if somebody else was faster, the inspection below finds out who.
-        let made = made.and_then(|()| DirBuilder::new().mode(0o750).create(root));
-        if let Err(error) =
-            made.or_else(|error| if error.kind() == io::ErrorKind::AlreadyExists { Ok(()) } else { Err(error) })
-        {
-            return Err(failed(error.to_string()));
+        match DirBuilder::new().mode(0o750).create(root) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(error.to_string())),
+            _ => {}
         }
         inspect(domain)?;
     }

@@ -63,15 +63,14 @@ mod tap;
 pub use acquisition::Acquisition;
 pub use clock::{Clock, monotonic_ns, unix_s};
 pub use connect::{
-    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_domain, domain, half_created, join, join_existing,
-    sweep_half_created,
+    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_domain, domain, join, join_existing, sweep_half_created,
 };
 pub use error::ConnectError;
 pub use folder::check_owner;
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
 pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
-pub use objects::{OwnFile, close_to_others, foreign_object, own_files};
+pub use objects::{OwnFile, domain_files, foreign_object, own_files};
 pub use peers::{publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};

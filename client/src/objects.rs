@@ -50,11 +50,20 @@ impl OwnFile {
         self.metadata.modified().ok().and_then(|modified| SystemTime::now().duration_since(modified).ok())
     }
 
-    /// Takes the permissions of group and other users from it.
-    fn close_to_others(&self) {
+    /// Whether it has no size yet: the transport makes its objects with this mode, and changes the mode when they are complete.
+    #[must_use]
+    pub fn is_half_created(&self) -> bool {
+        self.mode() == 0o200
+    }
+
+    /// Takes the permissions of group and other users from it. The transport makes its counter of nodes with all permissions; programs
+    /// that use it without Isotherm's client make one in shared memory.
+    pub fn close_to_others(&self) {
         let mode = self.mode() & !OTHERS;
-        // Its creator may just be removing it.
-        let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
+        if mode != self.mode() {
+            // Its creator may just be removing it.
+            let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
+        }
     }
 
     /// Opens it for writing, if it is still the same file.
@@ -130,9 +139,8 @@ fn memory_name(stream: &Path) -> Option<String> {
     Some(format!("_{number}.dynamic"))
 }
 
-/// Takes the permissions of group and other users from this user's objects in shared memory and in the domain's folder. The transport
-/// makes its counter of nodes with all permissions; programs that use it without Isotherm's client make one in shared memory.
-pub fn close_to_others(domain: &Domain) {
-    let objects = own_files(SHARED_MEMORY, &domain.prefix()).chain(own_files(domain.root_path(), &domain.prefix()));
-    objects.filter(|object| object.mode() & OTHERS != 0).for_each(|object| object.close_to_others());
+/// This user's files of `domain` in shared memory, then in the domain's folder.
+pub fn domain_files(domain: &Domain) -> impl Iterator<Item = OwnFile> + use<> {
+    let folder = own_files(domain.root_path().to_owned(), &domain.prefix());
+    own_files(SHARED_MEMORY, &domain.prefix()).chain(folder)
 }

@@ -13,7 +13,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
-use isotherm_client::{check_room, close_to_others, half_created};
+use isotherm_client::{check_room, domain_files};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use rustix::fs::{MemfdFlags, memfd_create};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
@@ -110,12 +110,12 @@ impl Leftovers {
             );
         }
         self.removal_logged = removed;
-        for object in half_created(&self.domain) {
-            if object.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
-                let _ = fs::remove_file(object.path);
+        for file in domain_files(&self.domain) {
+            file.close_to_others();
+            if file.is_half_created() && file.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
+                let _ = fs::remove_file(file.path);
             }
         }
-        close_to_others(&self.domain);
         // A node's number must contain its process id. If a later version of the transport makes numbers in another way, stop
         // here.
         if self.own_pid != std::process::id() {
