@@ -8,7 +8,7 @@ mod printable;
 pub use printable::{printable, tell};
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Exit codes; those from 64 on are as in sysexits.h.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -35,29 +35,35 @@ pub struct Failure {
     pub exit: Exit,
     /// Phase, cause and remedy; may have several lines.
     pub message: String,
+    /// File, and line or row in it, of the cause, if it is in one; the message names them too.
+    pub place: Option<(PathBuf, Option<u64>)>,
 }
 
 impl Failure {
     /// A failure with this exit code and message, as [`printable`] text.
     pub fn new(exit: Exit, message: impl Into<String>) -> Self {
         let message = message.into();
-        Self { exit, message: printable(&message).into_owned() }
+        Self { exit, message: printable(&message).into_owned(), place: None }
+    }
+
+    /// The failure with the file, and the line or row in it, of its cause.
+    #[must_use]
+    pub fn at(self, file: &Path, line: Option<u64>) -> Self {
+        Self { place: Some((file.to_owned(), line)), ..self }
     }
 
     /// A file that could not be read or written; `phase` says what was being done, as in "writing".
     #[must_use]
     pub fn io(phase: &str, path: &Path, error: &io::Error) -> Self {
         let folder = path.parent().filter(|folder| error.kind() == io::ErrorKind::NotFound && is_absent(folder));
-        let path = path.display();
-        Self::new(
-            Exit::Io,
-            match folder {
-                Some(folder) => {
-                    format!("{phase} {path}: there is no folder {}; make it, or name another", folder.display())
-                }
-                None => format!("{phase} {path}: {error}"),
-            },
-        )
+        let name = path.display();
+        let message = match folder {
+            Some(folder) => {
+                format!("{phase} {name}: there is no folder {}; make it, or name another", folder.display())
+            }
+            None => format!("{phase} {name}: {error}"),
+        };
+        Self::new(Exit::Io, message).at(path, None)
     }
 
     /// Joins failures into one, with all messages and the highest exit code; `None` if there are none.

@@ -5,13 +5,15 @@
 //! a temporary name and renamed when it is complete. Rows that cannot be had again stay under a name of their own if the command
 //! ends early ([`LiveFile`]).
 
+mod install;
 mod live;
 mod load;
 mod output;
 mod signals;
 mod stdout;
 
-pub use live::{LiveFile, Partial, partial_path};
+pub use install::Installation;
+pub use live::{LiveFile, Partial, partial_path, target_of};
 pub use load::{Identity, LoadError, WorldWritable, load_table, read_text};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};

@@ -242,6 +242,7 @@ fn partial_of(target: &Path) -> PathBuf {
 }
 
 /// Where `path` leads: through a symbolic link to its target, which need not exist.
+#[must_use]
 pub fn target_of(path: &Path) -> PathBuf {
     let target = fs::canonicalize(path)
         .or_else(|_| fs::read_link(path).map(|link| path.parent().unwrap_or(Path::new("")).join(link)));

@@ -159,10 +159,13 @@ pub fn load_table(
 
 impl From<LoadError> for Failure {
     fn from(error: LoadError) -> Self {
-        let exit = match error {
-            LoadError::Io { .. } => Exit::Io,
-            LoadError::Refused { .. } => Exit::Config,
+        let (exit, path, line) = match &error {
+            LoadError::Io { path, .. } => (Exit::Io, path, None),
+            // Of several faults the first is as good as any.
+            LoadError::Refused { path, faults } => {
+                (Exit::Config, path, faults.0.first().map(|fault| fault.line as u64))
+            }
         };
-        Self::new(exit, error.to_string())
+        Self::new(exit, error.to_string()).at(path, line)
     }
 }

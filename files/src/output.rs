@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
 /// How the names of files begin that are not complete, or no longer needed.
-const HIDDEN: &str = ".isotherm-";
+pub(crate) const HIDDEN: &str = ".isotherm-";
 
 /// Where a command writes its data.
 pub enum Output {
@@ -144,7 +144,7 @@ impl Aside {
 }
 
 /// The folder of a file; `.` for a name alone.
-fn folder_of(path: &Path) -> &Path {
+pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
@@ -168,7 +168,7 @@ impl Write for Output {
 
 /// Refuses what another user has put into a folder that everybody may write, such as `/tmp`: a link would lead the result into a file of
 /// this user, a pipe would block.
-fn refuse_planted(path: &Path) -> io::Result<()> {
+pub(crate) fn refuse_planted(path: &Path) -> io::Result<()> {
     /// Sticky, and writable by everybody.
     const SHARED: u32 = 0o1002;
     let (Ok(folder), Ok(entry)) = (fs::metadata(folder_of(path)), fs::symlink_metadata(path)) else { return Ok(()) };

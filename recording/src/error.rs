@@ -37,13 +37,17 @@ impl RecordingError {
     #[must_use]
     pub fn failure(&self, path: &Path) -> Failure {
         match self {
-            Self::Data { line, message } => Failure::new(Exit::Data, format!("{}:{line}: {message}", path.display())),
-            Self::Place { .. } => Failure::new(Exit::Data, format!("{}: {self}", path.display())),
+            Self::Data { line, message } => {
+                Failure::new(Exit::Data, format!("{}:{line}: {message}", path.display())).at(path, Some(*line))
+            }
+            Self::Place { .. } => Failure::new(Exit::Data, format!("{}: {self}", path.display())).at(path, None),
             Self::Io(error) if error.raw_os_error().is_none() => {
-                Failure::new(Exit::Data, format!("{}: {error}", path.display()))
+                Failure::new(Exit::Data, format!("{}: {error}", path.display())).at(path, None)
             }
             Self::Io(error) => Failure::io("reading", path, error),
-            Self::Piece(failure) => Failure::new(failure.exit, failure.message.as_str()),
+            Self::Piece(failure) => {
+                Failure { place: failure.place.clone(), ..Failure::new(failure.exit, failure.message.as_str()) }
+            }
         }
     }
 }

@@ -34,7 +34,12 @@ impl SequenceRule {
         let last = previous.filter(|(session, _)| *session == sample.session).map(|(_, sequence)| sequence);
         match last {
             Some(last) if !rises(Some(last), sample.sequence) => {
-                Err(format!("sequence {} after {last}; it must rise from row to row", sample.sequence))
+                let remedy = if sample.sequence == last {
+                    "remove the row that is there twice, or give both their own sequence"
+                } else {
+                    "put the rows in order of time; if the acquisition was started again, give its rows another session"
+                };
+                Err(format!("sequence {} after {last}; it must rise from row to row: {remedy}", sample.sequence))
             }
             _ => Ok(()),
         }

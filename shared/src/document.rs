@@ -409,6 +409,14 @@ impl<'d, 'a> Section<'d, 'a> {
         self.asked.borrow_mut().push(key);
     }
 
+    /// Accepts `key` with any value, or its absence, and takes the number `inner` out of it if it is a section that has one.
+    pub fn number_within(&self, key: &'static str, inner: &str) -> Option<f64> {
+        match self.get(key)?.get_ref() {
+            DeValue::Table(table) => number_of(table.get(inner)?.get_ref()),
+            _ => None,
+        }
+    }
+
     /// Reports every key that was never asked for.
     pub fn finish(self) {
         let asked = self.asked.into_inner();

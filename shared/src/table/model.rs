@@ -102,13 +102,20 @@ pub struct Content {
     pub alignment: Option<Matrix3<f64>>,
 }
 
-/// A valid coefficient table with its digest.
-#[derive(Clone, Debug, PartialEq)]
+/// A valid coefficient table with its digest. Two tables are equal if their contents are.
+#[derive(Clone, Debug)]
 pub struct CoefficientTable {
     content: Content,
     lanes: Lanes,
     digest: Digest,
     id: u64,
+    gravity_local: Option<f64>,
+}
+
+impl PartialEq for CoefficientTable {
+    fn eq(&self, other: &Self) -> bool {
+        self.content == other.content
+    }
 }
 
 /// An invalid part of a [`Content`].
@@ -135,7 +142,7 @@ impl CoefficientTable {
         let refusals = content.refusals();
         if refusals.is_empty() {
             let (lanes, digest) = (content.lanes(), content.digest());
-            Ok(Self { content, lanes, id: digest.id(), digest })
+            Ok(Self { content, lanes, id: digest.id(), digest, gravity_local: None })
         } else {
             Err(refusals)
         }
@@ -146,6 +153,19 @@ impl CoefficientTable {
     #[inline]
     pub const fn content(&self) -> &Content {
         &self.content
+    }
+
+    /// Local gravity where the table was measured \[m/s2\], as its provenance says. It is not part of the digest.
+    #[must_use]
+    pub const fn gravity_local(&self) -> Option<f64> {
+        self.gravity_local
+    }
+
+    /// The table with the local gravity where it was measured \[m/s2\].
+    #[must_use]
+    pub const fn measured_at(mut self, gravity_local: Option<f64>) -> Self {
+        self.gravity_local = gravity_local;
+        self
     }
 
     /// All polynomials, for evaluating them in one pass.

@@ -93,7 +93,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
             None
         }
     };
-    root.ignore("provenance");
+    let gravity_local = root.number_within("provenance", "gravity_local").filter(|g| gravity_fault(*g).is_none());
     let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
     let axes = axes(root);
@@ -115,7 +115,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
         },
     };
     // This cannot fail: each part has been checked above, where its line is known.
-    let table = CoefficientTable::new(content).ok()?;
+    let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local);
     if let Some(digest) = digest.filter(|digest| **digest != table.digest().to_string()) {
         root.fault(
             "digest",

@@ -43,6 +43,11 @@ impl Places {
         place.saturating_sub(self.piece(place).map_or(0, |piece| piece.before))
     }
 
+    /// File of `place`, a line or row number over all pieces.
+    pub fn path(&self, place: u64) -> Option<&Path> {
+        self.piece(place).map(|piece| piece.path.as_path())
+    }
+
     fn piece(&self, place: u64) -> Option<&PiecePlace> {
         self.0.iter().rfind(|piece| piece.before < place).or(self.0.first())
     }

@@ -158,7 +158,9 @@ impl Recording {
     pub fn failure(&self, error: &RecordingError) -> Failure {
         match error {
             RecordingError::Data { line, message } => {
-                Failure::new(Exit::Data, format!("{}: {message}", self.places.locate(*line)))
+                let (path, within) =
+                    (self.places.path(*line).unwrap_or(&self.current.path), self.places.within_piece(*line));
+                Failure::new(Exit::Data, format!("{}: {message}", self.places.locate(*line))).at(path, Some(within))
             }
             _ => error.failure(&self.current.path),
         }
