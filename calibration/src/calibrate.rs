@@ -1,12 +1,16 @@
 //! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
+//!
+//! Over 400 lines: the steps in their order, with the errors that each can end in.
 
+use crate::alignment::{AlignmentChoice, misalignment};
 use crate::campaign::{Campaign, Dwell, range};
-use crate::checks::{Finding, SetPoint, Severity, check, set_points};
+use crate::checks::{Finding, SetPoint, Severity, check, name, set_points};
 use crate::curve::Curve;
+use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
 use crate::order::{BIAS_EFFECT, Choice, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT, choose};
-use crate::positions::Observability;
-use crate::quality::{lack_of_fit, level_error, order_findings, outliers};
+use crate::positions::{Observability, Position, specific_force};
+use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
 use crate::reduce::{Reduced, reduce};
 use crate::regression::{DataPoint, Regression, RegressionError};
 use isotherm_failure::{Exit, Failure};
@@ -14,9 +18,11 @@ use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
+/// Most findings that are listed without being asked for.
+const SHOWN: usize = 10;
 /// Highest order that is considered if none is requested.
 const MAX_AUTO_ORDER: usize = 6;
 
@@ -38,9 +44,13 @@ pub struct CalibrationOptions {
     /// The order of every polynomial; chosen from the data if `None`.
     pub order: Option<usize>,
     /// Whether an alignment matrix is written into the table.
-    pub alignment: bool,
+    pub alignment: AlignmentChoice,
     /// Dwells to leave out: set point \[degC\] and number of the position.
     pub exclude: Vec<(f64, u32)>,
+    /// Names of faults that are only warnings; see [`name`].
+    pub accept: Vec<&'static str>,
+    /// Whether every warning that is not accepted is a fault.
+    pub strict: bool,
 }
 
 /// Why no table can be made of a campaign.
@@ -53,8 +63,13 @@ pub enum CalibrationError {
     #[error("no rows; a campaign needs dwells")]
     Empty,
     /// Findings of the checks, at least one of them a fault.
-    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
-    Faults(Vec<Finding>),
+    #[error("{}", lines(findings, diagnosis.as_deref(), false, |finding| finding.to_string()).join("\n"))]
+    Faults {
+        /// The single mistake that explains them, if there is one.
+        diagnosis: Option<Box<Diagnosis>>,
+        /// All other findings.
+        findings: Vec<Finding>,
+    },
     /// A dwell to leave out does not exist.
     #[error("there is no dwell at set point {0} degC in position {1} to leave out")]
     NothingToExclude(f64, u32),
@@ -97,6 +112,8 @@ pub struct Calibration {
     pub set_points: Vec<SetPoint>,
     /// Warnings of the checks and of the later steps.
     pub findings: Vec<Finding>,
+    /// Names of the faults that were accepted, and are warnings now.
+    pub accepted: Vec<&'static str>,
     /// What the positions determine, by axis.
     pub observability: [Observability; AXES],
     /// Each set point reduced by itself, by axis: the paper's values.
@@ -107,6 +124,8 @@ pub struct Calibration {
     pub solution: Solution,
     /// Outlying dwells, which were kept in the fit: index and axis.
     pub outliers: Vec<(usize, usize)>,
+    /// Number of the position without which the residuals would fall to a third, if there is one.
+    pub suspect_position: Option<u32>,
 }
 
 impl Method {
@@ -139,16 +158,6 @@ impl Calibration {
     }
 }
 
-fn misalignment(solution: &Solution) -> Matrix3<f64> {
-    let mut matrix = Matrix3::identity();
-    for (axis, part) in solution.axes.iter().enumerate() {
-        for (k, m) in part.misalignment.into_iter().enumerate() {
-            matrix[(axis, (axis + 1 + k) % AXES)] = m;
-        }
-    }
-    matrix
-}
-
 /// Checks that the list of positions determines all parameters.
 ///
 /// # Errors
@@ -156,28 +165,78 @@ fn misalignment(solution: &Solution) -> Matrix3<f64> {
 pub fn observable(campaign: &Campaign) -> Result<[Observability; AXES], CalibrationError> {
     let found = [0, 1, 2].map(|axis| Observability::of(&campaign.positions, axis));
     let deficiencies: Vec<_> = found.iter().flat_map(|o| o.deficiencies.iter().cloned()).collect();
-    if deficiencies.is_empty() { Ok(found) } else { Err(CalibrationError::Positions(deficiencies)) }
+    if deficiencies.is_empty() {
+        return Ok(found);
+    }
+    // An outer axis whose zero is horizontal: then a face up and a face down are missing.
+    // Faces in one plane do not show the mounting, but without stated directions it is the usual one.
+    let usual = |position: &Position| {
+        position.angles.is_some_and(|[outer, inner]| specific_force(outer, inner) == position.specific_force)
+    };
+    let mount = campaign.mount.or_else(|| campaign.positions.iter().all(usual).then(Matrix3::identity));
+    let turned = |position: &Position| {
+        let [outer, inner] = position.angles?;
+        let force = mount? * Vector3::from(specific_force(outer + 90.0, inner));
+        Some(Position { specific_force: force.into(), ..position.clone() })
+    };
+    let turned: Option<Vec<_>> = campaign.positions.iter().map(turned).collect();
+    let observes =
+        |positions: &Vec<_>| (0..AXES).all(|axis| Observability::of(positions, axis).deficiencies.is_empty());
+    let hint = "with 90 or -90 added to every outer_deg, and specific_force as it then is, the positions tell all apart: at outer_deg = 0 the inner \
+                axis points up"
+        .to_owned();
+    let hint = turned.filter(observes).map(|_| hint);
+    Err(CalibrationError::Positions(hint.into_iter().chain(deficiencies).collect()))
 }
 
 impl CalibrationError {
+    /// Names of the faults that are left, each of which must be accepted too; empty if one of them cannot be.
+    #[must_use]
+    pub fn acceptable(&self) -> Vec<&'static str> {
+        let Self::Faults { diagnosis, findings } = self else { return Vec::new() };
+        let faults = findings.iter().filter(|finding| finding.severity == Severity::Fault);
+        let mut names: Vec<&'static str> = Vec::new();
+        for finding in diagnosis.iter().map(|diagnosis| &diagnosis.finding).chain(faults) {
+            if !names.contains(&finding.name) {
+                names.push(finding.name);
+            }
+        }
+        if names.iter().all(|name| name::acceptable(name).is_ok()) { names } else { Vec::new() }
+    }
+
+    /// The findings as lines, if they are the error. The diagnosis comes first; without `symptoms`, those that it explains are only
+    /// counted, and of the others the first ten are listed.
+    pub fn lines(&self, symptoms: bool, line: impl Fn(&Finding) -> String) -> Vec<String> {
+        match self {
+            Self::Faults { diagnosis, findings } => lines(findings, diagnosis.as_deref(), symptoms, line),
+            _ => Vec::new(),
+        }
+    }
+
     /// The error as the failure of a program, with the file concerned. `campaign` is the campaign file and `samples` the
     /// recording; `locate` gives file and line of a row.
     #[must_use]
     pub fn failure(&self, campaign: &Path, samples: &Path, locate: impl Fn(u64) -> String) -> Failure {
+        self.failure_with(campaign, samples, locate, false)
+    }
+
+    /// As [`failure`](Self::failure). With `symptoms`, the findings that a diagnosis explains are listed too.
+    #[must_use]
+    pub fn failure_with(
+        &self,
+        campaign: &Path,
+        samples: &Path,
+        locate: impl Fn(u64) -> String,
+        symptoms: bool,
+    ) -> Failure {
         let exit = match self {
             Self::Positions(_) => Exit::Config,
             Self::NothingToExclude(..) => Exit::Usage,
             Self::Fit(_) | Self::Table(_) => Exit::Failed,
-            Self::Empty | Self::Faults(_) | Self::SetPoint { .. } | Self::Order { .. } => Exit::Data,
+            Self::Empty | Self::Faults { .. } | Self::SetPoint { .. } | Self::Order { .. } => Exit::Data,
         };
         let message = match self {
-            Self::Faults(findings) => {
-                let line = |finding: &Finding| {
-                    let warning = if finding.severity == Severity::Warning { "warning: " } else { "" };
-                    format!("{warning}{}", finding.located(&locate))
-                };
-                findings.iter().map(line).collect::<Vec<_>>().join("\n")
-            }
+            Self::Faults { .. } => self.lines(symptoms, |finding| finding.tagged(&locate)).join("\n"),
             Self::NothingToExclude(..) => format!("--exclude: {self}"),
             Self::Positions(deficiencies) => {
                 let line = |deficiency: &String| format!("{}: {deficiency}", campaign.display());
@@ -185,8 +244,63 @@ impl CalibrationError {
             }
             _ => format!("{}: {self}", samples.display()),
         };
-        Failure::new(exit, message)
+        let failure = Failure::new(exit, message);
+        match self {
+            Self::Positions(_) => failure.at(campaign, None),
+            Self::NothingToExclude(..) => failure,
+            // Each finding has its own line.
+            _ => failure.at(samples, None),
+        }
     }
+}
+
+/// The findings as lines. The diagnosis comes first; without `symptoms`, those that it explains are only counted, and of the others the first
+/// [`SHOWN`] are listed: faults come before warnings.
+fn lines(
+    findings: &[Finding],
+    diagnosis: Option<&Diagnosis>,
+    symptoms: bool,
+    line: impl Fn(&Finding) -> String,
+) -> Vec<String> {
+    let is_symptom = |finding: &&Finding| diagnosis.is_some_and(|diagnosis| diagnosis.explains(finding));
+    let (explained, mut others): (Vec<&Finding>, Vec<&Finding>) = findings.iter().partition(is_symptom);
+    others.sort_by_key(|finding| finding.severity == Severity::Warning);
+    let mut lines: Vec<String> = diagnosis.iter().map(|diagnosis| line(&diagnosis.finding)).collect();
+    if symptoms {
+        lines.extend(others.into_iter().chain(explained).map(&line));
+        return lines;
+    }
+    let more = others.len().saturating_sub(SHOWN);
+    lines.extend(others.into_iter().take(SHOWN).map(&line));
+    let symptoms = explained.len();
+    let noun = if symptoms == 1 { "symptom" } else { "symptoms" };
+    let rest = match (more, symptoms) {
+        (0, 0) => return lines,
+        (0, _) => format!("{symptoms} {noun}"),
+        (_, 0) => format!("{more} more"),
+        _ => format!("{more} more, and {symptoms} {noun}"),
+    };
+    let them = if more + symptoms == 1 { "it" } else { "them" };
+    lines.push(format!("... and {rest}; isotherm calibrate -v lists {them}"));
+    lines
+}
+
+/// Turns accepted faults into warnings, and adds their names to `accepted`. With `strict` every warning was a fault before.
+fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
+    for finding in findings.iter_mut() {
+        if (finding.severity == Severity::Fault || options.strict) && options.accept.contains(&finding.name) {
+            finding.severity = Severity::Warning;
+            finding.message += "; accepted";
+            if !accepted.contains(&finding.name) {
+                accepted.push(finding.name);
+            }
+        }
+    }
+}
+
+/// Whether one of the findings is a fault.
+fn any_fault(findings: &[Finding]) -> bool {
+    findings.iter().any(|finding| finding.severity == Severity::Fault)
 }
 
 /// Makes a coefficient table of the dwells of a campaign.
@@ -205,9 +319,25 @@ pub fn calibrate(
     let dwells = exclude_dwells(campaign, dwells, &options.exclude)?;
     let set_points = set_points(&dwells, campaign.positions.len());
     let mut findings = check(campaign, &dwells, &set_points, &options.exclude);
-    if findings.iter().any(|finding| finding.severity == Severity::Fault) {
-        return Err(CalibrationError::Faults(findings));
+    if !any_fault(&findings) {
+        // Faults come first.
+        findings.splice(..0, positions_off(campaign, &dwells, &set_points));
     }
+    let mut diagnosis = diagnose(campaign, &dwells, &set_points, &mut findings);
+    let mut accepted = Vec::new();
+    accept(&mut findings, &options, &mut accepted);
+    // A diagnosis is a fault too, even where its symptoms are only warnings.
+    if let Some(Diagnosis { finding, .. }) = diagnosis.take_if(|it| options.accept.contains(&it.finding.name))
+        && !findings.iter().any(|known| known.name == finding.name)
+    {
+        let mut finding = [finding];
+        accept(&mut finding, &options, &mut accepted);
+        findings.extend(finding);
+    }
+    if any_fault(&findings) || diagnosis.is_some() {
+        return Err(CalibrationError::Faults { diagnosis: diagnosis.map(Box::new), findings });
+    }
+    let before_fit = findings.len();
     let reduced_level = reduced(campaign, &dwells, &set_points, None)?;
     let ranges = ranges(&dwells);
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
@@ -251,6 +381,7 @@ pub fn calibrate(
         let (place, residual) = (&dwells[dwell], solution.residuals[dwell][axis]);
         findings.push(Finding {
             severity: Severity::Warning,
+            name: name::OUTLIER,
             line: Some(place.lines[0]),
             place: Some((place.set_point_c, Some(campaign.positions[place.position].number))),
             message: format!(
@@ -264,8 +395,32 @@ pub fn calibrate(
         });
     }
     findings.extend(order_findings(&orders));
-    let table = table(campaign, &options, &solution)?;
-    Ok(Calibration { table, options, dwells, set_points, findings, observability, reduced, orders, solution, outliers })
+    accept(&mut findings[before_fit..], &options, &mut accepted);
+    if options.strict {
+        for finding in findings.iter_mut().filter(|finding| !options.accept.contains(&finding.name)) {
+            finding.severity = Severity::Fault;
+        }
+        if any_fault(&findings) {
+            return Err(CalibrationError::Faults { diagnosis: None, findings });
+        }
+    }
+    let table = table(campaign, &options, &solution)?.measured_at(Some(campaign.gravity_local));
+    let suspect_position =
+        position_that_explains(campaign, &dwells, &solution).map(|position| campaign.positions[position].number);
+    Ok(Calibration {
+        table,
+        options,
+        dwells,
+        set_points,
+        findings,
+        accepted,
+        observability,
+        reduced,
+        orders,
+        solution,
+        outliers,
+        suspect_position,
+    })
 }
 
 fn exclude_dwells(
@@ -317,6 +472,14 @@ fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
     })
 }
 
+/// Number of different values.
+fn distinct(values: impl Iterator<Item = f64>) -> usize {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.dedup();
+    values.len()
+}
+
 fn order_tables(
     values: &[SetPointValues],
     fixed: Option<usize>,
@@ -328,7 +491,9 @@ fn order_tables(
         let size = points.iter().map(|point| point.y.value().abs()).fold(0.0, f64::max);
         // If the user requests an order, the table also shows up to two higher orders, as the number of points allows.
         let shown = (highest + 2).min(values.len().saturating_sub(2)).min(MAX_ORDER).max(highest);
-        let regression = Regression::new(points, if fixed.is_some() { shown } else { highest }).map_err(failed)?;
+        // Telemetry with few digits may be the same at several set points.
+        let possible = highest.min(distinct(points.iter().map(|point| point.x.value())).saturating_sub(2));
+        let regression = Regression::new(points, if fixed.is_some() { shown } else { possible }).map_err(failed)?;
         let (effect, unit) = if q == 0 { (BIAS_EFFECT, "g0") } else { (SCALE_FACTOR_EFFECT * size, "pulse/(s*g0)") };
         let choice = match fixed {
             Some(order) => Choice { order, reason: "asked for".to_owned() },
@@ -386,8 +551,7 @@ fn table(
         out_of_range: campaign.out_of_range,
         max_age_s: campaign.max_age_s,
         axes: [axis(0)?, axis(1)?, axis(2)?],
-        // Indicated = M * specific force, so the alignment is the inverse of M.
-        alignment: if options.alignment { misalignment(solution).try_inverse() } else { None },
+        alignment: options.alignment.matrix(solution),
     };
     CoefficientTable::new(content).map_err(CalibrationError::Table)
 }

@@ -2,9 +2,10 @@
 
 mod dwell;
 
-pub use dwell::{Block, Dwell, DwellSums, range};
+pub use dwell::{Block, Dwell, DwellSums, RowSteps, range};
 
-use crate::positions::{Position, SAME_DIRECTION, mount, specific_force};
+use crate::gravity::fault;
+use crate::positions::{Position, SAME_DIRECTION, contradiction, mount, specific_force};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::ImuId;
@@ -93,6 +94,7 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     };
     let gravity_reference = gravity("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
     let gravity_local = gravity("gravity_local", "gravity at the station in m/s2");
+    place(root, gravity_local);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES).unwrap_or(OutOfRange::Clamp);
     let positive = |key| {
@@ -118,6 +120,9 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         }
         section.finish();
     }
+    if complete {
+        root.refuse("position", contradiction(&positions));
+    }
     let mount = mount(&positions);
     if let Some(rotation) = mount.filter(|rotation| *rotation == rotation.map(f64::round)) {
         for position in &mut positions {
@@ -139,6 +144,25 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         positions: complete.then_some(positions)?,
         mount,
     })
+}
+
+/// Checks local gravity by the place of the station, if it is stated.
+fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) {
+    let ranges = [("latitude_deg", -90.0..=90.0), ("height_m", -1000.0..=9000.0)];
+    let [latitude, height] = ranges.map(|(key, range)| {
+        let value = root.optional_number(key);
+        let wrong = value.filter(|value| !range.contains(value));
+        root.refuse(key, wrong.map(|value| format!("is {value:?}, give {} to {}", range.start(), range.end())));
+        value.filter(|value| range.contains(value))
+    });
+    match (latitude, height) {
+        (Some(latitude), Some(height)) => {
+            root.refuse("gravity_local", gravity_local.and_then(|gravity| fault(gravity, latitude, height)));
+        }
+        (None, None) => {}
+        _ if root.has("latitude_deg") && root.has("height_m") => {}
+        _ => root.fault("", "give both latitude_deg and height_m, or neither"),
+    }
 }
 
 fn position(section: &Section<'_, '_>) -> Option<Position> {
@@ -220,6 +244,11 @@ pub fn read(
     Ok(dwells)
 }
 
+/// Factors between units of time that are exchanged by mistake.
+pub const UNIT_FACTORS: [f64; 4] = [60.0, 1e3, 1e6, 1e9];
+/// A ratio is such a factor if it differs from it by less than this part.
+pub const UNIT_TOLERANCE: f64 = 0.01;
+
 /// The reason why a raw sample of a campaign cannot be used; `None` if it can. `previous_ns` is the timestamp of the
 /// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
 #[must_use]
@@ -230,13 +259,22 @@ pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<Strin
     }
     if let Some(previous_ns) = previous_ns {
         if timestamp_ns <= previous_ns {
-            return Some(format!("timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row"));
+            let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
+            return Some(format!(
+                "timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}"
+            ));
         }
         // Up to 1.5 times the elapsed time is clock jitter; more is a wrong unit or an overlap.
         if interval_ns / 3 * 2 > timestamp_ns - previous_ns {
+            let passed = timestamp_ns - previous_ns;
+            let ratio = interval_ns as f64 / passed as f64;
+            let unit = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE);
+            let cause = unit.map(|factor| {
+                format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
+            });
             return Some(format!(
-                "interval_ns is {interval_ns}, but only {} ns have passed since the row before; pulses would be counted twice",
-                timestamp_ns - previous_ns
+                "interval_ns is {interval_ns}, but only {passed} ns have passed since the row before; pulses would be counted twice{}",
+                cause.unwrap_or_default()
             ));
         }
     }

@@ -1,9 +1,13 @@
 //! Checks of a campaign: every position at every set point, soak, stillness, saturation, plausible telemetry.
 //!
-//! A finding that would spoil the table is a fault. A finding that the user should know is a warning. Both name line, set
-//! point and position.
+//! A finding that would spoil the table, or that no true data can show, is a fault. A finding that the user should know is a
+//! warning. Both have a name ([`name`]), and name line, set point and position.
 //!
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
+
+pub mod name;
+mod scale;
+pub(crate) mod time;
 
 use crate::campaign::{Block, Campaign, Dwell, range};
 use crate::diagnostics::{median, robust_sd};
@@ -12,8 +16,6 @@ use core::fmt;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 
-/// If the campaign states no soak, a shorter time between two set points gives a warning \[s\].
-const USUAL_SOAK: f64 = 3600.0;
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.
 const WRONG_POSITION: f64 = 0.1;
@@ -24,15 +26,25 @@ const MOVED: f64 = 0.02;
 const STILL: f64 = 10.0;
 /// Constant part of that limit \[g0\].
 const STILL_FLOOR: f64 = 5e-6;
-/// Within a dwell, telemetry that changes by more than this part of the step between set points is a fault.
+/// Within a dwell, telemetry that changes by more than this part of the step to a neighbouring set point is a fault ..
 const DWELL_DRIFT: f64 = 0.5;
+/// .. if it also changes by more than this many times what is usual within a dwell.
+const DWELL_NOISE: f64 = 3.0;
+/// Telemetry resolves set points that are at least this many of its digits apart.
+const RESOLVED: f64 = 2.0;
+/// The last digit may change to the next one, whatever the temperature does: a change by less than this many digits says nothing.
+const FLICKER: f64 = 1.5;
+/// No temperature is further from all set points than this many times what telemetry spans from the lowest to the highest.
+const IMPOSSIBLE: f64 = 10.0;
 /// Over a set point, a change by more than this part of the step gives a warning.
 const SET_POINT_DRIFT: f64 = 0.1;
-
-/// Largest relative difference between the sum of the intervals and the elapsed time.
-const CLOCK_TOLERANCE: f64 = 0.01;
-/// A dwell shorter than this part of the median counts as cut short.
-const SHORT_DWELL: f64 = 0.6;
+/// A converter whose rate is the same in every block is saturated if it is so in dwells of this many pulses at two set points: noise and
+/// temperature of a working one show in the last digits, but 1e-6 can be less than they do near an extremum of K.
+const EXACT_PULSES: f64 = 1e6;
+/// A few blocks may be the same by chance; it takes this many of a channel's largest rate.
+const FULL_BLOCKS: usize = 20;
+/// Rates of the same pulses in the same time, summed over different numbers of rows, differ by less.
+const ROUNDING: f64 = 1e-9;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -48,6 +60,8 @@ pub enum Severity {
 pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
+    /// What it is, one of [`name::ALL`]; `--accept` takes it.
+    pub name: &'static str,
     /// Line of the samples, if the finding concerns one.
     pub line: Option<u64>,
     /// Set point \[degC\] and number of the position, if the finding concerns one.
@@ -57,6 +71,19 @@ pub struct Finding {
 }
 
 impl Finding {
+    /// A finding about the whole campaign.
+    #[must_use]
+    pub const fn whole(severity: Severity, name: &'static str, message: String) -> Self {
+        Self { severity, name, line: None, place: None, message }
+    }
+
+    /// `fault [name]: `, then as [`located`](Self::located).
+    #[must_use]
+    pub fn tagged(&self, locate: impl Fn(u64) -> String) -> String {
+        let severity = if self.severity == Severity::Fault { "fault" } else { "warning" };
+        format!("{severity} [{}]: {}", self.name, self.located(locate))
+    }
+
     /// The finding as text, with file and line in front if it has a line. `locate` gives file and line of a row.
     #[must_use]
     pub fn located(&self, locate: impl Fn(u64) -> String) -> String {
@@ -77,6 +104,57 @@ impl fmt::Display for Finding {
         }
         f.write_str(&self.message)
     }
+}
+
+/// The telemetry of one sensor.
+struct Column {
+    /// `a1_head`.
+    name: String,
+    /// Set point \[degC\] and mean telemetry of each set point.
+    means: Vec<(f64, f64)>,
+    /// Where set points are not further apart than noise and digits: the usual step from set point to set point, the usual change
+    /// within a dwell, and the last digit.
+    coarse: Option<[f64; 3]>,
+}
+
+/// Each value of the set points \[degC\], rising, with the larger step of the telemetry to its neighbours. A thermistor's steps differ by
+/// orders of magnitude from one end to the other.
+struct Steps(Vec<(f64, f64)>);
+
+impl Steps {
+    /// The steps of a column with these set points and means.
+    fn of(means: &[(f64, f64)]) -> Self {
+        let mut values: Vec<f64> = means.iter().map(|(set_point, _)| *set_point).collect();
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        let mean =
+            |value: &f64| median(means.iter().filter(|(set_point, _)| set_point == value).map(|(_, mean)| *mean));
+        let telemetry: Vec<f64> = values.iter().map(mean).collect();
+        let steps: Vec<f64> = telemetry.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+        let larger = |index: usize| {
+            let below = index.checked_sub(1).and_then(|below| steps.get(below));
+            below.into_iter().chain(steps.get(index)).copied().fold(0.0, f64::max)
+        };
+        Self(values.iter().enumerate().map(|(index, value)| (*value, larger(index))).collect())
+    }
+
+    /// The step at a set point.
+    fn at(&self, set_point_c: f64) -> f64 {
+        self.0.iter().find(|(value, _)| *value == set_point_c).map_or(f64::NAN, |(_, step)| *step)
+    }
+}
+
+/// The last digit of telemetry: the smallest difference between two different values, or the last decimal that any of them has.
+fn last_digit(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let steps = values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0);
+    let smallest = steps.fold(f64::INFINITY, f64::min);
+    let is_whole = |value: f64| (value - value.round()).abs() < 1e-3;
+    let decimals =
+        (0..9).map(|places| 10_f64.powi(places)).find(|ten| values.iter().all(|value| is_whole(value * ten)));
+    let decimal = decimals.map_or(0.0, f64::recip);
+    // A difference of decimals is not exact.
+    if smallest < 0.99 * decimal { smallest } else { decimal }
 }
 
 /// The dwells of a set point, see [`set_points`]. They share errors, such as hysteresis.
@@ -141,9 +219,10 @@ impl Checker<'_> {
         self.positions(set_points, excluded);
         self.soak();
         self.time();
+        self.motion(set_points);
         if set_points.len() < 2 {
             let message = format!("{} set point; a temperature calibration needs at least 2", set_points.len());
-            self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
+            self.findings.push(Finding::whole(Severity::Fault, name::SET_POINTS, message));
         } else {
             self.telemetry(set_points);
         }
@@ -154,14 +233,21 @@ impl Checker<'_> {
         self.findings
     }
 
-    fn report_dwell(&mut self, severity: Severity, dwell: usize, line: u64, message: String) {
+    fn report_dwell(&mut self, severity: Severity, name: &'static str, dwell: usize, line: u64, message: String) {
         let dwell = &self.dwells[dwell];
         let place = Some((dwell.set_point_c, Some(self.campaign.positions[dwell.position].number)));
-        self.findings.push(Finding { severity, line: Some(line), place, message });
+        self.findings.push(Finding { severity, name, line: Some(line), place, message });
     }
 
-    fn report_set_point(&mut self, severity: Severity, set_point_c: f64, line: Option<u64>, message: String) {
-        self.findings.push(Finding { severity, line, place: Some((set_point_c, None)), message });
+    fn report_set_point(
+        &mut self,
+        severity: Severity,
+        name: &'static str,
+        set_point_c: f64,
+        line: Option<u64>,
+        message: String,
+    ) {
+        self.findings.push(Finding { severity, name, line, place: Some((set_point_c, None)), message });
     }
 
     /// Whether every set point has every position of the campaign file.
@@ -176,59 +262,15 @@ impl Checker<'_> {
                 .collect();
             if !missing.is_empty() {
                 let line = set_point.dwells.last().map(|&dwell| self.dwells[dwell].lines[1]);
+                let (noun, verb, it) =
+                    if missing.len() == 1 { ("position", "is", "it") } else { ("positions", "are", "each") };
                 let message = format!(
-                    "position {} of the campaign file is missing; measure it, or leave it out knowingly with --exclude {}/{}",
+                    "{noun} {} of the campaign file {verb} missing; measure {it}, or leave {it} out knowingly with --exclude {}/{}",
                     missing.join(", "),
                     set_point.set_point_c,
                     missing[0]
                 );
-                self.report_set_point(Severity::Fault, set_point.set_point_c, line, message);
-            }
-        }
-    }
-
-    /// The time between the last row of a set point and the first row of the next.
-    fn soak(&mut self) {
-        let (limit, severity) = match self.campaign.soak_s {
-            Some(stated) => (stated, Severity::Fault),
-            None => (USUAL_SOAK, Severity::Warning),
-        };
-        for index in 1..self.dwells.len() {
-            let (before, after) = (&self.dwells[index - 1], &self.dwells[index]);
-            let gap = after.time_ns[0].saturating_sub(before.time_ns[1]) as f64 / 1e9;
-            if before.set_point_c != after.set_point_c && gap < limit {
-                let stated = if self.campaign.soak_s.is_some() { "the campaign file asks for" } else { "usual are" };
-                let message = format!(
-                    "its first dwell begins {gap:.0} s after the set point before; {stated} {limit:.0} s of soak"
-                );
-                self.report_set_point(severity, after.set_point_c, Some(after.lines[0]), message);
-            }
-        }
-    }
-
-    /// The sum of the intervals against the elapsed time, and dwells that are cut short.
-    fn time(&mut self) {
-        let elapsed = |dwell: &Dwell| dwell.time_ns[1].saturating_sub(dwell.time_ns[0]) as f64 / 1e9;
-        let ratio = median(self.dwells.iter().map(|dwell| dwell.sums.seconds / elapsed(dwell)));
-        let line = self.dwells.first().map(|dwell| dwell.lines[0]);
-        if !(1.0 - CLOCK_TOLERANCE..=1.0 + CLOCK_TOLERANCE).contains(&ratio) {
-            let (severity, cause) = if ratio > 1.0 {
-                (Severity::Fault, "pulses are counted twice, or interval_ns is not in ns")
-            } else {
-                (
-                    Severity::Warning,
-                    "rows are missing, or interval_ns is not the time that was counted, and every scale factor is wrong by as much",
-                )
-            };
-            let message = format!("the intervals add up to {ratio:.4} of the time that passed: {cause}");
-            self.findings.push(Finding { severity, line, place: None, message });
-        }
-        let usual = median(self.dwells.iter().map(|dwell| dwell.sums.seconds));
-        for dwell in 0..self.dwells.len() {
-            let (seconds, lines) = (self.dwells[dwell].sums.seconds, self.dwells[dwell].lines);
-            if seconds < SHORT_DWELL * usual {
-                let message = format!("{seconds:.1} s only, others have {usual:.1} s; is the file cut?");
-                self.report_dwell(Severity::Warning, dwell, lines[1], message);
+                self.report_set_point(Severity::Fault, name::MISSING_POSITION, set_point.set_point_c, line, message);
             }
         }
     }
@@ -236,9 +278,10 @@ impl Checker<'_> {
     /// Sensors that do not react, dwells and set points that were not settled, set points that were not reached.
     fn telemetry(&mut self, set_points: &[SetPoint]) {
         type TelemetryRanges = fn(&Block) -> &[[f64; 2]; AXES];
+        let mut columns: Vec<Column> = Vec::new();
         let sensors: [(&str, TelemetryRanges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
         for axis in 0..AXES {
-            for (name, of) in sensors {
+            for (sensor, of) in sensors {
                 let of_dwell = |dwell: &Dwell| range(dwell.blocks.iter().map(|block| of(block)[axis]));
                 let middle = |dwell: &Dwell| {
                     median(dwell.blocks.iter().map(|block| {
@@ -250,13 +293,46 @@ impl Checker<'_> {
                     .iter()
                     .map(|set_point| median(set_point.dwells.iter().map(|&dwell| middle(&self.dwells[dwell]))))
                     .collect();
-                let mut steps = means.clone();
-                steps.sort_by(f64::total_cmp);
-                let step = median(steps.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
-                let column = format!("a{}_{name}", axis + 1);
-                if step.is_nan() {
+                let column = format!("a{}_{sensor}", axis + 1);
+                let over: Vec<_> =
+                    set_points.iter().map(|set_point| set_point.set_point_c).zip(means.clone()).collect();
+                let steps = Steps::of(&over);
+                let spread = |dwell: &Dwell| {
+                    let [low, high] = of_dwell(dwell);
+                    high - low
+                };
+                let usual_step = median(steps.0.iter().map(|(_, step)| *step));
+                let usual_spread = median(self.dwells.iter().map(spread));
+                let blocks = self.dwells.iter().flat_map(|dwell| &dwell.blocks);
+                let digit = last_digit(blocks.flat_map(|block| of(block)[axis]).collect());
+                let resolved = usual_step >= RESOLVED * digit && usual_spread <= DWELL_DRIFT * usual_step;
+                let coarse = (!resolved).then_some([usual_step, usual_spread, digit]);
+                columns.push(Column { name: column.clone(), means: over, coarse });
+                // An oven's sensor may have the same median everywhere, but its last digits move.
+                if usual_step == 0.0 && usual_spread == 0.0 {
                     let message = format!("{column} is the same at every set point; is the sensor connected?");
-                    self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
+                    self.findings.push(Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message));
+                    continue;
+                }
+                // Such a row would be in the dwell's mean and in the table's range: nothing is left to accept.
+                let [low, high] = range(means.iter().map(|mean| [*mean; 2]));
+                let far = IMPOSSIBLE * (high - low).max(usual_spread).max(digit);
+                let broken = |dwell: &Dwell| {
+                    let is_broken = |block: &&Block| of(block)[axis][0] < low - far || of(block)[axis][1] > high + far;
+                    dwell.blocks.iter().find(is_broken).map(|block| (block.line, of(block)[axis]))
+                };
+                for dwell in 0..self.dwells.len() {
+                    if let Some((line, [least, most])) = broken(&self.dwells[dwell]) {
+                        let value = if most > high + far { most } else { least };
+                        let message = format!(
+                            "{column} reads {value:?}, and {low:.4} to {high:.4} at the set points: a broken reading; mend the row or leave the dwell \
+                             out with --exclude"
+                        );
+                        self.report_dwell(Severity::Fault, name::TELEMETRY_READING, dwell, line, message);
+                    }
+                }
+                if !resolved {
+                    // Two set points may then read alike, and noise may be larger than their distance.
                     continue;
                 }
                 // A sensor whose reading is exactly the same in two dwells at different set points does not work.
@@ -273,12 +349,13 @@ impl Checker<'_> {
                     let message = format!(
                         "{column} does not move from the set point before in any digit; is the sensor connected?"
                     );
-                    self.report_dwell(Severity::Fault, dwell, line, message);
+                    self.report_dwell(Severity::Fault, name::TELEMETRY_STUCK, dwell, line, message);
                     continue;
                 }
                 for dwell in 0..self.dwells.len() {
                     let [low, high] = of_dwell(&self.dwells[dwell]);
-                    if high - low > DWELL_DRIFT * step {
+                    let step = steps.at(self.dwells[dwell].set_point_c);
+                    if high - low > (DWELL_DRIFT * step).max(DWELL_NOISE * usual_spread).max(FLICKER * digit) {
                         let usual = middle(&self.dwells[dwell]);
                         let is_off = |block: &&Block| {
                             let [low, high] = of(block)[axis];
@@ -290,20 +367,27 @@ impl Checker<'_> {
                             .find(is_off)
                             .map_or(self.dwells[dwell].lines[0], |b| b.line);
                         let message = format!(
-                            "{column} runs from {low} to {high} within the dwell, while set points are {step:.3} apart: a broken \
+                            "{column} runs from {low} to {high} within the dwell, while set points are {step:.3} apart here: a broken \
                              reading, or a temperature that was not settled; mend the rows or leave the dwell out with --exclude"
                         );
-                        self.report_dwell(Severity::Fault, dwell, line, message);
+                        self.report_dwell(Severity::Fault, name::TELEMETRY_DRIFT, dwell, line, message);
                     }
                 }
                 for (set_point, mean) in set_points.iter().zip(&means) {
                     let [low, high] = range(set_point.dwells.iter().map(|&dwell| [middle(&self.dwells[dwell]); 2]));
-                    if high - low > SET_POINT_DRIFT * step {
+                    let step = steps.at(set_point.set_point_c);
+                    if high - low > (SET_POINT_DRIFT * step).max(FLICKER * digit) {
                         let line = set_point.dwells.first().map(|&dwell| self.dwells[dwell].lines[0]);
                         let message = format!(
                             "{column} moves from {low:.4} to {high:.4} while the set point is measured: the soak was too short"
                         );
-                        self.report_set_point(Severity::Warning, set_point.set_point_c, line, message);
+                        self.report_set_point(
+                            Severity::Warning,
+                            name::TELEMETRY_DRIFT,
+                            set_point.set_point_c,
+                            line,
+                            message,
+                        );
                     }
                     // If two different set points have the same telemetry, one of them was not reached.
                     let other = set_points.iter().zip(&means).find(|(other, value)| {
@@ -314,11 +398,12 @@ impl Checker<'_> {
                             "{column} reads as at {} degC ({mean:.4}); was the set point reached?",
                             other.set_point_c
                         );
-                        self.report_set_point(Severity::Warning, set_point.set_point_c, None, message);
+                        self.report_set_point(Severity::Warning, name::SET_POINT, set_point.set_point_c, None, message);
                     }
                 }
             }
         }
+        self.scale(&columns);
     }
 
     /// Rates at the campaign's `max_rate`, and converters that are full.
@@ -326,39 +411,43 @@ impl Checker<'_> {
         self.plateaus();
         let Some(limit) = self.campaign.max_rate else { return };
         for dwell in 0..self.dwells.len() {
-            for (axis, name) in AXIS_NAMES.iter().enumerate() {
+            for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
                 let full = self.dwells[dwell].blocks.iter().find(|block| block.rate[axis] >= limit);
                 if let Some((line, rate)) = full.map(|block| (block.line, block.rate[axis])) {
-                    let message = format!("{name} counts {rate:.0} pulse/s, max_rate is {limit:.0}: saturated");
-                    self.report_dwell(Severity::Fault, dwell, line, message);
+                    let message =
+                        format!("{accelerometer} counts {rate:.0} pulse/s, max_rate is {limit:.0}: saturated");
+                    self.report_dwell(Severity::Fault, name::SATURATED, dwell, line, message);
                 }
             }
         }
     }
 
-    /// Finds saturated converters: they give the same count in every row, at different set points.
+    /// Finds saturated converters: they give the same count in every row, at different set points, and never a larger one.
     fn plateaus(&mut self) {
-        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+        for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
             for (channel, sign) in ["+", "-"].iter().enumerate() {
                 let rate = |block: &Block| block.sums.rates(axis)[channel];
-                let flat = |dwell: &Dwell| {
-                    let first = dwell.blocks.first().map(rate)?;
-                    (first > 0.0 && dwell.blocks.len() > 2 && dwell.blocks.iter().all(|block| rate(block) == first))
-                        .then_some(first)
+                let most = self.dwells.iter().flat_map(|dwell| &dwell.blocks).map(rate).fold(0.0, f64::max);
+                let is_full = |dwell: &usize| {
+                    let blocks = &self.dwells[*dwell].blocks;
+                    blocks.len() > 2 && blocks.iter().all(|block| rate(block) >= most * (1.0 - ROUNDING))
                 };
-                let full: Vec<_> = (0..self.dwells.len()).filter_map(|d| Some((d, flat(&self.dwells[d])?))).collect();
-                let most = full.iter().map(|(_, rate)| *rate).fold(0.0, f64::max);
-                let mut full = full.iter().filter(|(_, rate)| *rate == most).map(|(dwell, _)| *dwell);
-                let (first, last) = (full.next(), full.next_back());
-                if let (Some(first), Some(last)) = (first, last)
+                let full: Vec<usize> = (0..self.dwells.len()).filter(is_full).collect();
+                let blocks: usize = full.iter().map(|dwell| self.dwells[*dwell].blocks.len()).sum();
+                if let [first, .., last] = *full.as_slice()
                     && self.dwells[first].set_point_c != self.dwells[last].set_point_c
                     && most > 1000.0
+                    && blocks >= FULL_BLOCKS
                 {
+                    let seconds = |dwell: usize| self.dwells[dwell].sums.seconds;
+                    let exact = most * seconds(first).min(seconds(last)) > EXACT_PULSES;
+                    let severity = if exact { Severity::Fault } else { Severity::Warning };
                     let message = format!(
-                        "the {sign} channel of {name} gives the same {most:.0} pulse/s in every row, here and at {} degC: is it saturated?",
+                        "the {sign} channel of {accelerometer} gives the same {most:.0} pulse/s in every row, here and at {} degC, and never more: its converter \
+                         is full; measure with a larger range, or leave out the set points where it is",
                         self.dwells[last].set_point_c
                     );
-                    self.report_dwell(Severity::Warning, first, self.dwells[first].lines[0], message);
+                    self.report_dwell(severity, name::SATURATED, first, self.dwells[first].lines[0], message);
                 }
             }
         }
@@ -377,39 +466,42 @@ impl Checker<'_> {
         [of(1.0, 0), of(-1.0, 1)]
     }
 
-    /// Whether the dwells of a set point agree with each other and give scale factors of the right sign.
-    fn is_consistent(&self, set_point: &SetPoint, axis: usize) -> bool {
+    /// K+ and K- of a set point, if its dwells agree with each other and give scale factors of the right sign.
+    fn consistent(&self, set_point: &SetPoint, axis: usize) -> Option<[f64; 2]> {
         let dwells: Vec<_> = set_point.dwells.iter().map(|&dwell| &self.dwells[dwell]).collect();
-        reduce(self.campaign, &dwells, axis, None).is_some_and(|reduced| {
-            let [_, k_plus, k_minus, ..] = reduced.values;
-            // The residual is NaN if there are as many dwells as parameters.
-            (reduced.residual_sd < MOVED || reduced.residual_sd.is_nan()) && k_plus > 0.0 && k_minus < 0.0
-        })
+        let reduced = reduce(self.campaign, &dwells, axis, None)?;
+        let [_, k_plus, k_minus, ..] = reduced.values;
+        // The residual is NaN if there are as many dwells as parameters.
+        let agree = reduced.residual_sd < MOVED || reduced.residual_sd.is_nan();
+        (agree && k_plus > 0.0 && k_minus < 0.0).then_some([k_plus, k_minus])
     }
 
-    /// The indicated specific force against the one of the position.
+    /// The indicated specific force against the one of the position, and the scale factors against each other.
     fn forces(&mut self, set_points: &[SetPoint]) {
         let gravity = self.campaign.gravity_local / self.campaign.gravity_reference;
-        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+        let mut scale_factors: [Option<[f64; 2]>; AXES] = [None; AXES];
+        for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
             for (k, side, sign) in [(up, "up", "+"), (down, "down", "-")] {
                 if k.is_nan() || k <= 1.0 {
                     let message = if k.is_nan() {
-                        format!("no dwell is left in which {name} points {side}")
+                        format!("no dwell is left in which {accelerometer} points {side}")
                     } else {
                         format!(
-                            "{name} gives no pulses on its {sign} channel in the positions where it points {side}; are the channels or the \
-                         signs of the specific force exchanged?"
+                            "{accelerometer} gives no pulses on its {sign} channel in the positions where it points {side}; is the \
+                             channel dead, or are the channels or the signs of the specific force exchanged?"
                         )
                     };
-                    self.findings.push(Finding { severity: Severity::Fault, line: None, place: None, message });
+                    self.findings.push(Finding::whole(Severity::Fault, name::NO_PULSES, message));
                 }
             }
             if [up, down].iter().any(|k| k.is_nan() || *k <= 1.0) {
                 continue;
             }
             // A large bias shifts all readings by the same amount; the dwells of each set point are then still consistent.
-            if set_points.iter().all(|set_point| self.is_consistent(set_point, axis)) {
+            let found: Option<Vec<_>> = set_points.iter().map(|set_point| self.consistent(set_point, axis)).collect();
+            if let Some(found) = found {
+                scale_factors[axis] = Some([0, 1].map(|channel| median(found.iter().map(|k| k[channel].abs()))));
                 continue;
             }
             for dwell in 0..self.dwells.len() {
@@ -418,18 +510,25 @@ impl Checker<'_> {
                 let indicated = (positive / up - negative / down) * gravity;
                 if (indicated - asked).abs() > WRONG_POSITION {
                     let message = format!(
-                        "{name} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the table moved; \
-                         mend the rows or leave the dwell out with --exclude"
+                        "{accelerometer} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the \
+                         table moved; mend the rows or leave the dwell out with --exclude"
                     );
-                    self.report_dwell(Severity::Fault, dwell, self.dwells[dwell].lines[0], message);
+                    self.report_dwell(
+                        Severity::Fault,
+                        name::WRONG_POSITION,
+                        dwell,
+                        self.dwells[dwell].lines[0],
+                        message,
+                    );
                 }
             }
         }
+        self.scale_factors(&scale_factors);
     }
 
     /// Whether all blocks of a dwell agree.
     fn still(&mut self) {
-        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+        for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
             let [up, down] = self.nominal(axis);
             for dwell in 0..self.dwells.len() {
                 let blocks = &self.dwells[dwell].blocks;
@@ -440,19 +539,26 @@ impl Checker<'_> {
                 let values: Vec<f64> = blocks.iter().map(indicated).collect();
                 let middle = median(values.iter().copied());
                 let off: Vec<f64> = values.iter().map(|value| value - middle).collect();
-                // Pulses are whole numbers: a difference of up to four is no motion.
-                let pulse = 4.0 / (up.min(down) * median(blocks.iter().map(|block| block.sums.seconds)));
-                let limit = STILL * robust_sd(&off) + STILL_FLOOR + pulse;
-                let worst = (0..off.len()).max_by(|&a, &b| off[a].abs().total_cmp(&off[b].abs()));
-                if let Some(worst) = worst.filter(|&worst| off[worst].abs() > limit) {
+                // The last block may be of a few rows only, and has the more noise.
+                let usual_s = median(blocks.iter().map(|block| block.sums.seconds));
+                let noise = STILL * robust_sd(&off);
+                let over = |&k: &usize| {
+                    let seconds = blocks[k].sums.seconds;
+                    // Pulses are whole numbers: a difference of up to four is no motion.
+                    let limit =
+                        noise * (usual_s / seconds).sqrt().max(1.0) + STILL_FLOOR + 4.0 / (up.min(down) * seconds);
+                    off[k].abs() > limit
+                };
+                let worst = (0..off.len()).filter(over).max_by(|&a, &b| off[a].abs().total_cmp(&off[b].abs()));
+                if let Some(worst) = worst {
                     let line = blocks[worst].line;
                     let severity = if off[worst].abs() > MOVED { Severity::Fault } else { Severity::Warning };
                     let message = format!(
                         "{} was not still: {:.1}e-6 g0 off the rest of the dwell from this row on; leave the rows or the dwell out",
-                        name,
+                        accelerometer,
                         off[worst] * 1e6
                     );
-                    self.report_dwell(severity, dwell, line, message);
+                    self.report_dwell(severity, name::NOT_STILL, dwell, line, message);
                 }
             }
         }

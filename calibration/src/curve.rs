@@ -102,10 +102,10 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| powers.dot(&(covariance * &powers)).max(0.0).sqrt())
     }
 
-    /// Half width of the confidence interval of the value at `telemetry`, at confidence `level`, 0 to 1.
+    /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1.
     #[must_use]
-    pub fn interval(&self, telemetry: f64, level: f64) -> Option<f64> {
-        Some(self.standard_error(telemetry)? * student_quantile(level, self.freedom))
+    pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
+        Some(self.standard_error(telemetry)? * student_quantile(confidence, self.freedom))
     }
 
     /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.
@@ -162,12 +162,19 @@ impl Curve {
     }
 }
 
-/// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `level`.
+/// Confidence of every interval that is printed or judged.
+pub const CONFIDENCE: f64 = 0.95;
+
+/// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `confidence`.
 #[must_use]
-pub fn student_quantile(level: f64, freedom: usize) -> f64 {
-    let n = freedom as f64;
+pub fn student_quantile(confidence: f64, freedom: usize) -> f64 {
+    student_quantile_of(confidence, freedom as f64)
+}
+
+/// The same for degrees of freedom that are not a whole number.
+pub(crate) fn student_quantile_of(confidence: f64, n: f64) -> f64 {
     // t^2 is F with 1 and n degrees of freedom; n/(n + t^2) follows the beta distribution.
-    let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - level);
+    let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - confidence);
     (n * (1.0 - x) / x).sqrt()
 }
 

@@ -2,12 +2,17 @@
 //!
 //! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
 
+pub mod accuracy;
+pub mod alignment;
 pub mod calibrate;
 pub mod campaign;
 pub mod checks;
 pub mod curve;
+pub mod diagnosis;
 pub mod diagnostics;
 pub mod double_double;
+pub mod gate;
+pub mod gravity;
 pub mod one_stage;
 pub mod order;
 pub mod positions;
@@ -18,3 +23,4 @@ pub mod regression;
 pub mod report;
 pub mod simulate;
 pub mod stability;
+pub mod verdict;

@@ -38,6 +38,8 @@ const MAX_STEPS: usize = 30;
 /// Condition number above which the dwells do not determine the unknowns. Powers are not orthogonal, so high orders reach
 /// some thousands; a real deficiency is far above.
 const MAX_CONDITION: f64 = 1e7;
+/// Most steps of the search for singular values; it needs a few for each.
+const MAX_SVD_STEPS: usize = 10_000;
 /// The tilt is estimated only if it increases the condition number by less than this factor.
 const MAX_TILT_CONDITION: f64 = 30.0;
 /// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and its
@@ -306,7 +308,8 @@ impl<'a> JointModel<'a> {
             return None;
         }
         let scale = DVector::from_fn(columns, |j, _| jacobian.column(j).norm());
-        if scale.iter().any(|norm| *norm <= 0.0) {
+        // A value that is not finite, or overflows, would keep the search for singular values from ending.
+        if !scale.iter().all(|norm| *norm > 0.0 && norm.is_finite()) {
             return None;
         }
         let mut scaled = jacobian.clone();
@@ -317,7 +320,7 @@ impl<'a> JointModel<'a> {
         let r = qr.r();
         let mut right = residual.clone();
         qr.q_tr_mul(&mut right);
-        let sizes = r.clone().singular_values();
+        let sizes = r.clone().try_svd_unordered(false, false, f64::EPSILON, MAX_SVD_STEPS)?.singular_values;
         let condition = sizes.max() / sizes.min();
         if condition.is_nan() || condition > MAX_CONDITION {
             return None;

@@ -11,9 +11,13 @@
 //! An input axis that points up reads +1. If the base is tilted by the small angles (tx, ty) about the laboratory's X and Y,
 //! `(0, 0, 1)` becomes `(-ty, tx, 1)`.
 
+mod mount;
+
+pub use mount::{contradiction, mount, other_zero};
+
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::DMatrix;
 
 /// One position of the turntable.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,31 +56,6 @@ impl Position {
 
 /// Two directions are the same if all components agree within this: a few digits are enough to state a direction.
 pub const SAME_DIRECTION: f64 = 2e-3;
-
-/// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated one,
-/// along A1, A2, A3. A matrix that only exchanges axes or their signs is returned exactly. `None` if a position has no
-/// angles, or if no such matrix explains all stated directions.
-#[must_use]
-pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
-    let pairs: Option<Vec<_>> = positions
-        .iter()
-        .map(|position| {
-            let [outer, inner] = position.angles?;
-            Some((Vector3::from(specific_force(outer, inner)), Vector3::from(position.specific_force)))
-        })
-        .collect();
-    let pairs = pairs?;
-    let sum: Matrix3<f64> = pairs.iter().map(|(at, stated)| stated * at.transpose()).sum();
-    let svd = sum.svd(true, true);
-    // Directions in one plane do not determine the matrix; such positions do not determine the parameters either.
-    if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
-        return None;
-    }
-    let rotation = svd.u? * svd.v_t?;
-    let exact = rotation.map(f64::round);
-    let rotation = if (rotation - exact).amax() < SAME_DIRECTION { exact } else { rotation };
-    pairs.iter().all(|(at, stated)| (rotation * at - stated).amax() < SAME_DIRECTION).then_some(rotation)
-}
 
 /// Specific force along A1, A2, A3 at the angles \[deg\], in units of the local gravity.
 #[must_use]
@@ -297,27 +276,6 @@ mod tests {
                 assert!(((a - b) / (2.0 * step) + by_tilt[0]).abs() < 1e-9, "{position:?}");
             }
         }
-    }
-
-    #[test]
-    fn the_mount_is_found_from_a_few_digits() {
-        let rotation = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
-        let mut positions = Scheme::SixFacesSixEdges.positions();
-        for position in &mut positions {
-            let force = rotation * Vector3::from(position.specific_force);
-            position.specific_force = force.map(|f| (f * 1e3).round() / 1e3).into();
-        }
-        assert_eq!(mount(&positions), Some(rotation));
-        // An oblique fixture is a rotation too.
-        let oblique = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 1.0).into_inner();
-        for position in &mut positions {
-            position.specific_force = (oblique * rotation.transpose() * Vector3::from(position.specific_force)).into();
-        }
-        assert!((mount(&positions).unwrap() - oblique).amax() < 1e-3);
-        positions[3].specific_force = [0.0, 0.0, 1.0];
-        assert_eq!(mount(&positions), None);
-        positions[3].angles = None;
-        assert_eq!(mount(&positions), None);
     }
 
     #[test]

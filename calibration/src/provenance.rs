@@ -1,6 +1,8 @@
 //! The `[provenance]` section that `calibrate` writes below a table: the origin of the table and its uncertainty. It is not
-//! part of the digest, and no program of ours reads it. It is for people and scripts.
+//! part of the digest. It is for people and scripts; of it, programs read only `gravity_local`, which `verify` takes if the user states
+//! none: an edited value passes unnoticed.
 
+use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
 use crate::campaign::Campaign;
 use crate::order::QUANTITIES;
@@ -122,6 +124,12 @@ struct Provenance<'a> {
     excluded: Vec<String>,
     /// Outlying dwells that were kept in the fit.
     outliers: Vec<String>,
+    /// The bottom line in words, then its parts by axis.
+    accuracy: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bias_interval_ug0: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale_factor_interval_ppm: Option<[f64; 3]>,
     residual_sd_g0: [f64; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     tilt_rad: Option<[f64; 2]>,
@@ -131,6 +139,8 @@ struct Provenance<'a> {
     misalignment: [[f64; 3]; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     misalignment_standard_error: Option<[[f64; 3]; 3]>,
+    /// Names of the faults that were accepted; they are among the warnings.
+    accepted: Vec<&'static str>,
     warnings: Vec<String>,
     curve: Vec<CurveRecord<'a>>,
     two_stage: Vec<SetPointRecord>,
@@ -147,6 +157,9 @@ struct CurveRecord<'a> {
     leave_one_set_point_out_rms: Option<f64>,
     leave_one_set_point_out_max: Option<f64>,
     degrees_of_freedom: usize,
+    /// Largest half width of the curve's 95 % interval over its range, in its unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    largest_interval: Option<f64>,
     /// Standard errors of the coefficients in the table, in their unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     standard_errors: Option<Vec<f64>>,
@@ -190,6 +203,8 @@ pub fn provenance(
         }
         Some(rows(&matrix))
     };
+    let accuracy = Accuracy::of(calibration);
+    let millionths = |[a1, a2, a3]: [Option<f64>; 3]| Some([a1? * 1e6, a2? * 1e6, a3? * 1e6]);
     let document = ProvenanceFile {
         provenance: Provenance {
             tool: &source.tool,
@@ -211,11 +226,15 @@ pub fn provenance(
                     format!("{place} {}", AXIS_NAMES[axis])
                 })
                 .collect(),
+            accuracy: accuracy.to_string(),
+            bias_interval_ug0: millionths(accuracy.bias),
+            scale_factor_interval_ppm: millionths(accuracy.scale_factor),
             residual_sd_g0: [0, 1, 2].map(|axis| calibration.residual_sd(axis)),
             tilt_rad: calibration.solution.tilt,
             tilt_standard_error: calibration.solution.tilt_error,
             misalignment: rows(&calibration.misalignment()),
             misalignment_standard_error: errors(),
+            accepted: calibration.accepted.clone(),
             warnings: calibration.findings.iter().map(ToString::to_string).collect(),
             curve: (0..9).map(|index| curve(calibration, index / 3, index % 3)).collect(),
             two_stage: calibration
@@ -257,6 +276,7 @@ fn curve(calibration: &Calibration, axis: usize, quantity: usize) -> CurveRecord
         leave_one_set_point_out_rms: fit.leave_one_out_rms.map(|rms| rms * factor),
         leave_one_set_point_out_max: fit.leave_one_out_max.map(|max| max * factor),
         degrees_of_freedom: curve.freedom(),
+        largest_interval: largest_interval(curve, false).map(|half| half * factor),
         standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
         covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),
     }

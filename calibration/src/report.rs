@@ -5,6 +5,7 @@
 
 mod axis;
 pub mod calibration;
+pub mod json;
 pub mod page;
 pub mod plot;
 mod svg;

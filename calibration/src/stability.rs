@@ -13,13 +13,22 @@
 //! If no attitude is stated, the median of the compensated output is used as the specific force. A constant error then does
 //! not show.
 //!
-//! # The modulus
+//! If local gravity is unknown, the length of that median is used in its place. An error along the specific force then does not show.
+//!
+//! # The length
 //! This check needs no turntable: at rest, at any attitude, the vector of the three outputs must have the length of local
 //! gravity. Without an alignment matrix, misalignments appear in it fully (3e-4 rad: up to 3e-4 g0). With one, only errors
 //! of bias and scale factor remain.
 //!
 //! Over 400 lines: the figures, the collector that computes them and their messages are one definition.
 
+mod coverage;
+
+pub use coverage::{Coverage, DRIVEN};
+
+use crate::campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
+use crate::checks::time::{CLOCK_TOLERANCE, cause, part};
+use crate::verdict::{MIN_GROUP, Verdict};
 use core::fmt;
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::polynomial::Polynomial;
@@ -30,29 +39,86 @@ use isotherm_shared::wire::{AXES, Flags, RawSample};
 const ATTITUDE_TOLERANCE: f64 = 5e-3;
 /// A window was still if it differs from its neighbours by less than this \[g0\].
 const STILL_TOLERANCE: f64 = 1e-3;
+/// Largest part of the windows that need not be at the attitude: a reading of the telemetry that is not plausible spoils a window.
+const MAX_UNJUDGED: f64 = 0.01;
 /// Largest difference between the length of the output at rest and gravity \[g0\].
 const GRAVITY_TOLERANCE: f64 = 0.02;
 /// Fewest windows for a standard deviation.
-const MIN_WINDOWS: usize = 3;
+pub const MIN_WINDOWS: usize = 3;
+/// Fewest windows that a requirement is judged by: two groups.
+const MIN_JUDGED: usize = 2 * MIN_GROUP;
+/// `interval_ns` that differs from the timestamps' steps by more than this part gives a warning.
+const CLOCK_WARNING: f64 = 200e-6;
 
 /// Conditions of the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
     /// Direction of the specific force along A1, A2, A3, a unit vector; unknown if `None`.
     pub attitude: Option<[f64; AXES]>,
-    /// Local gravity \[m/s2\].
-    pub gravity_local: f64,
+    /// Local gravity.
+    pub gravity: LocalGravity,
+}
+
+/// Local gravity at the recording's place \[m/s2\], and who says so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LocalGravity {
+    /// The user.
+    Stated(f64),
+    /// The provenance of the table: the recording is taken to come from the station that measured the table.
+    Provenance(f64),
+    /// Nobody. Neither the length of the output nor a constant error of an axis is then judged.
+    Unknown,
+}
+
+impl LocalGravity {
+    /// The stated value, else that of the table's provenance.
+    #[must_use]
+    pub fn of(stated: Option<f64>, table: &CoefficientTable) -> Self {
+        stated.map(Self::Stated).or_else(|| table.gravity_local().map(Self::Provenance)).unwrap_or(Self::Unknown)
+    }
+
+    /// Its source as a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stated(_) => "stated",
+            Self::Provenance(_) => "provenance",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    /// The value \[m/s2\], if it is known.
+    #[must_use]
+    pub const fn value(self) -> Option<f64> {
+        match self {
+            Self::Stated(value) | Self::Provenance(value) => Some(value),
+            Self::Unknown => None,
+        }
+    }
+}
+
+/// The value with its source.
+impl fmt::Display for LocalGravity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stated(value) => write!(f, "{value} m/s2, as stated"),
+            Self::Provenance(value) => write!(f, "{value} m/s2, from the provenance of the table"),
+            Self::Unknown => f.write_str(
+                "unknown: neither the length of the output nor a constant error of an axis is judged; state --gravity-local, or take a table whose provenance has gravity_local",
+            ),
+        }
+    }
 }
 
 impl Setup {
-    /// `attitude` is a direction of any length. Without `gravity_local` \[m/s2\], local gravity is the table's gravity.
+    /// `attitude` is a direction of any length.
     #[must_use]
-    pub fn new(attitude: Option<[f64; AXES]>, gravity_local: Option<f64>, table: &CoefficientTable) -> Self {
+    pub fn new(attitude: Option<[f64; AXES]>, gravity: LocalGravity) -> Self {
         let attitude = attitude.map(|direction| {
             let length = direction.iter().map(|f| f * f).sum::<f64>().sqrt();
             direction.map(|f| f / length)
         });
-        Self { attitude, gravity_local: gravity_local.unwrap_or(table.content().gravity) }
+        Self { attitude, gravity }
     }
 }
 
@@ -79,6 +145,14 @@ pub struct Window {
     pub still: bool,
 }
 
+impl Window {
+    /// Length of the output of the full model \[g0\].
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.after.iter().map(|a| a * a).sum::<f64>().sqrt()
+    }
+}
+
 /// One accelerometer's stability \[g0\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisStability {
@@ -100,19 +174,6 @@ impl AxisStability {
     }
 }
 
-/// |output| minus local gravity \[g0\], over the windows in which the IMU was still.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Modulus {
-    /// Number of windows.
-    pub windows: usize,
-    /// Mean.
-    pub mean: f64,
-    /// Rms about zero.
-    pub rms: f64,
-    /// Largest absolute value.
-    pub worst: f64,
-}
-
 /// The stability of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stability {
@@ -124,45 +185,100 @@ pub struct Stability {
     pub stated: bool,
     /// The figures, by axis.
     pub axes: [AxisStability; AXES],
-    /// The modulus; none if the IMU was never still.
-    pub modulus: Option<Modulus>,
-    /// Local gravity \[g0\].
+    /// Local gravity \[g0\]; if it is unknown, the median length of the output.
     pub gravity: f64,
+    /// Where local gravity comes from.
+    pub gravity_source: LocalGravity,
+    /// What the run allows to be claimed.
+    pub verdict: Verdict,
     /// Smallest step of the telemetry of head and board, by axis; none if it never changes.
     pub resolution: [[Option<f64>; 2]; AXES],
     /// Number of samples without a valid interval; they have no velocity.
     pub left_out: u64,
     /// Telemetry at which the coefficients are frozen: head and board, by axis.
     pub middle: [[f64; 2]; AXES],
+    /// What of the table the run exercises.
+    pub covered: Coverage,
+    /// `interval_ns` over the timestamp's step between consecutive sequences, median of the windows; `None` without consecutive sequences.
+    pub interval_ratio: Option<f64>,
 }
 
 impl Stability {
-    /// A warning if the length of the specific force is far from gravity.
+    /// Why nothing can be claimed of the table, if so: the figures are meaningless, or they are those of a part of the run.
     #[must_use]
-    pub fn gravity_mismatch(&self) -> Option<String> {
-        let length = self.specific_force.iter().map(|f| f * f).sum::<f64>().sqrt();
-        ((length - self.gravity).abs() > GRAVITY_TOLERANCE).then(|| {
+    pub fn nothing_claimed(&self) -> Option<String> {
+        self.gravity_mismatch().or_else(|| self.unjudged())
+    }
+
+    /// Why the table is not judged over the whole run, if too many windows are left out.
+    #[must_use]
+    pub fn unjudged(&self) -> Option<String> {
+        let left_out = self.windows.iter().filter(|window| !window.counts).count();
+        let windows = self.windows.len();
+        (left_out as f64 > MAX_UNJUDGED * windows as f64).then(|| {
             format!(
-                "the output is {length:.4} g0 long, gravity is {:.4}: not at rest, a dead converter, or the table of another IMU",
-                self.gravity
+                "{left_out} of {windows} windows are not at the attitude, at most 1 % may be left out: there the output is not a number or \
+                 over {ATTITUDE_TOLERANCE} g0 off, or the IMU was not at rest"
             )
         })
     }
 
-    /// Checks that the factor of every axis is at least `factor`.
-    ///
-    /// # Errors
-    /// The axes with a smaller factor.
-    pub fn require(&self, factor: f64) -> Result<(), String> {
-        let axes = AXIS_NAMES.iter().zip(&self.axes);
-        let short = axes.filter(|(_, axis)| axis.factor().is_nan() || axis.factor() < factor);
-        let short: Vec<_> = short.map(|(name, axis)| format!("{name} {:.2}", axis.factor())).collect();
-        if short.is_empty() {
-            return Ok(());
-        }
-        let axes = short.join(", ");
-        Err(format!("stability: {axes} times better, {factor} are required; calibrate anew, or look at the report"))
+    /// Why every figure is meaningless, if the length of the output is far from gravity in more windows than may be left out.
+    #[must_use]
+    pub fn gravity_mismatch(&self) -> Option<String> {
+        // The tolerance is wide enough for every place on Earth.
+        let gravity = if self.gravity_source.value().is_some() { self.gravity } else { 1.0 };
+        let lengths = self.windows.iter().map(Window::length);
+        let off: Vec<f64> = lengths.filter(|length| (length - gravity).abs() > GRAVITY_TOLERANCE).collect();
+        let windows = self.windows.len();
+        (off.len() as f64 > MAX_UNJUDGED * windows as f64).then(|| {
+            let (count, length) = (off.len(), crate::diagnostics::median(off));
+            let of = if count == windows { String::new() } else { format!(" in {count} of {windows} windows") };
+            format!(
+                "the output is {length:.4} g0 long{of}, gravity is {gravity:.4}: {}",
+                wrong_times(length / gravity).unwrap_or_else(|| {
+                    "not at rest, a dead converter, wrong intervals, or the table of another IMU".to_owned()
+                })
+            )
+        })
     }
+
+    /// Why no requirement is judged, if there are too few windows.
+    #[must_use]
+    pub fn too_short(&self) -> Option<String> {
+        let counted = self.windows.iter().filter(|window| window.counts).count();
+        (counted < MIN_JUDGED).then(|| {
+            format!(
+                "No requirement is judged by a run of {}, at least {MIN_JUDGED} are needed.",
+                count_of(counted, "window")
+            )
+        })
+    }
+
+    /// A warning if `interval_ns` is not the time from sample to sample.
+    #[must_use]
+    pub fn interval_warning(&self) -> Option<String> {
+        let ratio = self.interval_ratio.filter(|ratio| (ratio - 1.0).abs() > CLOCK_WARNING)?;
+        Some(format!(
+            "interval_ns is {:.0} ppm {} than the time from sample to sample: one of them is wrong; if it is interval_ns, the output is off by as \
+             much along the specific force",
+            (ratio - 1.0).abs() * 1e6,
+            if ratio > 1.0 { "longer" } else { "shorter" }
+        ))
+    }
+}
+
+/// `1 window`, `3 windows`.
+fn count_of(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// What an output that is `ratio` times as long as gravity says about the times of the samples, if it is the factor of a unit.
+fn wrong_times(ratio: f64) -> Option<String> {
+    let factor = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE)?;
+    Some(format!(
+        "all times look {factor} times too short; give timestamp_ns and interval_ns in nanoseconds (multiply both by {factor})"
+    ))
 }
 
 /// Why the stability cannot be computed.
@@ -170,13 +286,16 @@ impl Stability {
 pub enum StabilityError {
     /// Too few windows.
     #[error(
-        "{windows} windows of {window_s} s; at least {MIN_WINDOWS} are needed: record longer, or take a shorter --window"
+        "{} of {window_s} s; at least {MIN_WINDOWS} are needed: {}", count_of(*.windows, "window"), 
+        wrong_times(*.ratio).unwrap_or_else(|| "record longer, or take a shorter --window".to_owned())
     )]
     TooShort {
         /// Complete windows.
         windows: usize,
         /// Length of a window \[s\].
         window_s: f64,
+        /// Length of the output over gravity.
+        ratio: f64,
     },
     /// The output of an axis is not a number in any window.
     #[error(
@@ -188,10 +307,22 @@ pub enum StabilityError {
         /// 1, 2 or 3.
         index: usize,
     },
+    /// The intervals are not the time from sample to sample.
+    #[error("interval_ns is {} of the time from sample to sample: {}", part(*.ratio), cause(*.ratio))]
+    Interval {
+        /// Interval over the timestamp's step between consecutive sequences, median of the windows.
+        ratio: f64,
+    },
     /// Too few windows are at the attitude.
     #[error(
-        "only {counted} of {windows} windows are within {ATTITUDE_TOLERANCE} g0 of the specific force {force}; hold the IMU still, and state its \
-         attitude with --attitude"
+        "only {counted} of {windows} windows are within {ATTITUDE_TOLERANCE} g0 of the {} specific force {force}: the output is {output}, {:.4} g0 long; {}",
+        if *.stated { "stated" } else { "median" },
+        output.0.iter().map(|f| f * f).sum::<f64>().sqrt(),
+        if *.stated {
+            "this is another attitude than --attitude, the table of another IMU, cables that are exchanged, or the IMU was not at rest"
+        } else {
+            "hold the IMU still"
+        }
     )]
     OffAttitude {
         /// Windows at the attitude.
@@ -200,6 +331,10 @@ pub enum StabilityError {
         windows: usize,
         /// The specific force of the attitude.
         force: Force,
+        /// The median of the output.
+        output: Force,
+        /// Whether the attitude was stated.
+        stated: bool,
     },
 }
 
@@ -226,6 +361,8 @@ struct WindowSums {
     board: [f64; AXES],
     velocity: [f64; AXES],
     flagged: bool,
+    /// Sums of the intervals and of the timestamps' steps, of samples with consecutive sequences \[s\].
+    steps: [f64; 2],
 }
 
 /// Sums samples into windows; memory does not grow with the sampling rate.
@@ -238,6 +375,8 @@ pub struct Collector<'a> {
     windows: Vec<WindowSums>,
     telemetry: [[TelemetryStep; 2]; AXES],
     left_out: u64,
+    /// Session, sequence and timestamp of the last sample.
+    last: Option<(u64, u64, u64)>,
 }
 
 /// Finds the smallest step of one telemetry signal.
@@ -289,6 +428,7 @@ impl<'a> Collector<'a> {
             windows: Vec::new(),
             telemetry,
             left_out: 0,
+            last: None,
         }
     }
 
@@ -308,6 +448,13 @@ impl<'a> Collector<'a> {
         }
         open.end_s = end_s;
         open.seconds += seconds;
+        let last = self.last.replace((raw.session, raw.sequence, raw.timestamp_ns));
+        if let Some((session, sequence, timestamp_ns)) = last
+            && (session, sequence.wrapping_add(1)) == (raw.session, raw.sequence)
+        {
+            open.steps[0] += seconds;
+            open.steps[1] += raw.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
+        }
         open.flagged |= compensation.flags.0 & !Flags::TELEMETRY_STALE.0 != 0;
         for axis in 0..AXES {
             open.positive[axis] += f64::from(raw.positive_pulses[axis]);
@@ -324,22 +471,43 @@ impl<'a> Collector<'a> {
         }
     }
 
+    /// Length of the output over gravity, of all samples, also of those in no complete window.
+    fn length_ratio(&self, setup: &Setup) -> f64 {
+        let all = || self.windows.iter().chain([&self.open]);
+        let seconds: f64 = all().map(|sums| sums.seconds).sum();
+        let square = |axis: usize| all().map(|sums| sums.velocity[axis]).sum::<f64>().powi(2);
+        let gravity = setup.gravity.value().unwrap_or(self.table.content().gravity);
+        (square(0) + square(1) + square(2)).sqrt() / seconds / gravity
+    }
+
     /// The stability over all complete windows.
     ///
     /// # Errors
     /// If there are too few windows, too few at the attitude, or an axis whose output is not a number.
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
+        // A window without consecutive sequences has 0/0, which the median leaves out.
+        let windows = self.windows.iter().chain([&self.open]);
+        let ratio = crate::diagnostics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
+        if (ratio - 1.0).abs() > CLOCK_TOLERANCE {
+            return Err(StabilityError::Interval { ratio });
+        }
         if self.windows.len() < MIN_WINDOWS {
-            return Err(StabilityError::TooShort { windows: self.windows.len(), window_s: self.window_s });
+            return Err(StabilityError::TooShort {
+                windows: self.windows.len(),
+                window_s: self.window_s,
+                ratio: self.length_ratio(setup),
+            });
         }
         let middle = middle(&self.windows);
         let frozen = FrozenCoefficients::new(self.table, middle);
         let mut windows: Vec<_> = self.windows.iter().map(|sums| window(sums, &frozen, self.table)).collect();
-        let gravity = setup.gravity_local / self.table.content().gravity;
         let median = |axis: usize| crate::diagnostics::median(windows.iter().map(|window| window.after[axis]));
+        let output = [median(0), median(1), median(2)];
+        let known = setup.gravity.value().map(|gravity| gravity / self.table.content().gravity);
+        let gravity = known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
         let specific_force = match setup.attitude {
             Some(direction) => direction.map(|f| f * gravity),
-            None => [median(0), median(1), median(2)],
+            None => output,
         };
         if let Some(axis) =
             (0..AXES).find(|&axis| median(axis).is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
@@ -350,7 +518,13 @@ impl<'a> Collector<'a> {
         let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
         if counted.len() < MIN_WINDOWS {
             let (counted, windows) = (counted.len(), windows.len());
-            return Err(StabilityError::OffAttitude { counted, windows, force: Force(specific_force) });
+            return Err(StabilityError::OffAttitude {
+                counted,
+                windows,
+                force: Force(specific_force),
+                output: Force(output),
+                stated: setup.attitude.is_some(),
+            });
         }
         let axes = [0, 1, 2].map(|axis| {
             let errors = |of: fn(&Window) -> &[f64; AXES]| -> Vec<f64> {
@@ -365,14 +539,18 @@ impl<'a> Collector<'a> {
             }
         });
         let resolution = self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite())));
-        let modulus = modulus(&windows, gravity);
+        let verdict = Verdict::of(&windows, specific_force, setup.attitude.is_some(), known);
+        let covered = Coverage::of(&windows, specific_force, self.table);
         Ok(Stability {
+            covered,
+            interval_ratio: Some(ratio).filter(|ratio| ratio.is_finite()),
             windows,
             specific_force,
             stated: setup.attitude.is_some(),
             axes,
-            modulus,
             gravity,
+            gravity_source: setup.gravity,
+            verdict,
             resolution,
             left_out: self.left_out,
             middle,
@@ -434,20 +612,6 @@ fn mark(windows: &mut [Window], force: [f64; AXES]) {
         let mut near = neighbours.iter().flatten().filter_map(|&other| after.get(other));
         window.still = near.all(|other| distance(&window.after, other) < STILL_TOLERANCE);
     }
-}
-
-fn modulus(windows: &[Window], gravity: f64) -> Option<Modulus> {
-    let length = |window: &Window| window.after.iter().map(|a| a * a).sum::<f64>().sqrt();
-    let off: Vec<f64> = windows.iter().filter(|window| window.still).map(|window| length(window) - gravity).collect();
-    if off.is_empty() {
-        return None;
-    }
-    Some(Modulus {
-        windows: off.len(),
-        mean: off.iter().sum::<f64>() / off.len() as f64,
-        rms: rms(&off),
-        worst: off.iter().fold(0.0, |most: f64, value| most.max(value.abs())),
-    })
 }
 
 fn rms(values: &[f64]) -> f64 {

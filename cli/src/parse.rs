@@ -15,11 +15,6 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs_f64(seconds))
 }
 
-/// A number over 0.
-pub fn over_0(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "give a number over 0".to_owned())
-}
-
 /// Set points \[degC\]. It is a type of its own, because clap takes a plain `Vec` for an option with many values.
 #[derive(Clone, Debug)]
 pub struct SetPoints(pub Vec<f64>);

@@ -1,4 +1,6 @@
 //! `calibrate`, `regress`, `verify` and `simulate` as a user types them.
+//!
+//! Over 400 lines: one command's output is the next one's input.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use serde_json::Value;
@@ -48,6 +50,13 @@ fn dead(header: &str, line: &str) -> String {
     fields.map(|(name, value)| if zero(name) { "0" } else { value }).collect::<Vec<_>>().join(",") + "\n"
 }
 
+/// A row whose telemetry is not a number, but for the first 40 windows of 10 rows.
+fn part(header: &str, row: usize, line: &str) -> String {
+    let fields = header.split(',').zip(line.split(','));
+    let lost = |name: &str| name == "a2_head" && row >= 400;
+    fields.map(|(name, value)| if lost(name) { "nan" } else { value }).collect::<Vec<_>>().join(",") + "\n"
+}
+
 #[test]
 fn the_closed_loop() {
     let folder = folder();
@@ -66,7 +75,8 @@ fn the_closed_loop() {
     run(folder.path(), 0, &["simulate", "run", "-o", "run", "--seed", "5", "--vary", "--interval", "1"]);
     let verify = ["verify", "--table", "table.toml", "run/run.csv", "--attitude", "0.6,-0.48,0.64", "--gravity-local"];
     let verified = |more: &[&str], code| run(folder.path(), code, &[&verify[..], &[gravity], more].concat());
-    let (out, _) = verified(&["--require", "10", "--report", "v.html"], 0);
+    let bounds = "10,bias=20ug0,scale=50ppm,level=5arcsec";
+    let (out, _) = verified(&["--require", bounds, "--report", "v.html"], 0);
     let factors: Vec<f64> = ["A1", "A2", "A3"]
         .iter()
         .map(|axis| out.lines().find(|line| line.trim_start().starts_with(axis)).unwrap())
@@ -74,18 +84,82 @@ fn the_closed_loop() {
         .collect();
     println!("factors {factors:?}");
     assert!(factors.iter().all(|factor| *factor > 10.0), "{out}");
-    assert!(out.contains("Length of the output against local gravity, 1620 still windows"), "{out}");
+    assert!(out.contains("length: |output| minus local gravity, 1620 still windows"), "{out}");
+    assert!(
+        out.contains("  covered: ") && out.contains("channels K+ of A1, K- of A2, K+ of A3; not judged beyond"),
+        "{out}"
+    );
+    assert!(out.contains("intervals: of constant from slow changes of the run too"), "{out}");
+    // Several --require are one.
+    let (both, _) = verified(&["--require", "10", "--require", "bias=20\u{b5}g0"], 0);
+    assert_eq!(both.matches("is required: met").count(), 2, "{both}");
+    let (_, err) = verified(&["--require", "10", "--require", "12"], 64);
+    assert!(err.contains("--require: factor is given twice"), "{err}");
+    assert_eq!(out.matches("is required: met").count(), 4, "{out}");
     assert_self_contained(&at("v.html"), &["Requirement met", "Error budget"]);
-    let (out, err) = verified(&["--require", "1e6"], 1);
-    assert!(err.contains("1000000 are required") && out.contains("Output stability"), "{err}");
-    // An output with the wrong length for a body at rest is a warning, not a failure.
+    let (out, err) = verified(&["--require", "1e6,bias=0.1ug0"], 1);
+    assert!(
+        err.contains("is not met:\n  factor of stability: ")
+            && err.ends_with("\nremedy: calibrate anew, or look at the report\n"),
+        "{err}"
+    );
+    assert!(err.contains("at least 1000000 is required: missed") && out.contains("Output stability"), "{err}");
+    assert!(err.contains("at most 0.100 ug0 is required: missed"), "{err}");
+    // Of an output with the wrong length for a body at rest nothing is claimed, and it meets no requirement.
     let raw = fs::read_to_string(at("run/run.csv")).unwrap();
     let mut lines = raw.lines();
     let header = lines.next().unwrap();
     let dead: String = lines.map(|line| dead(header, line)).collect();
     fs::write(at("dead.csv"), format!("{header}\n{dead}")).unwrap();
-    let (_, err) = run(folder.path(), 0, &["verify", "--table", "table.toml", "dead.csv"]);
+    let dead = ["verify", "--table", "table.toml", "dead.csv", "--require", "1e-9"];
+    let (out, err) = run(folder.path(), 0, &dead[..4]);
     assert!(err.contains("dead.csv: the output is 0.00") && err.contains("a dead converter"), "{err}");
+    assert!(out.lines().last().unwrap().starts_with("Nothing can be claimed: the output is 0.00"), "{out}");
+    let (out, err) = run(folder.path(), 1, &dead);
+    assert!(
+        err.starts_with(
+            "isotherm: dead.csv: the requirement is not met:\n  Nothing can be claimed: the output is 0.00"
+        ),
+        "{err}"
+    );
+    assert_eq!(err.lines().count(), 3, "{err}");
+    assert!(!out.contains(": met") && out.lines().last().unwrap().starts_with("Nothing can be claimed:"), "{out}");
+    // Most of a run whose output is not a number: what is left of it meets no requirement.
+    let part: String = raw.lines().skip(1).enumerate().map(|(row, line)| part(header, row, line)).collect();
+    fs::write(at("part.csv"), format!("{header}\n{part}")).unwrap();
+    let part =
+        ["verify", "--table", "table.toml", "part.csv", "--attitude", "0.6,-0.48,0.64", "--require", "bias=20ug0"];
+    let (out, err) = run(folder.path(), 0, &part[..6]);
+    assert!(err.contains("part.csv: 1580 of 1620 windows are not at the attitude"), "{err}");
+    assert!(out.lines().last().unwrap().starts_with("Nothing can be claimed: 1580 of 1620"), "{out}");
+    let (out, err) = run(folder.path(), 1, &part);
+    assert!(err.contains("is not met:\n  Nothing can be claimed: 1580 of 1620 windows"), "{err}");
+    assert!(out.contains(" ug0, at most 20.000 ug0 is required: not judged"), "{out}");
+    // The first rows are at one temperature, and show nothing of the others. Of fewer than 12 windows nothing is judged.
+    let first =
+        |rows: usize| fs::write(at("first.csv"), raw.lines().take(1 + rows).collect::<Vec<_>>().join("\n") + "\n");
+    let arguments =
+        ["verify", "--table", "table.toml", "first.csv", "--attitude", "0.6,-0.48,0.64", "--gravity-local", gravity];
+    let required = [&arguments[..], &["--require", "bias=1mg0"]].concat();
+    first(300).unwrap();
+    let (out, _) = run(folder.path(), 0, &required);
+    let covered = out.lines().find(|line| line.starts_with("  covered: ")).unwrap();
+    assert!(covered.contains(" V of 1.") && covered.contains(" 0 %, the least;"), "{covered}");
+    first(110).unwrap();
+    let (out, err) = run(folder.path(), 1, &required);
+    assert!(
+        err.contains("  No requirement is judged by a run of 11 windows") && err.ends_with("\nremedy: record longer\n"),
+        "{err}"
+    );
+    assert!(!out.contains(": met"), "{out}");
+    // Another attitude than the stated one, and times that are a little off.
+    let (_, err) = run(folder.path(), 65, &["verify", "--table", "table.toml", "run/run.csv", "--attitude", "0,0,1"]);
+    assert!(err.contains("this is another attitude than --attitude, the table of another IMU, cables"), "{err}");
+    first(1200).unwrap();
+    let text = fs::read_to_string(at("first.csv")).unwrap().replace(",1000000000,", ",995000000,");
+    fs::write(at("first.csv"), text).unwrap();
+    let (_, err) = run(folder.path(), 0, &["verify", "--table", "table.toml", "first.csv"]);
+    assert!(err.contains("warning: first.csv: interval_ns is 5000 ppm shorter than the time"), "{err}");
     // Too short for even three windows.
     let (_, err) = run(folder.path(), 65, &["verify", "--table", "run/truth.toml", "run/run.csv", "--window", "1e6"]);
     assert!(err.contains("windows of 1000000 s; at least 3 are needed"), "{err}");
@@ -127,7 +201,12 @@ fn calibrate_reports_what_is_wrong_and_where() {
     }
     write(&campaign.replace("gravity_local", "gravity_lokal"), &samples);
     assert!(refused(78, &[]).contains("campaign.toml:5: gravity_lokal: unknown key"));
-    let no_up = campaign.replace("[0, 0, 1]", "[0, 1, 0]").replace("up = \"+z\"", "up = \"+y\"");
+    let turned = campaign.replacen("outer_deg = 0\n", "outer_deg = 0.5\n", 1);
+    write(&turned, &samples);
+    assert!(refused(78, &[]).contains("the angles of position 1 do not fit its specific_force"));
+    let angle = |line: &&str| !line.starts_with("outer_deg") && !line.starts_with("inner_deg");
+    let no_angles: String = campaign.lines().filter(angle).map(|line| format!("{line}\n")).collect();
+    let no_up = no_angles.replace("[0, 0, 1]", "[0, 1, 0]").replace("up = \"+z\"", "up = \"+y\"");
     write(&no_up, &samples);
     let err = refused(78, &[]);
     assert!(err.contains("A3: K+ ") && err.contains("one with A3 pointing up"), "{err}");
@@ -143,6 +222,174 @@ fn calibrate_reports_what_is_wrong_and_where() {
     assert!(fs::read_to_string(folder.path().join("t.toml")).unwrap().contains("excluded = [\"5/8\"]"));
     fs::remove_file(folder.path().join("samples.csv")).unwrap();
     run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "t.toml"]);
+}
+
+#[test]
+fn a_mistake_is_one_line_and_faults_can_be_accepted_by_name() {
+    let folder = folder();
+    let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
+    let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
+    fs::write(folder.path().join("campaign.toml"), campaign).unwrap();
+    let write = |samples: &str| fs::write(folder.path().join("samples.csv"), samples).unwrap();
+    let calibrate = |code, more: &[&str]| {
+        run(folder.path(), code, &[&["calibrate", "campaign.toml", "-o", "t.toml"], more].concat()).1
+    };
+    write(&samples);
+    calibrate(0, &["--strict"]);
+    fs::remove_file(folder.path().join("t.toml")).unwrap();
+    // Every row with its position exchanged.
+    let exchange = |(index, line): (usize, &str)| {
+        let mut fields: Vec<&str> = line.split(',').collect();
+        if index > 0 {
+            fields[1] = match fields[1] {
+                "3" => "9",
+                "9" => "3",
+                other => other,
+            };
+        }
+        fields.join(",") + "\n"
+    };
+    write(&samples.lines().enumerate().map(exchange).collect::<String>());
+    let err = calibrate(65, &[]);
+    let lines: Vec<_> = err.lines().collect();
+    assert!(
+        lines[0].contains("fault [positions-exchanged]: positions 3 and 9 look exchanged: exchange their numbers"),
+        "{err}"
+    );
+    assert!(lines[1].ends_with("symptoms; isotherm calibrate -v lists them") && lines.len() == 2, "{err}");
+    let all = calibrate(65, &["-v"]);
+    assert!(all.lines().next() == err.lines().next() && all.lines().count() > 20, "{all}");
+    assert!(all.contains("fault [wrong-position]: ") && all.contains("samples.csv:"), "{all}");
+    assert!(!folder.path().join("t.toml").exists());
+    // The diagnosis alone is not enough: the last line has all that must be accepted.
+    let err = calibrate(65, &["--accept", "positions-exchanged"]);
+    assert!(err.lines().count() <= 12, "{err}");
+    assert!(err.lines().last().unwrap().ends_with(": --accept positions-exchanged,wrong-position"), "{err}");
+    // Rows of 10 s that state an interval of 9 s.
+    write(&samples.replace(",10000000000,", ",9000000000,"));
+    let err = calibrate(65, &[]);
+    assert!(err.contains("fault [interval]: interval_ns is 0.9000 of the time from row to row in all dwells"), "{err}");
+    let err = calibrate(0, &["--accept", "interval,soak", "--accept", "level"]);
+    assert!(err.contains("warning [interval]: interval_ns is 0.9000") && err.contains("; accepted"), "{err}");
+    let table = fs::read_to_string(folder.path().join("t.toml")).unwrap();
+    assert!(table.contains("accepted = [\"interval\"]"), "{table}");
+    // Unknown names, and names without which nothing is left to fit.
+    assert!(calibrate(64, &["--accept", "intervals"]).contains("give the name of a finding: interval, missing-rows"));
+    assert!(
+        calibrate(64, &["--accept", "no-pulses"])
+            .contains("no-pulses cannot be accepted, because nothing is left to fit")
+    );
+    // A row in ten is missing: a warning, unless warnings are faults.
+    let thin = samples.lines().enumerate().filter(|(index, _)| index % 10 != 7);
+    write(&thin.map(|(_, line)| format!("{line}\n")).collect::<String>());
+    assert!(calibrate(0, &[]).contains("warning [missing-rows]: "));
+    assert!(calibrate(65, &["--strict"]).contains("fault [missing-rows]: "));
+    calibrate(0, &["--strict", "--accept", "missing-rows"]);
+}
+
+/// Whether the number at this key of a document has its unit at the end, is a count, or a ratio.
+fn has_unit(key: &str) -> bool {
+    let units = ["_g0", "_rad", "_ppm", "_s", "_c", "_m_s2", "_in_unit"];
+    let none = [
+        "set_points",
+        "dwells",
+        "order",
+        "line",
+        "position",
+        "windows",
+        "windows_at_attitude",
+        "samples_left_out",
+        "groups",
+    ];
+    units.iter().any(|unit| key.ends_with(unit))
+        || none.contains(&key)
+        || ["windows_in_group", "factor", "exit_code", "part", "interval_ratio"].contains(&key)
+}
+
+/// Asserts that each number has the unit of its key, or of the key above `value` and `interval`.
+fn assert_units(key: &str, value: &Value) {
+    match value {
+        Value::Number(_) => assert!(has_unit(key), "{key}: {value}"),
+        Value::Array(all) => all.iter().for_each(|each| assert_units(key, each)),
+        Value::Object(all) => {
+            let estimate = all.keys().all(|key| ["value", "interval"].contains(&key.as_str()));
+            all.iter().for_each(|(inner, each)| assert_units(if estimate { key } else { inner }, each));
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn json_is_one_document_also_of_a_failure() {
+    let folder = folder();
+    let campaign = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
+    let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    let json = |code, arguments: &[&str]| -> (Value, String) {
+        let (out, err) = run(folder.path(), code, &[arguments, &["--json"]].concat());
+        let document = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
+        assert_units("", &document);
+        (document, err)
+    };
+    let calibrate = ["calibrate", "campaign.toml", "-o", "t.toml"];
+    let failed = |code, arguments: &[&str]| {
+        let (document, err) = json(code, arguments);
+        assert_eq!(document["exit_code"], code);
+        assert_eq!(err, format!("isotherm: {}\n", document["error"].as_str().unwrap()));
+        document
+    };
+    // The campaign file, a missing file, a bad row, a wrong place, and an argument that only the data show to be wrong.
+    write("samples.csv", &samples);
+    write("campaign.toml", &campaign.replace("gravity_local = 9.8015", "gravity_local = 98.0"));
+    let document = failed(78, &calibrate);
+    assert_eq!((&document["file"], &document["line"]), (&"campaign.toml".into(), &5.into()));
+    write("campaign.toml", &campaign);
+    assert_eq!(failed(74, &["calibrate", "none.toml", "-o", "t.toml"])["file"], "none.toml");
+    write("samples.csv", &samples.replacen("\n-25,1,3,", "\n-25,one,3,", 1));
+    let document = failed(65, &calibrate);
+    assert_eq!((&document["file"], &document["line"]), (&"samples.csv".into(), &5.into()));
+    write("samples.csv", &samples);
+    failed(64, &[&calibrate[..], &["--exclude", "5/99"]].concat());
+    failed(64, &["calibrate", "campaign.toml", "-o", "-"]);
+    failed(74, &[&calibrate[..], &["--report", "nowhere/r.html"]].concat());
+    // A refusal has the diagnosis and the findings with their places.
+    write("samples.csv", &samples.replace(",10000000000,", ",9000000000,"));
+    let document = failed(65, &calibrate);
+    assert_eq!(
+        (&document["diagnosis"]["name"], &document["findings"]),
+        (&"interval".into(), &Value::Array(Vec::new()))
+    );
+    let cut: Vec<_> = samples.lines().filter(|line| !line.starts_with("5,8,")).collect();
+    write("samples.csv", &(cut.join("\n") + "\n"));
+    let document = failed(65, &calibrate);
+    let finding = &document["findings"][0];
+    assert_eq!((&document["diagnosis"], &finding["name"]), (&Value::Null, &"missing-position".into()));
+    assert_eq!(finding["place"], format!("samples.csv:{}", finding["line"]));
+    assert!(!folder.path().join("t.toml").exists());
+    // The results.
+    write("samples.csv", &samples);
+    let (document, _) = json(0, &calibrate);
+    assert!(document["digest"].is_string() && document.get("error").is_none(), "{document}");
+    let verify = ["verify", "--table", "t.toml", "run/run.csv", "--attitude", "0.6,-0.48,0.64"];
+    run(folder.path(), 0, &["simulate", "run", "-o", "run"]);
+    let (document, _) = json(0, &verify);
+    assert!(
+        document["axes"][0]["worst_g0"]["value"].is_number() && document["level"]["worst_rad"]["value"].is_number()
+    );
+    // A requirement that is missed is in the results, which are the only document.
+    let (document, err) = json(1, &[&verify[..], &["--require", "bias=0.001ug0"]].concat());
+    assert!(document["met"] == false && err.contains("the requirement is not met"), "{err}");
+    failed(65, &[&verify[..], &["--window", "1e6"]].concat());
+    assert_eq!(failed(74, &["verify", "--table", "none.toml", "run/run.csv"])["file"], "none.toml");
+    failed(74, &[&verify[..], &["--report", "nowhere/r.html"]].concat());
+    let raw = fs::read_to_string(folder.path().join("run/run.csv")).unwrap();
+    write("bad.csv", &raw.replacen("\n1,", "\nx,", 1));
+    let lines = raw.lines().position(|line| line.starts_with("1,")).map(|index| index + 1);
+    let document = failed(65, &["verify", "--table", "t.toml", "bad.csv"]);
+    assert_eq!(
+        (document["file"].as_str(), document["line"].as_u64()),
+        (Some("bad.csv"), lines.map(|line| line as u64))
+    );
 }
 
 #[test]

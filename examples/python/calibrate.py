@@ -22,6 +22,7 @@ def main() -> None:
     calibration = isotherm.calibrate(settings, samples, exclude=[(-25.0, 3)])
     for severity, row, message in calibration.findings:
         print(severity, row, message)
+    print(calibration.accuracy)
     bias = calibration.orders["A1"]["bias"]
     print(pd.DataFrame(bias["orders"])[["order", "residual_sd", "r_squared", "f", "f_p"]])
     print("chosen:", bias["selected"], bias["reason"])

@@ -5,6 +5,7 @@
 //! same table.
 #![no_main]
 
+use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::checks::{check, set_points};
@@ -47,7 +48,7 @@ fuzz_target!(|bytes: &[u8]| {
     }
     for method in [Method::OneStage, Method::TwoStage] {
         let options =
-            CalibrationOptions { method, alignment: method == Method::TwoStage, ..CalibrationOptions::default() };
+            CalibrationOptions { method, alignment: AlignmentChoice::of(method == Method::TwoStage, false), ..CalibrationOptions::default() };
         if let Ok(calibration) = calibrate(&campaign, dwells.clone(), options) {
             let table = calibration.table;
             let again = CoefficientTable::from_toml(&table.to_toml(), Some(&campaign.imu));

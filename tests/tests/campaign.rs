@@ -3,9 +3,13 @@
 //! Over 400 lines: all tests share one set-up of service, station and plan.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+mod feed;
+
+use feed::{Feed, ids};
 use isotherm_calibration::simulate::worst_errors;
-use isotherm_shared::table::CoefficientTable;
-use isotherm_tests::{Process, TABLE, TIMEOUT, TestDomain, text, wait_until};
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{CoefficientTable, Content};
+use isotherm_tests::{Process, TABLE, TIMEOUT, TestDomain, table, text, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;
@@ -30,7 +34,10 @@ const SHORTER_PLAN: [(&str, &str); 7] = [
     ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
     // Long time limits: on a loaded machine the simulated time runs ahead of the processes.
     ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
-    ("\n[verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n", ""),
+    (
+        "\n[verify]\nruns = 4\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
+        "",
+    ),
 ];
 
 impl TestLaboratory {
@@ -41,10 +48,15 @@ impl TestLaboratory {
 
     /// The same, with more arguments for the station.
     fn with_station(more: &[&str], changes: &[(&str, &str)]) -> Self {
+        Self::with_truth("", more, changes)
+    }
+
+    /// The same, with more lines at the end of the truth.
+    fn with_truth(more_truth: &str, more: &[&str], changes: &[(&str, &str)]) -> Self {
         let domain = TestDomain::new();
         // A linear truth, so that a few set points are enough to choose the order.
         let truth: String = TABLE.lines().map(linear).collect();
-        domain.write("truth-table.toml", &truth);
+        domain.write("truth-table.toml", &(truth + more_truth));
         let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
         let arguments = [
             "simulate",
@@ -107,6 +119,16 @@ impl TestLaboratory {
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
         let lines = whole.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
         lines.filter(|line| line["event"] == event).collect()
+    }
+
+    /// The names of the events on the live page, oldest first.
+    fn events_on_page(&self) -> Vec<String> {
+        let page = text(&self.file("live.html"));
+        let cells = page.split("<td class=\"").filter(|cell| !cell.starts_with("number") && !cell.starts_with("long"));
+        let names = cells.filter_map(|cell| Some(cell.split_once("</span> ")?.1.split_once("</td>")?.0.to_owned()));
+        let mut names: Vec<_> = names.collect();
+        names.reverse();
+        names
     }
 
     fn wait_for(&self, event: &str, count: usize) {
@@ -175,42 +197,248 @@ fn linear(line: &str) -> String {
 }
 
 fn stdout_of_success(output: &Output) -> String {
-    assert!(output.status.success(), "{}\n{}", output.status, text(&output.stderr));
+    assert!(output.status.success(), "{}\n{}\n{}", output.status, text(&output.stdout), text(&output.stderr));
     text(&output.stdout)
 }
 
+/// A campaign of four set points and two verification runs, of an IMU with misalignments. Every fit of it is another decision.
 #[test]
-fn from_a_plan_to_an_installed_table() {
-    let verify = "\n[verify]\nruns = 1\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 60\nhold_s = 60\n";
-    let laboratory = TestLaboratory::new(&[
-        ("list_c = [20, 23]", "list_c = [10, 18, 26, 34]"),
-        ("[safe]", &format!("{verify}\n[safe]")),
-    ]);
+fn from_a_plan_to_an_installed_table_and_back() {
+    let verify = "\n[verify]\nruns = 2\nattitudes_deg = [[50, 130], [50, 310]]\nfrom_c = 10\nto_c = 34\nramp_c_per_h = 20\nhold_s = 60\n";
+    let misaligned = "[alignment]\nmatrix = [[1, 2.8e-4, -1e-4], [1.2e-4, 1, 2e-4], [0, -1.5e-4, 1]]\n";
+    let laboratory = TestLaboratory::with_truth(
+        misaligned,
+        &[],
+        &[("list_c = [20, 23]", "list_c = [10, 18, 26, 34]"), ("[safe]", &format!("{verify}\n[safe]"))],
+    );
     let domain = &laboratory.domain;
     assert_eq!(domain.imu_status()["table"], Value::Null);
     let checked = domain.run_ok(&["campaign", "check", "station/plan.toml"]);
-    assert!(checked.contains("4 set points x 12 positions, 1 verification runs; about "), "{checked}");
-    let output = laboratory.run(&["--calibrate", "--alignment", "--require", "10"]);
-    let table4 = stdout_of_success(&output);
-    assert!(table4.contains("Output stability"), "{table4}");
-    laboratory.assert_complete(49);
+    assert!(checked.contains("4 set points x 12 positions, 2 verification runs; about "), "{checked}");
+    let output = laboratory.run(&["--calibrate", "--require", "10"]);
+    let verdict = stdout_of_success(&output);
+    assert!(verdict.contains("Output stability") && verdict.contains("is required: met"), "{verdict}");
+    laboratory.assert_complete(50);
+    let kept = laboratory.events("kept");
+    let angles: Vec<_> = kept[48..].iter().map(|kept| kept["angles_deg"].clone()).collect();
+    assert_eq!(angles, [serde_json::json!([50.0, 130.0]), serde_json::json!([50.0, 310.0])]);
     laboratory.assert_in_standby();
     // The fitted table is in force, and it equals the truth within the noise of the short dwells.
-    let table = CoefficientTable::from_toml(&fs::read_to_string(domain.path("imu-a.toml")).unwrap(), None).unwrap();
-    assert_eq!(domain.imu_status()["table"], table.digest().to_string());
+    let installed = fs::read_to_string(domain.path("imu-a.toml")).unwrap();
+    let good = table(&installed);
+    assert_eq!(domain.imu_status()["table"], good.digest().to_string());
     let truth = fs::read_to_string(domain.path("station/truth.toml")).unwrap();
-    let [bias, scale_factor] = worst_errors(&table, &CoefficientTable::from_toml(&truth, None).unwrap());
+    let [bias, scale_factor] = worst_errors(&good, &table(&truth));
     assert!(bias < 1.5 && scale_factor < 4.0, "{bias} ug0, {scale_factor} ppm");
+    assert!(good.content().alignment.is_some(), "the IMU needs it");
     // The journal has an event for a set point that is left: after a crash it does not count as reached.
     let [reached, left] = ["reached", "left"].map(|event| laboratory.events(event).len());
     assert!(reached >= 5 && left >= reached - 1, "{reached} {left}");
     assert!(text(&laboratory.file("readbacks.csv")).lines().count() > 100);
     let page = text(&laboratory.file("live.html"));
     assert!(page.contains("all data are taken") && page.contains("</svg>") && !page.contains("http-equiv=\"refresh\""));
+    let mut events = laboratory.events_on_page();
+    // The ends of the range too are not judged, if the telemetry has lagged behind the chamber.
+    events.dedup_by(|a, b| a == b && a == "not judged");
+    assert_eq!(events, ["start", "end", "fit", "verified", "verified", "not judged", "installed"]);
     // A second run has nothing to do and does not touch the instruments.
     let before = laboratory.file("campaign.csv");
     stdout_of_success(&laboratory.run(&[]));
     assert!(laboratory.file("campaign.csv") == before && laboratory.events("started").len() == 1);
+
+    laboratory.station.signal(Signal::TERM);
+    wait_until("the end of the station", || laboratory.station.has_ended());
+    what_is_in_force_is_not_replaced(&laboratory, &installed);
+    the_axes_of_the_table_in_force_are_kept(&laboratory, &good);
+    installed_and_rolled_back_under_a_feed(&laboratory, &good);
+}
+
+impl TestLaboratory {
+    /// Fits the complete campaign again, which must end with this exit code. Returns stderr.
+    fn calibrate(&self, more: &[&str], code: i32) -> String {
+        let output = self.run(&[&["--calibrate"], more].concat());
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{more:?}\n{}\n{said}", text(&output.stdout));
+        said
+    }
+
+    /// As [`calibrate`](Self::calibrate), and asserts that nothing is installed: the table in force, its predecessor and the service are as they
+    /// were.
+    fn refused(&self, more: &[&str], code: i32) -> String {
+        let state = || {
+            let files = ["imu-a.toml", "imu-a.toml.previous"].map(|name| fs::read(self.domain.path(name)).ok());
+            (files, self.domain.imu_status()["table"].clone())
+        };
+        let before = state();
+        let said = self.calibrate(more, code);
+        assert_eq!(state(), before, "{said}");
+        said
+    }
+
+    fn status(&self) -> String {
+        self.domain.run_ok(&["campaign", "status", "station/plan.toml"])
+    }
+
+    fn has_predecessor(&self) -> bool {
+        self.domain.path("imu-a.toml.previous").exists()
+    }
+}
+
+fn assert_has(said: &str, wanted: &[&str]) {
+    for wanted in wanted {
+        assert!(said.contains(wanted), "{wanted:?} is not in:\n{said}");
+    }
+}
+
+/// A good table is in force. `installed` is its text.
+fn what_is_in_force_is_not_replaced(laboratory: &TestLaboratory, installed: &str) {
+    let digest = table(installed).digest().to_string();
+    let status = laboratory.status();
+    assert_has(
+        &status,
+        &["ended: all data are taken", &format!(": {digest}\n"), "verify-1.csv, at 50/130 deg: largest error "],
+    );
+    assert_has(
+        &status,
+        &["bias +- ", " ug0, scale factor +- ", "not judged: K- of A3 ", "installed, ", "imu-a.toml\n"],
+    );
+
+    // The same table again: its predecessor must not become itself.
+    let same = laboratory.refused(&["--require", "10"], 0);
+    assert_has(
+        &same,
+        &["with an alignment matrix, as the table in force", "installed as", " already", "has it in force"],
+    );
+
+    // The line of the documents on an IMU with misalignments, which passes by its factor.
+    let without = laboratory.refused(&["--no-alignment", "--require", "10"], 1);
+    let reasons = ["give --alignment, or a wider bias", "bias: A", "worse than the table in force: "];
+    assert_has(&without, &reasons);
+    assert_has(&without, &["nothing is installed; the table is left aside as ", "station/campaign/table.toml"]);
+    let aside = table(&text(&laboratory.file("table.toml")));
+    assert!(aside.content().alignment.is_none());
+    let status = laboratory.status();
+    assert_has(&status, &[&format!(": {}\n", aside.digest()), "; refused:\n  ", "\nnot installed, "]);
+    let json: Value =
+        serde_json::from_str(&laboratory.domain.run_ok(&["campaign", "status", "station/plan.toml", "--json"]))
+            .unwrap();
+    let outcome = &json["outcome"];
+    assert_eq!(outcome["fit"]["digest"], aside.digest().to_string());
+    assert!(outcome["verification"][0]["largest"]["error_g0"].as_f64().unwrap() > 50e-6, "{outcome}");
+    assert!(outcome["verification"][0]["refused"].is_string() && outcome["installation"]["refused"].is_string());
+    let events = laboratory.events_on_page();
+    let last = events.rsplit(|event| event == "fit").next().unwrap();
+    assert!(last[0] == "refused" && last.last().unwrap() == "not installed", "{events:?}");
+
+    // The user's bounds win, but the comparison stays.
+    let wide = "10,bias=10mg0,scale=1%,level=1deg";
+    let worse = laboratory.refused(&["--no-alignment", "--require", wide], 1);
+    assert_has(&worse, &["worse than the table in force: "]);
+    assert!(!worse.contains("or a wider bias") && !worse.contains("bias: A"), "{worse}");
+
+    let missed = laboratory.refused(&["--require", "bias=0.001ug0,level=0.01arcsec"], 1);
+    assert_has(
+        &missed,
+        &["bias: A", "at most 0.001 ug0 is required: missed", "level: the level", "is required: missed"],
+    );
+    assert!(!missed.contains("scale: "), "that bound is the fit's: {missed}");
+    assert!(!laboratory.has_predecessor());
+
+    // Without --require nothing is installed, whatever is in force.
+    let domain = &laboratory.domain;
+    for (in_force, wanted) in [
+        ("junk".to_owned(), "cannot be compared with; mend it"),
+        (installed.replace("imu-a", "imu-b"), "is the table of imu-b, the plan is for imu-a"),
+        (installed.replace("unit = \"V\"", "unit = \"degC\""), "takes telemetry in degC, the plan is for V"),
+    ] {
+        // Another content has another digest.
+        let in_force: String = in_force.split_inclusive('\n').filter(|line| !line.starts_with("digest = ")).collect();
+        domain.replace("imu-a.toml", &in_force);
+        let said = laboratory.calibrate(&["--require", "10"], 78);
+        assert_has(&said, &[wanted]);
+        assert_eq!(fs::read_to_string(domain.path("imu-a.toml")).unwrap(), in_force);
+        assert_has(&laboratory.status(), &["no table:", wanted]);
+    }
+    assert!(!laboratory.has_predecessor());
+    domain.replace("imu-a.toml", installed);
+}
+
+/// A table with these changes.
+fn changed(table: &CoefficientTable, change: impl FnOnce(&mut Content)) -> CoefficientTable {
+    let mut content = table.content().clone();
+    change(&mut content);
+    CoefficientTable::new(content).unwrap()
+}
+
+/// The table in force has no alignment matrix, or covers more.
+fn the_axes_of_the_table_in_force_are_kept(laboratory: &TestLaboratory, good: &CoefficientTable) {
+    let domain = &laboratory.domain;
+    let put_in_force = |table: &CoefficientTable| {
+        domain.replace("imu-a.toml", &table.to_toml());
+        wait_until("the table in force", || domain.imu_status()["table"] == table.digest().to_string());
+    };
+    put_in_force(&changed(good, |content| {
+        for axis in &mut content.axes {
+            let bias = &axis.bias;
+            let [low, high] = bias.range();
+            let range = [low - 0.2 * (high - low), high];
+            axis.bias = Polynomial::new(bias.coefficients(), bias.center(), bias.scale(), range).unwrap();
+        }
+    }));
+    assert_has(
+        &laboratory.refused(&["--require", "10"], 1),
+        &["bias of A1 covers ", "a campaign over the whole range"],
+    );
+
+    let plain = changed(good, |content| content.alignment = None);
+    put_in_force(&plain);
+    let kept = laboratory.refused(&["--require", "10"], 1);
+    assert_has(&kept, &["without an alignment matrix, as the table in force", "give --alignment, or a wider bias"]);
+    // A predecessor cannot be kept where a folder has its name.
+    fs::create_dir(domain.path("imu-a.toml.previous")).unwrap();
+    let said = laboratory.calibrate(&["--alignment", "--require", "10"], 74);
+    assert_has(&said, &["imu-a.toml.previous is no regular file; move it away", "nothing is installed"]);
+    assert_eq!(fs::read_to_string(domain.path("imu-a.toml")).unwrap(), plain.to_toml());
+    assert_has(
+        &laboratory.status(),
+        &["verify-2.csv, at 50/310 deg: largest error ", "not installed, ", "no regular file"],
+    );
+    fs::remove_dir(domain.path("imu-a.toml.previous")).unwrap();
+}
+
+/// A worse table is in force. The fit replaces it and comes back, while a feed runs.
+fn installed_and_rolled_back_under_a_feed(laboratory: &TestLaboratory, good: &CoefficientTable) {
+    let domain = &laboratory.domain;
+    let old = changed(good, |content| {
+        let bias = &content.axes[0].bias;
+        let mut coefficients = bias.coefficients().to_vec();
+        coefficients[0] += 40e-6 / content.axes[0].bias_unit.in_g0();
+        content.axes[0].bias = Polynomial::new(&coefficients, bias.center(), bias.scale(), bias.range()).unwrap();
+    });
+    domain.replace("imu-a.toml", &old.to_toml());
+    wait_until("the old table", || domain.imu_status()["table"] == old.digest().to_string());
+    let mut reader = domain.reader("imu-a");
+    let mut wait_for = |table: &CoefficientTable| {
+        wait_long("an increment of the table", || {
+            std::iter::from_fn(|| reader.receive().unwrap()).any(|increment| increment.table == table.id())
+        });
+    };
+    let feed = Feed::start(domain);
+    wait_for(&old);
+    let said = laboratory.calibrate(&["--require", "10"], 0);
+    assert_has(&said, &["its predecessor is kept as ", "`isotherm rollback "]);
+    wait_for(good);
+    let previous = || table(&fs::read_to_string(domain.path("imu-a.toml.previous")).unwrap());
+    assert_eq!(previous(), old);
+    let rollback = || domain.run_ok(&["rollback", "imu-a.toml"]);
+    assert_has(&rollback(), &[&format!("imu-a.toml is {} again", old.digest())]);
+    wait_for(&old);
+    assert_eq!(&previous(), good);
+    assert_has(&laboratory.status(), &["installed, ", &format!("; {} is there now", old.digest())]);
+    assert_has(&rollback(), &[&format!("imu-a.toml is {} again", good.digest())]);
+    wait_for(good);
+    assert_eq!(feed.end(), ids([&old, good, &old, good]));
+    assert_eq!(domain.imu_status()["last_reload_error"], Value::Null);
 }
 
 #[test]
@@ -235,6 +463,9 @@ fn killed_twice_it_continues_with_the_first_missing_dwell() {
     assert!(laboratory.file("campaign.csv").starts_with(&before));
     laboratory.assert_complete(24);
     laboratory.assert_in_standby();
+    assert_eq!(laboratory.events_on_page(), ["start", "start", "start", "end"]);
+    let page = text(&laboratory.file("live.html"));
+    assert_eq!(page.matches("the runner before ended without the safe state").count(), 2);
 }
 
 #[test]
@@ -299,6 +530,11 @@ fn an_instrument_that_disconnects_pauses_the_campaign_until_it_is_back() {
     let (success, log) = wait_for_end(runner);
     assert!(success, "{log}");
     laboratory.assert_complete(12);
+    let events = laboratory.events_on_page();
+    let count = |name: &str| events.iter().filter(|event| *event == name).count();
+    let journalled = ["paused", "resumed", "discarded"].map(|event| laboratory.events(event).len());
+    assert_eq!(["pause", "resume", "repeated dwell"].map(count), journalled, "{events:?}");
+    assert!(journalled[0] >= 5 && text(&laboratory.file("live.html")).contains("class=\"mark\""));
 }
 
 /// Waits for the end of a campaign; whether it succeeded, and its log.
@@ -326,6 +562,7 @@ fn an_alarm_ends_it_in_the_safe_state_at_once() {
     let (ended, log) = wait_for_end(runner);
     assert!(!ended && log.contains("stopped by SIG"), "{log}");
     laboratory.assert_in_standby();
+    assert_eq!(laboratory.events_on_page(), ["start", "alarm or fault", "start", "stop"]);
 }
 
 /// A campaign with a single set point.

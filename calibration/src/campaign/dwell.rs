@@ -3,6 +3,7 @@
 //! Rows may be raw samples of any rate or sums over seconds: pulses and intervals are added up, telemetry is averaged over
 //! time. Only sums are kept, so that memory does not grow with the sampling rate.
 
+use crate::diagnostics::median;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::{AXES, RawSample};
 
@@ -66,6 +67,30 @@ impl DwellSums {
     }
 }
 
+/// Intervals and timestamps of rows that follow each other in one dwell and one session.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RowSteps {
+    /// Sum of the intervals of rows whose sequence is the previous one plus 1, and sum of the timestamps' steps \[s\].
+    consecutive: [f64; 2],
+    /// The same over all rows, and the sum of the timestamps' steps, each divided by its step of the sequence \[s\].
+    all: [f64; 3],
+}
+
+impl RowSteps {
+    fn add(&mut self, interval_s: f64, step_s: f64, sequence_step: u64) {
+        if sequence_step == 1 {
+            self.consecutive = [self.consecutive[0] + interval_s, self.consecutive[1] + step_s];
+        }
+        let [interval, step, one] = self.all;
+        self.all = [interval + interval_s, step + step_s, one + step_s / sequence_step as f64];
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.consecutive = [0, 1].map(|k| self.consecutive[k] + other.consecutive[k]);
+        self.all = [0, 1, 2].map(|k| self.all[k] + other.all[k]);
+    }
+}
+
 /// A part of a dwell, at least 1 s long; the checks compare blocks to find motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Block {
@@ -79,6 +104,8 @@ pub struct Block {
     pub board: [[f64; 2]; AXES],
     /// Largest rate of a single row, both channels together \[pulse/s\].
     pub rate: [f64; AXES],
+    /// Intervals and timestamps from row to row.
+    pub steps: RowSteps,
 }
 
 /// Shortest block \[s\].
@@ -103,7 +130,11 @@ pub struct Dwell {
     pub sums: DwellSums,
     /// Its blocks, in order of time.
     pub blocks: Vec<Block>,
+    /// Rows that are missing between the first and the last by their sequences.
+    pub missing_rows: u64,
     block_length: f64,
+    /// Session, sequence and timestamp of the last row.
+    last: Option<(u64, u64, u64)>,
 }
 
 impl Dwell {
@@ -117,7 +148,9 @@ impl Dwell {
             time_ns: [begin; 2],
             sums: DwellSums::default(),
             blocks: Vec::new(),
+            missing_rows: 0,
             block_length: MIN_BLOCK,
+            last: None,
         }
     }
 
@@ -142,12 +175,23 @@ impl Dwell {
                     head: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
                     board: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
                     rate: [0.0; 3],
+                    steps: RowSteps::default(),
                 });
                 let last = self.blocks.len() - 1;
                 &mut self.blocks[last]
             }
         };
         block.sums.add(sample);
+        let last = self.last.replace((sample.session, sample.sequence, sample.timestamp_ns));
+        if let Some((session, sequence, timestamp_ns)) = last
+            && session == sample.session
+            && sequence < sample.sequence
+        {
+            let sequence_step = sample.sequence - sequence;
+            let step_s = sample.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
+            block.steps.add(seconds, step_s, sequence_step);
+            self.missing_rows = self.missing_rows.saturating_add(sequence_step - 1);
+        }
         for axis in 0..AXES {
             extend(&mut block.head[axis], [sample.head_temperature[axis]; 2]);
             extend(&mut block.board[axis], [sample.board_temperature[axis]; 2]);
@@ -160,6 +204,7 @@ impl Dwell {
             let mut block = pair[0];
             for other in &pair[1..] {
                 block.sums.merge(&other.sums);
+                block.steps.merge(&other.steps);
                 for axis in 0..AXES {
                     extend(&mut block.head[axis], other.head[axis]);
                     extend(&mut block.board[axis], other.board[axis]);
@@ -170,6 +215,30 @@ impl Dwell {
         });
         self.blocks = merged.collect();
         self.block_length *= 2.0;
+    }
+
+    /// The interval over the timestamp's step between rows with consecutive sequences; NaN without such rows. Of the median over
+    /// the blocks and the ratio of the sums it is the one that is closer to 1: a broken timestamp does not change the median, and
+    /// timestamps that jitter or are coarse do not change the sums.
+    #[must_use]
+    pub fn interval_ratio(&self) -> f64 {
+        let steps = || self.blocks.iter().map(|block| block.steps.consecutive);
+        let [interval, step] = steps().fold([0.0; 2], |sum, steps| [sum[0] + steps[0], sum[1] + steps[1]]);
+        let (middle, all) = (median(steps().map(|[interval, step]| interval / step)), interval / step);
+        if (all - 1.0).abs() < (middle - 1.0).abs() { all } else { middle }
+    }
+
+    /// Number of blocks with rows whose sequences are consecutive.
+    #[must_use]
+    pub fn blocks_with_consecutive_rows(&self) -> usize {
+        self.blocks.iter().filter(|block| block.steps.consecutive[1] > 0.0).count()
+    }
+
+    /// The interval over the timestamp's step, and over its part of one sequence number, whatever the sequences are: medians over
+    /// the blocks. The first is 1 for sums without gaps, the second for single samples of which only every n-th is there.
+    #[must_use]
+    pub fn sparse_interval_ratios(&self) -> [f64; 2] {
+        [1, 2].map(|k| median(self.blocks.iter().map(|block| block.steps.all[0] / block.steps.all[k])))
     }
 
     /// Mean telemetry of the sensor head. If its age is known, it is extrapolated to the middle of the counted time.

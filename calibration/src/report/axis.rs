@@ -46,6 +46,29 @@ impl PlotAxis {
     }
 }
 
+/// Ticks of a second scale, by pairs of a value on the axis and the value there on the second scale: round values of the second
+/// scale where a line through the pairs has them, with their labels. Pairs of the same second value count as their mean. None
+/// if the second scale does not rise or fall all along the axis.
+pub(super) fn second_scale(pairs: impl IntoIterator<Item = (f64, f64)>) -> Vec<(f64, String)> {
+    let mut pairs: Vec<_> = pairs.into_iter().filter(|pair| usable(pair.0) && usable(pair.1)).collect();
+    pairs.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mean = |same: &[(f64, f64)]| (same.iter().map(|pair| pair.0).sum::<f64>() / same.len() as f64, same[0].1);
+    let line: Vec<_> = pairs.chunk_by(|a, b| a.1 == b.1).map(mean).collect();
+    let rises = |line: &[(f64, f64)], sign: f64| line.windows(2).all(|pair| sign * (pair[1].0 - pair[0].0) > 0.0);
+    if line.len() < 2 || !(rises(&line, 1.0) || rises(&line, -1.0)) {
+        return Vec::new();
+    }
+    let axis = PlotAxis::new(line.iter().map(|pair| pair.1), 0.0, 6);
+    if !axis.note.is_empty() {
+        return Vec::new(); // the labels alone would not be the values
+    }
+    let at = |value: f64| {
+        let pair = line.windows(2).find(|pair| pair[0].1 <= value && value <= pair[1].1)?;
+        Some(pair[0].0 + (value - pair[0].1) / (pair[1].1 - pair[0].1) * (pair[1].0 - pair[0].0))
+    };
+    axis.ticks.into_iter().filter_map(|(value, label)| Some((at(value)?, label))).collect()
+}
+
 /// Whether a value can be drawn: not NaN, and not so large that the arithmetic of an axis could overflow.
 pub(super) fn usable(value: f64) -> bool {
     value.abs() < 1e100
@@ -234,6 +257,38 @@ mod tests {
                     assert!(ticks.windows(2).all(|t| (t[1] - t[0] - width).abs() < 1e-3), "{context}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_second_scale_has_round_values_where_the_pairs_have_them() {
+        // Telemetry over temperature, once rising, once falling; 20 degC was visited twice.
+        for sign in [1.0, -1.0] {
+            let pairs = [(0.9, -20.0), (1.0, -10.0), (1.2, 0.0), (1.69, 20.0), (1.71, 20.0), (2.2, 45.0)];
+            let ticks = second_scale(pairs.map(|(u, c)| (sign * u, c)));
+            let labels: Vec<_> = ticks.iter().map(|tick| tick.1.as_str()).collect();
+            assert_eq!(labels, ["−20", "−10", "0", "10", "20", "30", "40"]);
+            for (tick, expected) in ticks.iter().zip([0.9, 1.0, 1.2, 1.45, 1.7, 1.9, 2.1]) {
+                assert!((sign * tick.0 - expected).abs() < 1e-12, "{ticks:?}");
+            }
+        }
+        // Only where it is known.
+        let ticks = second_scale([(1.0, 12.0), (2.0, 33.0)]);
+        assert_eq!(ticks.iter().map(|tick| tick.1.as_str()).collect::<Vec<_>>(), ["15", "20", "25", "30"]);
+        assert!((ticks[0].0 - (1.0 + 3.0 / 21.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_ambiguous_second_scale_has_no_ticks() {
+        for pairs in [
+            vec![],
+            vec![(1.0, 20.0)],
+            vec![(1.0, 20.0), (1.1, 20.0)],
+            vec![(1.0, 10.0), (1.2, 20.0), (1.1, 30.0)],
+            vec![(1.0, 10.0), (1.0, 20.0)],
+            vec![(f64::NAN, 10.0), (1.0, f64::INFINITY), (2.0, 20.0)],
+        ] {
+            assert_eq!(second_scale(pairs.clone()), [], "{pairs:?}");
         }
     }
 

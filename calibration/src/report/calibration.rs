@@ -8,8 +8,12 @@ mod orders;
 use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
+use crate::accuracy::Accuracy;
+use crate::alignment::left_without;
 use crate::calibrate::{Calibration, Method};
 use crate::campaign::{Campaign, Dwell};
+use crate::curve::{CONFIDENCE, student_quantile};
+use crate::positions::PARAMETERS;
 use crate::provenance::CampaignSource;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -77,6 +81,11 @@ impl Report<'_> {
             page.note(NoteKind::Warning, "Look at this", &format!("{line}{finding}"));
         }
         let conditions = calibration.observability.iter().map(|o| format!("{:.1}", o.condition));
+        let accuracy = Accuracy::of(calibration);
+        page.paragraph(&format!("{accuracy}."));
+        if let Some(caution) = accuracy.caution() {
+            page.note(NoteKind::Warning, "Caution", &caution);
+        }
         let mut rows = vec![
             ("Table", calibration.table.digest().to_string()),
             ("IMU", self.campaign.imu.to_string()),
@@ -112,20 +121,46 @@ impl Report<'_> {
         points.iter().map(|point| (point.x.value(), point.y.value() * factor(quantity))).collect()
     }
 
+    /// Half length of the error bar of each set point's own value, in the unit of the value; NaN without degrees of freedom.
+    fn errors(&self, axis: usize, quantity: usize) -> Vec<f64> {
+        let of_set_points = self.calibration.set_points.iter().zip(&self.calibration.reduced);
+        of_set_points
+            .map(|(stay, reduced)| half_length(reduced[axis].standard_errors[quantity], stay.dwells.len()))
+            .collect()
+    }
+
+    /// A figure over the telemetry of a quantity, with the temperatures of the chamber as its second scale.
+    fn plot_over_telemetry(&self, title: &str, y_label: &str, axis: usize, quantity: usize) -> Plot {
+        let of_set_points = self.calibration.set_points.iter().zip(&self.calibration.reduced);
+        let pairs = of_set_points.map(|(stay, reduced)| (reduced[axis].telemetry[quantity], stay.set_point_c));
+        Plot::new(title, &self.telemetry(quantity), y_label).second_scale("Set point / degC", pairs)
+    }
+
     /// Figure 5 of the paper.
     fn curves(&self, page: &mut Page) {
         page.heading(2, "curves", "Bias and scale factors over temperature");
         page.paragraph(
-            "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table.",
+            "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table. Bars: 95 % \
+             of each set point's own value, by Student's t from the scatter of its dwells, drift and tilt included: where the points are freed of \
+             the drift, they scatter less than the bars say. Band: 95 % of the table's curve. What is too small to be seen here is in the \
+             residuals below. Upper scale: the chamber's set points, with straight lines between them.",
         );
         for (quantity, (name, unit)) in QUANTITY_NAMES.iter().enumerate() {
             let figure = |axis: usize| {
                 let curve = &self.calibration.solution.axes[axis].curves[quantity];
-                let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor(quantity)));
+                let factor = factor(quantity);
+                let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor));
+                let band = grid(curve.range()).filter_map(|u| {
+                    let half = curve.interval(u, CONFIDENCE)?;
+                    Some((u, (curve.at(u) - half) * factor, (curve.at(u) + half) * factor))
+                });
                 let title = format!("{name} of {}", AXIS_NAMES[axis]);
-                let plot = Plot::new(&title, &self.telemetry(quantity), &format!("{name} / {unit}"))
-                    .series(&format!("Table, order {}", curve.order()), Style::Line, line)
-                    .series("Set points", Style::Points, self.points(axis, quantity));
+                let plot = self
+                    .plot_over_telemetry(&title, &format!("{name} / {unit}"), axis, quantity)
+                    .series(&format!("Table, order {}, 95 %", curve.order()), Style::Line, line)
+                    .band(band)
+                    .series("Set points, 95 %", Style::Points, self.points(axis, quantity))
+                    .errors(self.errors(axis, quantity).into_iter().map(|half| half * factor));
                 (plot.svg(), String::new())
             };
             page.figures(&[figure(0), figure(1), figure(2)]);
@@ -134,7 +169,11 @@ impl Report<'_> {
 
     fn residuals(&self, page: &mut Page) {
         page.heading(2, "residuals", "Residuals");
-        page.heading(3, "residuals-set-points", "Set points, with the band of one standard error");
+        page.heading(3, "residuals-set-points", "Set points");
+        page.paragraph(
+            "Bars: 95 % of each set point's own value, as above. Band: 95 % of the table's curve. By chance at most one bar in twenty misses the \
+             true curve; more of them are a sign of an order that is too low, or of an error that changes between set points.",
+        );
         for (quantity, (name, _)) in QUANTITY_NAMES.iter().enumerate() {
             let figure = |axis: usize| {
                 let curve = &self.calibration.solution.axes[axis].curves[quantity];
@@ -142,17 +181,19 @@ impl Report<'_> {
                 let size = if quantity == 0 { 1e6 } else { 1e6 / curve.at(0.5 * (low + high)).abs() };
                 let unit = if quantity == 0 { "1e-6 g0" } else { "ppm" };
                 let band = grid([low, high]).filter_map(|u| {
-                    let error = curve.standard_error(u)? * size;
-                    Some((u, -error, error))
+                    let half = curve.interval(u, CONFIDENCE)? * size;
+                    Some((u, -half, half))
                 });
                 let points = &self.calibration.orders[axis][quantity].regression;
                 let points = points.points().iter().map(|point| (point.x.value(), point.y.value()));
                 let points = points.map(|(x, y)| (x, (y - curve.at(x)) * size));
                 let title = format!("{name} of {}: set point less table", AXIS_NAMES[axis]);
-                let plot = Plot::new(&title, &self.telemetry(quantity), &format!("Residual / {unit}"))
-                    .zero_line()
-                    .series("Set points, and one sigma of the table", Style::Points, points)
-                    .band(band);
+                let plot = self
+                    .plot_over_telemetry(&title, &format!("Residual / {unit}"), axis, quantity)
+                    .series("Table, 95 %", Style::Line, grid([low, high]).map(|u| (u, 0.0)))
+                    .band(band)
+                    .series("Set points, 95 %", Style::Points, points)
+                    .errors(self.errors(axis, quantity).into_iter().map(|half| half * size));
                 (plot.svg(), String::new())
             };
             page.figures(&[figure(0), figure(1), figure(2)]);
@@ -184,7 +225,7 @@ impl Report<'_> {
         for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
             for (k, m) in part.misalignment.iter().enumerate() {
                 let error = part.misalignment_error.map_or(f64::NAN, |errors| errors[k]);
-                let interval = part.misalignment_interval(0.95).map_or(f64::NAN, |half| half[k]);
+                let interval = part.misalignment_interval(CONFIDENCE).map_or(f64::NAN, |half| half[k]);
                 rows.push(vec![
                     Cell::text(format!("{} onto {}", AXIS_NAMES[axis], AXIS_NAMES[(axis + 1 + k) % AXES])),
                     Cell::number(m * 1e6, 3),
@@ -195,9 +236,19 @@ impl Report<'_> {
         }
         let header = ["Misalignment", "Value", "Standard error", "95 % interval +-"];
         page.table("Misalignments [1e-6 rad]", &header, &rows);
-        page.paragraph(match self.calibration.options.alignment {
-            true => "The table has the alignment matrix that undoes them.",
-            false => "The table has no alignment matrix (calibrate --alignment writes one): outputs stay along the sensors' input axes.",
+        page.paragraph(match (self.calibration.table.content().alignment, left_without(self.calibration)) {
+            (Some(_), _) => {
+                "The table has the alignment matrix that undoes them. It turns the axes of the output onto those of the turntable: how the IMU sat on \
+                 the fixture is part of it."
+            }
+            (None, Some(_)) => {
+                "The table has no alignment matrix: outputs stay along the sensors' input axes, and the misalignments are part of the error. This IMU \
+                 needs one (calibrate --alignment)."
+            }
+            (None, None) => {
+                "The table has no alignment matrix, and needs none: no misalignment exceeds its 99 % interval and 1e-6 rad. Outputs stay along the \
+                 sensors' input axes."
+            }
         });
     }
 
@@ -229,23 +280,27 @@ impl Report<'_> {
         let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
         let hours = |dwell: &Dwell, _: usize| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
         let head = |dwell: &Dwell, axis: usize| dwell.head(axis);
-        type DwellView<'a> = (&'a str, &'a str, &'a dyn Fn(&Dwell, usize) -> f64);
-        let telemetry = self.telemetry(0);
-        let views: [DwellView<'_>; 2] = [("over time", "Time / h", &hours), ("over temperature", &telemetry, &head)];
+        const ERROR: &str = "Error / 1e-6 g0";
+        let over_time = |axis: usize| Plot::new(&format!("{} over time", AXIS_NAMES[axis]), "Time / h", ERROR);
+        let over_head =
+            |axis: usize| self.plot_over_telemetry(&format!("{} over temperature", AXIS_NAMES[axis]), ERROR, axis, 0);
+        type DwellView<'a> = (&'a dyn Fn(usize) -> Plot, &'a dyn Fn(&Dwell, usize) -> f64);
+        let views: [DwellView<'_>; 2] = [(&over_time, &hours), (&over_head, &head)];
         let errors = [0, 1, 2].map(|axis| {
             let after: Vec<f64> = solution.residuals.iter().map(|residual| residual[axis] * 1e6).collect();
             (before(axis), after)
         });
         let mut figures = Vec::new();
-        for (title, label, x) in views {
+        for (plot, x) in views {
             for (axis, (before, after)) in errors.iter().enumerate() {
                 let over = |values: &[f64]| -> Vec<(f64, f64)> {
                     self.calibration.dwells.iter().map(|dwell| x(dwell, axis)).zip(values.iter().copied()).collect()
                 };
-                let plot = Plot::new(&format!("{} {title}", AXIS_NAMES[axis]), label, "Error / 1e-6 g0")
-                    .zero_line()
-                    .series("Before", Style::Points, over(before))
-                    .series("After", Style::Points, over(after));
+                let plot = plot(axis).zero_line().series("Before", Style::Points, over(before)).series(
+                    "After",
+                    Style::Points,
+                    over(after),
+                );
                 figures.push((plot.svg(), String::new()));
             }
         }
@@ -452,7 +507,29 @@ impl Report<'_> {
     }
 }
 
+/// Half length of the error bar of a value that is reduced from this number of dwells; NaN without degrees of freedom.
+fn half_length(standard_error: f64, dwells: usize) -> f64 {
+    match dwells.saturating_sub(PARAMETERS) {
+        0 => f64::NAN,
+        freedom => standard_error * student_quantile(CONFIDENCE, freedom),
+    }
+}
+
 /// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
 fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
     (0..=CURVE_INTERVALS).map(move |i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_bars_widen_with_few_dwells_and_need_one_more_than_there_are_parameters() {
+        assert!(half_length(1.0, PARAMETERS).is_nan() && half_length(1.0, 2).is_nan());
+        assert!(half_length(f64::NAN, 12).is_nan());
+        // Student's t with 1 and 7 degrees of freedom.
+        assert!((half_length(2.0, PARAMETERS + 1) - 2.0 * 12.7062).abs() < 1e-3);
+        assert!((half_length(2.0, 12) - 2.0 * 2.36462).abs() < 1e-4);
+    }
 }

@@ -9,6 +9,9 @@ use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 const STYLE: &str = include_str!("style.css");
 
+/// A cell with a longer text does not become narrow where the page is.
+const LONG_TEXT: usize = 40;
+
 /// The verdict of a note or a table cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoteKind {
@@ -66,9 +69,9 @@ impl Cell {
         Self::Number(if value.is_finite() { format!("{value:.decimals$}") } else { "–".into() })
     }
 
-    const fn class(&self) -> Option<&'static str> {
+    fn class(&self) -> Option<&'static str> {
         match self {
-            Self::Text(_) => None,
+            Self::Text(text) => (text.len() > LONG_TEXT).then_some("long"),
             Self::Number(_) => Some("number"),
             Self::Verdict(kind, _) => Some(kind.class()),
         }
@@ -161,7 +164,8 @@ impl Page {
         });
     }
 
-    /// Adds a table; the first cell of a row is its header. A table wider than the page scrolls on its own.
+    /// Adds a table; the first cell of a row is its header. A table wider than the page scrolls on its own, and has a shadow at each
+    /// edge behind which there is more.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<Cell>]) {
         self.tables += 1;
         let id = format!("t-{}", self.tables);
@@ -348,5 +352,8 @@ pub(super) mod tests {
         );
         assert!(page.contains("<th scope=\"row\">x</th><td class=\"number\">-1.250</td><td class=\"good\">"));
         assert!(page.contains("<th scope=\"row\">y</th><td class=\"number\">–</td><td></td></tr>"));
+        let mut page = Page::new("t", "");
+        page.table("Caption", &["axis", "cause"], &[vec![Cell::text("x"), Cell::text("a cause ".repeat(9))]]);
+        assert!(page.finish().contains("<td class=\"long\">a cause "));
     }
 }

@@ -7,7 +7,7 @@
 use maud::{Markup, PreEscaped, html};
 use std::collections::BTreeSet;
 
-use super::axis::{PlotAxis, usable};
+use super::axis::{PlotAxis, second_scale, usable};
 use super::svg::{Svg, cut, path, shape, short, text_width};
 use super::thin::{MAX_VERTICES, extremes, scatter, segments};
 
@@ -34,6 +34,7 @@ pub struct Plot {
     y_label: String,
     series: Vec<PlotSeries>,
     markers: Vec<(f64, String)>,
+    upper: Option<UpperAxis>,
     zero: bool,
 }
 
@@ -42,35 +43,57 @@ struct PlotSeries {
     name: String,
     style: Style,
     points: Vec<(f64, f64)>,
+    /// Half the length of the error bar of each point; shorter than `points` if the last ones have none.
+    errors: Vec<f64>,
     /// x, lower and upper edge.
     band: Vec<(f64, f64, f64)>,
 }
 
+/// A second scale of x.
+#[derive(Clone, Debug)]
+struct UpperAxis {
+    label: String,
+    /// Where the ticks are on the lower axis, and their labels.
+    ticks: Vec<(f64, String)>,
+}
+
 /// Sizes in the drawing's own units; the page scales the drawing to the available width.
-const WIDTH: f64 = 440.0;
+const WIDTH: f64 = 400.0;
 const RIGHT: f64 = WIDTH - 16.0;
 const PLOT_HEIGHT: f64 = 196.0;
 const LINE_HEIGHT: f64 = 17.0;
 /// Number of series colours in the stylesheet.
 const COLOURS: usize = 6;
-/// Largest number of points that are drawn at full size; the points of a longer series are smaller.
-const MAX_LARGE_POINTS: usize = 150;
+/// Half the width of a point in a short series, and in the legend.
+const POINT: f64 = 3.2;
 /// Largest number of rows of marker labels.
 const MARKER_ROWS: usize = 3;
+/// Half the width of the ends of an error bar.
+const CAP: f64 = 3.0;
 
 impl Plot {
     /// A figure without series. Labels are quantity and unit, e.g. "Bias / 1e-6 g0"; a text that is too long is cut.
     #[must_use]
     pub fn new(title: &str, x_label: &str, y_label: &str) -> Self {
         let [title, x_label, y_label] = [title, x_label, y_label].map(String::from);
-        Self { title, x_label, y_label, series: Vec::new(), markers: Vec::new(), zero: false }
+        Self { title, x_label, y_label, series: Vec::new(), markers: Vec::new(), upper: None, zero: false }
     }
 
     /// Adds a series of (x, y). The legend appears with the second one.
     #[must_use]
     pub fn series(mut self, name: &str, style: Style, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let points = points.into_iter().collect();
-        self.series.push(PlotSeries { name: name.into(), style, points, band: Vec::new() });
+        self.series.push(PlotSeries { name: name.into(), style, points, errors: Vec::new(), band: Vec::new() });
+        self
+    }
+
+    /// Gives each point of the last series an error bar of this half length. A point whose half length is NaN has none.
+    /// Without a series it does nothing.
+    #[must_use]
+    pub fn errors(mut self, half_lengths: impl IntoIterator<Item = f64>) -> Self {
+        if let Some(series) = self.series.last_mut() {
+            series.errors = half_lengths.into_iter().collect();
+        }
         self
     }
 
@@ -100,6 +123,23 @@ impl Plot {
         self
     }
 
+    /// Adds a second scale of x above the plot area, by pairs of x and the value there on the second scale, with ticks at round
+    /// values. Without at least two pairs, or if they do not rise or fall all along x, it does nothing.
+    #[must_use]
+    pub fn second_scale(self, label: &str, pairs: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        self.upper_axis(label, second_scale(pairs))
+    }
+
+    /// Adds an axis above the plot area: the x of each tick, and its label. A tick outside the range of x is omitted,
+    /// and so is a label that would overlap the one before.
+    #[must_use]
+    pub fn upper_axis(mut self, label: &str, ticks: impl IntoIterator<Item = (f64, String)>) -> Self {
+        let mut ticks: Vec<_> = ticks.into_iter().filter(|tick| usable(tick.0)).collect();
+        ticks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        self.upper = (!ticks.is_empty()).then(|| UpperAxis { label: label.into(), ticks });
+        self
+    }
+
     /// The figure as SVG for [`Page::figure`](super::page::Page::figure).
     #[must_use]
     pub fn svg(&self) -> Markup {
@@ -107,20 +147,27 @@ impl Plot {
         let points = || self.series.iter().flat_map(|s| s.points.iter().filter(drawn));
         let rows = || self.series.iter().flat_map(|s| s.band.iter().filter(|row| complete(row)));
         let xs = points().map(|p| p.0).chain(rows().map(|r| r.0)).chain(self.markers.iter().map(|m| m.0));
+        let bars = || self.series.iter().flat_map(PlotSeries::bars);
         let ys = points().map(|p| p.1).chain(rows().flat_map(|r| [r.1, r.2])).chain(self.zero.then_some(0.0));
+        let ys = ys.chain(bars().flat_map(|(_, low, high)| [low, high]));
         let (x_axis, y_axis) = (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8));
 
         let left = 10.0 + y_axis.ticks.iter().map(|(_, label)| text_width(label)).fold(22.0, f64::max);
         let x = |value: f64| left + x_axis.fraction(value) * (RIGHT - left);
         let labels = self.marker_labels(x);
         let marker_rows = labels.iter().map(|label| label.0 + 1).max().unwrap_or(0);
-        let top = 48.0 + marker_rows as f64 * LINE_HEIGHT;
+        let upper = 48.0 + if self.upper.is_some() { LINE_HEIGHT } else { 0.0 };
+        let gap = if self.upper.is_some() && marker_rows > 0 { 6.0 } else { 0.0 };
+        let top = upper + gap + marker_rows as f64 * LINE_HEIGHT;
         let bottom = top + PLOT_HEIGHT;
         let y = |value: f64| bottom - y_axis.fraction(value) * PLOT_HEIGHT;
 
         let mut out = Svg(String::new());
         out.text("t", 2.0, 16.0, &cut(&self.title, WIDTH * 0.92), "");
-        out.text("a", 2.0, 37.0, &cut(&self.y_label, RIGHT - text_width(&y_axis.note)), &y_axis.note);
+        let upper_label = self.upper.as_ref().map_or(String::new(), |axis| cut(&axis.label, WIDTH / 3.0));
+        let room = RIGHT - text_width(&y_axis.note) - text_width(&upper_label) - 8.0;
+        out.text("a", 2.0, 37.0, &cut(&self.y_label, room), &y_axis.note);
+        out.text("a e", RIGHT, 37.0, &upper_label, "");
         let (mut grid, mut frame) = (String::new(), String::new());
         for (value, label) in &y_axis.ticks {
             grid += &format!("M{} {}H{RIGHT}", short(left), short(y(*value)));
@@ -130,6 +177,13 @@ impl Plot {
             grid += &format!("M{} {}V{}", short(x(*value)), short(top), short(bottom));
             frame += &format!("M{} {}v4", short(x(*value)), short(bottom));
             out.text("k m", x(*value), bottom + 17.0, label, "");
+        }
+        if self.upper.is_some() {
+            frame += &format!("M{} {}H{RIGHT}", short(left), short(upper));
+        }
+        for (at, label) in self.upper_ticks(left, x) {
+            frame += &format!("M{} {}v-4", short(at), short(upper));
+            out.text("k m", at, upper - 7.0, label, "");
         }
         out.path("grid", &grid);
         frame += &format!("M{} {}V{}H{RIGHT}", short(left), short(top), short(bottom));
@@ -157,7 +211,8 @@ impl Plot {
         }
         let height = self.legend(&mut out, bottom + 42.0);
         let summary = format!("{}: {} over {}", self.title, self.y_label, self.x_label);
-        let names: Vec<_> = self.series.iter().map(|s| format!("{} ({} points)", s.name, s.points.len())).collect();
+        let count = |series: &PlotSeries| series.points.iter().filter(drawn).count();
+        let names: Vec<_> = self.series.iter().map(|s| format!("{} ({} points)", s.name, count(s))).collect();
         html! {
             svg.plot viewBox={ "0 0 " (WIDTH) " " (short(height)) } role="img" aria-label=(summary) {
                 title { (self.title) }
@@ -165,6 +220,19 @@ impl Plot {
                 (PreEscaped(out.0))
             }
         }
+    }
+
+    /// Position and label of the ticks of the upper axis.
+    fn upper_ticks(&self, left: f64, x: impl Fn(f64) -> f64) -> Vec<(f64, &str)> {
+        let (mut end, mut ticks) = (f64::NEG_INFINITY, Vec::new());
+        for (value, label) in self.upper.iter().flat_map(|axis| &axis.ticks) {
+            let (at, half) = (x(*value), text_width(label) / 2.0);
+            if (left..=RIGHT).contains(&at) && at + half <= WIDTH && at - half >= end {
+                end = at + half + 6.0;
+                ticks.push((at, label.as_str()));
+            }
+        }
+        ticks
     }
 
     /// Row, centre and text of the marker labels. Labels of one row do not overlap; a label that fits into no row is omitted.
@@ -203,9 +271,11 @@ impl Plot {
                 let dashed = if is_dense(series) { "l" } else { "l d" };
                 out.path(&class(dashed, index), &path(key.iter().copied()));
             }
+            if !series.errors.is_empty() {
+                out.path(&class("er", index), &error_bar(left + 12.0, [middle - 6.0, middle + 6.0]));
+            }
             if series.style != Style::Line {
-                let size = if series.points.len() > MAX_LARGE_POINTS { 1.8 } else { 3.2 };
-                out.path(&class("p", index), &shape(index, left + 12.0, middle, size));
+                out.path(&class("p", index), &shape(index, left + 12.0, middle, POINT));
             }
             out.text("g", left + 30.0, middle + 4.5, &name, "");
             left += width + 14.0;
@@ -247,11 +317,42 @@ impl Svg {
                 }
             }
         }
-        let size = if single.len() > MAX_LARGE_POINTS { 1.8 } else { 3.2 };
+        let size = point_size(single.len());
+        let bars = single.iter().filter_map(|&i| series.bar(i));
+        let bars: String = bars.map(|(at, low, high)| error_bar(x(at), [y(low), y(high)])).collect();
+        self.path(&class("er", index), &bars);
         let points: String = single.into_iter().map(|i| shape(index, at(i).0, at(i).1, size)).collect();
         self.path(&class(if is_dense(series) { "l f" } else { "l d" }, index), &line);
         self.path(&class("p", index), &points);
     }
+}
+
+impl PlotSeries {
+    /// x, lower and upper end of the error bar of a point; `None` if it has none.
+    fn bar(&self, index: usize) -> Option<(f64, f64, f64)> {
+        let (&(x, y), half) = (self.points.get(index)?, self.errors.get(index)?.abs());
+        Some((x, y - half, y + half)).filter(complete)
+    }
+
+    fn bars(&self) -> impl Iterator<Item = (f64, f64, f64)> {
+        (0..self.errors.len()).filter_map(|index| self.bar(index))
+    }
+}
+
+/// Half the width of the points of a series of this length.
+const fn point_size(points: usize) -> f64 {
+    match points {
+        0..=150 => POINT,
+        151..=600 => 2.5,
+        _ => 1.8,
+    }
+}
+
+/// Path data of an error bar between two heights, with its ends.
+fn error_bar(x: f64, ends: [f64; 2]) -> String {
+    let [a, b] = ends.map(short);
+    let (left, width) = (short(x - CAP), short(2.0 * CAP));
+    format!("M{left} {a}h{width}M{left} {b}h{width}M{} {a}V{b}", short(x))
 }
 
 fn complete(row: &(f64, f64, f64)) -> bool {
@@ -269,99 +370,4 @@ fn class(kind: &str, index: usize) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::page::tests::assert_well_formed;
-    use super::*;
-
-    fn checked(plot: &Plot) -> String {
-        let svg = plot.svg().into_string();
-        assert_well_formed(&svg);
-        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-        svg
-    }
-
-    fn of_class<'a>(svg: &'a str, class: &str) -> Vec<&'a str> {
-        let start = format!("<path class=\"{class}\" d=\"");
-        svg.split(start.as_str()).skip(1).filter_map(|rest| rest.split('"').next()).collect()
-    }
-
-    #[test]
-    fn degenerate_data_is_drawn() {
-        let bad = [(f64::NAN, 1.0), (1.0, f64::INFINITY), (1e300, 1e300)];
-        for points in [vec![], bad.to_vec(), vec![(1.0, 2.0)], vec![(1.0, 2.0); 5], vec![(0.0, 0.0), (5e-324, 1e99)]] {
-            for style in [Style::Line, Style::Points, Style::Both] {
-                let band = points.iter().map(|p| (p.0, p.1, p.1));
-                let plot = Plot::new("", "x", "y").series("", style, points.clone()).band(band).zero_line();
-                checked(&plot.clone().marker(f64::NAN, "nowhere").marker(1.0, "here"));
-                checked(&plot);
-            }
-        }
-        assert!(checked(&Plot::new("t", "x", "y")).contains("no data"));
-        assert!(!checked(&Plot::new("t", "x", "y").series("", Style::Line, [(1.0, 2.0)])).contains("no data"));
-    }
-
-    #[test]
-    fn a_missing_value_breaks_line_and_band() {
-        let points = [(0.0, 0.0), (1.0, 1.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 0.0), (5.0, f64::NAN), (6.0, 1.0)];
-        let band = points.map(|(x, y)| (x, y - 1.0, y + 1.0));
-        let svg = checked(&Plot::new("t", "x", "y").series("", Style::Line, points).band(band));
-        assert_eq!(of_class(&svg, "l d s1")[0].matches('M').count(), 2);
-        assert_eq!(of_class(&svg, "p s1")[0].matches('M').count(), 1, "the lone point");
-        assert_eq!(of_class(&svg, "b s1")[0].matches('z').count(), 3);
-    }
-
-    #[test]
-    fn values_are_drawn_where_the_ticks_say() {
-        let svg = checked(&Plot::new("t", "x", "y").series("", Style::Line, [(0.0, -10.0), (10.0, 10.0)]).zero_line());
-        let [x0, y0, x1, y1] = of_class(&svg, "l d s1")[0]
-            .split(['M', 'L', ' '])
-            .filter_map(|number| number.parse::<f64>().ok())
-            .collect::<Vec<_>>()[..]
-        else {
-            panic!("{svg}")
-        };
-        assert!(x0 < x1 && y0 > y1, "y points up");
-        let label = |x: f64| svg.contains(&format!("<text class=\"k m\" x=\"{}\"", short(x)));
-        assert!(label(x0) && label(x1), "ticks at 0 and 10");
-        assert!(of_class(&svg, "zero")[0].contains(&format!(" {}H", short(f64::midpoint(y0, y1)))));
-    }
-
-    #[test]
-    fn long_series_are_thinned_and_keep_the_peak() {
-        let wave = |i: i32| (f64::from(i), if i == 54_321 { 40.0 } else { f64::from(i).sin() });
-        let plot = |n: i32| Plot::new("t", "x", "y").series("a", Style::Both, (0..n).map(wave));
-        let svg = checked(&plot(100_000).band((0..100_000).map(|i| (f64::from(i), -1.0, wave(i).1))));
-        assert!(svg.len() < 200_000, "{}", svg.len());
-        let top = |d: &str| d.split(['M', 'L']).filter_map(|p| p.split(' ').nth(1)?.parse().ok()).fold(999.0, f64::min);
-        let peak = top(of_class(&svg, "l f s1")[0]);
-        assert!(peak < 48.0 + 0.07 * PLOT_HEIGHT, "the peak is lost: {peak}");
-        assert!(top(of_class(&checked(&plot(1_000)), "l f s1")[0]) > 48.0, "and is there only if it is in the data");
-    }
-
-    #[test]
-    fn the_legend_comes_with_the_second_series() {
-        let plot = Plot::new("t", "x", "y").series("first", Style::Line, [(0.0, 1.0), (1.0, 2.0)]);
-        assert!(!checked(&plot).contains(">first</text>"));
-        let svg = checked(&plot.series("second", Style::Points, [(0.0, 2.0)]));
-        assert!(svg.contains(">first</text>") && svg.contains(">second</text>"));
-    }
-
-    #[test]
-    fn text_is_escaped_and_cut_and_labels_do_not_overlap() {
-        let evil = "</svg><script>alert('1')</script>\u{0}\"&";
-        let long = "W".repeat(500);
-        let mut plot =
-            Plot::new(evil, evil, evil).series(evil, Style::Line, [(0.0, 1.0)]).series(&long, Style::Both, []);
-        for i in 0..20 {
-            plot = plot.marker(f64::from(i) * 0.01, "a marker").series(evil, Style::Line, []);
-        }
-        let svg = checked(&plot);
-        assert!(!svg.contains("<script"));
-        let labels = plot.marker_labels(|x| 100.0 + 300.0 * x);
-        for (index, a) in labels.iter().enumerate() {
-            for b in labels[index + 1..].iter().filter(|b| b.0 == a.0) {
-                assert!((a.1 - b.1).abs() >= text_width("a marker"), "{labels:?}");
-            }
-        }
-    }
-}
+mod tests;

@@ -4,6 +4,7 @@ use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::stability::{Force, Stability, Window};
+use crate::verdict::{Errors, Estimate, Requirement};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 
 /// What the report states besides the table and the stability; only the caller knows it.
@@ -19,8 +20,8 @@ pub struct VerificationSource {
     pub recording: String,
     /// Length of the windows \[s\].
     pub window_s: f64,
-    /// The required factor, if there is a requirement.
-    pub required: Option<f64>,
+    /// What is required, if there is a requirement.
+    pub required: Option<Requirement>,
 }
 
 /// The page as HTML.
@@ -29,8 +30,9 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
     let title = format!("Verification of {}", table.content().imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
     result(&mut page, table, stability, source);
+    verdict(&mut page, stability);
     figures(&mut page, table, stability);
-    modulus(&mut page, table, stability);
+    length(&mut page, table, stability);
     budget(&mut page, table, stability);
     page.heading(2, "provenance", "Provenance");
     page.key_values(&[
@@ -46,14 +48,11 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
 
 fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &VerificationSource) {
     page.heading(2, "result", "Stability");
-    if let Some(required) = source.required {
-        let least = stability.axes.iter().map(crate::stability::AxisStability::factor).fold(f64::INFINITY, f64::min);
-        let text = format!("The smallest factor is {least:.2}, required are {required}.");
-        if least >= required {
-            page.note(NoteKind::Good, "Requirement met", &text);
-        } else {
-            page.note(NoteKind::Bad, "Requirement missed", &text);
-        }
+    for judgement in source.required.iter().flat_map(|required| required.judge(stability)) {
+        let (kind, word) =
+            if judgement.met { (NoteKind::Good, "Requirement met") } else { (NoteKind::Bad, "Requirement missed") };
+        let remedy = judgement.remedy.map(|remedy| format!(" ({remedy})")).unwrap_or_default();
+        page.note(kind, word, &(judgement.message + &remedy));
     }
     let flagged = stability.windows.iter().filter(|window| window.flagged).count();
     if flagged > 0 {
@@ -61,13 +60,14 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
             format!("In {flagged} windows samples are flagged: telemetry out of the table's range, or not plausible.");
         page.note(NoteKind::Warning, "Flagged samples", &text);
     }
-    if let Some(reason) = stability.gravity_mismatch() {
-        page.note(NoteKind::Warning, "Not as long as gravity", &format!("Look at this: {reason}."));
+    if let Some(reason) = stability.nothing_claimed().filter(|_| source.required.is_none()) {
+        page.note(NoteKind::Bad, "Nothing can be claimed", &format!("Look at this: {reason}."));
     }
-    if !stability.stated {
-        let text =
-            "The median of the output stands in for it, so that a constant error does not show in the rms about zero.";
-        page.note(NoteKind::Warning, "The attitude was not stated", text);
+    if let Some([missing, remedy]) = stability.verdict.missing() {
+        page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
+    }
+    if let Some(warning) = stability.interval_warning() {
+        page.note(NoteKind::Warning, "Intervals", &warning);
     }
     if stability.stated && table.content().alignment.is_none() {
         let text =
@@ -99,8 +99,47 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     page.key_values(&[
         ("Specific force", Force(stability.specific_force).to_string()),
         ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
+        ("Covered", stability.covered.to_string()),
         ("Windows at this attitude", format!("{} of {}", counted(stability).count(), stability.windows.len())),
     ]);
+}
+
+/// The errors with their intervals, and the largest of them in words.
+fn verdict(page: &mut Page, stability: &Stability) {
+    page.heading(2, "verdict", "Verdict");
+    let verdict = &stability.verdict;
+    let text = if stability.nothing_claimed().is_some() {
+        "Nothing can be claimed, see above.".to_owned()
+    } else {
+        verdict.conclusion()
+    };
+    page.paragraph(&text);
+    let estimate = |estimate: Estimate| format!("{:.3} ± {:.3}", estimate.value * 1e6, estimate.interval * 1e6);
+    let length = verdict.length.iter().map(|errors| ("length", errors));
+    let errors = AXIS_NAMES.iter().copied().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)]);
+    let rows: Vec<_> = errors
+        .map(|(name, errors)| {
+            vec![
+                Cell::text(name),
+                Cell::Number(errors.constant.map_or_else(|| "not judged".to_owned(), estimate)),
+                Cell::Number(estimate(errors.variation)),
+                Cell::Number(estimate(errors.worst)),
+                Cell::number(errors.noise * 1e6, 3),
+                Cell::number(errors.largest_window * 1e6, 3),
+            ]
+        })
+        .collect();
+    let header = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
+    let caption = format!(
+        "Errors of the full model, {} groups of {} windows [1e-6 g0, level 1e-6 rad]",
+        verdict.groups, verdict.windows
+    );
+    page.table(&caption, &header, &rows);
+    page.paragraph(
+        "Constant: the mean over the run. Variation: of the mean of a group of windows about it. Worst: the largest mean of a group. \
+         Intervals: 95 %; that of constant from slow changes of the run too, those of variation and worst from the noise, for all groups at once.",
+    );
+    page.key_values(&[("Local gravity", stability.gravity_source.to_string())]);
 }
 
 fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
@@ -154,25 +193,25 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
 }
 
-fn modulus(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+fn length(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     page.heading(2, "gravity", "Length of the output against gravity");
-    let Some(modulus) = &stability.modulus else {
-        page.paragraph("The IMU was never still: its output cannot be compared with gravity.");
+    let Some(Errors { constant: Some(constant), largest_window, .. }) = stability.verdict.length else {
+        page.paragraph("The IMU was never still, or local gravity is unknown: the length of the output is not judged.");
         return;
     };
-    let length = |window: &Window| window.after.iter().map(|a| a * a).sum::<f64>().sqrt() - stability.gravity;
     let points = stability.windows.iter().filter(|window| window.still);
-    let points: Vec<_> = points.map(|window| (window.time_s / 3600.0, length(window) * 1e6)).collect();
+    let points: Vec<_> =
+        points.map(|window| (window.time_s / 3600.0, (window.length() - stability.gravity) * 1e6)).collect();
+    let count = points.len().to_string();
     let plot = Plot::new("Length of the output less gravity", "Time / h", "Difference / 1e-6 g0").zero_line();
     page.figure(
         &plot.series("Still windows", Style::Line, points).svg(),
         "Needs no turntable: at rest the three outputs together are as long as gravity.",
     );
     page.key_values(&[
-        ("Still windows", modulus.windows.to_string()),
-        ("Mean", format!("{:.3}e-6 g0", modulus.mean * 1e6)),
-        ("Rms", format!("{:.3}e-6 g0", modulus.rms * 1e6)),
-        ("Worst", format!("{:.3}e-6 g0", modulus.worst * 1e6)),
+        ("Still windows", count),
+        ("Constant", format!("{:.3}e-6 g0", constant.value * 1e6)),
+        ("Largest window", format!("{:.3}e-6 g0", largest_window * 1e6)),
     ]);
     if table.content().alignment.is_none() {
         page.note(

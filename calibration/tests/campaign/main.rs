@@ -2,6 +2,9 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod accuracy;
+mod causes;
 mod checks;
 mod common;
 mod coverage;
+mod laboratories;
+mod report;

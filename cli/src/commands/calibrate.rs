@@ -1,15 +1,18 @@
 //! `calibrate`: makes a coefficient table from a campaign.
 
-use super::common::inputs;
+use super::common::{Refused, inputs, or_document};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
+use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
+use isotherm_calibration::checks::name;
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_table, sha256, tool};
 use isotherm_calibration::report;
 use isotherm_failure::{Exit, Failure, printable, tell};
-use isotherm_files::{LoadError, StagedText, WorldWritable, read_text, refuse_overlap};
+use isotherm_files::{LoadError, StagedText, WorldWritable, print_data, read_text, refuse_overlap};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
+use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -40,12 +43,30 @@ pub struct Calibrate {
     /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials
     #[arg(long, value_name = "one-stage|two-stage", default_value = "one-stage", value_parser = method)]
     method: Method,
-    /// Give the table an alignment matrix, from the misalignments
-    #[arg(long)]
+    /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]
+    ///
+    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it
+    #[arg(long, conflicts_with = "no_alignment")]
     alignment: bool,
+    /// Give the table no alignment matrix: outputs stay along the sensors' input axes
+    #[arg(long)]
+    no_alignment: bool,
+    /// Print one JSON document to stdout instead of the text to stderr, also of a failure
+    #[arg(long)]
+    json: bool,
     /// Leave a dwell out: set point in degC and number of the position; may be repeated
     #[arg(long, value_name = "SET_POINT/POSITION", allow_hyphen_values = true, value_parser = place)]
     exclude: Vec<(f64, u32)>,
+    /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or repeated. The
+    /// names are written into the provenance
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
+    accept: Vec<&'static str>,
+    /// Make no table if there is a warning that is not accepted
+    #[arg(long)]
+    strict: bool,
+    /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
+    #[arg(short, long)]
+    verbose: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -77,6 +98,14 @@ fn place(text: &str) -> Result<(f64, u32), String> {
 
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
+        or_document(self.json, self.make_table())
+    }
+
+    fn make_table(self) -> Result<(), Refused> {
+        if self.json && self.output == Path::new("-") {
+            let message = "--json and -o - both go to stdout; give the table a file";
+            return Err(Failure::new(Exit::Usage, message).into());
+        }
         let (text, _) = read_text(&self.campaign, WorldWritable::Allow)?;
         let campaign = Campaign::from_toml(&text);
         let campaign = campaign.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
@@ -102,13 +131,27 @@ impl Calibrate {
                 PolynomialOrder::Auto => None,
                 PolynomialOrder::Fixed(order) => Some(order),
             },
-            alignment: self.alignment,
+            alignment: AlignmentChoice::of(self.alignment, self.no_alignment),
             exclude: self.exclude,
+            accept: self.accept.clone(),
+            strict: self.strict,
         };
         let spinner = spinner("fitting");
         let calibration = calibrate(&campaign, dwells, options);
         spinner.finish_and_clear();
-        let calibration = calibration.map_err(|error| error.failure(&self.campaign, first, locate))?;
+        let calibration = calibration.map_err(|error| {
+            let mut failure = error.failure_with(&self.campaign, first, locate, self.verbose);
+            let left = error.acceptable();
+            if !self.accept.is_empty() && !left.is_empty() {
+                let all: Vec<_> = self.accept.iter().chain(&left).copied().collect();
+                let _ = write!(
+                    failure.message,
+                    "\nthese faults must be accepted too, for a table in spite of all: --accept {}",
+                    all.join(",")
+                );
+            }
+            Refused { document: report::json::refusal(&error, &failure, locate), failure }
+        })?;
         let source = CampaignSource {
             tool: tool(),
             time: now(),
@@ -119,13 +162,19 @@ impl Calibrate {
         let sealed = sealed_table(&campaign, &calibration, &source);
         let sealed = sealed.map_err(|message| Failure::new(Exit::Failed, message))?;
         for finding in &calibration.findings {
-            tell("isotherm", format_args!("warning: {}", finding.located(locate)));
+            tell("isotherm", finding.tagged(locate));
         }
-        let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
+        if !self.json {
+            let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
+        }
         let html = || report::calibration::html(&campaign, &calibration, &source);
         let mut texts = vec![table.write(&sealed)?];
         texts.extend(page.map(|page| page.write(&html())).transpose()?);
-        StagedText::finish_together(texts)
+        StagedText::finish_together(texts)?;
+        if self.json {
+            print_data(&format!("{:#}\n", report::json::calibration(&calibration, locate)))?;
+        }
+        Ok(())
     }
 }
 

@@ -1,11 +1,15 @@
 //! `campaign`: the automatic campaign.
 
-use super::common::options;
-use crate::parse::{over_0, seconds};
+use super::common::{joined, options};
+use crate::parse::seconds;
 use clap::{Args, Subcommand};
+use isotherm_calibration::alignment::AlignmentChoice;
+use isotherm_calibration::checks::name;
+use isotherm_calibration::verdict::Requirement;
 use isotherm_campaign::control::{self, Lock, runner_pid, snapshot};
 use isotherm_campaign::finish::Finish;
 use isotherm_campaign::journal::{self, Entry, Journal};
+use isotherm_campaign::outcome::outcome;
 use isotherm_campaign::plan::Plan;
 use isotherm_campaign::progress::{self, STATUS, Snapshot};
 use isotherm_campaign::runner::Runner;
@@ -13,7 +17,7 @@ use isotherm_campaign::samples::write_campaign_file;
 use isotherm_campaign::station::Station;
 use isotherm_campaign::timeline::{duration, left_s, moments, units};
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{end_signals, print, print_data};
 use isotherm_service::logging::{self, LogFormat};
 use std::fmt::Write as _;
@@ -51,7 +55,7 @@ enum CampaignAction {
 /// again to go on.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --alignment --require 10"
+    after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --require 10,bias=20ug0"
 )]
 struct RunCampaign {
     /// The plan
@@ -60,12 +64,21 @@ struct RunCampaign {
     /// Then fit the table, write its report, and evaluate the verification runs
     #[arg(long)]
     calibrate: bool,
-    /// With --calibrate: install the table if every axis is FACTOR times more stable in every verification run
-    #[arg(long, value_name = "FACTOR", requires = "calibrate", value_parser = over_0)]
-    require: Option<f64>,
-    /// Give the table an alignment matrix, from the misalignments
-    #[arg(long, requires = "calibrate")]
+    /// With --calibrate: install the table if every verification run shows these bounds: a factor of stability, or bias=20ug0,scale=50ppm,level=5arcsec
+    ///
+    /// Bounds that are not given come from the fit's own errors. A table that is worse than the one in force on the same runs, or covers less
+    /// of its range, is not installed; the predecessor of an installed table stays beside it (isotherm rollback)
+    #[arg(long, value_name = "BOUNDS", requires = "calibrate")]
+    require: Vec<Requirement>,
+    /// Give the table an alignment matrix [default: as the table in force; without one, if the IMU needs it]
+    #[arg(long, requires = "calibrate", conflicts_with = "no_alignment")]
     alignment: bool,
+    /// Give the table no alignment matrix
+    #[arg(long, requires = "calibrate")]
+    no_alignment: bool,
+    /// Make the table in spite of a fault of this name; may be repeated
+    #[arg(long, value_name = "NAME", requires = "calibrate", value_parser = name::acceptable)]
+    accept: Vec<&'static str>,
     /// Speed of a simulated laboratory: the waits of the plan are divided by N, the time-outs of the lines are not
     #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
     speed: f64,
@@ -83,7 +96,7 @@ struct CheckCampaign {
     plan: PathBuf,
 }
 
-/// Show a running campaign, or how far one has got
+/// Show a running campaign, or how far one has got, and what became of fit, verification and installation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign status plan.toml --json")]
 struct StatusCampaign {
@@ -126,11 +139,17 @@ impl CampaignCommand {
 impl RunCampaign {
     fn run(self, domain: Domain) -> Result<(), Failure> {
         logging::start(self.log_format);
+        let require = joined(&self.require)?;
         let plan = Plan::load_to_run(&self.plan)?;
-        if self.require.is_some() && plan.verify.is_none() {
+        if require.is_some() && plan.verify.is_none() {
             let message = format!("--require needs verification runs; give {} a [verify]", self.plan.display());
             return Err(Failure::new(Exit::Usage, message));
         }
+        for warning in plan.warnings() {
+            tracing::warn!("{warning}");
+        }
+        // Before the first file in the folder: a refusal leaves none.
+        journal::refuse_data_of_others(&plan.output)?;
         fs::create_dir_all(&plan.output).map_err(|error| Failure::io("making", &plan.output, &error))?;
         let _lock = Lock::take(&plan.output)?;
         let ended = Arc::<AtomicUsize>::default();
@@ -160,7 +179,9 @@ impl RunCampaign {
             return Ok(());
         }
         let (mut journal, _) = Journal::open(&plan)?;
-        Finish { require: self.require, alignment: self.alignment }.run(&plan, &mut journal, &options, &ended)
+        let alignment = AlignmentChoice::of(self.alignment, self.no_alignment);
+        let finish = Finish { require, alignment, accept: self.accept };
+        finish.run(&plan, &mut journal, &options, &ended)
     }
 }
 
@@ -175,10 +196,16 @@ impl CheckCampaign {
             plan.imu
         );
         // Writing to a String cannot fail.
-        let _ = plan.verify.map(|verify| write!(text, ", {} verification runs", verify.runs));
+        let _ = plan.verify.as_ref().map(|verify| {
+            let s = if verify.runs == 1 { "" } else { "s" };
+            write!(text, ", {} verification run{s}", verify.runs)
+        });
         let _ = writeln!(text, "; about {}\n", duration(takes_s));
         for moment in moments(&plan) {
             let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.event);
+        }
+        for warning in plan.warnings() {
+            tell("isotherm", format!("warning: {warning}"));
         }
         print(&text)
     }
@@ -188,22 +215,29 @@ impl StatusCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load(&self.plan)?;
         let (pid, snapshot) = (runner_pid(&plan.output)?, snapshot(&plan.output)?);
-        let Some(snapshot) = snapshot else {
+        let outcome = outcome(&plan.output);
+        let has_outcome = outcome.as_ref().is_ok_and(|outcome| outcome.fit.is_some());
+        if snapshot.is_none() && !has_outcome {
             let message = format!("{}: no campaign has been run there", plan.output.display());
             return Err(Failure::new(Exit::Unavailable, message));
-        };
-        let died = pid.is_none() && snapshot.ended.is_none();
+        }
+        let died = pid.is_none() && snapshot.as_ref().is_some_and(|snapshot| snapshot.ended.is_none());
         if self.json {
-            let document = serde_json::json!({ "pid": pid, "campaign": snapshot });
+            let document = serde_json::json!({ "pid": pid, "campaign": snapshot, "outcome": outcome.as_ref().ok() });
             print_data(&format!("{document:#}\n"))?;
         } else {
-            let state = match (pid, &snapshot.ended) {
+            let state = match (pid, &snapshot) {
                 (Some(pid), _) => format!("running, pid {pid}"),
-                (None, Some(ended)) => format!("ended: {ended}"),
-                (None, None) => "NOT RUNNING".to_owned(),
+                (None, Some(Snapshot { ended: Some(ended), .. })) => format!("ended: {ended}"),
+                (None, Some(_)) => "NOT RUNNING".to_owned(),
+                (None, None) => format!("not running; its {STATUS} is missing, or of another version"),
             };
-            print(&format!("{state}\n{}\n", snapshot.line()))?;
+            let line = snapshot.map_or_else(String::new, |snapshot| snapshot.line() + "\n");
+            let outcome = outcome.as_ref().map_or_else(|_| String::new(), ToString::to_string);
+            print(&format!("{state}\n{line}{outcome}"))?;
         }
+        // The state is told even if the journal cannot be read.
+        outcome?;
         if died {
             let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` goes on, \
                            `isotherm campaign stop` brings them into the safe state";
@@ -234,13 +268,13 @@ fn safe(plan: &Plan) -> Result<(), Failure> {
     let _lock = Lock::take(&plan.output)?;
     let (table, chamber) = Station::new(plan, true).enter_safe_state();
     let certain = table.is_reached() && chamber.is_reached();
-    let reason = "requested after its runner had ended without".to_owned();
+    let reason = control::STOPPED_WITHOUT_RUNNER.to_owned();
     let text = format!("{reason}\nsafe state: {table}; {chamber}");
     let last = snapshot(&plan.output)?.unwrap_or_default();
     let last = Snapshot { ended: Some(text.clone()), paused: None, safe: certain, ..last };
     progress::write(&plan.output.join(STATUS), &last);
     let (table, chamber) = (table.to_string(), chamber.to_string());
-    let noted = journal::append(&plan.output, Entry::Safe { reason, table, chamber, certain });
+    let noted = journal::append(&plan.output, Entry::Safe { reason, stopped: Some(true), table, chamber, certain });
     noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
     if certain { print(&format!("{text}\n")) } else { Err(Failure::new(Exit::Unavailable, text)) }
 }

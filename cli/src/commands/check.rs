@@ -3,7 +3,7 @@
 use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
 use isotherm_campaign::plan::Plan;
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
 use isotherm_shared::kind::FileKind;
 use std::path::Path;
@@ -23,6 +23,9 @@ pub fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String
 fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     let plan = Plan::from_toml(text, path.parent().unwrap_or(Path::new("")));
     let plan = plan.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    for warning in plan.warnings() {
+        tell("isotherm", format!("{}: warning: {warning}", path.display()));
+    }
     let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
     Ok(format!("campaign plan of {}, {set_points} set points x {positions} positions", plan.imu))
 }

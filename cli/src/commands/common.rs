@@ -1,14 +1,54 @@
 //! What several commands do with their arguments.
 
+use isotherm_calibration::report::json;
+use isotherm_calibration::verdict::Requirement;
 use isotherm_client::{Domain, ImuId, Options};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::print_data;
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_shared::table::CoefficientTable;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The options of a client.
 pub fn options(domain: Domain, timeout: Duration) -> Options {
     Options { domain, timeout }
+}
+
+/// A failure with the document that `--json` prints of it.
+pub struct Refused {
+    pub failure: Failure,
+    pub document: Value,
+}
+
+impl<F: Into<Failure>> From<F> for Refused {
+    fn from(failure: F) -> Self {
+        let failure = failure.into();
+        Self { document: json::failure(&failure), failure }
+    }
+}
+
+/// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can fail before its
+/// results are printed.
+pub fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
+    result.map_err(|Refused { failure, document }| {
+        if json {
+            // If stdout is closed or full there is still the message on stderr, and the exit code.
+            let _ = print_data(&format!("{document:#}\n"));
+        }
+        failure
+    })
+}
+
+/// The requirement of all `--require`; `None` without one.
+///
+/// # Errors
+/// If a bound is given twice.
+pub fn joined(require: &[Requirement]) -> Result<Option<Requirement>, Failure> {
+    let Some((first, others)) = require.split_first() else { return Ok(None) };
+    let all = others.iter().try_fold(*first, |all, more| all.and(*more));
+    all.map(Some).map_err(|message| Failure::new(Exit::Usage, format!("--require: {message}")))
 }
 
 /// The files of a recording, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes them.

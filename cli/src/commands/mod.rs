@@ -11,6 +11,7 @@ mod record;
 mod regress;
 mod relay;
 mod replay;
+mod rollback;
 mod simulate;
 mod top;
 mod verify;
@@ -25,7 +26,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 13] = [
+pub const WITHOUT_DOMAIN: [&str; 14] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -36,6 +37,7 @@ pub const WITHOUT_DOMAIN: [&str; 13] = [
     "man",
     "regress",
     "replay",
+    "rollback",
     "simulate campaign",
     "simulate run",
     "verify",
@@ -57,6 +59,7 @@ pub enum Command {
     Verify(verify::Verify),
     Simulate(Box<simulate::Simulate>),
     Campaign(campaign::CampaignCommand),
+    Rollback(rollback::Rollback),
     Relay(relay::Relay),
     Clean(clean::Clean),
     Completions(generate::Completions),
@@ -86,6 +89,7 @@ impl Command {
             Self::Verify(verify) => verify.run(),
             Self::Simulate(simulate) => simulate.run(&domain),
             Self::Campaign(campaign) => campaign.run(domain),
+            Self::Rollback(rollback) => rollback.run(),
             Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
             Self::Completions(completions) => completions.run(program),

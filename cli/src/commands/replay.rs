@@ -2,17 +2,18 @@
 
 use clap::Args;
 use indicatif::ProgressBar;
-use isotherm_client::ImuId;
-use isotherm_failure::Failure;
+use isotherm_client::{Flags, ImuId};
+use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
 use isotherm_recording::IncrementCsvWriter;
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::compensate::answer;
+use std::fmt;
 use std::path::PathBuf;
 
 /// Compensate a recording offline, with the very arithmetic of the service
 ///
-/// The output equals that of `feed`, byte for byte.
+/// The output equals that of `feed`, byte for byte. The last line on stderr counts the flags.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head"
@@ -46,12 +47,48 @@ impl Replay {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
+        let mut flags = FlagCounts::default();
         for sample in samples {
-            let sample = sample?;
-            if let Err(error) = writer.write(&answer(Some(&table), &sample)) {
+            let increment = answer(Some(&table), &sample?);
+            flags.add(increment.flags);
+            if let Err(error) = writer.write(&increment) {
                 return check_written(path, Err(error));
             }
         }
-        check_written(path, writer.finish().and_then(Output::finish))
+        check_written(path, writer.finish().and_then(Output::finish))?;
+        tell("isotherm", flags);
+        Ok(())
+    }
+}
+
+/// How many increments there are, and how many have each flag.
+#[derive(Default)]
+struct FlagCounts {
+    increments: u64,
+    flagged: u64,
+    by_bit: [u64; 32],
+}
+
+impl FlagCounts {
+    fn add(&mut self, flags: u32) {
+        self.increments += 1;
+        self.flagged += u64::from(flags != 0);
+        for (bit, count) in self.by_bit.iter_mut().enumerate() {
+            *count += u64::from(flags >> bit & 1);
+        }
+    }
+}
+
+/// `4000 increments, 12 flagged: a1-head-above 12, telemetry-stale 3`
+impl fmt::Display for FlagCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} increments, ", self.increments)?;
+        if self.flagged == 0 {
+            return f.write_str("none flagged");
+        }
+        let counts = Flags::NAMES.iter().map(|(bit, name)| (name, self.by_bit[*bit as usize]));
+        let counts: Vec<_> =
+            counts.filter(|(_, count)| *count > 0).map(|(name, count)| format!("{name} {count}")).collect();
+        write!(f, "{} flagged: {}", self.flagged, counts.join(", "))
     }
 }

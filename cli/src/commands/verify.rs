@@ -1,27 +1,32 @@
 //! `verify`: the stability of a recording under a table.
 
-use super::common::{choice, inputs};
-use crate::parse::{direction, gravity, over_0, seconds};
+use super::common::{Refused, choice, inputs, joined, or_document};
+use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_calibration::provenance::{now, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
-use isotherm_calibration::stability::{Collector, Setup};
+use isotherm_calibration::stability::{Collector, LocalGravity, Setup};
+use isotherm_calibration::verdict::Requirement;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
-use isotherm_files::{StagedText, WorldWritable, check_stdout, check_written, load_table, print, refuse_overlap};
+use isotherm_files::{
+    StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
+};
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::wire::AXES;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Show how stable the output of a recording is, before and after compensation
+/// Show how stable the output of a recording is, before and after compensation, and how large its errors are
 ///
 /// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
-/// temperature. After: the full model. Where the IMU was still, the three outputs together are compared with gravity too.
+/// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the IMU was still, the
+/// length of the output is compared with local gravity. If it is off by more than any place on Earth allows, or if over 1 % of the windows are
+/// not at the attitude, nothing is claimed, and no requirement is met.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --require 10"
+    after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --require bias=20ug0,scale=50ppm,level=5arcsec"
 )]
 pub struct Verify {
     /// Coefficient table
@@ -36,22 +41,35 @@ pub struct Verify {
     /// Length of the windows that means are taken over [s]
     #[arg(long, value_name = "S", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
     window: Duration,
-    /// Fail unless every axis is FACTOR times more stable after than before
-    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = over_0)]
-    require: Option<f64>,
+    /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec, or a bare factor of stability
+    ///
+    /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the specific force (arcsec,
+    /// urad); factor: the standard deviation of every axis before over after. The upper end of the 95 % interval counts. bias and level
+    /// need --attitude, bias and scale need local gravity. The run must have 12 windows at least
+    #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
+    require: Vec<Requirement>,
     /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
     #[arg(long, value_name = "F1,F2,F3", allow_hyphen_values = true, value_parser = direction)]
     attitude: Option<[f64; AXES]>,
-    /// Local gravity in m/s2 [default: the table's]
+    /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
+    /// Print one JSON document instead of the text, also of a failure
+    #[arg(long)]
+    json: bool,
 }
 
 impl Verify {
     pub fn run(self) -> Result<(), Failure> {
+        or_document(self.json, self.show())?
+    }
+
+    /// Prints the results. The inner result is the judgement, which the results have too.
+    fn show(self) -> Result<Result<(), Failure>, Refused> {
+        let require = joined(&self.require)?;
         let mut files = inputs(&self.recording);
         files.push((&self.table, "the table"));
         refuse_overlap(&files, &[self.report.as_deref()])?;
@@ -67,24 +85,38 @@ impl Verify {
         bar.finish_and_clear();
         let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
         let recording = names.join(", ");
-        let stability = collector.finish(&Setup::new(self.attitude, self.gravity_local, &table));
-        let stability = stability.map_err(|error| Failure::new(Exit::Data, format!("{recording}: {error}")))?;
-        if let Some(warning) = stability.gravity_mismatch() {
+        let stability = collector.finish(&Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table)));
+        let stability = stability.map_err(|error| {
+            let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
+            if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
+        })?;
+        // With a requirement the failure at the end says it.
+        let nothing = stability.nothing_claimed().filter(|_| require.is_none());
+        for warning in nothing.into_iter().chain(stability.interval_warning()) {
             tell("isotherm", format_args!("warning: {recording}: {warning}"));
         }
-        print(&report::text::stability(&stability, window_s, table.content().alignment.is_some()))?;
+        // Before the results are printed: then nothing but the judgement can fail after them.
         if let Some(page) = page {
             let source = VerificationSource {
                 tool: tool(),
                 time: now(),
                 table: self.table.display().to_string(),
-                recording,
+                recording: recording.clone(),
                 window_s,
-                required: self.require,
+                required: require,
             };
             page.write(&report::verification::html(&table, &stability, &source))?.finish()?;
         }
-        let verdict = self.require.map_or(Ok(()), |factor| stability.require(factor));
-        verdict.map_err(|message| Failure::new(Exit::Failed, message))
+        if self.json {
+            let document = report::json::verification(&stability, window_s, require);
+            print_data(&format!("{document:#}\n"))?;
+        } else {
+            print(&report::text::stability(&stability, window_s, table.content().alignment.is_some()))?;
+            if let Some(require) = require {
+                print(&report::text::judgements(&require.judge(&stability)))?;
+            }
+        }
+        let verdict = require.map_or(Ok(()), |require| require.check(&stability));
+        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}"))))
     }
 }

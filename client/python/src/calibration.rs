@@ -2,16 +2,19 @@
 
 use crate::errors::{CalibrationError, faults, recording};
 use crate::offline::tool;
-use crate::records::{Fields, RAW, python};
+use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
+use isotherm_calibration::accuracy::Accuracy;
+use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{
     Calibration as Figures, CalibrationOptions, Method, calibrate as fit, observable,
 };
 use isotherm_calibration::campaign::{Campaign, Dwell, read};
-use isotherm_calibration::checks::{Finding, Severity};
+use isotherm_calibration::checks::{Finding, Severity, name};
 use isotherm_calibration::order::OrderTable;
 use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_table, sha256};
 use isotherm_calibration::report::calibration::html;
+use isotherm_calibration::report::json;
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -30,6 +33,8 @@ pub struct Calibration {
     campaign: Campaign,
     figures: Figures,
     source: CampaignSource,
+    /// File of the samples, or `samples`.
+    place: String,
     text: String,
 }
 
@@ -58,8 +63,10 @@ pub fn calibrate(
     samples: &Bound<'_, PyAny>,
     order: Option<usize>,
     method: &str,
-    alignment: bool,
+    alignment: Option<bool>,
     exclude: Vec<(f64, u32)>,
+    accept: Vec<String>,
+    strict: bool,
 ) -> PyResult<Calibration> {
     let campaign = Campaign::from_toml(text).map_err(|all| faults(&name, &all))?;
     let found = Method::NAMES.iter().find(|(_, known)| *known == method);
@@ -69,7 +76,10 @@ pub fn calibrate(
     if let Some(order) = order.filter(|order| *order > 7) {
         return Err(PyValueError::new_err(format!("order is {order}, give None or 0 to 7")));
     }
-    let options = CalibrationOptions { method: *method, order, alignment, exclude };
+    let accept = accept.iter().map(|text| name::acceptable(text)).collect::<Result<_, _>>();
+    let accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
+    let alignment = AlignmentChoice::of(alignment == Some(true), alignment == Some(false));
+    let options = CalibrationOptions { method: *method, order, alignment, exclude, accept, strict };
     observable(&campaign).map_err(|error| failed("", &error))?;
     let (place, (dwells, samples_sha256)) = match samples.extract::<PathBuf>() {
         Ok(path) => {
@@ -91,7 +101,7 @@ pub fn calibrate(
         samples_sha256,
     };
     let text = sealed_table(&campaign, &figures, &source).map_err(CalibrationError::new_err)?;
-    Ok(Calibration { campaign, figures, source, text })
+    Ok(Calibration { campaign, figures, source, place, text })
 }
 
 fn of_file(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), RecordingError> {
@@ -131,23 +141,26 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), Rec
     Ok((dwells, sha256(rows)))
 }
 
+/// Severity, line and the rest of the line that the command prints: `[name]: message`.
 fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String) {
     let severity = if finding.severity == Severity::Warning { "warning" } else { "fault" };
     let located = match finding.line {
         Some(line) if !place.is_empty() => format!("{place}:{line}: {finding}"),
         _ => finding.to_string(),
     };
-    (severity, finding.line, located)
+    (severity, finding.line, format!("[{}]: {located}", finding.name))
 }
 
 fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError) -> PyErr {
     use isotherm_calibration::calibrate::CalibrationError::{Empty, Faults};
     match error {
-        Faults(findings) => {
-            let findings: Vec<_> = findings.iter().map(|each| finding(place, each)).collect();
-            let lines: Vec<_> =
-                findings.iter().map(|(severity, _, message)| format!("{severity}: {message}")).collect();
-            CalibrationError::new_err((lines.join("\n"), findings))
+        Faults { diagnosis, findings } => {
+            let locate = |line| if place.is_empty() { format!("row {line}") } else { format!("{place}:{line}") };
+            let lines = error.lines(false, |each| each.tagged(locate));
+            // The mistake that explains them is the first, as it is in the message.
+            let first = diagnosis.as_deref().map(|diagnosis| &diagnosis.finding);
+            let all: Vec<_> = first.into_iter().chain(findings).map(|each| finding(place, each)).collect();
+            CalibrationError::new_err((lines.join("\n"), all))
         }
         Empty => CalibrationError::new_err(format!("{place}: {error}")),
         _ => CalibrationError::new_err(error.to_string()),
@@ -169,6 +182,18 @@ impl Calibration {
     #[getter]
     fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
         self.figures.findings.iter().map(|each| finding("", each)).collect()
+    }
+
+    /// The bottom line.
+    #[getter]
+    fn accuracy(&self) -> String {
+        Accuracy::of(&self.figures).to_string()
+    }
+
+    /// The document of `isotherm calibrate --json`.
+    #[getter]
+    fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        document(py, &json::calibration(&self.figures, |line| format!("{}:{line}", self.place)))
     }
 
     /// The order tables by axis and quantity, as JSON.

@@ -1,13 +1,15 @@
 //! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
 use crate::errors::{StabilityError, file, recording};
-use crate::records::{Fields, INCREMENT, RAW, array, increment_bytes, increments, python, view};
+use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
 use isotherm_calibration::double_double::DoubleDouble;
 use isotherm_calibration::order::{OrderTable, Rule, default_order};
 use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
+use isotherm_calibration::report::json::verification;
 use isotherm_calibration::report::verification::{VerificationSource, html};
-use isotherm_calibration::stability::{Collector, Setup, Stability as Figures};
+use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability as Figures};
+use isotherm_calibration::verdict::Requirement;
 use isotherm_recording::csv::Rows;
 use isotherm_recording::{INCREMENT_CSV_COLUMNS, IncrementCsvWriter, RawCsvReader, RawCsvWriter, RecordingError};
 use isotherm_shared::compensate::answer;
@@ -180,6 +182,23 @@ pub struct Stability {
     recording: String,
 }
 
+/// What is required: a factor of stability, or bounds as the command takes them.
+#[derive(FromPyObject)]
+enum Require {
+    Factor(f64),
+    Bounds(String),
+}
+
+impl Require {
+    fn requirement(self) -> PyResult<Requirement> {
+        let text = match self {
+            Self::Factor(factor) => factor.to_string(),
+            Self::Bounds(text) => text,
+        };
+        text.parse().map_err(|message| PyValueError::new_err(format!("require: {message}")))
+    }
+}
+
 /// Computes the stability before and after compensation.
 #[pyfunction]
 pub fn verify(
@@ -195,7 +214,7 @@ pub fn verify(
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         samples.chunks_exact(RAW).for_each(|record| collector.add(&Fields(record).raw()));
-        collector.finish(&Setup::new(attitude, gravity_local, &table.0))
+        collector.finish(&Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)))
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
     Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
@@ -250,15 +269,28 @@ impl Stability {
         self.figures.left_out
     }
 
-    /// Mean, rms and worst value of (length of the output - local gravity) \[g0\], and the number of windows.
-    #[getter]
-    fn modulus(&self) -> Option<(f64, f64, f64, usize)> {
-        self.figures.modulus.map(|modulus| (modulus.mean, modulus.rms, modulus.worst, modulus.windows))
-    }
-
     #[getter]
     fn warning(&self) -> Option<String> {
-        self.figures.gravity_mismatch()
+        self.figures.nothing_claimed()
+    }
+
+    /// The document of `isotherm verify --json`.
+    #[getter]
+    fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        document(py, &verification(&self.figures, self.window_s, None))
+    }
+
+    /// For each bound: its name, whether it is met, and the judgement in words.
+    fn judge(&self, require: Require) -> PyResult<Vec<(&'static str, bool, String)>> {
+        let judgements = require.requirement()?.judge(&self.figures);
+        Ok(judgements.into_iter().map(|judgement| (judgement.bound, judgement.met, judgement.message)).collect())
+    }
+
+    /// Raises an exception where the command ends with exit code 1.
+    fn check(&self, require: Require) -> PyResult<()> {
+        let requirement = require.requirement()?;
+        let verdict = requirement.check(&self.figures);
+        verdict.map_err(|message| StabilityError::new_err(format!("{}: {message}", self.recording)))
     }
 
     #[getter]
@@ -275,14 +307,14 @@ impl Stability {
     }
 
     #[pyo3(signature = (path, *, require = None))]
-    fn report(&self, py: Python<'_>, path: PathBuf, require: Option<f64>) -> PyResult<()> {
+    fn report(&self, py: Python<'_>, path: PathBuf, require: Option<Require>) -> PyResult<()> {
         let source = VerificationSource {
             tool: tool(),
             time: python(py, "_files", "now")?.call0()?.extract()?,
             table: self.table.content().imu.to_string(),
             recording: self.recording.clone(),
             window_s: self.window_s,
-            required: require,
+            required: require.map(Require::requirement).transpose()?,
         };
         let page = html(&self.table, &self.figures, &source);
         python(py, "_files", "write_text")?.call1((path, page)).map(drop)

@@ -111,6 +111,11 @@ pub fn python<'py>(py: Python<'py>, module: &str, name: &str) -> PyResult<Bound<
     py.import(format!("isotherm.{module}"))?.getattr(name)
 }
 
+/// A JSON document as Python's dictionaries, lists and numbers.
+pub fn document<'py>(py: Python<'py>, document: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (document.to_string(),))
+}
+
 /// The records of `samples` (an array or a data frame) as the bytes of one contiguous array: `isotherm._records.sample_bytes`.
 pub fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();

@@ -83,6 +83,11 @@ impl Table {
     }
 
     #[getter]
+    fn gravity_local(&self) -> Option<f64> {
+        self.0.gravity_local()
+    }
+
+    #[getter]
     fn temperature_unit(&self) -> &str {
         &self.0.content().temperature_unit
     }

@@ -199,9 +199,11 @@ def test_threads_replay_side_by_side(table: isotherm.Table, recorded: isotherm.R
 
 
 def test_calibrate_is_the_command(tmp_path: Path) -> None:
-    command("calibrate", CAMPAIGN, "-o", tmp_path / "command.toml")
+    summary = json.loads(command("calibrate", CAMPAIGN, "-o", tmp_path / "command.toml", "--json"))
     right = (tmp_path / "command.toml").read_text()
     calibration = isotherm.calibrate(CAMPAIGN)
+    assert calibration.summary == summary and calibration.accuracy == summary["accuracy"]
+    assert re.match(r"bias \+- [\d.]+ ug0, scale factor \+- [\d.]+ ppm over ", calibration.accuracy)
     assert without_what_differs(calibration.text) == without_what_differs(right)
     calibration.save(tmp_path / "python.toml", report=tmp_path / "python.html")
     assert isotherm.Table.load(tmp_path / "python.toml") == calibration.table
@@ -215,7 +217,8 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
         orders = calibration.orders[curve["axis"]][curve["quantity"]]
         assert (orders["selected"], orders["reason"]) == (curve["order"], curve["reason"])
         assert orders["orders"][curve["order"] - 1]["f"] > 100.0
-    assert calibration.findings == [] or all(len(finding) == 3 for finding in calibration.findings)
+    names = [message.partition("]: ")[0].removeprefix("[") for _, _, message in calibration.findings]
+    assert names == [finding["name"] for finding in summary["findings"]]
     # A data frame and a mapping give the same table.
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     settings = tomllib.loads(CAMPAIGN.read_text())
@@ -259,6 +262,13 @@ def test_calibrate_follows_its_options(tmp_path: Path) -> None:
     calibration = isotherm.calibrate(CAMPAIGN, order=3, method="two-stage", alignment=True, exclude=[(-25.0, 3)])
     assert without_what_differs(calibration.text) == without_what_differs((tmp_path / "c.toml").read_text())
     assert np.array(calibration.table.alignment).shape == (3, 3)
+    command("calibrate", CAMPAIGN, "-o", tmp_path / "c.toml", "--order", "3", "--no-alignment")
+    without = isotherm.calibrate(CAMPAIGN, order=3, alignment=False)
+    assert without.table.alignment is None and without.table == isotherm.Table.load(tmp_path / "c.toml")
+    # Without a choice the data decide.
+    needed = isotherm.calibrate(CAMPAIGN, order=3)
+    assert needed.summary["alignment_needed"] == needed.summary["alignment"] == (needed.table.alignment is not None)
+    assert without.summary["alignment_needed"] == needed.summary["alignment_needed"]
     with pytest.raises(isotherm.CalibrationError, match="leave out"):
         isotherm.calibrate(CAMPAIGN, exclude=[(99.0, 1)])
     with pytest.raises(ValueError, match="order"):
@@ -292,6 +302,32 @@ def test_a_campaign_reports_its_faults(tmp_path: Path) -> None:
         isotherm.calibrate(CAMPAIGN, tmp_path / "none.csv")
     with pytest.raises(isotherm.CalibrationError):
         isotherm.calibrate(settings | {"position": settings["position"][:3]}, samples)
+
+
+def test_faults_are_accepted_by_name() -> None:
+    samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
+    samples["interval_ns"] = 9_000_000_000
+    with pytest.raises(isotherm.CalibrationError, match=r"^fault \[interval\]: ") as refused:
+        isotherm.calibrate(CAMPAIGN, samples)
+    # A finding is the line that the command prints.
+    severity, _, message = refused.value.findings[0]
+    assert f"{severity} {message}" == str(refused.value).splitlines()[0]
+    for accept in (["interval"], "interval"):
+        accepted = isotherm.calibrate(CAMPAIGN, samples, accept=accept)
+        assert 'accepted = ["interval"]' in accepted.text and accepted.summary["accepted"] == ["interval"]
+    severity, _, message = accepted.findings[0]
+    assert severity == "warning" and message.startswith("[interval]: ") and message.endswith("; accepted")
+    with pytest.raises(isotherm.CalibrationError):
+        isotherm.calibrate(CAMPAIGN, samples[samples.index % 10 != 7], strict=True)
+    # The mistake that explains the others comes first, and once.
+    exchanged = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
+    exchanged["position"] = exchanged["position"].replace({3: 9, 9: 3})
+    with pytest.raises(isotherm.CalibrationError, match=r"^fault \[positions-exchanged\]: positions 3 and 9 ") as refused:
+        isotherm.calibrate(CAMPAIGN, exchanged)
+    diagnoses = [place for place, finding in enumerate(refused.value.findings) if "[positions-exchanged]" in finding[2]]
+    assert diagnoses == [0] and len(refused.value.findings) > 10
+    with pytest.raises(ValueError, match="give the name of a finding"):
+        isotherm.calibrate(CAMPAIGN, accept=["other"])
 
 
 def test_rows_of_a_moving_table_count_for_no_dwell() -> None:
@@ -347,12 +383,28 @@ def test_regress_is_the_command(tmp_path: Path) -> None:
             isotherm.regress(x, y, **options)
 
 
-def test_verify_is_the_command(tmp_path: Path) -> None:
-    command("calibrate", CAMPAIGN, "-o", tmp_path / "table.toml")
-    command("simulate", "run", "-o", tmp_path, "--interval", "1")
-    text = command("verify", "--table", tmp_path / "table.toml", tmp_path / "run.csv", "--attitude", "0.6,-0.48,0.64")
-    table, samples = isotherm.Table.load(tmp_path / "table.toml"), isotherm.read_recording(tmp_path / "run.csv")
-    stability = isotherm.verify(table, samples, attitude=(0.6, -0.48, 0.64))
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with table.toml and run.csv, a run at rest at this attitude while the temperature runs."""
+    folder = tmp_path_factory.mktemp("still")
+    command("calibrate", CAMPAIGN, "-o", folder / "table.toml")
+    command("simulate", "run", "-o", folder, "--interval", "1")
+    return folder
+
+
+ATTITUDE = (0.6, -0.48, 0.64)
+
+
+def verify(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """The command with the run and its attitude."""
+    arguments = ["verify", "--table", folder / "table.toml", folder / "run.csv", "--attitude", "0.6,-0.48,0.64", *options]
+    return subprocess.run([BINARY, *arguments], capture_output=True, text=True, timeout=200)
+
+
+def test_verify_is_the_command(still: Path, tmp_path: Path) -> None:
+    text = verify(still).stdout
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    stability = isotherm.verify(table, samples, attitude=ATTITUDE)
     for axis in range(3):
         row = next(line.split() for line in text.splitlines() if line.strip().startswith(f"A{axis + 1} "))
         figures = (stability.sd_before, stability.rms_before, stability.sd_after, stability.rms_after)
@@ -361,15 +413,95 @@ def test_verify_is_the_command(tmp_path: Path) -> None:
     assert windows.dtype == isotherm.WINDOW and f"of {len(windows)} windows" in text
     off = windows["after"][windows["counts"]] - stability.specific_force
     assert np.allclose(off.std(axis=0, ddof=1), stability.sd_after, rtol=1e-9)
-    assert stability.stated and stability.warning is None and stability.modulus is not None
+    assert stability.stated and stability.warning is None and stability.verdict["length"] is not None
     stability.report(tmp_path / "verify.html", require=10.0)
     assert "</svg>" in (tmp_path / "verify.html").read_text()
-    assert min(isotherm.verify(table, pd.read_csv(tmp_path / "run.csv"), window=20.0).factor) > 10.0
+    assert min(isotherm.verify(table, pd.read_csv(still / "run.csv"), window=20.0).factor) > 10.0
     with pytest.raises(isotherm.StabilityError, match="windows"):
         isotherm.verify(table, samples[:5])
     for options in ({"window": 0.0}, {"window": np.nan}, {"attitude": (0.0, 0.0, 0.0)}, {"attitude": (1.0, 0.0)}, {"gravity_local": 1.0}):
         with pytest.raises(ValueError):
             isotherm.verify(table, samples, **options)  # type: ignore[arg-type]
+
+
+def test_the_verdict_is_that_of_the_command(still: Path) -> None:
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    stability = isotherm.verify(table, samples, attitude=ATTITUDE)
+    assert stability.verdict == json.loads(verify(still, "--json").stdout)
+    gravity = tomllib.loads(CAMPAIGN.read_text())["gravity_local"]
+    assert table.gravity_local == stability.verdict["gravity_local_m_s2"] == gravity
+    assert stability.verdict["gravity_source"] == "provenance" and stability.verdict["required"] is None
+    # A gravity that is 1000e-6 too large shows in the length.
+    stated = isotherm.verify(table, samples, attitude=ATTITUDE, gravity_local=gravity * 1.001)
+    constants = [each.verdict["length"]["constant_g0"]["value"] for each in (stability, stated)]
+    assert constants[1] - constants[0] == pytest.approx(-0.001 * gravity / table.gravity, rel=1e-6)
+    assert stated.verdict["gravity_source"] == "stated"
+    # Nobody says the gravity, and nobody the attitude: neither is judged.
+    bare = isotherm.Table.parse(str(table))
+    unknown = isotherm.verify(bare, samples)
+    assert bare.gravity_local is None and unknown.verdict["length"] is None
+    assert [axis["constant_g0"] for axis in unknown.verdict["axes"]] == [None] * 3
+    assert [met for _, met, _ in unknown.judge("bias=1g0,scale=1%,level=1deg,factor=2")] == [True, False, False, False]
+    # With the attitude alone the level is judged.
+    level = isotherm.verify(bare, samples, attitude=ATTITUDE)
+    assert [met for _, met, _ in level.judge("bias=1g0,scale=1%,level=1deg")] == [False, False, True]
+    assert "without local gravity only variation and level" in level.verdict["not_judged"]
+
+
+def test_a_run_that_is_judged_in_a_part_only_meets_no_requirement(still: Path) -> None:
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    samples["head_temperature"][: len(samples) // 2, 0] = np.nan
+    stability = isotherm.verify(table, samples, attitude=ATTITUDE)
+    assert stability.warning is not None and "windows are not at the attitude" in stability.warning
+    assert stability.verdict["largest"] is None and stability.verdict["not_the_whole_run"] == stability.warning
+    assert [(bound, met) for bound, met, _ in stability.judge("bias=1g0")] == [("bias", False), ("whole run", False)]
+    with pytest.raises(isotherm.StabilityError, match="windows are not at the attitude"):
+        stability.check("bias=1g0")
+
+
+@pytest.mark.parametrize("require", ["bias=20ug0,scale=50ppm,level=5arcsec", "bias=0.001ug0,factor=10", "10", "1e9"])
+def test_a_requirement_is_judged_as_by_the_command(still: Path, tmp_path: Path, require: str) -> None:
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    stability = isotherm.verify(table, samples, attitude=ATTITUDE, recording=str(still / "run.csv"))
+    done = verify(still, "--json", "--require", require)
+    judgements = [dict(zip(("bound", "met", "message"), judgement, strict=True)) for judgement in stability.judge(require)]
+    found = json.loads(done.stdout)["judgements"]
+    assert judgements == [{key: each[key] for key in ("bound", "met", "message")} for each in found]
+    assert all((each["remedy"] is None) == each["met"] for each in found)
+    stability.report(tmp_path / "verify.html", require=require)
+    missed = "Requirement missed" in (tmp_path / "verify.html").read_text()
+    if all(met for _, met, _ in stability.judge(require)):
+        assert done.returncode == 0 and not missed
+        stability.check(require)
+    else:
+        assert done.returncode == 1 and missed
+        with pytest.raises(isotherm.StabilityError) as refused:
+            stability.check(require)
+        assert str(refused.value) in done.stderr
+    if "=" not in require:
+        assert stability.judge(float(require)) == stability.judge(np.float64(require)) == stability.judge(require)
+
+
+def test_what_is_no_requirement_is_refused(still: Path, tmp_path: Path) -> None:
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    stability = isotherm.verify(table, samples, attitude=ATTITUDE)
+    for wrong in ("", "bias=20", "tilt=3deg", "bias=20ug0,bias=20ug0", -1.0, 0.0, np.nan, np.inf):
+        for call in (stability.judge, stability.check, lambda wrong: stability.report(tmp_path / "no.html", require=wrong)):
+            with pytest.raises(ValueError, match="require: "):
+                call(wrong)
+    with pytest.raises(TypeError):
+        stability.judge(None)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+    # An IMU with other scale factors meets no requirement, as in the command.
+    path = tmp_path / "other.csv"
+    samples["positive_pulses"] //= 2
+    isotherm.write_recording(path, samples)
+    other = isotherm.verify(table, samples, recording=str(path))
+    assert other.warning is not None
+    done = subprocess.run([BINARY, "verify", "--table", still / "table.toml", path, "--require", "0.001"], capture_output=True, text=True, timeout=200)
+    with pytest.raises(isotherm.StabilityError, match="another IMU") as refused:
+        other.check(0.001)
+    assert done.returncode == 1 and str(refused.value) in done.stderr
 
 
 def test_a_campaign_mapping_becomes_toml() -> None:

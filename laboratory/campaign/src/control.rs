@@ -15,6 +15,8 @@ const LOCK: &str = "runner.lock";
 const LOCK_PATIENCE: Duration = Duration::from_millis(500);
 /// Pause between two attempts.
 const RETRY_PAUSE: Duration = Duration::from_millis(20);
+/// The reason of the safe state that `campaign stop` brings about after a runner that ended without it.
+pub const STOPPED_WITHOUT_RUNNER: &str = "requested after its runner had ended without";
 
 /// Exclusive ownership of the campaign's folder, until this value is dropped or the process ends.
 pub struct Lock {

@@ -39,8 +39,11 @@ pub struct PlottedCurves {
 }
 
 impl PlottedCurves {
-    /// Adds the next row.
+    /// Adds the next row. A row without a time cannot be drawn.
     pub fn add(&mut self, row: CurveRow) {
+        if !row.unix_s.is_finite() {
+            return;
+        }
         self.begin_s.get_or_insert(row.unix_s);
         self.recent.push_back(row);
         if self.recent.len() > MAX_RECENT {
@@ -128,6 +131,16 @@ mod tests {
         assert!(curves.all(2).all(|point| point.1.is_nan()));
         // The last three hours are kept unthinned.
         assert_eq!(curves.recent(0, end_s - 3.0 * 3600.0).count(), 3 * 720 + 1);
+    }
+
+    #[test]
+    fn a_row_without_a_time_hides_none_of_the_others() {
+        let mut curves = PlottedCurves::default();
+        for unix_s in [f64::NAN, 1.0, f64::INFINITY, 2.0] {
+            curves.add(CurveRow { unix_s, values: [0.0; CURVES] });
+        }
+        assert_eq!(curves.span_s(), Some([1.0, 2.0]));
+        assert_eq!(curves.all(0).count(), 2);
     }
 
     #[test]

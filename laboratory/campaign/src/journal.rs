@@ -2,12 +2,13 @@
 //!
 //! Over 400 lines: the entries, their writing and their reading define one file format.
 
-use super::plan::{Plan, SAMPLES};
+use super::plan::{Plan, RUN_KEY, SAMPLES, without_comment};
 use isotherm_calibration::provenance::sha256;
 use isotherm_calibration::provenance::tool;
 use isotherm_client::unix_s;
 use isotherm_failure::{Exit, Failure};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -84,6 +85,9 @@ pub enum Entry {
     Safe {
         /// The reason.
         reason: String,
+        /// Whether somebody has asked for it; `None` in journals of older versions, which did not write it.
+        #[serde(default)]
+        stopped: Option<bool>,
         /// The outcome for the turntable, as messages show it.
         table: String,
         /// The outcome for the chamber, as messages show it.
@@ -91,18 +95,67 @@ pub enum Entry {
         /// Whether both instruments have confirmed the safe state.
         certain: bool,
     },
+    /// The fit has begun: what became of an earlier one counts no longer.
+    FitBegun,
     /// The coefficient table is fitted.
     Calibrated {
         /// Digest of the table.
         digest: String,
+        /// The bottom line: errors of its curves.
+        #[serde(default)]
+        accuracy: String,
+    },
+    /// There is no table.
+    NotCalibrated {
+        /// The reason.
+        reason: String,
+    },
+    /// A verification run is judged.
+    Verified {
+        /// The run's file.
+        run: String,
+        /// Outer and inner angle of its attitude \[deg\]; `None` in the journal of an older version.
+        #[serde(default)]
+        angles_deg: Option<[f64; 2]>,
+        /// The largest error that it shows; `None` if it shows none.
+        largest: Option<LargestError>,
+        /// Why the table must not be installed, one reason a line; `None` if nothing speaks against it.
+        refused: Option<String>,
+    },
+    /// Something of the table is judged by no verification run.
+    NotJudged {
+        /// What, and why.
+        reasons: Vec<String>,
+    },
+    /// The table is left aside.
+    NotInstalled {
+        /// The reasons, one a line. Those of a run are in [`Entry::Verified`]; an older version repeated them here.
+        reason: String,
     },
     /// The coefficient table is installed.
     Installed {
         /// Digest of the table.
         digest: String,
-        /// The installed file.
+        /// The installed file, absolute; an older version wrote it as in the plan.
         file: PathBuf,
     },
+}
+
+/// The largest error of a verification run. Its numbers are finite: JSON has no others.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct LargestError {
+    /// A1, A2, A3 or the length.
+    pub of: String,
+    /// The error \[g0\].
+    pub error_g0: f64,
+    /// Half width of its 95 % interval \[g0\].
+    pub interval_g0: f64,
+}
+
+impl fmt::Display for LargestError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {:.3} +- {:.3}e-6 g0", self.of, self.error_g0 * 1e6, self.interval_g0 * 1e6)
+    }
 }
 
 /// A complete unit.
@@ -112,6 +165,9 @@ pub struct Kept {
     pub unit: usize,
     /// Its name, as messages show it.
     pub name: String,
+    /// Outer and inner angle of the turntable \[deg\]; `None` in the journal of an older version.
+    #[serde(default)]
+    pub angles_deg: Option<[f64; 2]>,
     /// The name of its file in the campaign's folder.
     pub file: String,
     /// Where it begins in the file \[bytes\].
@@ -159,9 +215,22 @@ pub struct Journal {
     length: Option<u64>,
 }
 
-/// The name of a data file that exists in `folder`.
-fn existing_data(folder: &Path) -> Option<&'static str> {
-    [SAMPLES, "campaign.toml"].into_iter().find(|name| folder.join(name).exists())
+/// Refuses a folder that has data and no line of a journal. Nothing is written into it.
+///
+/// # Errors
+/// If it is such a folder, or its journal cannot be read.
+pub fn refuse_data_of_others(folder: &Path) -> Result<(), Failure> {
+    let data = [SAMPLES, "campaign.toml"].into_iter().find(|name| folder.join(name).exists());
+    match data {
+        Some(name) if read(&folder.join(JOURNAL))?.0.is_empty() => {
+            let folder = folder.display();
+            let message = format!(
+                "{folder}: there is a {name} without a journal; give another output folder, or move this one away"
+            );
+            Err(Failure::new(Exit::Config, message))
+        }
+        _ => Ok(()),
+    }
 }
 
 impl Journal {
@@ -172,31 +241,26 @@ impl Journal {
     pub fn open(plan: &Plan) -> Result<(Self, History), Failure> {
         let path = plan.output.join(JOURNAL);
         let failed = |error: io::Error| Failure::io("opening the journal", &path, &error);
+        refuse_data_of_others(&plan.output)?;
         let (lines, whole) = read(&path)?;
         let file = open(&path, whole).map_err(failed)?;
         let mut journal = Self { file, path: path.clone(), length: Some(whole) };
         if lines.is_empty() {
-            if let Some(name) = existing_data(&plan.output) {
-                let message = format!(
-                    "{}: there is a {name} without a journal; give another output folder, or move this one away",
-                    plan.output.display()
-                );
-                return Err(Failure::new(Exit::Config, message));
-            }
             journal.write_synced(begin_entry(plan))?;
             // The name of a new file is durable only when its folder is synced.
             File::open(&plan.output).and_then(|folder| folder.sync_all()).map_err(failed)?;
             return Ok((journal, History::default()));
         }
         let mut history = history(&lines);
-        match check_same_plan(&path, &lines, plan) {
-            Ok(()) => {}
+        let runs = history.kept.iter().filter(|kept| kept.file != SAMPLES).count();
+        let same = match check_same_plan(&path, &lines, plan, runs) {
             // Another plan may take the folder over while no unit is kept.
-            Err(_) if history.kept.is_empty() => {
-                journal.write_synced(begin_entry(plan))?;
-                history.reached = None;
-            }
-            Err(failure) => return Err(failure),
+            Err(_) if history.kept.is_empty() => false,
+            same => same?,
+        };
+        if !same {
+            journal.write_synced(begin_entry(plan))?;
+            history.reached = None;
         }
         check_unchanged(&plan.output, &history.kept)?;
         Ok((journal, history))
@@ -307,30 +371,48 @@ fn begin_entry(plan: &Plan) -> Entry {
     Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() }
 }
 
-/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`.
-fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan) -> Result<(), Failure> {
+/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`, of which `runs` verification runs are kept.
+/// Returns whether it is the same plan: runs that are not taken yet may differ.
+fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, runs: usize) -> Result<bool, Failure> {
     let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
     let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
         return refuse("it is not the journal of a campaign of this version; give another output folder".to_owned());
     };
-    let now = plan.identity();
+    let (before, now) = (of_this_version(before), plan.identity());
     let value = |list: &[(String, String)], key: &str| {
         list.iter().find(|(known, _)| known == key).map_or_else(|| "nothing".to_owned(), |(_, value)| value.clone())
     };
     let mut keys: Vec<_> = before.iter().chain(&now).map(|(key, _)| key).collect();
     keys.sort_unstable();
     keys.dedup();
-    let different = keys.into_iter().filter(|key| value(before, key) != value(&now, key));
-    let different: Vec<_> =
-        different.map(|key| format!("{key}: was {}, is {}", value(before, key), value(&now, key))).collect();
-    if different.is_empty() {
-        return Ok(());
+    keys.retain(|key| value(&before, key) != value(&now, key));
+    let same = keys.is_empty();
+    let to_come =
+        |key: &str| key.strip_prefix(RUN_KEY).and_then(|run| run.parse().ok()).is_some_and(|run: usize| run > runs);
+    keys.retain(|key| !to_come(key));
+    if keys.is_empty() {
+        return Ok(same);
     }
+    let different: Vec<_> =
+        keys.iter().map(|key| format!("{key}: was {}, is {}", value(&before, key), value(&now, key))).collect();
     refuse(format!(
         "the plan has changed since this campaign began; change it back, or give another output folder\n{}",
         different.join("\n")
     ))
+}
+
+/// The settings as this version writes them: one key for each verification run, and no comments.
+fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    for (key, value) in settings {
+        let runs = Some(value).filter(|_| key == "verify").and_then(|value| value.split_once(" runs, "));
+        match runs.and_then(|(runs, each)| Some((runs.parse::<usize>().ok()?, each))) {
+            Some((runs, each)) => found.extend((1..=runs).map(|run| (format!("{RUN_KEY}{run}"), each.to_owned()))),
+            None => found.push((key.clone(), without_comment(value).to_owned())),
+        }
+    }
+    found
 }
 
 /// Checks that the bytes of every kept unit are unchanged.
@@ -363,7 +445,7 @@ mod tests {
 
     fn plan(folder: &Path) -> Plan {
         let text = include_str!("../../../examples/plan.toml");
-        Plan::from_toml(&text.replace("output = \"campaign\"", "output = \".\""), folder).unwrap()
+        Plan::from_toml(&text.replace("output = \"imu-a-campaign\"", "output = \".\""), folder).unwrap()
     }
 
     #[test]
@@ -389,6 +471,78 @@ mod tests {
         fs::write(folder.path().join(JOURNAL), &damaged).unwrap();
         assert_eq!(Journal::open(&plan).err().unwrap().exit, Exit::Data);
         assert_eq!(fs::read(folder.path().join(JOURNAL)).unwrap(), damaged, "nothing is changed");
+    }
+
+    /// A folder with a complete campaign of three runs at one attitude, as an older version has journalled it.
+    fn of_an_older_version(folder: &Path) {
+        fs::create_dir(folder).unwrap();
+        let now = one_attitude(folder, 3);
+        let mut settings: Vec<_> = now.identity().into_iter().filter(|(key, _)| !key.starts_with(RUN_KEY)).collect();
+        let verify = "3 runs, -25.0 to 45.0 degC at 20.0 degC/h, hold 1800.0 s, at [50.0, 130.0] deg";
+        settings.push(("verify".to_owned(), verify.to_owned()));
+        let gravity = settings.iter_mut().find(|(key, _)| key == "gravity_local").unwrap();
+        gravity.1 += "   # m/s2, at the station";
+        let begin = Entry::Begin { format: FORMAT, tool: tool(), plan: settings };
+        let nothing = sha256(b"");
+        let kept = |(unit, file): (usize, &str)| {
+            fs::write(folder.join(file), "").unwrap();
+            Entry::Kept(Kept { unit, file: file.to_owned(), sha256: nothing.clone(), ..Kept::default() })
+        };
+        let files = ["verify-1.csv", "verify-2.csv", "verify-3.csv"];
+        let units = std::iter::repeat_n(SAMPLES, 180).chain(files).enumerate().map(kept);
+        let lines = [begin].into_iter().chain(units).map(|entry| {
+            let line = serde_json::to_string(&JournalLine { unix_s: 1.0, entry }).unwrap() + "\n";
+            line.replace("\"angles_deg\":null,", "")
+        });
+        fs::write(folder.join(JOURNAL), lines.collect::<String>()).unwrap();
+    }
+
+    /// The example's plan with runs at one attitude.
+    fn one_attitude(folder: &Path, runs: u32) -> Plan {
+        let plan = plan(folder);
+        let mut verify = plan.verify.clone().unwrap();
+        verify.runs = runs;
+        verify.attitudes.truncate(1);
+        Plan { verify: Some(verify), ..plan }
+    }
+
+    #[test]
+    fn runs_may_be_added_to_a_journal_of_an_older_version_and_those_that_are_taken_do_not_change() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = &folder.path().join("campaign");
+        of_an_older_version(folder);
+        let same = one_attitude(folder, 3);
+        let lines = || read(&folder.join(JOURNAL)).unwrap().0.len();
+        let before = lines();
+        assert_eq!(Journal::open(&same).unwrap().1.kept.len(), 183);
+        assert_eq!(lines(), before, "it is the same plan");
+        // The opposite attitude after the three runs that are taken.
+        let mut more = same.clone();
+        let opposite = plan(folder).verify.unwrap().attitudes[1].clone();
+        let verify = more.verify.as_mut().unwrap();
+        let taken = verify.attitudes[0].clone();
+        (verify.runs, verify.attitudes) = (4, vec![taken.clone(), taken.clone(), taken, opposite]);
+        assert_eq!(Journal::open(&more).unwrap().1.kept.len(), 183);
+        assert_eq!(lines(), before + 1, "the new plan is journalled");
+        assert_eq!(Journal::open(&same).unwrap().1.kept.len(), 183, "and may be taken back");
+        // Runs that are taken neither change nor vanish.
+        for (changed, key) in [(plan(folder), "verify.2: was "), (one_attitude(folder, 2), "verify.3: was ")] {
+            let refused = Journal::open(&changed).err().unwrap().to_string();
+            assert!(refused.contains(key) && !refused.contains("verify.4"), "{refused}");
+        }
+        let gravity =
+            include_str!("../../../examples/plan.toml").replace("gravity_local = 9.8015", "gravity_local = 9.8");
+        let other = Plan::from_toml(&gravity.replace("output = \"imu-a-campaign\"", "output = \".\""), folder).unwrap();
+        let refused = Journal::open(&other).err().unwrap().to_string();
+        assert!(refused.contains("gravity_local: was 9.8015, is 9.8\n"), "{refused}");
+    }
+
+    #[test]
+    fn lines_of_older_versions_are_read() {
+        let safe =
+            r#"{"unix_s":1.0,"event":"safe","reason":"stopped by SIGTERM","table":"t","chamber":"c","certain":true}"#;
+        let line: JournalLine = serde_json::from_str(safe).unwrap();
+        assert!(matches!(line.entry, Entry::Safe { stopped: None, certain: true, .. }), "{line:?}");
     }
 
     #[test]

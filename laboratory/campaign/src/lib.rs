@@ -9,10 +9,13 @@
 
 pub mod control;
 mod curves;
+mod events;
 pub mod finish;
+pub mod in_force;
 pub mod journal;
 mod limits;
 mod machine;
+pub mod outcome;
 mod page;
 pub mod plan;
 pub mod progress;

@@ -47,7 +47,7 @@ impl Unit {
         if index < dwells {
             return Some(Self::Dwell { visit: index / positions, position: index % positions });
         }
-        let runs = plan.verify.map_or(0, |verify| verify.runs as usize);
+        let runs = plan.verify.as_ref().map_or(0, |verify| verify.runs as usize);
         (index < dwells + runs).then(|| Self::Run(index - dwells))
     }
 
@@ -55,16 +55,17 @@ impl Unit {
     pub fn set_point_c(self, plan: &Plan) -> f64 {
         match self {
             Self::Dwell { visit, .. } => plan.set_points_c[visit],
-            Self::Run(_) => plan.verify.map_or(0.0, |verify| verify.from_c),
+            Self::Run(_) => plan.verify.as_ref().map_or(0.0, |verify| verify.from_c),
         }
     }
 
     /// Outer and inner angle of the turntable \[deg\].
     pub fn angles_deg(self, plan: &Plan) -> [f64; 2] {
         match self {
-            Self::Dwell { position, .. } => plan.positions[position].angles.unwrap_or_default(),
-            Self::Run(_) => plan.verify.map_or([0.0; 2], |verify| verify.angles_deg),
+            Self::Dwell { position, .. } => plan.positions[position].angles,
+            Self::Run(run) => plan.verify.as_ref().and_then(|verify| verify.attitude(run).angles),
         }
+        .unwrap_or_default()
     }
 
     /// The name that messages show.
@@ -556,7 +557,7 @@ impl<'p> CampaignMachine<'p> {
             // The chamber is on its ramp; therefore the whole run begins again.
             return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
-        let Some(verify) = self.plan.verify else { return Ok(Action::Wait) };
+        let Some(verify) = &self.plan.verify else { return Ok(Action::Wait) };
         if observation.now - begun < verify.hold_s {
             return match self.chamber_deviation(unit, observation) {
                 Some(reason) => self.retry_from(Phase::Approach { commanded_at: None }, reason),

@@ -2,6 +2,7 @@
 
 mod model;
 mod read;
+mod warnings;
 
 pub use model::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
 
@@ -69,22 +70,33 @@ impl Plan {
         identity.push(pair("set_points", format!("{:?}", self.set_points_c)));
         identity.extend(soak.telemetry_per_h.map(|limit| pair("soak.telemetry_per_h", format!("{limit:?}"))));
         if let Some(verify) = &self.verify {
-            let VerificationPlan { runs, from_c, to_c, ramp_c_per_s, hold_s, angles_deg, .. } = verify;
+            let VerificationPlan { runs, from_c, to_c, ramp_c_per_s, hold_s, .. } = verify;
             let ramp = ramp_c_per_s * 3600.0;
-            let value = format!(
-                "{runs} runs, {from_c:?} to {to_c:?} degC at {ramp:?} degC/h, hold {hold_s:?} s, at {angles_deg:?} deg"
-            );
-            identity.push(pair("verify", value));
+            identity.extend((1..=*runs as usize).map(|run| {
+                let angles = verify.attitude(run - 1).angles.unwrap_or_default();
+                let value =
+                    format!("{from_c:?} to {to_c:?} degC at {ramp:?} degC/h, hold {hold_s:?} s, at {angles:?} deg");
+                (format!("{RUN_KEY}{run}"), value)
+            }));
         }
         // The keys before the first section of the campaign file: imu, gravity and others.
         let top = self.campaign_toml.lines().take_while(|line| !line.starts_with('['));
-        identity.extend(top.filter_map(|line| line.split_once(" = ")).map(|(key, value)| pair(key, value.to_owned())));
+        let top = top.filter_map(|line| line.split_once(" = "));
+        identity.extend(top.map(|(key, value)| pair(key, without_comment(value).to_owned())));
         identity.extend(self.positions.iter().map(|position| {
             let Position { number, angles, specific_force, .. } = position;
             pair(&format!("position.{number}"), format!("{:?} deg, {specific_force:?}", angles.unwrap_or_default()))
         }));
         identity
     }
+}
+
+/// Begin of the keys of [`Plan::identity`] for the verification runs; the number of the run follows, from 1.
+pub const RUN_KEY: &str = "verify.";
+
+/// A value of the campaign file without its comment. Only numbers have comments there.
+pub fn without_comment(value: &str) -> &str {
+    if value.starts_with(['"', '\'']) { value } else { value.split('#').next().unwrap_or(value).trim_end() }
 }
 
 /// The folder of a plan's file, which its paths are relative to.

@@ -84,10 +84,11 @@ impl Snapshot {
             |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.digits$}"));
         let rate =
             |value: Option<f64>, digits| value.map_or_else(|| "?".to_owned(), |rate| format!("{rate:+.digits$}"));
+        // After the last unit no set point is aimed at.
+        let target = self.target_c.map_or_else(String::new, |target| format!(" of {target:.1}"));
         let mut text = format!(
-            "chamber {} of {} degC, {} degC/h | IMU {} per h | table {} {} deg",
+            "chamber {}{target} degC, {} degC/h | IMU {} per h | table {} {} deg",
             number(self.air_c, 1),
-            number(self.target_c, 1),
             rate(self.chamber_c_per_h, 2),
             rate(self.telemetry_per_h, 4),
             number(self.angles_deg.map(|angles| angles[0]), 3),

@@ -42,13 +42,14 @@ const FIRST_RETRY_PAUSE: Duration = Duration::from_millis(100);
 const MAX_RETRY_PAUSE: Duration = Duration::from_secs(5);
 /// Window over which the air's rate of change is compared with the ramp's limit, in laboratory time \[s\].
 const RAMP_WINDOW_S: f64 = 300.0;
-
 /// Why the loop has stopped before the campaign is complete.
 pub enum RunnerError {
     /// Pause, and go on when all is well again.
     Interrupted(String),
     /// End the campaign in the safe state.
     GivenUp(Failure),
+    /// The same, because somebody has asked for it.
+    Stopped(String),
 }
 
 impl RunnerError {
@@ -180,10 +181,13 @@ impl<'p> Runner<'p> {
         let result = catch_unwind(AssertUnwindSafe(|| {
             self.journal_start().and_then(|()| self.connect()).and_then(|()| self.run_loop())
         }));
+        let stopped = Some(matches!(result, Ok(Err(RunnerError::Stopped(_)))));
         let failure = match result {
             Ok(Ok(())) => None,
             Ok(Err(RunnerError::GivenUp(failure))) => Some(failure),
-            Ok(Err(RunnerError::Interrupted(cause))) => Some(Failure::new(Exit::Failed, cause)),
+            Ok(Err(RunnerError::Interrupted(cause) | RunnerError::Stopped(cause))) => {
+                Some(Failure::new(Exit::Failed, cause))
+            }
             Err(_) => Some(Failure::new(Exit::Failed, "the program has failed; its message is above")),
         };
         let (turntable, chamber) = self.station.enter_safe_state();
@@ -196,7 +200,7 @@ impl<'p> Runner<'p> {
         self.progress.finish();
         let certain = turntable.is_reached() && chamber.is_reached();
         let (table, chamber) = (turntable.to_string(), chamber.to_string());
-        let safe = self.journal.write_synced(Entry::Safe { reason, table, chamber, certain });
+        let safe = self.journal.write_synced(Entry::Safe { reason, stopped, table, chamber, certain });
         let end = Snapshot { ended: Some(message.clone()), paused: None, safe: certain, ..self.snapshot() };
         self.progress.write(&end);
         self.write_page(&end);
@@ -329,7 +333,7 @@ impl<'p> Runner<'p> {
     }
 
     fn check_stop_signal(&self) -> Result<(), RunnerError> {
-        stopped_by(&self.stop_signal).map_or(Ok(()), |signal| Err(RunnerError::given_up(signal)))
+        stopped_by(&self.stop_signal).map_or(Ok(()), |signal| Err(RunnerError::Stopped(signal)))
     }
 
     /// Gives all received samples to the recorder and the trends.
@@ -457,13 +461,13 @@ impl<'p> Runner<'p> {
         self.check_stop_signal()?;
         // Both instruments are read even if one is lost: an alarm of either ends the campaign.
         let chamber = self.station.connect_chamber().map_err(RunnerError::from).and_then(|()| self.read_chamber());
-        if let Err(RunnerError::GivenUp(failure)) = chamber {
-            return Err(RunnerError::GivenUp(failure));
+        if let Err(RunnerError::GivenUp(_) | RunnerError::Stopped(_)) = chamber {
+            return chamber;
         }
         let turntable =
             self.station.connect_turntable().map_err(RunnerError::from).and_then(|()| self.read_turntable());
-        if let Err(RunnerError::GivenUp(failure)) = turntable {
-            return Err(RunnerError::GivenUp(failure));
+        if let Err(RunnerError::GivenUp(_) | RunnerError::Stopped(_)) = turntable {
+            return turntable;
         }
         chamber.and(turntable)?;
         self.drain()?;
@@ -554,7 +558,7 @@ impl<'p> Runner<'p> {
 
 /// Names of the verification runs' files.
 pub fn run_files(plan: &Plan) -> Vec<String> {
-    (0..plan.verify.map_or(0, |verify| verify.runs as usize)).map(|run| file_of(Unit::Run(run))).collect()
+    (0..plan.verify.as_ref().map_or(0, |verify| verify.runs as usize)).map(|run| file_of(Unit::Run(run))).collect()
 }
 
 /// The message for the signal that has asked to end; `None` before one.

@@ -422,6 +422,7 @@ impl<'p> SampleRecorder<'p> {
         Ok(Some(Kept {
             unit: number,
             name: open.unit.name(self.plan),
+            angles_deg: Some(open.unit.angles_deg(self.plan)),
             from: open.from,
             to,
             sha256,
@@ -492,14 +493,27 @@ impl RowSum {
     }
 }
 
-/// Writes the campaign file beside the samples.
+/// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the plan says.
 ///
 /// # Errors
 /// If it cannot be written.
 pub fn write_campaign_file(plan: &Plan) -> Result<(), Failure> {
     let path = plan.output.join("campaign.toml");
-    if fs::read_to_string(&path).is_ok_and(|text| text == plan.campaign_toml) {
-        return Ok(());
+    match fs::read_to_string(&path) {
+        Ok(text) if text == plan.campaign_toml => return Ok(()),
+        Ok(text) => {
+            // What is there less is at the end.
+            let pairs = text.lines().chain([""]).zip(plan.campaign_toml.lines().chain([""]));
+            let different = (1..).zip(pairs).find(|(_, (there, planned))| there != planned);
+            let different = different.map_or_else(String::new, |(number, (there, planned))| {
+                format!(": line {number} was `{there}`, is `{planned}`")
+            });
+            tracing::warn!(
+                "{} was not what the plan gives; it is written anew from the plan{different}",
+                path.display()
+            );
+        }
+        Err(_) => {}
     }
     replace(&path, &plan.campaign_toml).map_err(|error| Failure::io("writing", &path, &error))
 }

@@ -34,7 +34,7 @@ pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
     let travel = travel_s(plan, angles, this.angles_deg(plan));
     let from_c = match before {
         None => ROOM_C,
-        Some(Unit::Run(_)) => plan.verify.map_or(ROOM_C, |verify| verify.to_c),
+        Some(Unit::Run(_)) => plan.verify.as_ref().map_or(ROOM_C, |verify| verify.to_c),
         Some(before) => before.set_point_c(plan),
     };
     let approach = (this.set_point_c(plan) - from_c).abs() / plan.ramp_c_per_s + plan.soak.time_s;
@@ -51,6 +51,7 @@ pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
         Unit::Run(_) => {
             let sweep = plan
                 .verify
+                .as_ref()
                 .map_or(0.0, |verify| (verify.to_c - verify.from_c).abs() / verify.ramp_c_per_s + 2.0 * verify.hold_s);
             approach + travel + sweep
         }
@@ -64,7 +65,7 @@ pub fn left_s(plan: &Plan, unit: usize) -> f64 {
 
 /// Number of units of the plan.
 pub fn units(plan: &Plan) -> usize {
-    plan.set_points_c.len() * plan.positions.len() + plan.verify.map_or(0, |verify| verify.runs as usize)
+    plan.set_points_c.len() * plan.positions.len() + plan.verify.as_ref().map_or(0, |verify| verify.runs as usize)
 }
 
 /// The time line: one entry for each set point and each verification run, and the end.
@@ -81,9 +82,11 @@ pub fn moments(plan: &Plan) -> Vec<Moment> {
                 Some(format!("to {set_point} degC, soak, positions {} to {}", numbers[0], numbers[1]))
             }
             Unit::Dwell { .. } => None,
-            Unit::Run(_) => plan
-                .verify
-                .map(|verify| format!("{}: {} to {} degC at rest", this.name(plan), verify.from_c, verify.to_c)),
+            Unit::Run(_) => plan.verify.as_ref().map(|verify| {
+                let [outer, inner] = this.angles_deg(plan);
+                let (from_c, to_c) = (verify.from_c, verify.to_c);
+                format!("{}: {from_c} to {to_c} degC at rest, at {outer}/{inner} deg", this.name(plan))
+            }),
         };
         moments.extend(event.map(|event| Moment { at_s, event }));
         at_s += unit_s(plan, unit).unwrap_or_default();

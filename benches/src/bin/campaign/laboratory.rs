@@ -20,7 +20,10 @@ pub const SHORT: [(&str, &str); 7] = [
     ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
     // Waits are long in laboratory time, because the machine may be busy with other work.
     ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
-    ("\n[verify]\nruns = 3\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n", ""),
+    (
+        "\n[verify]\nruns = 4\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
+        "",
+    ),
 ];
 
 /// Station, service and plan. Dropping it ends the processes and removes the files.

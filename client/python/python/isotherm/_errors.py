@@ -80,7 +80,10 @@ class RecordingFault(IsothermError, ValueError):
 
 
 class CalibrationError(IsothermError, ValueError):
-    """No table can be made from a campaign. `findings` are (severity, line, message) of the checks."""
+    """No table can be made from a campaign. `findings` are (severity, line, message) of the checks, see `Calibration.findings`.
+
+    The first is the mistake that explains the others, if there is one. The message then only counts those that it explains.
+    """
 
     def __init__(self, message: str, findings: list[tuple[str, int | None, str]] | None = None) -> None:
         super().__init__(message)
@@ -88,4 +91,7 @@ class CalibrationError(IsothermError, ValueError):
 
 
 class StabilityError(IsothermError, ValueError):
-    """The stability cannot be computed from a recording: it is too short, not still, or has values that are not finite."""
+    """The stability cannot be computed from a recording: it is too short, not still, or has values that are not finite.
+
+    `Stability.check` raises it too: what is required is not met, or the output is not as long as gravity.
+    """

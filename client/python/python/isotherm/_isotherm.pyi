@@ -235,6 +235,9 @@ class Table:
     def gravity(self) -> float:
         """The value of 1 g0 [m/s2]."""
     @property
+    def gravity_local(self) -> float | None:
+        """Local gravity where the table was measured [m/s2], of its provenance. It is not part of the digest."""
+    @property
     def temperature_unit(self) -> str: ...
     @property
     def out_of_range(self) -> str:
@@ -323,16 +326,33 @@ class Stability:
     def left_out(self) -> int:
         """Samples without a valid interval."""
     @property
-    def modulus(self) -> tuple[float, float, float, int] | None:
-        """Length of the output - local gravity: mean, rms and worst [g0], and the number of windows. None if no window was still."""
-    @property
     def warning(self) -> str | None:
-        """A warning if the length of the output is far from gravity, else None."""
+        """Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left out. Else None."""
+    @property
+    def verdict(self) -> dict[str, Any]:
+        """The errors that the run allows to be claimed: the document of `isotherm verify --json`, without a requirement.
+
+        Each of `axes` and `length` has `constant_g0`, `variation_g0` and `worst_g0`, and `level` the same in `_rad`, each with `value` and
+        `interval`, the half width of the 95 % interval. What cannot be judged is None: every constant error but that of the length if the attitude is
+        not stated, and the length if local gravity is unknown. `covered` says which part of the table's range the run covers, and which
+        channels it drives.
+        """
     @property
     def windows(self) -> Records:
         """All windows, as WINDOW."""
-    def report(self, path: _Path, *, require: float | None = None) -> None:
-        """Writes the report (HTML)."""
+    def judge(self, require: float | str) -> list[tuple[str, bool, str]]:
+        """Judges each bound of `require`: (bound, whether the run shows that it is met, the judgement in words).
+
+        `require` is as that of the command, for example "bias=20ug0,scale=50ppm,level=5arcsec"; a number is the least factor of stability.
+        """
+    def check(self, require: float | str) -> None:
+        """Raises StabilityError where `isotherm verify --require` ends with exit code 1.
+
+        That is, if nothing can be claimed (see `warning`), if the run has fewer than 12 windows, or if a bound of `require` is not met. The
+        message has a line for each reason; the last one has the remedies.
+        """
+    def report(self, path: _Path, *, require: float | str | None = None) -> None:
+        """Writes the report (HTML), with the judgement of what is required."""
 
 @final
 class Calibration:
@@ -340,6 +360,10 @@ class Calibration:
     def table(self) -> Table: ...
     @property
     def text(self) -> str: ...
+    @property
+    def accuracy(self) -> str: ...
+    @property
+    def summary(self) -> dict[str, Any]: ...
     @property
     def findings(self) -> list[tuple[str, int | None, str]]: ...
     def orders(self) -> str: ...
@@ -369,6 +393,8 @@ def calibrate(
     samples: _Path | _Bytes,
     order: int | None,
     method: str,
-    alignment: bool,
+    alignment: bool | None,
     exclude: Sequence[tuple[float, int]],
+    accept: Sequence[str],
+    strict: bool,
 ) -> Calibration: ...

@@ -74,10 +74,14 @@ def verify(
     gravity_local: float | None = None,
     recording: str = "array",
 ) -> Stability:
-    """Computes the stability of the output before and after compensation, from means over `window` seconds.
+    """Computes how stable the output is, before and after compensation, and how large its errors are, as `isotherm verify` does.
 
-    `attitude` is the direction of the specific force along A1, A2, A3; without it the median of the compensated output is used.
-    `gravity_local` [m/s2] is the table's gravity unless given. `recording` is the name of the samples in a report.
+    The figures are of means over `window` seconds. `attitude` is the direction of the specific force along A1, A2, A3. Without it the
+    median of the compensated output is used; then only variation and length can be judged. `gravity_local` [m/s2] is that of the
+    table's provenance (`Table.gravity_local`) unless given. With neither, only variation and level can be judged. `recording` is the
+    name of the samples in messages and in a report.
+
+    Raises StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
     """
     if not (math.isfinite(window) and window > 0.0):
         raise ValueError(f"window is {window}, give seconds over 0")
@@ -135,8 +139,22 @@ class Calibration:
         return section
 
     @property
+    def accuracy(self) -> str:
+        """The bottom line: 95 % half widths of the curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ..."."""
+        return self._native.accuracy
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The figures: the document of `isotherm calibrate --json`. Keys have their unit at the end; what is not known is None.
+
+        By axis `bias_interval_g0`, `scale_factor_interval_ppm`, `misalignment_rad` and their 95 % half widths; then the orders of
+        the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings.
+        """
+        return self._native.summary
+
+    @property
     def findings(self) -> list[tuple[str, int | None, str]]:
-        """Findings of the checks: (severity, line or row, message)."""
+        """Findings of the checks: (severity, line or row, message). A message begins with the name of the finding, as "[soak]: "."""
         return self._native.findings
 
     @property
@@ -176,14 +194,22 @@ def calibrate(
     *,
     order: int | Literal["auto"] = "auto",
     method: Literal["one-stage", "two-stage"] = "one-stage",
-    alignment: bool = False,
+    alignment: bool | None = None,
     exclude: Iterable[tuple[float, int]] = (),
+    accept: Iterable[str] = (),
+    strict: bool = False,
 ) -> Calibration:
     """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
 
     `campaign` is the path of a campaign file, or a mapping with the same keys. `samples` are its rows: an array of CAMPAIGN, a data
     frame with the columns of a campaign's samples, or the path of a file. Without `samples` the file that the campaign names is
-    read. `exclude` lists dwells to leave out: (set point, position).
+    read. `exclude` lists dwells to leave out: (set point [degC], position).
+
+    The table gets an alignment matrix with `alignment=True`, none with False. With None it gets one if a misalignment exceeds its 99 %
+    interval and 1e-6 rad. The matrix turns the axes of the output: a vehicle must keep the choice that it was boresighted with.
+
+    `accept` lists names of findings: a fault of this name is only a warning, and the provenance has the name. With `strict` every
+    warning that is not accepted is a fault. Faults raise CalibrationError.
     """
     if isinstance(campaign, Mapping):
         text, name, folder = campaign_toml(campaign), "campaign", Path()
@@ -200,7 +226,9 @@ def calibrate(
     else:
         given = as_bytes(records(samples, CAMPAIGN))
     fixed = None if order == "auto" else order
-    return Calibration(_isotherm.calibrate(text, name, given, fixed, method, alignment, list(exclude)))
+    # Of one name alone, `list` would make its letters.
+    names = [accept] if isinstance(accept, str) else list(accept)
+    return Calibration(_isotherm.calibrate(text, name, given, fixed, method, alignment, list(exclude), names, strict))
 
 
 def campaign_toml(campaign: Mapping[str, Any]) -> str:

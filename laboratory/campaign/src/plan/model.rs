@@ -110,7 +110,7 @@ pub struct Patience {
 }
 
 /// The verification runs: the IMU is at rest while the chamber ramps.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct VerificationPlan {
     /// Number of runs.
     pub runs: u32,
@@ -122,16 +122,13 @@ pub struct VerificationPlan {
     pub ramp_c_per_s: f64,
     /// Hold time before the ramp, and again after it \[s\].
     pub hold_s: f64,
-    /// Outer and inner angle of the turntable \[deg\].
-    pub angles_deg: [f64; 2],
-    /// Direction of the specific force along A1, A2, A3 at these angles.
-    pub attitude: [f64; 3],
+    /// The attitudes of the runs, which alternate over them: at least one, all have angles.
+    pub attitudes: Vec<Position>,
 }
 
 impl VerificationPlan {
-    /// The attitude of the runs as a position.
-    pub const fn position(&self) -> Position {
-        let label = String::new();
-        Position { number: 0, label, angles: Some(self.angles_deg), specific_force: self.attitude }
+    /// The attitude of a run, counted from 0.
+    pub fn attitude(&self, run: usize) -> &Position {
+        &self.attitudes[run % self.attitudes.len()]
     }
 }

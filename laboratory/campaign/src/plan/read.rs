@@ -8,6 +8,7 @@ use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme, specific_force};
 use isotherm_calibration::simulate::campaign_toml;
+use isotherm_files::target_of;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::document::Section;
 use isotherm_shared::stream::ImuId;
@@ -80,6 +81,8 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
 
 /// The fault of a file to be written whose folder does not exist.
 fn missing_folder(file: &Path) -> Option<String> {
+    // The installation writes where a link leads.
+    let file = if file.is_symlink() { target_of(file) } else { file.to_owned() };
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty())?;
     (!folder.is_dir()).then(|| format!("there is no folder {}; make it", folder.display()))
 }
@@ -91,7 +94,7 @@ struct CampaignHeader<'d> {
     gravity: [Option<f64>; 2],
     unit: Option<&'d str>,
     out_of_range: Option<&'d str>,
-    positive: [(&'static str, Option<f64>); 2],
+    numbers: [(&'static str, Option<f64>); 4],
 }
 
 impl<'d> CampaignHeader<'d> {
@@ -104,7 +107,7 @@ impl<'d> CampaignHeader<'d> {
             gravity: [reference, local],
             unit: root.string("temperature_unit", "the unit of the telemetry, for example \"V\""),
             out_of_range: root.optional_string("out_of_range"),
-            positive: ["max_age_s", "max_rate"].map(|key| (key, root.optional_number(key))),
+            numbers: ["max_age_s", "max_rate", "latitude_deg", "height_m"].map(|key| (key, root.optional_number(key))),
         }
     }
 
@@ -116,7 +119,7 @@ impl<'d> CampaignHeader<'d> {
         for (key, value) in [("serial", self.serial), ("out_of_range", self.out_of_range)] {
             let _ = value.map(|value| writeln!(text, "{key} = {}", quoted(value)));
         }
-        for (key, value) in self.positive {
+        for (key, value) in self.numbers {
             let _ = value.map(|value| writeln!(text, "{key} = {value:?}"));
         }
         let imu = self.imu.as_ref().map_or("imu", ImuId::as_str);
@@ -428,18 +431,44 @@ fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>
     let ramp_c_per_h = positive(&section, "ramp_c_per_h", 20.0);
     section.refuse("ramp_c_per_h", air.limits.ramp(ramp_c_per_h / 60.0));
     let hold_s = not_negative(&section, "hold_s", 1800.0);
-    let angle = |key, default| section.optional_number(key).unwrap_or(default);
-    let angles_deg = [angle("outer_deg", 50.0), angle("inner_deg", 130.0)];
-    section.refuse("", air.limits.angles(angles_deg));
+    let attitudes = attitudes(&section, mounting, air.limits);
+    let few = attitudes.as_ref().map(Vec::len).filter(|attitudes| *attitudes > runs as usize);
+    section.refuse(
+        "runs",
+        few.map(|attitudes| format!("is {runs}, give at least one for each of the {attitudes} attitudes")),
+    );
     section.finish();
-    let attitude = mounted(mounting, angles_deg);
     Some(VerificationPlan {
         runs,
         from_c: from_c?,
         to_c: to_c?,
         ramp_c_per_s: ramp_c_per_h / 3600.0,
         hold_s,
-        angles_deg,
-        attitude,
+        attitudes: attitudes?,
     })
+}
+
+/// The attitudes of the verification runs: `attitudes_deg`, or one with `outer_deg` and `inner_deg`.
+fn attitudes(section: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits) -> Option<Vec<Position>> {
+    let angle = |key, default| section.optional_number(key).unwrap_or(default);
+    let one = [angle("outer_deg", 50.0), angle("inner_deg", 130.0)];
+    let right = "outer and inner angle of each attitude in deg, for example [[50, 130], [230, 130]]";
+    let angles: Vec<[f64; 2]> = if section.has("attitudes_deg") {
+        for key in ["outer_deg", "inner_deg"].into_iter().filter(|key| section.has(key)) {
+            section.fault(key, "there is attitudes_deg too; give either");
+        }
+        let rows = section.matrix("attitudes_deg", right)?;
+        let pairs = rows.iter().map(|row| row.as_slice().try_into().ok()).collect::<Option<Vec<_>>>();
+        let Some(pairs) = pairs.filter(|pairs| !pairs.is_empty()) else {
+            section.fault("attitudes_deg", format!("give {right}"));
+            return None;
+        };
+        pairs
+    } else {
+        vec![one]
+    };
+    for angles in &angles {
+        section.refuse("", limits.angles(*angles));
+    }
+    Some((1..).zip(angles).map(|(number, angles)| position_at(number, "", angles, mounting)).collect())
 }

@@ -10,14 +10,16 @@ fn faults(text: &str) -> String {
 #[test]
 fn the_example_says_what_is_the_default_anyway() {
     let plan = Plan::from_toml(EXAMPLE, Path::new("/plans")).unwrap();
-    assert_eq!(plan.output, Path::new("/plans/campaign"));
+    // Not `campaign`, the folder of the campaign that is shipped beside the plan.
+    assert_eq!(plan.output, Path::new("/plans/imu-a-campaign"));
     assert_eq!((plan.set_points_c.len(), plan.set_points_c[0], plan.set_points_c[14]), (15, -25.0, 45.0));
     assert_eq!(plan.positions, Scheme::SixFacesTwoHeadings.positions());
     assert_eq!(plan.campaign.positions, plan.positions);
-    assert_eq!((plan.soak.time_s, plan.verify.unwrap().runs, plan.ambient_c), (3600.0, 3, None));
+    assert_eq!((plan.soak.time_s, plan.verify.as_ref().unwrap().runs, plan.ambient_c), (3600.0, 4, None));
+    assert_eq!(plan.warnings(), Vec::<String>::new());
     let without: String = EXAMPLE
         .lines()
-        .filter(|line| !["positions", "time_s", "row_s", "settle_s", "runs"].iter().any(|key| line.starts_with(key)))
+        .filter(|line| !["positions", "time_s", "row_s", "settle_s"].iter().any(|key| line.starts_with(key)))
         .map(|line| format!("{line}\n"))
         .collect();
     let shorter = Plan::from_toml(&without, Path::new("/plans")).unwrap();
@@ -94,6 +96,12 @@ fn the_folder_of_the_installed_table_must_be_there_to_run() {
     assert!(Plan::load(&path).is_ok());
     std::fs::create_dir(folder.path().join("nowhere")).unwrap();
     assert!(Plan::load_to_run(&path).is_ok());
+    // The installation writes where a link leads.
+    std::os::unix::fs::symlink("gone/imu-a.toml", folder.path().join("nowhere/imu-a.toml")).unwrap();
+    let faults = Plan::load_to_run(&path).unwrap_err().to_string();
+    assert!(faults.contains("install: there is no folder") && faults.contains("nowhere/gone; make it"), "{faults}");
+    std::fs::create_dir(folder.path().join("nowhere/gone")).unwrap();
+    assert!(Plan::load_to_run(&path).is_ok());
 }
 
 #[test]
@@ -112,7 +120,8 @@ fn nothing_beyond_the_limits_is_planned() {
             "chamber_c = [-30, 45]",
             "set_points: 45.0 degC, within chamber.tolerance_c: 45.5 degC is outside",
         ),
-        ("hold_s = 1800", "hold_s = 1800\nouter_deg = 500", "verify: outer angle 500.0 deg"),
+        ("attitudes_deg = [[50, 130], [230, 130]]", "outer_deg = 500", "verify: outer angle 500.0 deg"),
+        ("[230, 130]]", "[230, 430]]", "verify: inner angle 430.0 deg"),
         ("step_c = 5", "step_c = 7.3", "set_points.step_c: 7.3 does not lead"),
         ("step_c = 5", "step_c = 5\nlist_c = [0, 10]", "set_points.start_c: there is list_c too"),
         ("rate_deg_s = 10", "rate_deg_s = 61", "61.0 deg/s is over"),
@@ -154,6 +163,95 @@ fn positions_may_be_listed_and_their_claims_are_checked() {
     assert!(mirrored.contains("table.mounting: give three rows"), "{mirrored}");
     let both = faults(&(EXAMPLE.to_owned() + "[[position]]\nnumber = 1\nouter_deg = 0\ninner_deg = 0\n"));
     assert!(both.contains("give one of the two"), "{both}");
+}
+
+/// The example's plan with these lines of `[verify]` in place of its runs and attitudes.
+fn verifying(lines: &str) -> String {
+    EXAMPLE
+        .lines()
+        .filter(|line| !["runs = ", "attitudes_deg = "].iter().any(|key| line.starts_with(key)))
+        .map(|line| format!("{line}\n{}", if line.starts_with("[verify]") { lines } else { "" }))
+        .map(|line| line.trim_end().to_owned() + "\n")
+        .collect()
+}
+
+fn plan(text: &str) -> Plan {
+    Plan::from_toml(text, Path::new("")).unwrap()
+}
+
+#[test]
+fn runs_alternate_over_their_attitudes() {
+    let angles = |lines: &str| {
+        let verify = plan(&verifying(lines)).verify.unwrap();
+        (0..verify.runs as usize).map(|run| verify.attitude(run).angles.unwrap()).collect::<Vec<_>>()
+    };
+    assert_eq!(angles(""), [[50.0, 130.0]; 3]);
+    assert_eq!(angles("runs = 2\nouter_deg = 30"), [[30.0, 130.0]; 2]);
+    assert_eq!(
+        angles("runs = 3\nattitudes_deg = [[50, 130], [230, 130]]"),
+        [[50.0, 130.0], [230.0, 130.0], [50.0, 130.0]]
+    );
+    let [first, second] = [0, 1].map(|run| plan(EXAMPLE).verify.unwrap().attitude(run).specific_force);
+    assert!(first.iter().zip(second).all(|(a, b)| (a + b).abs() < 1e-12 && a.abs() > 0.4), "{first:?} {second:?}");
+    for (lines, part) in [
+        ("runs = 1\nattitudes_deg = [[50, 130], [230, 130]]", "verify.runs: is 1, give at least one for each of the 2"),
+        ("attitudes_deg = [[50, 130], [230, 130]]\nouter_deg = 50", "verify.outer_deg: there is attitudes_deg too"),
+        ("attitudes_deg = []", "verify.attitudes_deg: give outer and inner angle"),
+        ("attitudes_deg = [[50, 130, 0]]", "verify.attitudes_deg: give outer and inner angle"),
+        ("attitudes_deg = [50, 130]", "verify.attitudes_deg"),
+    ] {
+        let faults = faults(&verifying(lines));
+        assert!(faults.contains(part), "{part}:\n{faults}");
+    }
+}
+
+#[test]
+fn what_the_runs_leave_unseen_is_told_with_its_remedy() {
+    let warnings = |text: &str| plan(text).warnings();
+    let one = warnings(&verifying(""));
+    assert_eq!(
+        one,
+        [
+            "verify: no run drives K- of A1, K+ of A2, K- of A3: mistakes there stay unseen; attitudes_deg = [[50, 130], [230, 130]] \
+          drives all six"
+        ]
+    );
+    // An outer axis that goes from 0 to 180 deg: the opposite attitude takes both axes.
+    let positions: String = (1..)
+        .zip(Scheme::SixFacesTwoHeadings.angles())
+        .map(
+            |(number, [outer, inner])| {
+                if outer > 180.0 { (number, 360.0 - outer, inner + 180.0) } else { (number, outer, inner) }
+            },
+        )
+        .map(|(number, outer, inner)| {
+            format!("[[position]]\nnumber = {number}\nouter_deg = {outer}\ninner_deg = {}\n", inner % 360.0)
+        })
+        .collect();
+    let half = verifying("").replace("outer_deg = [-5, 365]", "outer_deg = [-5, 185]");
+    let half = warnings(&(half.replace("positions = \"six-faces-two-headings\"", "") + &positions));
+    assert!(half[0].contains("attitudes_deg = [[50, 130], [130, 310]] drives all six"), "{half:?}");
+    let other = warnings(&verifying("outer_deg = 220"));
+    assert!(other[0].contains("attitudes_deg = [[220, 130], [40, 130]] drives"), "{other:?}");
+    // The opposite of a face drives one more channel only.
+    let face = warnings(&verifying("outer_deg = 0\ninner_deg = 0"));
+    assert!(face.len() == 1 && face[0].contains("K+ of A1, K- of A1, K+ of A2, K- of A2, K- of A3"), "{face:?}");
+    assert!(face[0].ends_with("0.3 g0 or more along each accelerometer in both directions"), "{face:?}");
+    // Runs that are taken stay as they are.
+    let more = plan(&verifying("runs = 2")).more_runs().unwrap();
+    assert_eq!(more, "runs = 3 and attitudes_deg = [[50, 130], [50, 130], [230, 130]]");
+
+    for (from, to, part) in [("20", "20", "0 %"), ("45", "0", "64 %"), ("-24", "20", "63 %"), ("-29", "-10", "21 %")] {
+        let text =
+            EXAMPLE.replace("from_c = -25", &format!("from_c = {from}")).replace("to_c = 45", &format!("to_c = {to}"));
+        let found = warnings(&text);
+        assert!(
+            found.len() == 1 && found[0].contains(&format!(" covers {part} of the set points' range")),
+            "{found:?}"
+        );
+        assert!(found[0].ends_with("from_c = -25 and to_c = 45 covers it"), "{found:?}");
+    }
+    assert_eq!(warnings(&EXAMPLE.replace("to_c = 45", "to_c = 32")), Vec::<String>::new());
 }
 
 #[test]

@@ -10,7 +10,7 @@ const SECOND: u64 = 1_000_000_000;
 fn plan(folder: &Path, row_s: f64) -> Plan {
     let text = include_str!("../../../../examples/plan.toml");
     let text = text.replace("row_s = 10 ", &format!("row_s = {row_s} ")).replace("time_s = 300", "time_s = 100");
-    Plan::from_toml(&text.replace("output = \"campaign\"", "output = \".\""), folder).unwrap()
+    Plan::from_toml(&text.replace("output = \"imu-a-campaign\"", "output = \".\""), folder).unwrap()
 }
 
 /// Sample `number`, sent when it ends. The acquisition's clock is 1000 s ahead of laboratory time.

@@ -1,0 +1,183 @@
+//! How the IMU sits on the turntable: the rotation from the specific force at the angles to the stated one, and what is wrong if none fits.
+
+use super::{Position, SAME_DIRECTION, specific_force};
+use nalgebra::{Matrix3, Vector3};
+
+/// Two directions are enough for a rotation if the sine of the angle between them is over this.
+const MIN_ANGLE: f64 = 0.1;
+/// Rotations are made of each position and this many that follow it ..
+const NEIGHBOURS: usize = 8;
+/// .. for this many positions: a file may have thousands.
+const CANDIDATES: usize = 64;
+
+/// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated one,
+/// along A1, A2, A3. A matrix that only exchanges axes or their signs is returned exactly. `None` if a position has no
+/// angles, or if no such matrix explains all stated directions.
+#[must_use]
+pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
+    let pairs = pairs(positions)?;
+    let rotation = best_rotation(&pairs)?;
+    let exact = rotation.map(f64::round);
+    let rotation = if (rotation - exact).amax() < SAME_DIRECTION { exact } else { rotation };
+    pairs.iter().all(|pair| misfit(&rotation, pair) < SAME_DIRECTION).then_some(rotation)
+}
+
+/// The specific force at the angles, and the stated one.
+type Pair = (Vector3<f64>, Vector3<f64>);
+
+/// The pair of each position; `None` if one has no angles.
+fn pairs(positions: &[Position]) -> Option<Vec<Pair>> {
+    let pair = |position: &Position| {
+        let [outer, inner] = position.angles?;
+        Some((Vector3::from(specific_force(outer, inner)), Vector3::from(position.specific_force)))
+    };
+    positions.iter().map(pair).collect()
+}
+
+/// The orthogonal matrix that turns the forces at the angles best into the stated ones. `None` for directions in one plane: they do not
+/// determine it, nor the parameters of the accelerometers.
+fn best_rotation(pairs: &[Pair]) -> Option<Matrix3<f64>> {
+    let sum: Matrix3<f64> = pairs.iter().map(|(at, stated)| stated * at.transpose()).sum();
+    let svd = sum.svd(true, true);
+    if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
+        return None;
+    }
+    Some(svd.u? * svd.v_t?)
+}
+
+/// Largest difference of a component between the stated force and that at the angles.
+fn misfit(rotation: &Matrix3<f64>, (at, stated): &Pair) -> f64 {
+    (rotation * at - stated).amax()
+}
+
+/// The positions whose angles and stated directions do not fit each other, while those of three quarters do. `None` if a mounting of the IMU
+/// explains all of them, see [`mount`], if a position has no angles, or if no mounting explains most of them: a turntable may have other
+/// axes and zeros than ours.
+#[must_use]
+pub fn contradiction(positions: &[Position]) -> Option<String> {
+    if mount(positions).is_some() {
+        return None;
+    }
+    let pairs = pairs(positions)?;
+    // Two directions give a rotation, and a reflection. That of two right positions explains all other right ones.
+    let frame = |a: Vector3<f64>, b: Vector3<f64>, sign: f64| {
+        let across = a.cross(&b);
+        let third = across.try_normalize(MIN_ANGLE)?;
+        Some(Matrix3::from_columns(&[a, third * sign, a.cross(&third)]))
+    };
+    let neighbours = |i: usize| i + 1..pairs.len().min(i + 1 + NEIGHBOURS);
+    let candidates =
+        (0..pairs.len().min(CANDIDATES)).flat_map(|i| neighbours(i).map(move |j| (i, j))).flat_map(|(i, j)| {
+            let ((at_a, stated_a), (at_b, stated_b)) = (pairs[i], pairs[j]);
+            [1.0, -1.0]
+                .into_iter()
+                .filter_map(move |sign| Some(frame(stated_a, stated_b, sign)? * frame(at_a, at_b, 1.0)?.transpose()))
+        });
+    let fitting = |rotation: &Matrix3<f64>| -> Vec<Pair> {
+        // Few digits of two directions are worth less than those of all.
+        pairs.iter().copied().filter(|pair| misfit(rotation, pair) < 3.0 * SAME_DIRECTION).collect()
+    };
+    let most = candidates.map(|rotation| (rotation, fitting(&rotation))).max_by_key(|(_, fitting)| fitting.len());
+    let (rotation, fitting) = most.filter(|(_, fitting)| 4 * fitting.len() >= 3 * pairs.len())?;
+    let rotation = best_rotation(&fitting).unwrap_or(rotation);
+    let off: Vec<_> =
+        positions.iter().zip(&pairs).filter(|(_, pair)| misfit(&rotation, pair) >= SAME_DIRECTION).collect();
+    let numbers: Vec<_> = off.iter().map(|(position, _)| position.number.to_string()).collect();
+    let degrees = off.iter().map(|(_, (at, stated))| (rotation * at).angle(stated).to_degrees()).fold(0.0, f64::max);
+    match off.as_slice() {
+        [] => None,
+        [(position, (at, _))] => {
+            let force = rotation * at;
+            Some(format!(
+                "the angles of position {} do not fit its specific_force, which differs by {degrees:.2} degrees from [{:.5}, {:.5}, {:.5}] at \
+                 these angles, while all others fit: correct outer_deg, inner_deg or specific_force",
+                position.number,
+                force[0] + 0.0,
+                force[1] + 0.0,
+                force[2] + 0.0
+            ))
+        }
+        _ => Some(format!(
+            "the angles of positions {} do not fit their specific_force, by up to {degrees:.2} degrees, while those of the other {} fit: \
+             correct outer_deg, inner_deg or specific_force",
+            numbers.join(", "),
+            pairs.len() - off.len()
+        )),
+    }
+}
+
+/// What to add to every outer angle, so that angles and stated directions fit: 90 or -90 \[deg\]; `None` if neither does.
+#[must_use]
+pub fn other_zero(positions: &[Position]) -> Option<f64> {
+    let turned = |off: f64| {
+        let turn = |position: &Position| Position {
+            angles: position.angles.map(|[outer, inner]| [outer + off, inner]),
+            ..position.clone()
+        };
+        let positions: Vec<_> = positions.iter().map(turn).collect();
+        mount(&positions).is_some_and(|rotation| rotation.determinant() > 0.0)
+    };
+    [90.0, -90.0].into_iter().find(|off| turned(*off))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Scheme;
+    use super::*;
+
+    #[test]
+    fn the_mount_is_found_from_a_few_digits() {
+        let rotation = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+        let mut positions = Scheme::SixFacesSixEdges.positions();
+        for position in &mut positions {
+            let force = rotation * Vector3::from(position.specific_force);
+            position.specific_force = force.map(|f| (f * 1e3).round() / 1e3).into();
+        }
+        assert_eq!(mount(&positions), Some(rotation));
+        // An oblique fixture is a rotation too.
+        let oblique = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 1.0).into_inner();
+        for position in &mut positions {
+            position.specific_force = (oblique * rotation.transpose() * Vector3::from(position.specific_force)).into();
+        }
+        assert!((mount(&positions).unwrap() - oblique).amax() < 1e-3);
+        assert_eq!(contradiction(&positions), None);
+        positions[3].specific_force = [0.0, 0.0, 1.0];
+        assert_eq!(mount(&positions), None);
+        assert!(contradiction(&positions).unwrap().contains("the angles of position 4 do not fit its specific_force"));
+        positions[3].angles = None;
+        assert_eq!((mount(&positions), contradiction(&positions)), (None, None));
+    }
+
+    #[test]
+    fn angles_that_do_not_fit_are_named() {
+        let oblique = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 1.0).into_inner();
+        let reflected = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
+        for (scheme, list) in Scheme::NAMES {
+            for rotation in [Matrix3::identity(), oblique, reflected] {
+                let mut stated = scheme.positions();
+                for position in &mut stated {
+                    let force = rotation * Vector3::from(position.specific_force);
+                    position.specific_force = force.map(|f| (f * 1e3).round() / 1e3).into();
+                }
+                assert_eq!(contradiction(&stated), None, "{list}");
+                for k in 0..stated.len() {
+                    let mut one = stated.clone();
+                    one[k].angles = stated[k].angles.map(|[outer, inner]| [outer + 0.3, inner]);
+                    let message = contradiction(&one).unwrap();
+                    let named = format!("the angles of position {} do not fit its specific_force, ", k + 1);
+                    assert!(message.starts_with(&named), "{list} {k}: {message}");
+                }
+                let mut several = stated.clone();
+                several[2].angles = Some([10.0, 20.0]);
+                several[7].angles = Some([30.0, 40.0]);
+                let message = contradiction(&several).unwrap();
+                assert!(message.starts_with("the angles of positions 3, 8 do not fit"), "{list}: {message}");
+                let mut all = stated;
+                all.iter_mut().for_each(|p| p.angles = p.angles.map(|[outer, inner]| [outer + 90.0, inner]));
+                assert_eq!(contradiction(&all), None, "{list}");
+                let added = if rotation.determinant() > 0.0 { -90.0 } else { 90.0 };
+                assert_eq!(other_zero(&all), Some(added), "{list}");
+            }
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Results as the JSON that `--json` prints. Keys of figures have their unit at the end; `in_unit` is the `unit` of the same object. The
+//! `value` and the half width `interval` of an estimate have the unit of its key. Counts, ratios and texts have none. What is not known is null.
+
+use crate::accuracy::{Accuracy, largest_interval};
+use crate::alignment::{is_needed, left_without};
+use crate::calibrate::{Calibration, CalibrationError};
+use crate::checks::{Finding, Severity};
+use crate::curve::CONFIDENCE;
+use crate::order::QUANTITIES;
+use crate::stability::{Coverage, Stability};
+use crate::verdict::{Errors, Requirement};
+use isotherm_failure::Failure;
+use isotherm_shared::table::AXIS_NAMES;
+use serde_json::{Value, json};
+
+/// A calibration: digest, bottom line, curves, misalignments and findings. `locate` gives file and line of a row.
+#[must_use]
+pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) -> Value {
+    let accuracy = Accuracy::of(calibration);
+    let (content, solution) = (calibration.table.content(), &calibration.solution);
+    let curve = |axis: usize, quantity: usize| {
+        let orders = &calibration.orders[axis][quantity];
+        let fit = &orders.regression.fits()[orders.choice.order];
+        json!({
+            "axis": AXIS_NAMES[axis],
+            "quantity": QUANTITIES[quantity],
+            "unit": if quantity == 0 { "g0" } else { "pulse/(s*g0)" },
+            "order": orders.choice.order,
+            "reason": orders.choice.reason,
+            "leave_one_set_point_out_rms_in_unit": fit.leave_one_out_rms,
+            "residual_sd_in_unit": fit.residual_sd,
+            "largest_interval_in_unit": largest_interval(&solution.axes[axis].curves[quantity], false),
+        })
+    };
+    let axis = |axis: usize| {
+        let part = &solution.axes[axis];
+        json!({
+            "axis": AXIS_NAMES[axis],
+            "bias_interval_g0": accuracy.bias[axis],
+            "scale_factor_interval_ppm": accuracy.scale_factor[axis].map(|part| part * 1e6),
+            "misalignment_rad": part.misalignment,
+            "misalignment_interval_rad": part.misalignment_interval(CONFIDENCE),
+            "residual_sd_g0": calibration.residual_sd(axis),
+        })
+    };
+    json!({
+        "imu": content.imu.to_string(),
+        "digest": calibration.table.digest().to_string(),
+        "method": calibration.options.method.name(),
+        "set_points": calibration.set_points.len(),
+        "dwells": calibration.dwells.len(),
+        "accuracy": accuracy.to_string(),
+        "caution": accuracy.caution(),
+        "range_in_unit": accuracy.range,
+        "unit": accuracy.unit,
+        "axes": [axis(0), axis(1), axis(2)],
+        "curves": (0..9).map(|index| curve(index / 3, index % 3)).collect::<Vec<_>>(),
+        "tilt_rad": solution.tilt,
+        "alignment": content.alignment.is_some(),
+        "alignment_needed": is_needed(solution),
+        "left_without_alignment_g0": left_without(calibration),
+        "accepted": calibration.accepted,
+        "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
+    })
+}
+
+/// A failure: what is printed to stderr, the exit code, and file and line of the cause where they are known.
+#[must_use]
+pub fn failure(failure: &Failure) -> Value {
+    let (file, line) =
+        failure.place.as_ref().map_or((None, None), |(file, line)| (Some(file.to_string_lossy()), *line));
+    json!({
+        "error": failure.message,
+        "exit_code": failure.exit as u8,
+        "file": file,
+        "line": line,
+    })
+}
+
+/// Why there is no table: the failure as above, the diagnosis and all findings. `locate` gives file and line of a row.
+#[must_use]
+pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64) -> String) -> Value {
+    let (diagnosis, findings) = match error {
+        CalibrationError::Faults { diagnosis, findings } => (diagnosis.as_deref(), findings.as_slice()),
+        _ => (None, &[][..]),
+    };
+    let mut document = self::failure(failure);
+    document["diagnosis"] = diagnosis.map_or(Value::Null, |diagnosis| finding(&diagnosis.finding, &locate));
+    document["findings"] = findings.iter().map(|each| finding(each, &locate)).collect();
+    document
+}
+
+fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> Value {
+    json!({
+        "name": finding.name,
+        "severity": if finding.severity == Severity::Fault { "fault" } else { "warning" },
+        "line": finding.line,
+        "place": finding.line.map(locate),
+        "set_point_c": finding.place.map(|(set_point, _)| set_point),
+        "position": finding.place.and_then(|(_, position)| position),
+        "message": finding.message,
+    })
+}
+
+/// A verification: table 4, the verdict and the judgement of what is required. `window_s` is the length of the windows \[s\].
+#[must_use]
+pub fn verification(stability: &Stability, window_s: f64, required: Option<Requirement>) -> Value {
+    let verdict = &stability.verdict;
+    let axis = |axis: usize| {
+        let figures = &stability.axes[axis];
+        let mut value = errors(&verdict.axes[axis], "g0");
+        value["axis"] = json!(AXIS_NAMES[axis]);
+        value["sd_before_g0"] = json!(figures.sd_before);
+        value["rms_before_g0"] = json!(figures.rms_before);
+        value["sd_after_g0"] = json!(figures.sd_after);
+        value["rms_after_g0"] = json!(figures.rms_after);
+        value["factor"] = json!(figures.factor());
+        value
+    };
+    let (name, worst) = verdict.largest();
+    let claimed = stability.nothing_claimed().is_none();
+    let largest = claimed.then(|| json!({ "of": name, "value_g0": worst.value, "interval_g0": worst.interval }));
+    let judgements = required.map(|required| required.judge(stability));
+    json!({
+        "window_s": window_s,
+        "windows": stability.windows.len(),
+        "windows_at_attitude": stability.windows.iter().filter(|window| window.counts).count(),
+        "samples_left_out": stability.left_out,
+        "attitude_stated": stability.stated,
+        "specific_force_g0": stability.specific_force,
+        "gravity_local_m_s2": stability.gravity_source.value(),
+        "gravity_source": stability.gravity_source.name(),
+        "groups": verdict.groups,
+        "windows_in_group": verdict.windows,
+        "axes": [axis(0), axis(1), axis(2)],
+        "length": verdict.length.as_ref().map(|length| errors(length, "g0")),
+        "level": errors(&verdict.level, "rad"),
+        "largest": largest,
+        "required": required.map(|required| required.to_string()),
+        "judgements": judgements.as_ref().map(|judgements| json!(judgements)),
+        "met": judgements.map(|judgements| judgements.iter().all(|judgement| judgement.met)),
+        "not_judged": verdict.missing().map(|parts| parts.join("; ")),
+        "not_at_rest_or_other_imu": stability.gravity_mismatch(),
+        "not_the_whole_run": stability.unjudged(),
+        "too_short_for_a_requirement": stability.too_short(),
+        "interval_ratio": stability.interval_ratio,
+        "interval_warning": stability.interval_warning(),
+        "covered": covered(&stability.covered),
+    })
+}
+
+/// Of each axis the telemetry of run and table, and the part of the table's range that the run covers; the channels that the run drives.
+fn covered(covered: &Coverage) -> Value {
+    let sensor = |axis: usize, k: usize| {
+        json!({
+            "run_in_unit": covered.telemetry[axis][k],
+            "table_in_unit": covered.table[axis][k],
+            "part": covered.parts()[axis][k],
+        })
+    };
+    let axis =
+        |axis: usize| json!({ "axis": AXIS_NAMES[axis], "bias": sensor(axis, 0), "scale_factor": sensor(axis, 1) });
+    json!({
+        "unit": covered.unit,
+        "axes": [axis(0), axis(1), axis(2)],
+        "channels": covered.channels(),
+        "words": covered.to_string(),
+    })
+}
+
+fn errors(errors: &Errors, unit: &str) -> Value {
+    let figures = [
+        ("constant", json!(errors.constant)),
+        ("variation", json!(errors.variation)),
+        ("worst", json!(errors.worst)),
+        ("noise_of_window", json!(errors.noise)),
+        ("largest_window", json!(errors.largest_window)),
+    ];
+    figures.into_iter().map(|(key, value)| (format!("{key}_{unit}"), value)).collect()
+}

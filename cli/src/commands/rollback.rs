@@ -1,0 +1,64 @@
+//! `rollback`: brings the predecessor of an installed table back.
+
+use clap::Args;
+use isotherm_campaign::in_force::changes;
+use isotherm_failure::{Exit, Failure, tell};
+use isotherm_files::{Installation, WorldWritable, load_table, print};
+use isotherm_shared::stream::ImuId;
+use std::path::PathBuf;
+
+/// Bring the predecessor of an installed table back
+///
+/// `campaign run --calibrate` keeps the table that it replaces as TABLE.previous. This exchanges the two in one step, which a running
+/// service notices at once. The same command again takes it back. A predecessor that is broken, or of another IMU, is refused.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm rollback /etc/isotherm/tables/imu-a.toml\n  isotherm rollback --imu imu-a /etc/isotherm/tables/imu-a.toml"
+)]
+pub struct Rollback {
+    /// The IMU whose table comes back; needed if the installed table is broken or of another IMU
+    #[arg(long, value_name = "ID")]
+    imu: Option<ImuId>,
+    /// The installed table
+    #[arg(value_name = "TABLE")]
+    table: PathBuf,
+}
+
+impl Rollback {
+    pub fn run(self) -> Result<(), Failure> {
+        let failed = |exit: Exit, cause: String| Failure::new(exit, format!("{cause}; nothing is changed"));
+        // What a killed installation has left is settled now; until the end no other one changes the files.
+        let installation = Installation::lock(&self.table)?;
+        let kept = installation.previous();
+        let (place, beside) = (self.table.display(), kept.display());
+        if !kept.exists() {
+            return Err(failed(Exit::Io, format!("{place} has no predecessor: there is no {beside}")));
+        }
+        if !self.table.exists() {
+            let cause = format!("there is no {place} to exchange; rename {beside} to it");
+            return Err(failed(Exit::Io, cause));
+        }
+        // The installed table may be the broken one; its predecessor must be whole, and of the same IMU.
+        let present = load_table(&self.table, self.imu.as_ref(), WorldWritable::Allow).map(|(table, _)| table);
+        let present = present.inspect_err(|error| tell("isotherm", error)).ok();
+        let Some(imu) = self.imu.or_else(|| present.as_ref().map(|present| present.content().imu.clone())) else {
+            let cause = format!("{place} is broken and cannot say whose predecessor comes back; give --imu ID");
+            return Err(failed(Exit::Config, cause));
+        };
+        let (back, _) = load_table(kept, Some(&imu), WorldWritable::Allow).map_err(|error| {
+            let failure = Failure::from(error);
+            failed(failure.exit, failure.to_string())
+        })?;
+        if present.as_ref().is_some_and(|present| *present == back) {
+            return Err(failed(Exit::Failed, format!("{beside} has the same table as {place}")));
+        }
+        match present {
+            Some(present) => {
+                changes(&present, &back).iter().for_each(|change| tell("isotherm", format!("note: {change}")));
+            }
+            None => tell("isotherm", "note: the broken table does not show whether the axes turn"),
+        }
+        installation.roll_back()?;
+        print(&format!("{place} is {} again; its successor is kept as {beside}\n", back.digest()))
+    }
+}

@@ -1,0 +1,219 @@
+//! What became of fit, verification and installation, from the journal: also long after the runner has ended.
+
+use super::journal::{self, Entry, JOURNAL, JournalLine, LargestError};
+use super::page::utc;
+use isotherm_failure::Failure;
+use isotherm_files::{WorldWritable, load_table};
+use serde::Serialize;
+use std::fmt::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// What became of the last fit.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Outcome {
+    /// The fit; `None` if there was none.
+    pub fit: Option<Fit>,
+    /// The verification runs, in order.
+    pub verification: Vec<Verification>,
+    /// What of the table no run judges.
+    pub not_judged: Vec<String>,
+    /// The installation; `None` if it has not come to that.
+    pub installation: Option<Installation>,
+}
+
+/// The last fit. Neither digest nor reason: it has begun, and it is running or its process was killed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Fit {
+    /// Unix time of the entry \[s\].
+    pub unix_s: f64,
+    /// Digest of the table.
+    pub digest: Option<String>,
+    /// The bottom line; `None` in the journal of an older version.
+    pub accuracy: Option<String>,
+    /// Why there is no table.
+    pub refused: Option<String>,
+}
+
+/// A judged verification run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verification {
+    /// Unix time of the entry \[s\].
+    pub unix_s: f64,
+    /// The run's file.
+    pub run: String,
+    /// Outer and inner angle of its attitude \[deg\]; `None` in the journal of an older version.
+    pub angles_deg: Option<[f64; 2]>,
+    /// The largest error.
+    pub largest: Option<LargestError>,
+    /// Why the table must not be installed, one reason a line; `None` if nothing speaks against it.
+    pub refused: Option<String>,
+}
+
+/// Whether the table was installed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Installation {
+    /// Unix time of the entry \[s\].
+    pub unix_s: f64,
+    /// The installed file; `None` if the table was left aside.
+    pub file: Option<PathBuf>,
+    /// Digest of the table in that file now; `None` if it cannot be read, or if its path is relative. Another one is there after a rollback.
+    pub present: Option<String>,
+    /// Why the table was left aside, one reason a line. Those of a run are with the run.
+    pub refused: Option<String>,
+}
+
+/// What became of the campaign in `folder`.
+///
+/// # Errors
+/// If the journal cannot be read.
+pub fn outcome(folder: &Path) -> Result<Outcome, Failure> {
+    let (lines, _) = journal::read(&folder.join(JOURNAL))?;
+    let mut outcome = of_lines(&lines);
+    if let Some(installation) = &mut outcome.installation {
+        let file = installation.file.as_ref().filter(|file| file.is_absolute());
+        let table = file.map(|file| load_table(file, None, WorldWritable::Allow));
+        installation.present = table.and_then(Result::ok).map(|(table, _)| table.digest().to_string());
+    }
+    Ok(outcome)
+}
+
+fn of_lines(lines: &[JournalLine]) -> Outcome {
+    let mut outcome = Outcome::default();
+    for JournalLine { unix_s, entry } in lines {
+        let unix_s = *unix_s;
+        let installation = |file, refused| Some(Installation { unix_s, file, present: None, refused });
+        match entry.clone() {
+            Entry::FitBegun => {
+                outcome = Outcome { fit: Some(Fit { unix_s, ..Fit::default() }), ..Outcome::default() };
+            }
+            // An older version does not journal the begin.
+            Entry::Calibrated { digest, accuracy } => {
+                let accuracy = Some(accuracy).filter(|accuracy| !accuracy.is_empty());
+                let fit = Fit { unix_s, digest: Some(digest), accuracy, refused: None };
+                outcome = Outcome { fit: Some(fit), ..Outcome::default() };
+            }
+            Entry::NotCalibrated { reason } => {
+                let fit = Fit { unix_s, refused: Some(reason), ..Fit::default() };
+                outcome = Outcome { fit: Some(fit), ..Outcome::default() };
+            }
+            Entry::Verified { run, angles_deg, largest, refused } => {
+                outcome.verification.push(Verification { unix_s, run, angles_deg, largest, refused });
+            }
+            Entry::NotJudged { reasons } => outcome.not_judged = reasons,
+            Entry::NotInstalled { reason } => outcome.installation = installation(None, Some(reason)),
+            Entry::Installed { file, .. } => outcome.installation = installation(Some(file), None),
+            _ => {}
+        }
+    }
+    outcome
+}
+
+/// One reason as it is, several as indented lines.
+fn listed(reasons: &str) -> String {
+    if reasons.contains('\n') { format!("\n  {}", reasons.replace('\n', "\n  ")) } else { format!(" {reasons}") }
+}
+
+/// One line for each step and reason; empty if there was no fit.
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(fit) = &self.fit else { return Ok(()) };
+        let mut text = format!("fit, {}: ", utc(fit.unix_s));
+        match (&fit.digest, &fit.refused) {
+            (Some(digest), _) => text += digest,
+            (None, Some(reason)) => text += &format!("no table:{}", listed(reason)),
+            (None, None) => text += "begun, without a result yet",
+        }
+        if let Some(accuracy) = &fit.accuracy {
+            text += &format!("\n{accuracy}");
+        }
+        for Verification { run, angles_deg, largest, refused, .. } in &self.verification {
+            let at = angles_deg.map_or_else(String::new, |[outer, inner]| format!(", at {outer}/{inner} deg"));
+            let largest =
+                largest.as_ref().map_or_else(|| "not judged".to_owned(), |largest| format!("largest error {largest}"));
+            let refused = refused.as_ref().map_or_else(String::new, |causes| format!("; refused:{}", listed(causes)));
+            write!(text, "\n{run}{at}: {largest}{refused}")?;
+        }
+        for reason in &self.not_judged {
+            write!(text, "\nnot judged: {reason}")?;
+        }
+        if let Some(installation) = &self.installation {
+            let Installation { unix_s, file, present, refused } = installation;
+            let clock = utc(*unix_s);
+            match file {
+                Some(file) => write!(text, "\ninstalled, {clock}: as {}", file.display())?,
+                None => write!(text, "\nnot installed, {clock}:{}", listed(refused.as_deref().unwrap_or_default()))?,
+            }
+            match (file, present) {
+                (Some(_), Some(digest)) if Some(digest) != fit.digest.as_ref() => {
+                    write!(text, "; {digest} is there now")?;
+                }
+                (Some(file), None) if file.is_absolute() => text += "; there is no whole table now",
+                _ => {}
+            }
+        }
+        for line in text.lines() {
+            writeln!(f, "{line}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(text: &str) -> Outcome {
+        let lines: Vec<_> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        of_lines(&lines)
+    }
+
+    #[test]
+    fn the_last_fit_counts_and_an_older_journal_is_read() {
+        let old = r#"{"unix_s":1.0,"event":"calibrated","digest":"sha256:1"}
+{"unix_s":2.0,"event":"installed","digest":"sha256:1","file":"/imu-a.toml"}"#;
+        let outcome = lines(old);
+        assert_eq!(
+            outcome.to_string(),
+            "fit, 1970-01-01T00:00:01Z: sha256:1\ninstalled, 1970-01-01T00:00:02Z: as /imu-a.toml; there is no whole table now\n"
+        );
+        let begun = lines(&format!("{old}\n{}", r#"{"unix_s":3.0,"event":"fit_begun"}"#));
+        assert_eq!(begun.to_string(), "fit, 1970-01-01T00:00:03Z: begun, without a result yet\n");
+        assert_eq!((begun.installation, begun.verification), (None, Vec::new()));
+        assert_eq!(lines(r#"{"unix_s":1.0,"event":"left"}"#).to_string(), "");
+    }
+
+    #[test]
+    fn every_step_has_its_line_with_the_reason() {
+        let largest = LargestError { of: "A2".to_owned(), error_g0: 3e-6, interval_g0: 1e-7 };
+        let run = |refused: Option<&str>| Entry::Verified {
+            run: "verify-1.csv".to_owned(),
+            angles_deg: refused.map(|_| [50.0, 130.0]),
+            largest: Some(largest.clone()),
+            refused: refused.map(ToOwned::to_owned),
+        };
+        let entries = [
+            Entry::NotCalibrated { reason: "a fault".to_owned() },
+            Entry::FitBegun,
+            Entry::Calibrated { digest: "sha256:2".to_owned(), accuracy: "bias +- 1 ug0".to_owned() },
+            run(None),
+            run(Some("bias")),
+            run(Some("bias\nscale")),
+            Entry::NotJudged { reasons: vec!["K- of A1 was not driven by any run".to_owned()] },
+            Entry::NotInstalled { reason: "verify-2.csv refuses it".to_owned() },
+        ];
+        // As the journal writes and reads them.
+        let written =
+            entries.into_iter().map(|entry| serde_json::to_string(&JournalLine { unix_s: 1.0, entry }).unwrap());
+        let written: Vec<_> = written.collect();
+        assert_eq!(lines(&written[0]).to_string(), "fit, 1970-01-01T00:00:01Z: no table: a fault\n");
+        assert_eq!(
+            lines(&written.join("\n")).to_string(),
+            "fit, 1970-01-01T00:00:01Z: sha256:2\nbias +- 1 ug0\n\
+             verify-1.csv: largest error A2 3.000 +- 0.100e-6 g0\n\
+             verify-1.csv, at 50/130 deg: largest error A2 3.000 +- 0.100e-6 g0; refused: bias\n\
+             verify-1.csv, at 50/130 deg: largest error A2 3.000 +- 0.100e-6 g0; refused:\n  bias\n  scale\n\
+             not judged: K- of A1 was not driven by any run\n\
+             not installed, 1970-01-01T00:00:01Z: verify-2.csv refuses it\n"
+        );
+    }
+}
