@@ -18,7 +18,7 @@ mod gate;
 mod matrix;
 
 use gate::{ANGLES_DEG, Good, Installation, WRONG, faults, gate, install, true_error};
-use isotherm_calibration::alignment::{AlignmentChoice, left_without};
+use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::CalibrationOptions;
 use matrix::{Expected, Mistake, calibrated, correct, mistakes, outcome, without_misalignment};
 use std::collections::{BTreeMap, BTreeSet};
@@ -245,7 +245,7 @@ fn correct_campaigns(count: u64) -> ExitCode {
                 let counts = if error <= WRONG { &mut near } else { &mut far };
                 *counts = [counts[0] + 1, counts[1] + u64::from(!other.is_empty())];
                 if error > factor.bound {
-                    let because = if left_without(&calibration).is_some() {
+                    let because = if calibration.left_without_alignment().is_some() {
                         "without the matrix that the fit asks for"
                     } else if case.schedule.set_points_c.len() <= 3 {
                         "two or three set points"

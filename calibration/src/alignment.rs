@@ -3,7 +3,6 @@
 //! An alignment matrix turns the axes of the output: from the sensors' input axes to the axes of the turntable's table, which the IMU was
 //! mounted on. How the IMU sat on the fixture is part of it. A vehicle that has been boresighted with one choice must keep it.
 
-use crate::calibrate::Calibration;
 use crate::one_stage::Solution;
 use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
@@ -66,12 +65,4 @@ pub fn misalignment(solution: &Solution) -> Matrix3<f64> {
         }
     }
     matrix
-}
-
-/// What a table without an alignment matrix leaves, if the IMU needs one: the largest error at any attitude \[g0\].
-#[must_use]
-pub fn left_without(calibration: &Calibration) -> Option<f64> {
-    let (solution, aligned) = (&calibration.solution, calibration.table.content().alignment.is_some());
-    let across = |axis: usize| solution.axes[axis].misalignment[0].hypot(solution.axes[axis].misalignment[1]);
-    (!aligned && is_needed(solution)).then(|| (0..AXES).map(across).fold(0.0, f64::max))
 }

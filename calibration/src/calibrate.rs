@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: the steps in their order, with the errors that each can end in.
 
-use crate::alignment::{AlignmentChoice, misalignment};
+use crate::alignment::{AlignmentChoice, is_needed, misalignment};
 use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, SetPoint, Severity, check, name, set_points};
 use crate::curve::Curve;
@@ -143,6 +143,17 @@ impl Method {
 }
 
 impl Calibration {
+    /// What a table without an alignment matrix leaves, if the IMU needs one: the largest error at any attitude \[g0\].
+    #[must_use]
+    pub fn left_without_alignment(&self) -> Option<f64> {
+        let aligned = self.table.content().alignment.is_some();
+        let across = |axis: usize| {
+            let [next, after] = self.solution.axes[axis].misalignment;
+            next.hypot(after)
+        };
+        (!aligned && is_needed(&self.solution)).then(|| (0..AXES).map(across).fold(0.0, f64::max))
+    }
+
     /// Residual standard deviation of accelerometer `axis` over all dwells \[g0\].
     #[must_use]
     pub fn residual_sd(&self, axis: usize) -> f64 {

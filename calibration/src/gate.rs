@@ -13,14 +13,14 @@
 pub mod exercised;
 
 use crate::accuracy::Accuracy;
-use crate::alignment::left_without;
 use crate::calibrate::Calibration;
 use crate::campaign::{Block, Dwell};
 use crate::checks::{Finding, name};
 use crate::curve::CONFIDENCE;
 use crate::diagnostics::robust_sd;
+use crate::requirement::Requirement;
 use crate::stability::{MIN_WINDOWS, Stability, Window};
-use crate::verdict::{MIN_GROUP, Requirement, group_interval, groups, mean, noise};
+use crate::verdict::{MIN_GROUP, group_interval, groups, mean, noise};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::AXES;
 
@@ -145,7 +145,7 @@ impl Gate {
     /// Why the table must not be installed, as far as no run is needed to see it.
     #[must_use]
     pub fn refuses_table(&self, calibration: &Calibration, in_force: Option<&CoefficientTable>) -> Vec<Refusal> {
-        let left = left_without(calibration).filter(|left| *left > self.left).map(|left| Refusal {
+        let left = calibration.left_without_alignment().filter(|left| *left > self.left).map(|left| Refusal {
             by: "no alignment",
             cause: format!(
                 "without an alignment matrix, which this IMU needs: misalignments leave up to {:.2}e-6 g0, at most {:.2}e-6 g0 is required; \

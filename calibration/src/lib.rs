@@ -21,6 +21,8 @@ mod quality;
 pub mod reduce;
 pub mod regression;
 pub mod report;
+pub mod requirement;
 pub mod simulate;
 pub mod stability;
 pub mod verdict;
+pub mod window;

@@ -29,6 +29,7 @@ pub use coverage::{Coverage, DRIVEN};
 use crate::campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
 use crate::checks::time::{CLOCK_TOLERANCE, cause, part};
 use crate::verdict::{MIN_GROUP, Verdict};
+pub use crate::window::{MIN_WINDOWS, Window};
 use core::fmt;
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::polynomial::Polynomial;
@@ -43,8 +44,6 @@ const STILL_TOLERANCE: f64 = 1e-3;
 const MAX_UNJUDGED: f64 = 0.01;
 /// Largest difference between the length of the output at rest and gravity \[g0\].
 const GRAVITY_TOLERANCE: f64 = 0.02;
-/// Fewest windows for a standard deviation.
-pub const MIN_WINDOWS: usize = 3;
 /// Fewest windows that a requirement is judged by: two groups.
 const MIN_JUDGED: usize = 2 * MIN_GROUP;
 /// `interval_ns` that differs from the timestamps' steps by more than this part gives a warning.
@@ -119,37 +118,6 @@ impl Setup {
             direction.map(|f| f / length)
         });
         Self { attitude, gravity }
-    }
-}
-
-/// Means over one window.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Window {
-    /// Middle of the window, since the begin of the recording \[s\].
-    pub time_s: f64,
-    /// Sum of its intervals \[s\].
-    pub seconds: f64,
-    /// Output with the coefficients frozen at mid temperature \[g0\].
-    pub before: [f64; AXES],
-    /// Output of the full model \[g0\]; NaN where the table rejects.
-    pub after: [f64; AXES],
-    /// Mean telemetry of the heads.
-    pub head: [f64; AXES],
-    /// Mean telemetry of the boards.
-    pub board: [f64; AXES],
-    /// Whether a sample had any flag other than stale telemetry.
-    pub flagged: bool,
-    /// Whether the window counts for the stability: it is at the attitude.
-    pub counts: bool,
-    /// Whether the IMU was still, at any attitude.
-    pub still: bool,
-}
-
-impl Window {
-    /// Length of the output of the full model \[g0\].
-    #[must_use]
-    pub fn length(&self) -> f64 {
-        self.after.iter().map(|a| a * a).sum::<f64>().sqrt()
     }
 }
 

@@ -204,7 +204,7 @@ fn misalignments_are_refused_in_spite_of_a_wide_bound_unless_it_is_stated() {
         let options = CalibrationOptions { alignment, order: Some(1), ..CalibrationOptions::default() };
         let calibration = calibrate(&campaign, dwells.clone(), options).unwrap();
         let gate = Gate::new(require.parse().unwrap(), &calibration, FORCE).unwrap();
-        let left = left_without(&calibration).unwrap_or_default();
+        let left = calibration.left_without_alignment().unwrap_or_default();
         (gate.require.bias.unwrap(), left, gate.refuses_table(&calibration, None))
     };
     let (bound, left, found) = refusals(AlignmentChoice::Without, "10");

@@ -9,7 +9,6 @@ use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::accuracy::Accuracy;
-use crate::alignment::left_without;
 use crate::calibrate::{Calibration, Method};
 use crate::campaign::{Campaign, Dwell};
 use crate::curve::{CONFIDENCE, student_quantile};
@@ -236,7 +235,7 @@ impl Report<'_> {
         }
         let header = ["Misalignment", "Value", "Standard error", "95 % interval +-"];
         page.table("Misalignments [1e-6 rad]", &header, &rows);
-        page.paragraph(match (self.calibration.table.content().alignment, left_without(self.calibration)) {
+        page.paragraph(match (self.calibration.table.content().alignment, self.calibration.left_without_alignment()) {
             (Some(_), _) => {
                 "The table has the alignment matrix that undoes them. It turns the axes of the output onto those of the turntable: how the IMU sat on \
                  the fixture is part of it."

@@ -2,13 +2,14 @@
 //! `value` and the half width `interval` of an estimate have the unit of its key. Counts, ratios and texts have none. What is not known is null.
 
 use crate::accuracy::{Accuracy, largest_interval};
-use crate::alignment::{is_needed, left_without};
+use crate::alignment::is_needed;
 use crate::calibrate::{Calibration, CalibrationError};
 use crate::checks::{Finding, Severity};
 use crate::curve::CONFIDENCE;
 use crate::order::QUANTITIES;
+use crate::requirement::Requirement;
 use crate::stability::{Coverage, Stability};
-use crate::verdict::{Errors, Requirement};
+use crate::verdict::Errors;
 use isotherm_failure::Failure;
 use isotherm_shared::table::AXIS_NAMES;
 use serde_json::{Value, json};
@@ -58,7 +59,7 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
         "tilt_rad": solution.tilt,
         "alignment": content.alignment.is_some(),
         "alignment_needed": is_needed(solution),
-        "left_without_alignment_g0": left_without(calibration),
+        "left_without_alignment_g0": calibration.left_without_alignment(),
         "accepted": calibration.accepted,
         "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
     })

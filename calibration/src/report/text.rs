@@ -1,12 +1,12 @@
 //! Results as the text that the commands print.
 
 use crate::accuracy::{Accuracy, largest_interval};
-use crate::alignment::left_without;
 use crate::calibrate::Calibration;
 use crate::curve::CONFIDENCE;
 use crate::order::QUANTITIES;
+use crate::requirement::Judgement;
 use crate::stability::{Force, Stability};
-use crate::verdict::{Estimate, Judgement};
+use crate::verdict::Estimate;
 use isotherm_shared::table::AXIS_NAMES;
 use std::fmt::Write as _;
 
@@ -60,7 +60,7 @@ pub fn calibration(calibration: &Calibration) -> String {
     if let Some([x, y]) = calibration.solution.tilt {
         let _ = writeln!(text, "  base tilted by {:.2} and {:.2} [1e-6 rad] about X and Y", x * 1e6, y * 1e6);
     }
-    let _ = match (calibration.table.content().alignment, left_without(calibration)) {
+    let _ = match (calibration.table.content().alignment, calibration.left_without_alignment()) {
         (Some(_), _) => writeln!(text, "  with an alignment matrix; how the IMU sat on the fixture is part of it"),
         (None, Some(left)) => {
             let left = left * 1e6;

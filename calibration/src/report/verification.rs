@@ -3,8 +3,9 @@
 use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
+use crate::requirement::Requirement;
 use crate::stability::{Force, Stability, Window};
-use crate::verdict::{Errors, Estimate, Requirement};
+use crate::verdict::{Errors, Estimate};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 
 /// What the report states besides the table and the stability; only the caller knows it.

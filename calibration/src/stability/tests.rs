@@ -1,8 +1,8 @@
 //! Stability of simulated runs whose truth is known.
 
 use super::*;
+use crate::requirement::Requirement;
 use crate::simulate::{Chain, MISALIGNMENT, Noise, RunSchedule, Truth, run};
-use crate::verdict::Requirement;
 
 fn truth() -> Truth {
     let table = CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None);

@@ -12,15 +12,15 @@
 //! of the table from the same campaign without the mistake.
 
 use crate::matrix::{Case, calibrated};
-use isotherm_calibration::alignment::{AlignmentChoice, left_without};
+use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::checks::{Severity, name};
 use isotherm_calibration::gate::{self, Refusal};
 use isotherm_calibration::positions::{Position, specific_force as direction};
 use isotherm_calibration::report;
+use isotherm_calibration::requirement::Requirement;
 use isotherm_calibration::simulate::{Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
 use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability, StabilityError};
-use isotherm_calibration::verdict::Requirement;
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::table::CoefficientTable;
 use std::collections::BTreeSet;
@@ -131,7 +131,7 @@ pub fn gate(
         }
     };
     found.bound = gate.require.bias.unwrap_or_default();
-    if left_without(calibration).is_some() {
+    if calibration.left_without_alignment().is_some() {
         found.bound = found.bound.min(gate.left);
     }
     gate.refuses_table(calibration, in_force).into_iter().for_each(&mut refuse);

@@ -5,7 +5,7 @@ use crate::parse::seconds;
 use clap::{Args, Subcommand};
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::checks::name;
-use isotherm_calibration::verdict::Requirement;
+use isotherm_calibration::requirement::Requirement;
 use isotherm_campaign::control::{self, Lock, runner_pid, snapshot};
 use isotherm_campaign::finish::Finish;
 use isotherm_campaign::journal::{self, Entry, Journal};

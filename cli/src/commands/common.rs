@@ -1,7 +1,7 @@
 //! What several commands do with their arguments.
 
 use isotherm_calibration::report::json;
-use isotherm_calibration::verdict::Requirement;
+use isotherm_calibration::requirement::Requirement;
 use isotherm_client::{Domain, ImuId, Options};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::print_data;

@@ -6,8 +6,8 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_calibration::provenance::{now, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
+use isotherm_calibration::requirement::Requirement;
 use isotherm_calibration::stability::{Collector, LocalGravity, Setup};
-use isotherm_calibration::verdict::Requirement;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{

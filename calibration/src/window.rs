@@ -1,0 +1,37 @@
+//! Means over the windows of a recording at rest: what stability and verdict are computed from.
+
+use isotherm_shared::wire::AXES;
+
+/// Fewest windows for a standard deviation.
+pub const MIN_WINDOWS: usize = 3;
+
+/// Means over one window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Middle of the window, since the begin of the recording \[s\].
+    pub time_s: f64,
+    /// Sum of its intervals \[s\].
+    pub seconds: f64,
+    /// Output with the coefficients frozen at mid temperature \[g0\].
+    pub before: [f64; AXES],
+    /// Output of the full model \[g0\]; NaN where the table rejects.
+    pub after: [f64; AXES],
+    /// Mean telemetry of the heads.
+    pub head: [f64; AXES],
+    /// Mean telemetry of the boards.
+    pub board: [f64; AXES],
+    /// Whether a sample had any flag other than stale telemetry.
+    pub flagged: bool,
+    /// Whether the window counts for the stability: it is at the attitude.
+    pub counts: bool,
+    /// Whether the IMU was still, at any attitude.
+    pub still: bool,
+}
+
+impl Window {
+    /// Length of the output of the full model \[g0\].
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.after.iter().map(|a| a * a).sum::<f64>().sqrt()
+    }
+}
