@@ -47,8 +47,11 @@ fuzz_target!(|bytes: &[u8]| {
         return;
     }
     for method in [Method::OneStage, Method::TwoStage] {
-        let options =
-            CalibrationOptions { method, alignment: AlignmentChoice::of(method == Method::TwoStage, false), ..CalibrationOptions::default() };
+        let options = CalibrationOptions {
+            method,
+            alignment: AlignmentChoice::of(method == Method::TwoStage, false),
+            ..CalibrationOptions::default()
+        };
         if let Ok(calibration) = calibrate(&campaign, dwells.clone(), options) {
             let table = calibration.table;
             let again = CoefficientTable::from_toml(&table.to_toml(), Some(&campaign.imu));
