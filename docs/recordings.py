@@ -39,9 +39,9 @@ def same(a, b):
 
 
 for stream, suffix in (("raw", ""), ("increment", ".increments")):
-    whole = {column: "uint64" for column in ("recorded_ns", "session", "sequence", "timestamp_ns", "interval_ns", "sent_ns", "telemetry_ns")}
-    csv = pandas.read_csv(f"{name}{suffix}.csv", dtype=whole | {"table": str})
     parquet = pyarrow.parquet.read_table(f"{name}{suffix}.parquet")
+    whole = {field.name: "uint64" if str(field.type).startswith("uint") else str for field in parquet.schema if str(field.type) != "double"}
+    csv = pandas.read_csv(f"{name}{suffix}.csv", dtype=whole)
     types = {str(field.type) for field in parquet.schema}
     assert types <= {"uint64", "uint32", "double", "string"}, types
     assert parquet.schema.metadata[b"isotherm.imu"].decode() == imu

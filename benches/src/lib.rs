@@ -4,6 +4,7 @@
 pub mod statistics;
 
 use isotherm_client::{Domain, Options, RawSample};
+use isotherm_shared::wire::Triad;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::error::Error;
@@ -15,21 +16,28 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// The table that the service starts with.
-pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
+/// The table that the service starts with: that of a whole IMU, with everything that the kernel can have to do.
+pub const TABLE: &str = include_str!("../../examples/tables/imu-whole.toml");
 /// The IMU of [`TABLE`].
-pub const IMU: &str = "imu-paper";
+pub const IMU: &str = "imu-whole";
+/// Time constant of [`TABLE`] \[ns\].
+pub const LAG_NS: u64 = 240_000_000_000;
 /// Longest wait for an answer; after it the bench fails.
 pub const TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The sample that the benches send: an IMU at rest.
 pub fn sample() -> RawSample {
-    RawSample {
-        interval_ns: 2_500_000,
-        positive_pulses: [140, 0, 150],
-        negative_pulses: [0, 110, 0],
+    let telemetry = Triad {
         head_temperature: [2.4, 2.41, 2.42],
         board_temperature: [2.5, 2.51, 2.52],
+        head_lagged: [2.38, 2.39, 2.4],
+        ..Triad::default()
+    };
+    RawSample {
+        interval_ns: 2_500_000,
+        lag_ns: LAG_NS,
+        accelerometers: Triad { positive_pulses: [140, 0, 150], negative_pulses: [0, 110, 0], ..telemetry },
+        gyroscopes: Triad { positive_pulses: [20, 0, 3], negative_pulses: [0, 17, 4], ..telemetry },
         ..RawSample::default()
     }
 }
@@ -100,7 +108,7 @@ impl BenchDomain {
 
     /// The options of clients of this domain.
     pub fn options(&self) -> Options {
-        Options { domain: self.domain.clone(), timeout: TIMEOUT }
+        Options::new(self.domain.clone(), TIMEOUT)
     }
 
     /// Writes `table.toml`, and starts the service for [`IMU`] with it. `settings` is appended to the configuration; keys of the

@@ -15,12 +15,14 @@ static uint64_t now(void)
     return (uint64_t)time.tv_sec * 1000000000u + (uint64_t)time.tv_nsec;
 }
 
+#define TELEMETRY \
+    .head_temperature = {2.4, 2.41, 2.42}, .board_temperature = {2.5, 2.51, 2.52}, .head_lagged = {2.38, 2.39, 2.4}
+
 static const isotherm_raw_sample at_rest = {
     .interval_ns = 2500000,
-    .positive_pulses = {140, 0, 150},
-    .negative_pulses = {0, 110, 0},
-    .head_temperature = {2.4, 2.41, 2.42},
-    .board_temperature = {2.5, 2.51, 2.52},
+    .lag_ns = 240000000000,
+    .accelerometers = {.positive_pulses = {140, 0, 150}, .negative_pulses = {0, 110, 0}, TELEMETRY},
+    .gyroscopes = {.positive_pulses = {20, 0, 3}, .negative_pulses = {0, 17, 4}, TELEMETRY},
 };
 
 /* The duration of one round trip [ns]; 0 if it failed. */
@@ -52,8 +54,9 @@ static uint64_t round_trip(isotherm_acquisition *acquisition)
 int main(int count, char **words)
 {
     isotherm_acquisition *acquisition;
+    isotherm_options options = {.domain = count == 5 ? words[4] : NULL, .timeout_ns = TIMEOUT_NS};
     char line[64];
-    if (count != 5 || isotherm_acquisition_connect(words[2], words[4], TIMEOUT_NS, &acquisition) != ISOTHERM_OK) {
+    if (count != 5 || isotherm_acquisition_connect(words[2], &options, &acquisition) != ISOTHERM_OK) {
         fprintf(stderr, "round_trip.c: %s\n", count == 5 ? isotherm_error_message() : "--imu ID --domain NAME");
         return 1;
     }

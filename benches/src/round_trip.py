@@ -15,10 +15,14 @@ def round_trips(acquisition, count):
         sent = now()
         sample = loan()
         sample.interval_ns = 2_500_000
-        sample.positive_pulses = (140, 0, 150)
-        sample.negative_pulses = (0, 110, 0)
-        sample.head_temperature = (2.4, 2.41, 2.42)
-        sample.board_temperature = (2.5, 2.51, 2.52)
+        for triad, positive, negative in (
+            (sample.accelerometers, (140, 0, 150), (0, 110, 0)),
+            (sample.gyroscopes, (20, 0, 3), (0, 17, 4)),
+        ):
+            triad.positive_pulses = positive
+            triad.negative_pulses = negative
+            triad.head_temperature = (2.4, 2.41, 2.42)
+            triad.board_temperature = (2.5, 2.51, 2.52)
         compensate(sample, 5.0)
         times[index] = now() - sent
     return times

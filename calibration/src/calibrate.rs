@@ -7,6 +7,7 @@ use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, SetPoint, Severity, check, name, set_points};
 use crate::curve::Curve;
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
+use crate::gyroscopes::GyroscopeCalibration;
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
 use crate::order::{BIAS_EFFECT, Choice, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT, choose};
 use crate::positions::{Observability, Position, specific_force};
@@ -24,7 +25,7 @@ use std::path::Path;
 /// Most findings that are listed without being asked for.
 const SHOWN: usize = 10;
 /// Highest order that is considered if none is requested.
-const MAX_AUTO_ORDER: usize = 6;
+pub(crate) const MAX_AUTO_ORDER: usize = 6;
 
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -126,6 +127,8 @@ pub struct Calibration {
     pub outliers: Vec<(usize, usize)>,
     /// Number of the position without which the residuals would fall to a third, if there is one.
     pub suspect_position: Option<u32>,
+    /// The gyroscopes, of a campaign with turns; see [`gyroscopes::calibrate`](crate::gyroscopes::calibrate).
+    pub gyroscopes: Option<GyroscopeCalibration>,
 }
 
 impl Method {
@@ -297,7 +300,7 @@ fn lines(
 }
 
 /// Turns accepted faults into warnings, and adds their names to `accepted`. With `strict` every warning was a fault before.
-fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
+pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
     for finding in findings.iter_mut() {
         if (finding.severity == Severity::Fault || options.strict) && options.accept.contains(&finding.name) {
             finding.severity = Severity::Warning;
@@ -310,7 +313,7 @@ fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut
 }
 
 /// Whether one of the findings is a fault.
-fn any_fault(findings: &[Finding]) -> bool {
+pub(crate) fn any_fault(findings: &[Finding]) -> bool {
     findings.iter().any(|finding| finding.severity == Severity::Fault)
 }
 
@@ -431,6 +434,7 @@ pub fn calibrate(
         solution,
         outliers,
         suspect_position,
+        gyroscopes: None,
     })
 }
 
@@ -549,20 +553,24 @@ fn table(
         Ok(Axis {
             bias_unit: BiasUnit::MicroG0,
             bias: polynomial(0, 1e6)?,
+            transient: 0.0,
             positive_scale_factor: polynomial(1, 1.0)?,
             negative_scale_factor: polynomial(2, 1.0)?,
             max_rate: campaign.max_rate,
         })
     };
     let content = Content {
+        format: 1,
         imu: campaign.imu.clone(),
         serial: campaign.serial.clone(),
         gravity: campaign.gravity_reference,
         temperature_unit: campaign.temperature_unit.clone(),
         out_of_range: campaign.out_of_range,
         max_age_s: campaign.max_age_s,
+        lag_s: None,
         axes: [axis(0)?, axis(1)?, axis(2)?],
         alignment: options.alignment.matrix(solution),
+        gyroscopes: None,
     };
     CoefficientTable::new(content).map_err(CalibrationError::Table)
 }

@@ -5,6 +5,7 @@ mod dwell;
 pub use dwell::{Block, Dwell, DwellSums, RowSteps, range};
 
 use crate::gravity::fault;
+use crate::gyroscopes::turn::{Turn, turns};
 use crate::positions::{Position, SAME_DIRECTION, contradiction, mount, specific_force};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::document::{Document, Faults, Section};
@@ -41,6 +42,10 @@ pub struct Campaign {
     pub positions: Vec<Position>,
     /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`].
     pub mount: Option<Matrix3<f64>>,
+    /// The turns from rest to rest; none if the gyroscopes are not calibrated.
+    pub turns: Vec<Turn>,
+    /// Latitude of the station \[deg\], north positive; always there with turns.
+    pub latitude_deg: Option<f64>,
 }
 
 impl Campaign {
@@ -94,7 +99,7 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     };
     let gravity_reference = gravity("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
     let gravity_local = gravity("gravity_local", "gravity at the station in m/s2");
-    place(root, gravity_local);
+    let latitude_deg = place(root, gravity_local);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES).unwrap_or(OutOfRange::Clamp);
     let positive = |key| {
@@ -130,6 +135,8 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
             position.specific_force = (rotation * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
         }
     }
+    // All keys are asked for before the first one that is missing ends this function.
+    let turns = turns(root, complete.then_some(&positions), mount, latitude_deg);
     Some(Campaign {
         imu: imu?,
         serial,
@@ -141,13 +148,15 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         max_age_s,
         max_rate,
         soak_s,
+        turns: turns?,
         positions: complete.then_some(positions)?,
         mount,
+        latitude_deg,
     })
 }
 
-/// Checks local gravity by the place of the station, if it is stated.
-fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) {
+/// Checks local gravity by the place of the station, if it is stated. Returns the latitude \[deg\].
+fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) -> Option<f64> {
     let ranges = [("latitude_deg", -90.0..=90.0), ("height_m", -1000.0..=9000.0)];
     let [latitude, height] = ranges.map(|(key, range)| {
         let value = root.optional_number(key);
@@ -161,8 +170,11 @@ fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) {
         }
         (None, None) => {}
         _ if root.has("latitude_deg") && root.has("height_m") => {}
+        // The turns of gyroscopes need the latitude alone.
+        (Some(_), None) if root.has("turn") => {}
         _ => root.fault("", "give both latitude_deg and height_m, or neither"),
     }
+    latitude
 }
 
 fn position(section: &Section<'_, '_>) -> Option<Position> {
@@ -229,6 +241,10 @@ pub fn read(
         open &= previous.as_ref().is_some_and(same);
         previous = Some(row);
         let Some(number) = row.position else { continue };
+        // The rows of a turn are those of the gyroscopes.
+        if campaign.turns.iter().any(|turn| turn.start.number == number) {
+            continue;
+        }
         if !open {
             let Some(position) = campaign.positions.iter().position(|position| position.number == number) else {
                 let known: Vec<_> = campaign.positions.iter().map(|position| position.number.to_string()).collect();
@@ -279,12 +295,17 @@ pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<Strin
         }
     }
     for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
-        for (telemetry, name) in [(sample.head_temperature[axis], "head"), (sample.board_temperature[axis], "board")] {
+        for (telemetry, name) in [
+            (sample.accelerometers.head_temperature[axis], "head"),
+            (sample.accelerometers.board_temperature[axis], "board"),
+        ] {
             if !telemetry.is_finite() {
                 return Some(format!("a{}_{name} is {telemetry}, which is no temperature", axis + 1));
             }
         }
-        if sample.positive_pulses[axis] == u32::MAX || sample.negative_pulses[axis] == u32::MAX {
+        if sample.accelerometers.positive_pulses[axis] == u32::MAX
+            || sample.accelerometers.negative_pulses[axis] == u32::MAX
+        {
             return Some(format!("the counter of {accelerometer} is full: saturated"));
         }
     }

@@ -13,6 +13,7 @@ pub mod diagnostics;
 pub mod double_double;
 pub mod gate;
 pub mod gravity;
+pub mod gyroscopes;
 pub mod one_stage;
 pub mod order;
 pub mod positions;

@@ -425,13 +425,13 @@ impl<'a> Collector<'a> {
         }
         open.flagged |= compensation.flags.0 & !Flags::TELEMETRY_STALE.0 != 0;
         for axis in 0..AXES {
-            open.positive[axis] += f64::from(raw.positive_pulses[axis]);
-            open.negative[axis] += f64::from(raw.negative_pulses[axis]);
-            open.head[axis] += raw.head_temperature[axis] * seconds;
-            open.board[axis] += raw.board_temperature[axis] * seconds;
+            open.positive[axis] += f64::from(raw.accelerometers.positive_pulses[axis]);
+            open.negative[axis] += f64::from(raw.accelerometers.negative_pulses[axis]);
+            open.head[axis] += raw.accelerometers.head_temperature[axis] * seconds;
+            open.board[axis] += raw.accelerometers.board_temperature[axis] * seconds;
             open.velocity[axis] += compensation.velocity_increment[axis];
-            self.telemetry[axis][0].add(raw.head_temperature[axis]);
-            self.telemetry[axis][1].add(raw.board_temperature[axis]);
+            self.telemetry[axis][0].add(raw.accelerometers.head_temperature[axis]);
+            self.telemetry[axis][1].add(raw.accelerometers.board_temperature[axis]);
         }
         // The window ends with the sample that brings it nearest to its nominal length.
         if open.seconds + 0.5 * seconds >= self.window_s {
@@ -535,7 +535,7 @@ impl FrozenCoefficients {
         Self([0, 1, 2].map(|index| {
             let (axis, [head, board]) = (&table.content().axes[index], middle[index]);
             [
-                clamped(&axis.bias, head) * axis.bias_unit.in_g0(),
+                clamped(&axis.bias, head) * axis.bias_unit.factor(),
                 clamped(&axis.positive_scale_factor, board),
                 clamped(&axis.negative_scale_factor, board),
             ]

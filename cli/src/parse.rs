@@ -1,6 +1,7 @@
 //! Parsers of option values. clap shows their errors as usage errors.
 
 use isotherm_calibration::positions::Scheme;
+use isotherm_client::TimeConstant;
 use isotherm_shared::table::GRAVITY_RANGE;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
 use std::str::FromStr;
@@ -13,6 +14,15 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
         return Err("give a number of seconds over 0 and up to 1000000".to_owned());
     }
     Ok(Duration::from_secs_f64(seconds))
+}
+
+/// A time constant of lagged telemetry \[ns\]: a number of seconds, or `none` for 0.
+pub fn lag(text: &str) -> Result<u64, String> {
+    if text == "none" {
+        return Ok(0);
+    }
+    let seconds = text.parse().map_err(|_| "give a number of seconds, or none".to_owned())?;
+    TimeConstant::from_seconds(seconds).map(TimeConstant::ns).map_err(|error| error.to_string())
 }
 
 /// Set points \[degC\]. It is a type of its own, because clap takes a plain `Vec` for an option with many values.
@@ -123,6 +133,8 @@ mod tests {
         assert!(direction("0,0,0").is_err() && direction("0,0,-1").is_ok());
         assert!(gravity("9.6").is_err() && gravity("9.81").is_ok());
         assert!(interval("0").is_err() && interval("3601").is_err() && interval("0.01").is_ok());
+        assert_eq!((lag("240"), lag("none"), lag("0.1")), (Ok(240_000_000_000), Ok(0), Ok(100_000_000)));
+        assert!(["0", "0.09", "86401", "-1", "nan", "None", ""].into_iter().all(|text| lag(text).is_err()));
         assert!(ramp("0").is_err() && ramp("20").is_ok());
     }
 }

@@ -1,17 +1,19 @@
 /*
  * Isotherm: an acquisition process in C, or a reader of increments.
  *
+ *     isotherm_options options = {.timeout_ns = 5000000000, .serial = "SN 42"};
  *     isotherm_acquisition *acquisition;
- *     if (isotherm_acquisition_connect("imu-a", NULL, 5000000000, &acquisition) != ISOTHERM_OK) {
+ *     if (isotherm_acquisition_connect("imu-a", &options, &acquisition) != ISOTHERM_OK) {
  *         fprintf(stderr, "%s\n", isotherm_error_message());
  *         return 1;
  *     }
  *     isotherm_raw_sample *sample;
  *     isotherm_compensated_increment increment;
+ *     isotherm_reading(acquisition, 0, 2.513, 1000000);      // a new temperature of A1; the same for the other sensors
  *     if (isotherm_loan(acquisition, &sample) == ISOTHERM_OK) {
- *         sample->interval_ns = 2500000;                     // and pulses, telemetry, timestamp
+ *         sample->interval_ns = 2500000;                     // and timestamps, pulses, telemetry
  *         if (isotherm_compensate(acquisition, sample, 10000000, &increment) == ISOTHERM_OK)
- *             printf("%g m/s\n", increment.velocity_increment[0]);
+ *             printf("%g m/s, %g rad\n", increment.velocity_increment[0], increment.angle_increment[0]);
  *     }
  *     isotherm_acquisition_close(acquisition);
  *
@@ -65,117 +67,242 @@
 /**
  * Head telemetry of A1 below the bias range.
  */
-#define ISOTHERM_FLAG_A1_HEAD_BELOW (1 << 0)
+#define ISOTHERM_FLAG_A1_HEAD_BELOW (UINT64_C(1) << 0)
 
 /**
  * Head telemetry of A2 below the bias range.
  */
-#define ISOTHERM_FLAG_A2_HEAD_BELOW (1 << 1)
+#define ISOTHERM_FLAG_A2_HEAD_BELOW (UINT64_C(1) << 1)
 
 /**
  * Head telemetry of A3 below the bias range.
  */
-#define ISOTHERM_FLAG_A3_HEAD_BELOW (1 << 2)
+#define ISOTHERM_FLAG_A3_HEAD_BELOW (UINT64_C(1) << 2)
 
 /**
  * Head telemetry of A1 above the bias range.
  */
-#define ISOTHERM_FLAG_A1_HEAD_ABOVE (1 << 3)
+#define ISOTHERM_FLAG_A1_HEAD_ABOVE (UINT64_C(1) << 3)
 
 /**
  * Head telemetry of A2 above the bias range.
  */
-#define ISOTHERM_FLAG_A2_HEAD_ABOVE (1 << 4)
+#define ISOTHERM_FLAG_A2_HEAD_ABOVE (UINT64_C(1) << 4)
 
 /**
  * Head telemetry of A3 above the bias range.
  */
-#define ISOTHERM_FLAG_A3_HEAD_ABOVE (1 << 5)
+#define ISOTHERM_FLAG_A3_HEAD_ABOVE (UINT64_C(1) << 5)
 
 /**
  * Board telemetry of A1 below the range of K+ or K-.
  */
-#define ISOTHERM_FLAG_A1_BOARD_BELOW (1 << 6)
+#define ISOTHERM_FLAG_A1_BOARD_BELOW (UINT64_C(1) << 6)
 
 /**
  * Board telemetry of A2 below the range of K+ or K-.
  */
-#define ISOTHERM_FLAG_A2_BOARD_BELOW (1 << 7)
+#define ISOTHERM_FLAG_A2_BOARD_BELOW (UINT64_C(1) << 7)
 
 /**
  * Board telemetry of A3 below the range of K+ or K-.
  */
-#define ISOTHERM_FLAG_A3_BOARD_BELOW (1 << 8)
+#define ISOTHERM_FLAG_A3_BOARD_BELOW (UINT64_C(1) << 8)
 
 /**
  * Board telemetry of A1 above the range of K+ or K-.
  */
-#define ISOTHERM_FLAG_A1_BOARD_ABOVE (1 << 9)
+#define ISOTHERM_FLAG_A1_BOARD_ABOVE (UINT64_C(1) << 9)
 
 /**
  * Board telemetry of A2 above the range of K+ or K-.
  */
-#define ISOTHERM_FLAG_A2_BOARD_ABOVE (1 << 10)
+#define ISOTHERM_FLAG_A2_BOARD_ABOVE (UINT64_C(1) << 10)
 
 /**
  * Board telemetry of A3 above the range of K+ or K-.
  */
-#define ISOTHERM_FLAG_A3_BOARD_ABOVE (1 << 11)
+#define ISOTHERM_FLAG_A3_BOARD_ABOVE (UINT64_C(1) << 11)
 
 /**
  * Telemetry of A1 NaN or infinite; the increment is NaN under any policy.
  */
-#define ISOTHERM_FLAG_A1_NOT_FINITE (1 << 12)
+#define ISOTHERM_FLAG_A1_NOT_FINITE (UINT64_C(1) << 12)
 
 /**
  * Telemetry of A2 NaN or infinite; the increment is NaN under any policy.
  */
-#define ISOTHERM_FLAG_A2_NOT_FINITE (1 << 13)
+#define ISOTHERM_FLAG_A2_NOT_FINITE (UINT64_C(1) << 13)
 
 /**
  * Telemetry of A3 NaN or infinite; the increment is NaN under any policy.
  */
-#define ISOTHERM_FLAG_A3_NOT_FINITE (1 << 14)
+#define ISOTHERM_FLAG_A3_NOT_FINITE (UINT64_C(1) << 14)
 
 /**
  * More pulses per second on A1 than the table's `max_rate`.
  */
-#define ISOTHERM_FLAG_A1_RATE (1 << 15)
+#define ISOTHERM_FLAG_A1_RATE (UINT64_C(1) << 15)
 
 /**
  * More pulses per second on A2 than the table's `max_rate`.
  */
-#define ISOTHERM_FLAG_A2_RATE (1 << 16)
+#define ISOTHERM_FLAG_A2_RATE (UINT64_C(1) << 16)
 
 /**
  * More pulses per second on A3 than the table's `max_rate`.
  */
-#define ISOTHERM_FLAG_A3_RATE (1 << 17)
+#define ISOTHERM_FLAG_A3_RATE (UINT64_C(1) << 17)
 
 /**
- * Interval 0 or over ISOTHERM_MAX_INTERVAL_NS; the increment is NaN.
+ * Interval 0 or over ISOTHERM_MAX_INTERVAL_NS; the increments are NaN.
  */
-#define ISOTHERM_FLAG_INTERVAL (1 << 18)
+#define ISOTHERM_FLAG_INTERVAL (UINT64_C(1) << 18)
 
 /**
- * The IMU is served without a table (`--allow-uncalibrated`); the increment is NaN.
+ * The IMU is served without a table (`--allow-uncalibrated`); the increments are NaN.
  */
-#define ISOTHERM_FLAG_NO_TABLE (1 << 19)
+#define ISOTHERM_FLAG_NO_TABLE (UINT64_C(1) << 19)
 
 /**
  * The telemetry is older than the table's `max_age_s`.
  */
-#define ISOTHERM_FLAG_TELEMETRY_STALE (1 << 20)
+#define ISOTHERM_FLAG_TELEMETRY_STALE (UINT64_C(1) << 20)
+
+/**
+ * A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is not
+ * finite or larger than the bias's range.
+ */
+#define ISOTHERM_FLAG_LAG_UNKNOWN (UINT64_C(1) << 21)
+
+/**
+ * The sample is of another unit than the table's.
+ */
+#define ISOTHERM_FLAG_OTHER_DEVICE (UINT64_C(1) << 22)
+
+/**
+ * A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
+ */
+#define ISOTHERM_FLAG_G_UNKNOWN (UINT64_C(1) << 23)
 
 /**
  * Samples of this session are missing before this one.
  */
-#define ISOTHERM_FLAG_GAP (1 << 24)
+#define ISOTHERM_FLAG_GAP (UINT64_C(1) << 24)
 
 /**
  * The latency was over the configured budget.
  */
-#define ISOTHERM_FLAG_LATE (1 << 25)
+#define ISOTHERM_FLAG_LATE (UINT64_C(1) << 25)
+
+/**
+ * Head telemetry of G1 below the bias range.
+ */
+#define ISOTHERM_FLAG_G1_HEAD_BELOW (UINT64_C(1) << 32)
+
+/**
+ * Head telemetry of G2 below the bias range.
+ */
+#define ISOTHERM_FLAG_G2_HEAD_BELOW (UINT64_C(1) << 33)
+
+/**
+ * Head telemetry of G3 below the bias range.
+ */
+#define ISOTHERM_FLAG_G3_HEAD_BELOW (UINT64_C(1) << 34)
+
+/**
+ * Head telemetry of G1 above the bias range.
+ */
+#define ISOTHERM_FLAG_G1_HEAD_ABOVE (UINT64_C(1) << 35)
+
+/**
+ * Head telemetry of G2 above the bias range.
+ */
+#define ISOTHERM_FLAG_G2_HEAD_ABOVE (UINT64_C(1) << 36)
+
+/**
+ * Head telemetry of G3 above the bias range.
+ */
+#define ISOTHERM_FLAG_G3_HEAD_ABOVE (UINT64_C(1) << 37)
+
+/**
+ * Board telemetry of G1 below the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_G1_BOARD_BELOW (UINT64_C(1) << 38)
+
+/**
+ * Board telemetry of G2 below the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_G2_BOARD_BELOW (UINT64_C(1) << 39)
+
+/**
+ * Board telemetry of G3 below the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_G3_BOARD_BELOW (UINT64_C(1) << 40)
+
+/**
+ * Board telemetry of G1 above the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_G1_BOARD_ABOVE (UINT64_C(1) << 41)
+
+/**
+ * Board telemetry of G2 above the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_G2_BOARD_ABOVE (UINT64_C(1) << 42)
+
+/**
+ * Board telemetry of G3 above the range of K+ or K-.
+ */
+#define ISOTHERM_FLAG_G3_BOARD_ABOVE (UINT64_C(1) << 43)
+
+/**
+ * Telemetry of G1 NaN or infinite; the increment is NaN under any policy.
+ */
+#define ISOTHERM_FLAG_G1_NOT_FINITE (UINT64_C(1) << 44)
+
+/**
+ * Telemetry of G2 NaN or infinite; the increment is NaN under any policy.
+ */
+#define ISOTHERM_FLAG_G2_NOT_FINITE (UINT64_C(1) << 45)
+
+/**
+ * Telemetry of G3 NaN or infinite; the increment is NaN under any policy.
+ */
+#define ISOTHERM_FLAG_G3_NOT_FINITE (UINT64_C(1) << 46)
+
+/**
+ * More pulses per second on G1 than the table's `max_rate`.
+ */
+#define ISOTHERM_FLAG_G1_RATE (UINT64_C(1) << 47)
+
+/**
+ * More pulses per second on G2 than the table's `max_rate`.
+ */
+#define ISOTHERM_FLAG_G2_RATE (UINT64_C(1) << 48)
+
+/**
+ * More pulses per second on G3 than the table's `max_rate`.
+ */
+#define ISOTHERM_FLAG_G3_RATE (UINT64_C(1) << 49)
+
+/**
+ * Number of sensors: A1, A2, A3, G1, G2, G3 have the numbers 0 to 5.
+ */
+#define ISOTHERM_SENSORS 6
+
+/**
+ * For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
+ *
+ * It is read from the status of the service when the acquisition connects, and again when an increment is flagged
+ * ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
+ * waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
+ */
+#define ISOTHERM_LAG_SERVICE 0.0
+
+/**
+ * For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
+ */
+#define ISOTHERM_LAG_NONE (-1.0)
 
 /**
  * Result of a call: 0 is success, positive codes are part of normal operation, negative codes are errors. The numbers
@@ -278,6 +405,14 @@ enum isotherm_code
      * report the fault, with the text on stderr.
      */
     ISOTHERM_ERROR_INTERNAL = -18,
+    /**
+     * A value that cannot be: the number of a sensor, a time constant, or a serial number that is not UTF-8.
+     */
+    ISOTHERM_ERROR_VALUE = -19,
+    /**
+     * A process of another version of Isotherm has made the streams.
+     */
+    ISOTHERM_ERROR_OTHER_VERSION = -20,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -299,6 +434,55 @@ typedef struct isotherm_acquisition isotherm_acquisition;
  * in `sequence`.
  */
 typedef struct isotherm_reader isotherm_reader;
+
+/**
+ * How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default; a time-out of 0 does not wait.
+ */
+typedef struct {
+    /**
+     * Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
+     */
+    const char *domain;
+    /**
+     * How long connecting may take [ns]. This includes waiting for a service that has not started yet.
+     */
+    uint64_t timeout_ns;
+    /**
+     * Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the table's. Outer
+     * blanks do not count.
+     */
+    const char *serial;
+    /**
+     * Time constant of the lagged telemetry [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
+     */
+    double lag_s;
+} isotherm_options;
+
+/**
+ * What three sensors of one kind, accelerometers or gyroscopes, have measured in a control period.
+ */
+typedef struct {
+    /**
+     * Pulses of the positive channel in Ts (N+).
+     */
+    uint32_t positive_pulses[3];
+    /**
+     * Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
+     */
+    uint32_t negative_pulses[3];
+    /**
+     * Telemetry of the sensing element, in the table's unit; it drives the bias.
+     */
+    double head_temperature[3];
+    /**
+     * Telemetry of the converter board, in the table's unit; it drives both scale factors.
+     */
+    double board_temperature[3];
+    /**
+     * The head telemetry behind a first-order lag of `lag_ns` of the sample, in the table's unit; unused if that is 0.
+     */
+    double head_lagged[3];
+} isotherm_triad;
 
 /**
  * One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
@@ -329,21 +513,21 @@ typedef struct {
      */
     uint64_t telemetry_ns;
     /**
-     * Pulses of the positive channel in Ts (N+).
+     * Time constant of the lagged telemetry [ns]; 0 = there is none.
      */
-    uint32_t positive_pulses[3];
+    uint64_t lag_ns;
     /**
-     * Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
+     * Which unit this is: isotherm_device() of its serial number; 0 = unknown.
      */
-    uint32_t negative_pulses[3];
+    uint64_t device;
     /**
-     * Telemetry of the sensor head, in the table's unit; it drives the bias.
+     * A1, A2, A3.
      */
-    double head_temperature[3];
+    isotherm_triad accelerometers;
     /**
-     * Telemetry of the converter board, in the table's unit; it drives both scale factors.
+     * G1, G2, G3; all zero where the IMU has none.
      */
-    double board_temperature[3];
+    isotherm_triad gyroscopes;
 } isotherm_raw_sample;
 
 /**
@@ -371,37 +555,67 @@ typedef struct {
      */
     double velocity_increment[3];
     /**
+     * Angle increment over Ts [rad]; NaN where it could not be computed, and where the table has no gyroscopes.
+     */
+    double angle_increment[3];
+    /**
      * Which coefficients were used: the first 8 bytes of the table's digest, big-endian; 0 without a table.
      */
     uint64_t table;
     /**
      * ISOTHERM_FLAG_.., joined by |; isotherm_flags_text names them.
      */
-    uint32_t flags;
+    uint64_t flags;
     /**
-     * Time from the raw sample's `sent_ns` to just before publishing [ns], saturating. If `sent_ns` is unknown, the time
-     * counts from when the service found the sample.
+     * Time from the raw sample's `sent_ns` to just before publishing [ns]. If `sent_ns` is unknown, the time counts from when the
+     * service found the sample.
      */
-    uint32_t latency_ns;
+    uint64_t latency_ns;
 } isotherm_compensated_increment;
+
+/**
+ * The state of one sensor's lag: its last reading, and the lagged telemetry at that time.
+ */
+typedef struct {
+    /**
+     * When the telemetry was measured, on the acquisition's clock [ns].
+     */
+    uint64_t time_ns;
+    /**
+     * Head telemetry, in the table's unit.
+     */
+    double telemetry;
+    /**
+     * Lagged telemetry, in the table's unit; NaN before the first reading.
+     */
+    double lagged;
+} isotherm_lagged_reading;
+
+/**
+ * The state of an acquisition's lag. It may be saved as its bytes: it has no padding, and every bit pattern is valid.
+ */
+typedef struct {
+    /**
+     * A1, A2, A3, G1, G2, G3.
+     */
+    isotherm_lagged_reading sensors[ISOTHERM_SENSORS];
+} isotherm_lag;
 
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
 
 /**
- * Connects as the acquisition of an IMU, waiting up to `timeout_ns` for the service if necessary.
+ * Connects as the acquisition of an IMU, waiting for the service if necessary.
  *
- * `imu` is the IMU's name. `domain` is the name of the service's domain. If it is NULL, the environment variable
- * ISOTHERM_DOMAIN names the domain, else it is "default". The handle is written to `*acquisition`; NULL is written if the call
- * fails. Close the handle with isotherm_acquisition_close.
+ * `imu` is the IMU's name. If `options` is NULL, all have their defaults, and the time-out is 5 s. The handle is written to
+ * `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
- * .._TRANSPORT.
+ * .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, or a `lag_s` that is no time constant.
  */
 isotherm_code isotherm_acquisition_connect(const char *imu,
-                                           const char *domain,
-                                           uint64_t timeout_ns,
+                                           const isotherm_options *options,
                                            isotherm_acquisition **acquisition);
 
 /**
@@ -415,8 +629,9 @@ isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
  * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or discarded,
  * or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`. If samples were lost before they
- * could be sent, raise `sequence` by their number; the service then flags the gap.
+ * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what isotherm_reading is
+ * for: `lag_ns` and `head_lagged`. If samples were lost before they could be sent, raise `sequence` by their number; the service then
+ * flags the gap.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
  */
@@ -431,14 +646,16 @@ isotherm_code isotherm_loan(isotherm_acquisition *acquisition,
 isotherm_code isotherm_discard(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
+ * Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and `lag_ns` with the
+ * lagged telemetry, where they are 0.
  *
  * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
  *
  * ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE, ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
+isotherm_code isotherm_send(isotherm_acquisition *acquisition,
+                            isotherm_raw_sample *sample);
 
 /**
  * The increment of the oldest unanswered sample, if it has come. Does not wait.
@@ -488,7 +705,7 @@ size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 uint64_t isotherm_session(const isotherm_acquisition *acquisition);
 
 /**
- * Begins a new session: the next sample may have any sequence.
+ * Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless isotherm_restore_lag follows.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
  */
@@ -501,16 +718,56 @@ isotherm_code isotherm_begin_session(isotherm_acquisition *acquisition);
 const char *isotherm_error_message(void);
 
 /**
- * Creates a reader that connects when the service has started; does not wait for it. Arguments as for
- * isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
+ * Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every sample that is sent
+ * later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
+ *
+ * `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new measurement, not for
+ * each sample. A value that is not finite, or has the time of the last reading, is no reading. docs/lag.md has the formula.
+ *
+ * This is not part of the sending path. If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this
+ * call and the next one read the status, which allocates and makes system calls, but does not wait.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
+ */
+isotherm_code isotherm_reading(isotherm_acquisition *acquisition,
+                               uint32_t sensor,
+                               double telemetry,
+                               uint64_t time_ns);
+
+/**
+ * The time constant that samples are sent with [ns]; 0 while there is none, and for a handle that cannot be used.
+ */
+uint64_t isotherm_lag_ns(const isotherm_acquisition *acquisition);
+
+/**
+ * Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with it.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isotherm_lag *lag);
+
+/**
+ * Goes on with a state that was saved, on the same clock, as if there had been no pause. Sensors whose telemetry or lagged telemetry is
+ * not finite have had no reading.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition,
+                                   const isotherm_lag *lag);
+
+/**
+ * Creates a reader that connects when the service has started; does not wait for it. `domain` is as in isotherm_options. Close the
+ * handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME.
  */
-isotherm_code isotherm_reader_new(const char *imu, const char *domain, isotherm_reader **reader);
+isotherm_code isotherm_reader_new(const char *imu,
+                                  const char *domain,
+                                  isotherm_reader **reader);
 
 /**
- * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. Arguments as for
- * isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
+ * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. `domain` is as in isotherm_options. Close the
+ * handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
  */
@@ -578,10 +835,16 @@ isotherm_code isotherm_realtime(int32_t core,
                                 uint64_t timer_slack_ns);
 
 /**
- * Adds the next control period to a sample: pulses and intervals are summed, timestamp and telemetry become the later
+ * The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the SHA-256 of its UTF-8,
+ * big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not UTF-8.
+ */
+uint64_t isotherm_device(const char *serial);
+
+/**
+ * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
  * ones, session, sequence and `sent_ns` stay. `later` does not change.
  *
- * The velocity increment is linear in pulses and interval, so no velocity is lost if the temperature is the same in both
+ * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
  * periods. Use it when the service had no room for a sample.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
@@ -592,10 +855,10 @@ isotherm_code isotherm_merge(isotherm_raw_sample *sample,
 /**
  * Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name
  * are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the length of the whole text
- * without that 0; if it is not less than `size`, the text has been cut off. 512 bytes are always enough. `text` may be NULL if
+ * without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are always enough. `text` may be NULL if
  * `size` is 0.
  */
-size_t isotherm_flags_text(uint32_t flags,
+size_t isotherm_flags_text(uint64_t flags,
                            char *text,
                            size_t size);
 
@@ -609,26 +872,34 @@ size_t isotherm_flags_text(uint32_t flags,
 #else
 #define ISOTHERM_ASSERT(condition) _Static_assert(condition, #condition)
 #endif
-ISOTHERM_ASSERT(sizeof(isotherm_raw_sample) == 120);
+ISOTHERM_ASSERT(sizeof(isotherm_triad) == 96);
+ISOTHERM_ASSERT(offsetof(isotherm_triad, positive_pulses) == 0);
+ISOTHERM_ASSERT(offsetof(isotherm_triad, negative_pulses) == 12);
+ISOTHERM_ASSERT(offsetof(isotherm_triad, head_temperature) == 24);
+ISOTHERM_ASSERT(offsetof(isotherm_triad, board_temperature) == 48);
+ISOTHERM_ASSERT(offsetof(isotherm_triad, head_lagged) == 72);
+ISOTHERM_ASSERT(sizeof(isotherm_raw_sample) == 256);
 ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, session) == 0);
 ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, sequence) == 8);
 ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, timestamp_ns) == 16);
 ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, interval_ns) == 24);
 ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, sent_ns) == 32);
 ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, telemetry_ns) == 40);
-ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, positive_pulses) == 48);
-ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, negative_pulses) == 60);
-ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, head_temperature) == 72);
-ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, board_temperature) == 96);
-ISOTHERM_ASSERT(sizeof(isotherm_compensated_increment) == 72);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, lag_ns) == 48);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, device) == 56);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, accelerometers) == 64);
+ISOTHERM_ASSERT(offsetof(isotherm_raw_sample, gyroscopes) == 160);
+ISOTHERM_ASSERT(sizeof(isotherm_compensated_increment) == 104);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, session) == 0);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, sequence) == 8);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, timestamp_ns) == 16);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, interval_ns) == 24);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, velocity_increment) == 32);
-ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, table) == 56);
-ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 64);
-ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 68);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, angle_increment) == 56);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, table) == 80);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 88);
+ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 96);
+ISOTHERM_ASSERT(sizeof(isotherm_lagged_reading) == 24 && sizeof(isotherm_lag) == 144);
 #undef ISOTHERM_ASSERT
 
 #endif /* ISOTHERM_H */

@@ -1,10 +1,11 @@
 // Isotherm for C++17: isotherm.h with handles that close themselves, exceptions, durations and optionals.
 //
-//     isotherm::Acquisition acquisition("imu-a");
+//     isotherm::Acquisition acquisition("imu-a", {.serial = "SN 42"});     // from C++20 on; before, set the fields of an Options
+//     acquisition.reading(0, 2.513, 1'000'000);            // a new temperature of A1; the same for the other sensors
 //     auto sample = acquisition.loan();                    // in shared memory
-//     sample->interval_ns = 2'500'000;                     // and pulses, telemetry, timestamp
+//     sample->interval_ns = 2'500'000;                     // and timestamps, pulses, telemetry
 //     if (auto increment = acquisition.compensate(sample, 10ms))
-//         use(increment->velocity_increment);
+//         use(increment->velocity_increment, increment->angle_increment);
 //
 // Errors are thrown as isotherm::Error, with the code and message of isotherm.h. Results that are part of normal operation are
 // returned: no increment yet, a full queue, no answer in time. The rules for threads and processes are those of isotherm.h.
@@ -25,8 +26,10 @@
 
 namespace isotherm {
 
+using Triad = isotherm_triad;
 using RawSample = isotherm_raw_sample;
 using CompensatedIncrement = isotherm_compensated_increment;
+using Lag = isotherm_lag;
 
 /// An error: a code, usually negative, and its message.
 class Error : public std::runtime_error {
@@ -60,12 +63,16 @@ inline std::optional<CompensatedIncrement> some(isotherm_code code, const Compen
 
 }  // namespace detail
 
-/// How to reach a service.
+/// How to reach a service, and what an acquisition tells it. Readers use domain and time-out.
 struct Options {
     /// The name of its domain. If it is not set, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
     std::optional<std::string> domain = std::nullopt;
     /// How long connecting may take. This includes waiting for a service that has not started yet.
     std::chrono::nanoseconds timeout = std::chrono::seconds(5);
+    /// Serial number of the unit whose samples an acquisition sends, in UTF-8. The service flags samples of another unit than the table's.
+    std::optional<std::string> serial = std::nullopt;
+    /// Time constant of the lagged telemetry of an acquisition [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
+    double lag_s = ISOTHERM_LAG_SERVICE;
 
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
 };
@@ -134,9 +141,32 @@ public:
     explicit Acquisition(const std::string &imu, const Options &options = {})
     {
         isotherm_acquisition *handle = nullptr;
-        detail::check(isotherm_acquisition_connect(imu.c_str(), options.domain_or_null(), detail::count(options.timeout), &handle));
+        const char *serial = options.serial ? options.serial->c_str() : nullptr;
+        const isotherm_options given = {options.domain_or_null(), detail::count(options.timeout), serial, options.lag_s};
+        detail::check(isotherm_acquisition_connect(imu.c_str(), &given, &handle));
         handle_.reset(handle);
     }
+
+    /// Takes a new reading of a sensor's head telemetry, measured at `time_ns` on your clock. `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3.
+    /// Call it once for each new measurement of every sensor, not for each sample. Not part of the sending path.
+    void reading(std::uint32_t sensor, double telemetry, std::uint64_t time_ns)
+    {
+        detail::check(isotherm_reading(handle_.get(), sensor, telemetry, time_ns));
+    }
+
+    /// The time constant that samples are sent with [ns]; 0 while there is none.
+    std::uint64_t lag_ns() const noexcept { return isotherm_lag_ns(handle_.get()); }
+
+    /// The state of the lag. Save it after each reading if a successor of this process shall go on with it.
+    [[nodiscard]] Lag lag() const
+    {
+        Lag lag;
+        detail::check(isotherm_save_lag(handle_.get(), &lag));
+        return lag;
+    }
+
+    /// Goes on with a state that was saved, on the same clock.
+    void restore_lag(const Lag &saved) { detail::check(isotherm_restore_lag(handle_.get(), &saved)); }
 
     /// Loans a sample to fill in. `session` and `sequence` are set already.
     [[nodiscard]] Sample loan()
@@ -177,7 +207,7 @@ public:
     std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
     /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
-    /// Begins a new session: the next sample may have any sequence. Throws if samples are unanswered.
+    /// Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless it is restored. Throws if samples are unanswered.
     void begin_session() { detail::check(isotherm_begin_session(handle_.get())); }
 
 private:
@@ -247,12 +277,15 @@ private:
 inline void merge(RawSample &sample, const RawSample &later) { detail::check(isotherm_merge(&sample, &later)); }
 
 /// The names of flags joined by `|`, or `-`.
-inline std::string flags_text(std::uint32_t flags)
+inline std::string flags_text(std::uint64_t flags)
 {
     std::string text(isotherm_flags_text(flags, nullptr, 0), '\0');
     isotherm_flags_text(flags, text.data(), text.size() + 1);
     return text;
 }
+
+/// The number of the unit with this serial number, which every sample carries in `device`.
+inline std::uint64_t device(const std::string &serial) noexcept { return isotherm_device(serial.c_str()); }
 
 /// Real-time settings of the calling thread. A setting that is not given stays unchanged.
 struct Realtime {

@@ -1,8 +1,11 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
+//!
+//! Over 400 lines: every method works on the same ports, pending samples and recovery.
 
 use crate::clock::{Clock, monotonic_ns};
-use crate::connect::{Options, absent, deadline, join_existing, retry_until};
-use crate::error::{ConnectError, permission};
+use crate::connect::{Options, absent, deadline, join_existing, retry_until, unopened};
+use crate::error::ConnectError;
+use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, publisher_of};
@@ -13,11 +16,11 @@ use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::sample_mut::SampleMut;
-use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe;
+use isotherm_shared::lag::Lag;
 use isotherm_shared::sequence::rises;
-use isotherm_shared::stream::{ImuId, Ipc, IpcNode};
-use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
+use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
 use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -44,18 +47,22 @@ const LOANS: usize = 4;
 #[derive(Debug)]
 pub struct Acquisition {
     imu: ImuId,
+    domain: Domain,
+    /// Number of the unit, for every sample.
+    device: u64,
     session: u64,
     /// Of the last sample of this session.
     last_sequence: Option<u64>,
     pending: Pending,
     clock: Clock,
     recovery: Recovery,
+    lag: AcquisitionLag,
     spare: Option<SampleMut<Ipc, RawSample, ()>>,
     publisher: Publisher<Ipc, RawSample, ()>,
     subscriber: Subscriber<Ipc, CompensatedIncrement, ()>,
     notifier: Notifier<Ipc>,
     increments: publish_subscribe::PortFactory<Ipc, CompensatedIncrement, ()>,
-    _node: IpcNode,
+    node: IpcNode,
 }
 
 /// Which service the unanswered samples were sent to, and when samples were resent.
@@ -85,7 +92,9 @@ impl Acquisition {
         let node = retry_until(deadline, || join_existing(&options.domain))?;
         let parts = retry_until(deadline, || Self::attach(&node, imu, options))?;
         reserve(&options.domain)?;
-        Ok(parts(node))
+        let mut acquisition = parts(node);
+        acquisition.lag.connect(&acquisition.node, &options.domain, imu);
+        Ok(acquisition)
     }
 
     fn attach(
@@ -94,14 +103,14 @@ impl Acquisition {
         options: &Options,
     ) -> Result<impl FnOnce(IpcNode) -> Self + use<>, ConnectError> {
         refuse_foreign(&options.domain)?;
-        let open = |error| match error {
-            PublishSubscribeOpenError::DoesNotExist => absent(node, &options.domain, imu),
-            PublishSubscribeOpenError::InsufficientPermissions => permission(&options.domain, None),
-            other => ConnectError::transport("opening the streams", other),
-        };
-        let raw = node.service_builder(&imu.raw()).publish_subscribe::<RawSample>().open().map_err(open)?;
-        let increments =
-            node.service_builder(&imu.increment()).publish_subscribe::<CompensatedIncrement>().open().map_err(open)?;
+        let failed = |stream| move |error| unopened(node, &options.domain, imu, stream, error);
+        let (raw, increments) = (&imu.raw(), &imu.increment());
+        let raw = node.service_builder(raw).publish_subscribe::<RawSample>().open().map_err(failed(raw))?;
+        let increments = node
+            .service_builder(increments)
+            .publish_subscribe::<CompensatedIncrement>()
+            .open()
+            .map_err(failed(increments))?;
         let wake = node.service_builder(&imu.wake()).event().open();
         let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
         // The service creates its increment publisher last. When it exists, the service is ready.
@@ -129,9 +138,13 @@ impl Acquisition {
         })?;
         let notifier = wake.notifier_builder().create();
         let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
-        let imu = imu.clone();
+        let (imu, domain) = (imu.clone(), options.domain.clone());
+        let device = options.serial.as_deref().map_or(0, device);
+        let lag = AcquisitionLag::new(options.lag);
         Ok(move |node| Self {
             imu,
+            domain,
+            device,
             session: random(),
             last_sequence: None,
             pending: Pending::new(depth),
@@ -145,12 +158,13 @@ impl Acquisition {
                 resent_ns: 0,
                 progress: false,
             },
+            lag,
             spare: None,
             publisher,
             subscriber,
             notifier,
             increments,
-            _node: node,
+            node,
         })
     }
 
@@ -166,7 +180,8 @@ impl Acquisition {
         self.session
     }
 
-    /// Begins a new session: the next sample may have any sequence.
+    /// Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless it is
+    /// [restored](Self::restore_lag).
     ///
     /// # Errors
     /// If samples are unanswered.
@@ -175,6 +190,7 @@ impl Acquisition {
             0 => {
                 self.session = random();
                 self.last_sequence = None;
+                self.lag.reset();
                 Ok(())
             }
             unanswered => Err(InFlight(unanswered)),
@@ -191,6 +207,40 @@ impl Acquisition {
     #[must_use]
     pub fn in_flight(&self) -> usize {
         self.pending.len()
+    }
+
+    /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on the acquisition's clock. Every sample
+    /// that is sent later carries the lagged telemetry of all readings so far.
+    ///
+    /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has the time of the last
+    /// reading, is none. [`isotherm_shared::lag`] has the formula.
+    ///
+    /// This is not part of the sending path. If the service has taken a table with another time constant, with [`LagOption::Service`], this
+    /// call and the next one read the status, which allocates and makes system calls, but does not wait.
+    ///
+    /// [`LagOption::Service`]: crate::LagOption::Service
+    pub fn reading(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
+        self.lag.renew(&self.node, &self.domain, &self.imu);
+        self.lag.read(sensor, telemetry, time_ns);
+    }
+
+    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording: see [`Lag::follow`]. Call it
+    /// before the sample is sent, instead of [`reading`](Self::reading).
+    pub fn follow(&mut self, sample: &RawSample) {
+        self.lag.renew(&self.node, &self.domain, &self.imu);
+        self.lag.follow(sample);
+    }
+
+    /// The lag: its time constant, 0 while there is none, and the readings so far. Save it with each reading if a successor of this process
+    /// shall go on with it.
+    #[must_use]
+    pub const fn lag(&self) -> &Lag {
+        self.lag.state()
+    }
+
+    /// Goes on with the readings of a lag that was saved, on the same clock, as if there had been no pause. Its time constant is not used.
+    pub fn restore_lag(&mut self, saved: &Lag) {
+        self.lag.restore(saved);
     }
 
     /// Loans a sample in shared memory, to be filled in. After a send the next one is loaned already, so this call is cheap.
@@ -211,7 +261,8 @@ impl Acquisition {
 
     /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
     ///
-    /// Sets `session` and `sent_ns`. A recorder whose queue is full is not an error.
+    /// Sets `session` and `sent_ns`; also `device`, and `lag_ns` with the lagged telemetry, where they are 0. A recorder whose queue is full is
+    /// not an error.
     ///
     /// # Errors
     /// [`SendError`], which contains the sample if it can still be used.
@@ -224,6 +275,10 @@ impl Acquisition {
             return Err(SendError::Sequence(sample));
         }
         sample.session = self.session;
+        if sample.device == 0 {
+            sample.device = self.device;
+        }
+        self.lag.fill(&mut sample);
         sample.sent_ns = self.clock.now();
         if self.pending.len() == 0 {
             self.recovery.silent_since_ns = sample.sent_ns;
@@ -253,6 +308,7 @@ impl Acquisition {
     pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
         if let Some(answer) = self.pending.pop_answered() {
             self.recovery.progress = true;
+            self.lag.note(&answer);
             return Ok(Some(answer));
         }
         while let Some(sample) =
@@ -262,6 +318,7 @@ impl Acquisition {
             drop(sample);
             if answer.session == self.session && self.pending.accept(&answer) {
                 self.recovery.progress = true;
+                self.lag.note(&answer);
                 return Ok(Some(answer));
             }
         }

@@ -2,11 +2,13 @@
 
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
+use crate::lag::LagOption;
 use crate::objects::{OwnFile, domain_files, refuse_foreign};
-use crate::peers::publisher_of;
+use crate::peers::{payload_of, publisher_of};
 use crate::resources::check_room;
 use iceoryx2::node::NodeCreationFailure;
-use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode};
+use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use isotherm_shared::stream::{self, CREATION_TIMEOUT, Domain, DomainError, ImuId, IpcNode};
 use std::collections::HashMap;
 use std::fs;
@@ -29,22 +31,33 @@ const SWEEP_LIMIT: Duration = Duration::from_secs(2);
 /// predecessor needs a second or two between its first stream and its last.
 const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
 
-/// How to reach a service.
+/// How to reach a service, and what an acquisition tells it. Readers use domain and time-out.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The domain of service and clients.
     pub domain: Domain,
     /// How long connecting may take. This includes waiting for a service that has not started yet.
     pub timeout: Duration,
+    /// Serial number of the unit whose samples an acquisition sends; `None` if it is not known. The service flags samples of another unit
+    /// than the table's. Outer blanks do not count.
+    pub serial: Option<String>,
+    /// Which time constant the lagged telemetry of an acquisition has.
+    pub lag: LagOption,
 }
 
 impl Options {
-    /// The domain of the environment variables, and a time-out of 5 s.
+    /// This domain and time-out; no serial number, and the time constant of the service.
+    #[must_use]
+    pub const fn new(domain: Domain, timeout: Duration) -> Self {
+        Self { domain, timeout, serial: None, lag: LagOption::Service }
+    }
+
+    /// As [`new`](Self::new), with the domain of the environment variables and a time-out of 5 s.
     ///
     /// # Errors
     /// If they name a domain or folder that cannot be used.
     pub fn from_environment() -> Result<Self, DomainError> {
-        Ok(Self { domain: domain(None)?, timeout: Duration::from_secs(5) })
+        Ok(Self::new(domain(None)?, Duration::from_secs(5)))
     }
 }
 
@@ -162,7 +175,7 @@ pub(crate) fn retry_until<T>(
         };
         let now = Instant::now();
         let permanent = match error {
-            ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_) => true,
+            ref error if error.is_permanent() => true,
             ConnectError::NoSuchImu { .. } => now.duration_since(*unserved_since.get_or_insert(now)) > UNSERVED_LIMIT,
             _ => {
                 unserved_since = None;
@@ -173,6 +186,26 @@ pub(crate) fn retry_until<T>(
             return Err(error);
         }
         thread::sleep(RETRY);
+    }
+}
+
+/// The error for a stream of `imu` that could not be opened.
+pub(crate) fn unopened(
+    node: &IpcNode,
+    domain: &Domain,
+    imu: &ImuId,
+    stream: &ServiceName,
+    error: PublishSubscribeOpenError,
+) -> ConnectError {
+    match error {
+        PublishSubscribeOpenError::DoesNotExist => absent(node, domain, imu),
+        PublishSubscribeOpenError::InsufficientPermissions => permission(domain, None),
+        PublishSubscribeOpenError::IncompatibleTypes => ConnectError::OtherVersion {
+            domain: domain.name().to_owned(),
+            payload: payload_of(node, stream).unwrap_or_else(|| "unknown".to_owned()),
+            stream: stream.to_string(),
+        },
+        other => ConnectError::transport("opening the stream", other),
     }
 }
 

@@ -61,6 +61,19 @@ pub enum ConnectError {
     /// Shared memory, disk space or file descriptors are exhausted. The message contains the remedy.
     #[error("{0}")]
     Exhausted(String),
+    /// A process of another version of Isotherm has made the stream: its payload has another type.
+    #[error(
+        "stream {stream} is of another version of Isotherm, with the payload {payload}; build service and clients from one version, stop \
+         all processes of domain {domain:?}, and start the service first"
+    )]
+    OtherVersion {
+        /// Name of the stream.
+        stream: String,
+        /// The domain.
+        domain: String,
+        /// Type name of the stream's payload.
+        payload: String,
+    },
     /// Any other error of the transport.
     #[error(
         "transport: {phase}: {cause}; {remedy}",
@@ -80,6 +93,15 @@ impl ConnectError {
         Self::NoRoom { imu: imu.clone(), places, pids: subscribers_of(stream) }
     }
 
+    /// Whether connecting cannot succeed by waiting: an operator must change something first.
+    #[must_use]
+    pub const fn is_permanent(&self) -> bool {
+        matches!(
+            self,
+            Self::Permission { .. } | Self::Domain(_) | Self::Exhausted(_) | Self::OtherVersion { .. }
+        )
+    }
+
     pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {
         Self::Transport { phase, cause: cause.to_string() }
     }
@@ -92,7 +114,9 @@ pub(crate) fn permission(domain: &Domain, made_by: Option<u32>) -> ConnectError 
 impl From<ConnectError> for Failure {
     fn from(error: ConnectError) -> Self {
         let exit = match error {
-            ConnectError::NoService(_) | ConnectError::NoSuchImu { .. } => Exit::Unavailable,
+            ConnectError::NoService(_) | ConnectError::NoSuchImu { .. } | ConnectError::OtherVersion { .. } => {
+                Exit::Unavailable
+            }
             ConnectError::Domain(_) => Exit::Usage,
             ConnectError::Exhausted(_) => Exit::Io,
             _ => Exit::Failed,

@@ -3,26 +3,31 @@
 //! A complete acquisition program:
 //!
 //! ```no_run
-//! use isotherm_client::{Acquisition, ImuId, Options};
+//! use isotherm_client::{Acquisition, ImuId, Options, Sensor, Triad};
 //! use std::time::Duration;
 //!
-//! # fn latch_pulses_and_temperatures() -> Option<([u32; 3], [u32; 3], [f64; 3], [f64; 3], u64)> { None }
+//! # struct Latched { accelerometers: Triad, gyroscopes: Triad, timestamp_ns: u64, new_telemetry: Vec<(Sensor, f64, u64)>, telemetry_ns: u64 }
+//! # fn latch() -> Option<Latched> { None }
 //! fn main() -> Result<(), Box<dyn std::error::Error>> {
 //!     let imu: ImuId = "imu-a".parse()?;
 //!     // Waits up to 5 s for the service, in the domain that ISOTHERM_DOMAIN names.
-//!     let mut acquisition = Acquisition::connect(&imu, &Options::from_environment()?)?;
+//!     let options = Options { serial: Some("SN 42".to_owned()), ..Options::from_environment()? };
+//!     let mut acquisition = Acquisition::connect(&imu, &options)?;
 //!
 //!     // Your hardware latches the counts at the end of each control period.
-//!     while let Some((positive, negative, head, board, timestamp_ns)) = latch_pulses_and_temperatures() {
+//!     while let Some(latched) = latch() {
+//!         // Telemetry that has been measured since the last period; in most periods there is none.
+//!         for (sensor, value, measured_ns) in latched.new_telemetry {
+//!             acquisition.reading(sensor, value, measured_ns);
+//!         }
 //!         let mut raw = acquisition.loan()?;            // in shared memory; sending does not copy it
-//!         raw.timestamp_ns = timestamp_ns;              // end of the period, your clock
+//!         raw.timestamp_ns = latched.timestamp_ns;      // end of the period, your clock
+//!         raw.telemetry_ns = latched.telemetry_ns;      // when the temperatures were measured, your clock
 //!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
-//!         raw.positive_pulses = positive;
-//!         raw.negative_pulses = negative;
-//!         raw.head_temperature = head;                  // in the table's unit
-//!         raw.board_temperature = board;
+//!         raw.accelerometers = latched.accelerometers;  // pulses of both channels, and telemetry in the table's unit
+//!         raw.gyroscopes = latched.gyroscopes;          // all zero where the IMU has none
 //!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
-//!         println!("{:?} m/s, flags {:#x}", increment.velocity_increment, increment.flags);
+//!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
 //!     }
 //!     Ok(())
 //! }
@@ -30,11 +35,13 @@
 //!
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
+//! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag, which a table with
+//!   transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula, `docs/lag.md` the whole story.
 //! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. [`RawReader`] reads the raw samples,
 //!   for recorders.
 //!
 //! # Guarantees
-//! * Sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same. The
+//! * Loaning, sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same. The
 //!   one exception is the system call that wakes a sleeping service.
 //! * No sample is lost without notice: at most [`Acquisition::depth`] samples are unanswered at once. The next one is handed
 //!   back ([`SendError::Full`]); it may wait, be dropped, or be summed with its successor ([`RawSample::merge`]).
@@ -48,6 +55,7 @@ mod clock;
 mod connect;
 mod error;
 mod folder;
+mod lag;
 mod loan;
 mod objects;
 mod once;
@@ -67,11 +75,13 @@ pub use connect::{
 };
 pub use error::ConnectError;
 pub use folder::check_owner;
+pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
-pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample};
+pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
+pub use lag::{InvalidTimeConstant, LagOption, Sensor, TimeConstant, UnknownSensor};
 pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
 pub use objects::{OwnFile, domain_files, foreign_object, own_files};
-pub use peers::{publisher_of, subscribers_of};
+pub use peers::{payload_of, publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};

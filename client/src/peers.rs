@@ -1,9 +1,11 @@
 //! The processes at the other end of a stream.
 
 use core::fmt;
-use iceoryx2::prelude::{CallbackProgression, IceoryxSend, PortFactory as _};
+use iceoryx2::prelude::{CallbackProgression, IceoryxSend, MessagingPattern, PortFactory as _, ServiceName};
+use iceoryx2::service::Service as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_shared::stream::{Ipc, RAW_DEPTH};
+use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as StaticPattern;
+use isotherm_shared::stream::{Ipc, IpcNode, RAW_DEPTH};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 
 /// The only publisher of a stream: its id, which is unique for ever, and its process id if known.
@@ -17,6 +19,16 @@ pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
         CallbackProgression::Stop
     });
     found
+}
+
+/// The name of the payload type of a stream that exists.
+#[must_use]
+pub fn payload_of(node: &IpcNode, stream: &ServiceName) -> Option<String> {
+    let details = Ipc::details(stream, node.config(), MessagingPattern::PublishSubscribe).ok()??;
+    match details.static_details.messaging_pattern() {
+        StaticPattern::PublishSubscribe(stream) => Some(stream.message_type_details().payload.type_name().to_string()),
+        _ => None,
+    }
 }
 
 /// The processes that have subscribed to a stream.

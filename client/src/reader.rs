@@ -1,14 +1,13 @@
 //! Reading the streams of an IMU: for navigation, loggers and recorders.
 
-use crate::connect::{Options, absent, deadline, join_existing, retry_until};
-use crate::error::{ConnectError, permission};
+use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
+use crate::error::ConnectError;
 use crate::objects::refuse_foreign;
 use crate::once::Once;
 use crate::resources::reserve;
 use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
-use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::time::{Duration, Instant};
@@ -171,12 +170,9 @@ impl<T: Streamed> Reader<T> {
             None => self.node.insert(join_existing(&self.domain)?),
         };
         refuse_foreign(&self.domain)?;
-        let stream = node.service_builder(&T::stream(&self.imu)).publish_subscribe::<T>().open();
-        let stream = stream.map_err(|error| match error {
-            PublishSubscribeOpenError::DoesNotExist => absent(node, &self.domain, &self.imu),
-            PublishSubscribeOpenError::InsufficientPermissions => permission(&self.domain, None),
-            other => ConnectError::transport("opening the stream", other),
-        })?;
+        let name = T::stream(&self.imu);
+        let stream = node.service_builder(&name).publish_subscribe::<T>().open();
+        let stream = stream.map_err(|error| unopened(node, &self.domain, &self.imu, &name, error))?;
         let subscriber = stream.subscriber_builder().create().map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 node.try_cleanup_dead_nodes();

@@ -12,13 +12,13 @@ use rustix::process::{Resource, getrlimit};
 use std::fs;
 
 /// Shared memory that a client needs at most, for its streams and their connections \[bytes\].
-const ROOM_OF_A_CLIENT: u64 = 1 << 20;
+const ROOM_OF_A_CLIENT: u64 = 3 << 19;
 /// A single object of the transport is smaller \[bytes\].
-const LARGEST_OBJECT: u64 = 1 << 20;
+const LARGEST_OBJECT: u64 = 3 << 19;
 /// Shared memory that a service without IMUs needs at most \[bytes\].
 const ROOM: u64 = 1 << 20;
 /// Shared memory that a service needs at most for each IMU, with its connections \[bytes\].
-const ROOM_OF_AN_IMU: u64 = 1408 << 10;
+const ROOM_OF_AN_IMU: u64 = 1664 << 10;
 /// Descriptors that a client or a service without IMUs needs, in addition to those that it has open.
 const DESCRIPTORS: usize = 24;
 /// Descriptors that a service needs for each IMU and its clients.

@@ -51,11 +51,13 @@ impl From<StatusError> for Failure {
 }
 
 /// Reads the status of a domain's service.
+#[derive(Debug)]
 pub struct StatusReader {
     // The subscriber must be dropped before its node; fields are dropped in this order.
     subscriber: Subscriber<Ipc, [u8], ()>,
     stream: PortFactory<Ipc, [u8], ()>,
-    _node: IpcNode,
+    /// Its own node; `None` if it is part of something that has one.
+    _node: Option<IpcNode>,
 }
 
 impl StatusReader {
@@ -65,6 +67,12 @@ impl StatusReader {
     /// If no service has used the domain, or the domain cannot be joined.
     pub fn connect(domain: &Domain) -> Result<Self, StatusError> {
         let node = join_existing(domain)?;
+        let reader = Self::with(&node, domain)?;
+        Ok(Self { _node: Some(node), ..reader })
+    }
+
+    /// A reader with the node of its owner, which the owner drops after the reader.
+    pub(crate) fn with(node: &IpcNode, domain: &Domain) -> Result<Self, StatusError> {
         let stream = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
         let stream = stream.map_err(|error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(domain),
@@ -73,7 +81,7 @@ impl StatusReader {
         let subscriber = stream.subscriber_builder().history_request(1).create();
         let subscriber =
             subscriber.map_err(|error| StatusError::Transport { phase: "subscribing to", cause: error.to_string() })?;
-        Ok(Self { subscriber, stream, _node: node })
+        Ok(Self { subscriber, stream, _node: None })
     }
 
     /// The newest status since the last call, if one has come.

@@ -54,7 +54,7 @@ impl Demo {
         let truth = truth.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?;
         let imu: ImuId = IMU.parse().map_err(|error| Failure::new(Exit::Failed, format!("{error}")))?;
         if self.acquisition {
-            return acquisition::run(&imu, &truth, &Options { domain, timeout: SERVICE_TIMEOUT });
+            return acquisition::run(&imu, &truth, &Options::new(domain, SERVICE_TIMEOUT));
         }
         let has_report = self.report != Path::new("-");
         let report = has_report.then(|| StagedText::create(Some(&self.report))).transpose()?;
@@ -106,7 +106,7 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let outcome =
         wait_for_outcome(&mut acquisition, || fs::rename(&next, &table).map_err(io("renaming the new table")));
     let outcome = outcome.map_err(|failure| with_log(failure, &log))?;
-    let status = fetch_status(&Options { domain: domain.clone(), timeout: SERVICE_TIMEOUT })
+    let status = fetch_status(&Options::new(domain.clone(), SERVICE_TIMEOUT))
         .map_err(|error| with_log(error.into(), &log))?;
     service.terminate().map_err(|failure| with_log(failure, &log))?;
 

@@ -7,6 +7,7 @@
  */
 #include <inttypes.h>
 #include <isotherm.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -23,8 +24,12 @@ int main(int count, char **words)
         isotherm_compensated_increment increment;
         code = isotherm_reader_receive_timeout(reader, 1000000000, &increment);
         if (code == ISOTHERM_OK) {
-            const double *dv = increment.velocity_increment;
-            printf("%" PRIu64 ",%.17g,%.17g,%.17g\n", increment.sequence, dv[0], dv[1], dv[2]);
+            const double *dv = increment.velocity_increment, *da = increment.angle_increment;
+            printf("%" PRIu64 ",%.17g,%.17g,%.17g", increment.sequence, dv[0], dv[1], dv[2]);
+            /* Without gyroscopes in the table, every angle is NaN. */
+            if (!(isnan(da[0]) && isnan(da[1]) && isnan(da[2])))
+                printf(",%.17g,%.17g,%.17g", da[0], da[1], da[2]);
+            putchar('\n');
             fflush(stdout);
             left--;
         }

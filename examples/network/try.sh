@@ -51,8 +51,8 @@ done
 # start NAME COMMAND..: runs a command in the background, with its own log
 start() { local name=$1; shift; "$@" < /dev/null >> "$dir/$name.log" 2>&1 & pid[$name]=$!; }
 stop() { kill "-${2:-TERM}" "${pid[$1]}"; wait "${pid[$1]}" 2> /dev/null || true; unset "pid[$1]"; }
-service() { start service "$isotherm" --domain near serve --imu imu-paper=examples/tables/imu-paper.toml; }
-relay() { start relay "$isotherm" --domain near relay --imu imu-paper --to net; }
+service() { start service "$isotherm" --domain near serve --imu imu-whole=examples/tables/imu-whole.toml; }
+relay() { start relay "$isotherm" --domain near relay --imu imu-whole --to net; }
 near_tunnel() { cd "$dir/etc-net"; start near-tunnel ip netns exec $near "$tunnel" -z "$here/near.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
 far_tunnel() { cd "$dir/etc-far"; start far-tunnel ip netns exec $far "$tunnel" -z "$here/far.json5" -a 'isotherm/*/increment' --poll 2; cd "$OLDPWD"; }
 
@@ -60,7 +60,7 @@ far_tunnel() { cd "$dir/etc-far"; start far-tunnel ip netns exec $far "$tunnel" 
 feed() {
   awk -F, -v OFS=, -v rows="$(($1 * $2))" 'NR == 1 { print; next } { row[NR - 2] = $0; n = NR - 1 }
     END { for (i = 0; i < rows; i++) { $0 = row[i % n]; $1 = i; print } }' tests/data/run.csv > "$dir/run.csv"
-  "$isotherm" --domain near feed --imu imu-paper --rate "$1" "$dir/run.csv" -o "$dir/fed.csv"
+  "$isotherm" --domain near feed --imu imu-whole --rate "$1" "$dir/run.csv" -o "$dir/fed.csv"
 }
 
 # cpu: prints the processor time of relay and tunnels so far [ticks]

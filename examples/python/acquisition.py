@@ -1,8 +1,10 @@
 """An acquisition process: sends raw samples, gets increments. Run it beside `isotherm serve --imu imu-a=tests/data/imu-a.toml`."""
 
 import argparse
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import isotherm
 
@@ -16,30 +18,57 @@ class Latched:
     negative: tuple[int, int, int]
     head: tuple[float, float, float]
     board: tuple[float, float, float]
+    telemetry_ns: int
+    """When the temperatures were measured. In most intervals they are only repeated."""
 
 
 def hardware(count: int) -> Iterator[Latched]:
-    """Replace this by your hardware. Here: an IMU at rest."""
+    """Replace this by your hardware. Here: an IMU at rest, whose temperatures are measured ten times a second."""
     for number in range(1, count + 1):
-        yield Latched(number * 2_500_000, (140, 0, 150), (0, 110, 0), (2.5, 2.5, 2.5), (2.5, 2.5, 2.5))
+        measured = (number - 1) // 40 * 40 + 1
+        yield Latched(number * 2_500_000, (140, 0, 150), (0, 110, 0), (2.5, 2.5, 2.5), (2.5, 2.5, 2.5), measured * 2_500_000)
+
+
+def restore(acquisition: isotherm.Acquisition, state: Path | None) -> None:
+    """Goes on with the lag of the temperatures that a predecessor of this process has kept."""
+    if state is not None and state.exists():
+        acquisition.restore_lag(json.loads(state.read_text()))
+
+
+def save(acquisition: isotherm.Acquisition, state: Path | None) -> None:
+    """Keeps the lag in a file that is complete whenever this process ends."""
+    if state is not None:
+        staged = state.with_name(state.name + ".new")
+        staged.write_text(json.dumps(acquisition.lag_state()))
+        staged.rename(state)
 
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--imu", default="imu-a")
+    arguments.add_argument("--serial", help="serial number of the unit; the service flags samples of another one than the table's")
+    arguments.add_argument("--state", type=Path, help="file that keeps the lag of the temperatures for a restart")
     arguments.add_argument("--count", type=int, default=400)
     options = arguments.parse_args()
-    velocity = [0.0, 0.0, 0.0]
+    velocity, measured_ns = [0.0, 0.0, 0.0], 0
     # Waits up to 5 s for the service, in the domain that ISOTHERM_DOMAIN names.
-    with isotherm.Acquisition(options.imu) as acquisition:
+    with isotherm.Acquisition(options.imu, serial=options.serial) as acquisition:
+        restore(acquisition, options.state)
         for latched in hardware(options.count):
+            if latched.telemetry_ns != measured_ns:  # new temperatures; a gyroscope's are read as "G1" to "G3"
+                measured_ns = latched.telemetry_ns
+                for name, head in zip(("A1", "A2", "A3"), latched.head, strict=True):
+                    acquisition.reading(name, head, measured_ns)
+                save(acquisition, options.state)
             sample = acquisition.loan()  # a sample in shared memory
             sample.timestamp_ns = latched.timestamp_ns  # end of the period, your clock
+            sample.telemetry_ns = measured_ns
             sample.interval_ns = 2_500_000  # the measured gate length
-            sample.positive_pulses = latched.positive
-            sample.negative_pulses = latched.negative
-            sample.head_temperature = latched.head  # in the table's unit
-            sample.board_temperature = latched.board
+            triad = sample.accelerometers  # and sample.gyroscopes, where the IMU has them
+            triad.positive_pulses = latched.positive
+            triad.negative_pulses = latched.negative
+            triad.head_temperature = latched.head  # in the table's unit
+            triad.board_temperature = latched.board
             try:
                 increment = acquisition.compensate(sample, timeout=1.0)
             except isotherm.Timeout:

@@ -2,6 +2,7 @@
 
 import argparse
 import ctypes
+import hashlib
 import json
 import subprocess
 import time
@@ -9,8 +10,20 @@ import time
 import iceoryx2 as iox2
 
 
+class Triad(ctypes.Structure):
+    """What three sensors of one kind have measured: 96 bytes."""
+
+    _fields_ = [
+        ("positive_pulses", ctypes.c_uint32 * 3),
+        ("negative_pulses", ctypes.c_uint32 * 3),
+        ("head_temperature", ctypes.c_double * 3),  # in the table's unit
+        ("board_temperature", ctypes.c_double * 3),
+        ("head_lagged", ctypes.c_double * 3),  # head_temperature behind its lag, see docs/lag.md; unused without lag_ns
+    ]
+
+
 class RawSample(ctypes.Structure):
-    """120 bytes; the fields are described in docs/recordings.md and shared/src/wire.rs."""
+    """256 bytes; the fields are described in docs/recordings.md and shared/src/wire.rs."""
 
     _fields_ = [
         ("session", ctypes.c_uint64),  # chosen at random each time that the acquisition starts
@@ -19,19 +32,19 @@ class RawSample(ctypes.Structure):
         ("interval_ns", ctypes.c_uint64),  # the measured gate length
         ("sent_ns", ctypes.c_uint64),  # CLOCK_MONOTONIC when it is sent; 0 = unknown
         ("telemetry_ns", ctypes.c_uint64),  # when the temperatures were read, your clock; 0 = unknown
-        ("positive_pulses", ctypes.c_uint32 * 3),
-        ("negative_pulses", ctypes.c_uint32 * 3),
-        ("head_temperature", ctypes.c_double * 3),  # in the table's unit
-        ("board_temperature", ctypes.c_double * 3),
+        ("lag_ns", ctypes.c_uint64),  # time constant of head_lagged; 0 = there is none
+        ("device", ctypes.c_uint64),  # which unit; 0 = unknown
+        ("accelerometers", Triad),
+        ("gyroscopes", Triad),  # all zero where the IMU has none
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "isotherm.RawSample.v1"
+        return "isotherm.RawSample.v2"
 
 
 class CompensatedIncrement(ctypes.Structure):
-    """72 bytes."""
+    """104 bytes."""
 
     _fields_ = [
         ("session", ctypes.c_uint64),
@@ -39,14 +52,20 @@ class CompensatedIncrement(ctypes.Structure):
         ("timestamp_ns", ctypes.c_uint64),
         ("interval_ns", ctypes.c_uint64),
         ("velocity_increment", ctypes.c_double * 3),  # m/s; NaN where it could not be computed
+        ("angle_increment", ctypes.c_double * 3),  # rad; NaN also where the table has no gyroscopes
         ("table", ctypes.c_uint64),  # first 8 bytes of the table's digest
-        ("flags", ctypes.c_uint32),
-        ("latency_ns", ctypes.c_uint32),
+        ("flags", ctypes.c_uint64),
+        ("latency_ns", ctypes.c_uint64),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "isotherm.CompensatedIncrement.v1"
+        return "isotherm.CompensatedIncrement.v2"
+
+
+def device(serial: str) -> int:
+    """The number of the unit with this serial number."""
+    return int.from_bytes(hashlib.sha256(serial.strip().encode()).digest()[:8], "big") if serial.strip() else 0
 
 
 def join(isotherm: str) -> iox2.Node:
@@ -62,6 +81,7 @@ def join(isotherm: str) -> iox2.Node:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--imu", default="imu-a")
+    arguments.add_argument("--serial", default="", help="serial number of the unit")
     arguments.add_argument("--count", type=int, default=10)
     arguments.add_argument("--isotherm", default="isotherm", help="the program, which tells where the domain is")
     options = arguments.parse_args()
@@ -82,10 +102,11 @@ def main() -> None:
     for sequence in range(options.count):
         sample = RawSample(session=session, sequence=sequence, timestamp_ns=(sequence + 1) * 2_500_000, interval_ns=2_500_000)
         sample.sent_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC)
-        sample.positive_pulses[:] = (140, 0, 150)
-        sample.negative_pulses[:] = (0, 110, 0)
-        sample.head_temperature[:] = (2.5, 2.5, 2.5)
-        sample.board_temperature[:] = (2.5, 2.5, 2.5)
+        sample.device = device(options.serial)
+        triad = sample.accelerometers
+        triad.positive_pulses[:] = (140, 0, 150)
+        triad.negative_pulses[:] = (0, 110, 0)
+        triad.head_temperature[:] = triad.board_temperature[:] = (2.5, 2.5, 2.5)
         publisher.send_copy(sample)
         notifier.notify()  # wakes a service that sleeps
         deadline = time.monotonic() + 5.0
@@ -94,7 +115,7 @@ def main() -> None:
         if answer is None:
             raise SystemExit(f"sample {sequence}: no answer in 5 s")
         increment = answer.payload().contents
-        print(increment.sequence, *increment.velocity_increment, f"{increment.table:016x}", increment.flags)
+        print(increment.sequence, *increment.velocity_increment, *increment.angle_increment, f"{increment.table:016x}", increment.flags)
         answer.delete()
 
 

@@ -18,7 +18,7 @@ def main() -> None:
         print("connected", flush=True)
         # Read one increment, as soon as it arrives.
         first = next(reader)
-        print(f"first: sequence {first.sequence}, {first.velocity_increment} m/s under table {first.table:016x}", flush=True)
+        print(f"first: sequence {first.sequence}, {first.velocity_increment} m/s, {first.angle_increment} rad", flush=True)
         # Or read all increments that have arrived, as one array.
         count = 1
         while count < options.count:
@@ -26,7 +26,7 @@ def main() -> None:
             count += len(increments)
             if len(increments):
                 dv = increments["velocity_increment"].sum(axis=0)
-                gaps = int((increments["flags"] & isotherm.Flags.GAP != 0).sum())
+                gaps = int(((increments["flags"] & isotherm.Flags.GAP) != 0).sum())
                 print(f"{len(increments)} increments, sum {dv} m/s, {gaps} gaps", flush=True)
             time.sleep(0.05)
     print(f"{count} increments")

@@ -32,8 +32,9 @@ def main() -> None:
     samples = np.zeros(BLOCK, isotherm.RAW_SAMPLE)
     samples["sequence"] = np.arange(BLOCK)
     samples["interval_ns"] = 2_500_000
-    samples["positive_pulses"] = PULSES
-    samples["head_temperature"] = samples["board_temperature"] = TELEMETRY
+    for triad in ("accelerometers", "gyroscopes"):
+        samples[triad]["positive_pulses"] = PULSES
+        samples[triad]["head_temperature"] = samples[triad]["board_temperature"] = TELEMETRY
     names = ("compensate(loan), filled in before", "loan, fill in, compensate", "compensate(record)", "the timer itself")
     found: dict[str, list[int]] = {name: [] for name in names}
     means: dict[str, list[float]] = {"run(window=1)": [], "run()": []}
@@ -43,8 +44,9 @@ def main() -> None:
             loan = acquisition.loan()
             loan.timestamp_ns = number
             loan.interval_ns = 2_500_000
-            loan.positive_pulses = loan.negative_pulses = PULSES
-            loan.head_temperature = loan.board_temperature = TELEMETRY
+            for triad in (loan.accelerometers, loan.gyroscopes):
+                triad.positive_pulses = triad.negative_pulses = PULSES
+                triad.head_temperature = triad.board_temperature = TELEMETRY
             return loan
 
         gc.freeze()

@@ -3,17 +3,19 @@
 #![no_main]
 
 use isotherm_fuzz::{checked, same};
-use isotherm_recording::{IncrementCsvWriter, RawCsvReader, RawCsvWriter};
+use isotherm_recording::{IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader, RawCsvWriter};
 use isotherm_recording::{RecordingError, csv::Rows};
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{Flags, RawSample};
+use isotherm_shared::wire::{Flags, RawSample, StreamSample};
 use libfuzzer_sys::fuzz_target;
 use std::io::Read;
 use std::sync::LazyLock;
 
 static TABLE: LazyLock<CoefficientTable> = LazyLock::new(|| {
-    CoefficientTable::from_toml(include_str!("../../tests/data/imu-a.toml"), None).expect("a valid table")
+    CoefficientTable::from_toml(include_str!("../../examples/tables/imu-whole.toml"), None).expect("a valid table")
 });
+/// Columns of the increments of both triads.
+const INCREMENTS: [&str; 6] = ["a1_dv", "a2_dv", "a3_dv", "g1_da", "g2_da", "g3_da"];
 
 /// The samples up to the first error, and its text.
 fn read(source: impl Read) -> (Vec<RawSample>, Option<String>) {
@@ -31,12 +33,13 @@ fn read(source: impl Read) -> (Vec<RawSample>, Option<String>) {
 }
 
 /// All fields of a sample as bits; all NaNs are written alike, so they get the same bits.
-fn bits(raw: &RawSample) -> ([u64; 5], [[u32; 3]; 2], [[u64; 3]; 2]) {
+fn bits(raw: &RawSample) -> ([u64; 7], [[[u32; 3]; 2]; 2], [[[u64; 3]; 3]; 2]) {
     let bits = |value: f64| if value.is_nan() { f64::NAN.to_bits() } else { value.to_bits() };
+    let triads = [&raw.accelerometers, &raw.gyroscopes];
     (
-        [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.telemetry_ns],
-        [raw.positive_pulses, raw.negative_pulses],
-        [raw.head_temperature.map(bits), raw.board_temperature.map(bits)],
+        [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.telemetry_ns, raw.lag_ns, raw.device],
+        triads.map(|triad| [triad.positive_pulses, triad.negative_pulses]),
+        triads.map(|triad| [triad.head_temperature, triad.board_temperature, triad.head_lagged].map(|of| of.map(bits))),
     )
 }
 
@@ -47,8 +50,12 @@ fuzz_target!(|bytes: &[u8]| {
     let (from_parts, same_error) = read(begin.chain(end));
     assert_eq!((all(&from_parts), same_error), (all(&samples), error));
 
-    let mut raw = RawCsvWriter::new(Vec::new(), "session", true).expect("memory takes all");
-    let mut increments = IncrementCsvWriter::new(Vec::new(), true).expect("memory takes all");
+    let needed = samples.iter().map(|sample| Layout::of(&StreamSample::Raw(*sample)));
+    let layout = needed.fold(Layout::default(), Layout::with);
+    let raw = RawCsvWriter::with_layout(Vec::new(), "session", true, layout);
+    let mut raw = raw.expect("memory takes all");
+    let of_increments = IncrementLayout { gyroscopes: true, delivery: true };
+    let mut increments = IncrementCsvWriter::new(Vec::new(), of_increments).expect("memory takes all");
     let mut answers = Vec::new();
     for sample in &samples {
         raw.write(sample.session, sample).expect("memory takes all");
@@ -62,17 +69,20 @@ fuzz_target!(|bytes: &[u8]| {
     let written = increments.finish().expect("memory takes all");
     let mut rows = Rows::new(&*written);
     assert!(rows.next_row().expect("a header"));
-    let names = ["sequence", "timestamp_ns", "interval_ns", "a1_dv", "a2_dv", "a3_dv", "table", "flags", "delivery"];
+    let names =
+        [&["sequence", "timestamp_ns", "interval_ns"][..], &INCREMENTS, &["table", "flags", "delivery"]].concat();
     let columns = rows.columns(&names, "").expect("every column");
     for answer in &answers {
         assert!(rows.next_row().expect("a row"));
         let integers = [0, 1, 2].map(|column| rows.integer::<u64>(&columns[column]).expect("an integer"));
         assert_eq!(integers, [answer.sequence, answer.timestamp_ns, answer.interval_ns]);
-        for (axis, dv) in answer.velocity_increment.iter().enumerate() {
-            assert!(same(rows.float(&columns[3 + axis]).expect("a number"), *dv));
+        let values = [answer.velocity_increment, answer.angle_increment];
+        for (column, value) in columns[3..].iter().zip(values.as_flattened()) {
+            assert!(same(rows.float(column).expect("a number"), *value));
         }
-        let table = rows.parse(&columns[6], "", |text| u64::from_str_radix(text, 16).ok()).expect("a table");
-        let flags = rows.parse(&columns[7], "", |text| Some(text.to_owned())).expect("flags");
+        let [.., table, flags, _] = &columns[..] else { unreachable!("nine columns and more") };
+        let table = rows.parse(table, "", |text| u64::from_str_radix(text, 16).ok()).expect("a table");
+        let flags = rows.parse(flags, "", |text| Some(text.to_owned())).expect("flags");
         assert_eq!((table, flags), (TABLE.id(), Flags(answer.flags).to_string()));
     }
     assert!(!rows.next_row().expect("the end"));

@@ -6,13 +6,17 @@
 use isotherm_fuzz::{SAMPLE, checked, sample};
 use isotherm_service::worker::sequence::{Arrival, SequenceTracker};
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
-use isotherm_shared::wire::MAX_INTERVAL_NS;
+use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
-/// Two tables with each policy; one of the two has an alignment and limits.
+/// Three tables with each policy: one plain, one with an alignment and limits, one of a whole IMU.
 static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
-    let texts = [include_str!("../../tests/data/imu-a.toml"), include_str!("../../examples/tables/imu-b.toml")];
+    let texts = [
+        include_str!("../../tests/data/imu-a.toml"),
+        include_str!("../../examples/tables/imu-b.toml"),
+        include_str!("../../examples/tables/imu-whole.toml"),
+    ];
     let contents = texts.map(|text| CoefficientTable::from_toml(text, None).expect("a valid table").content().clone());
     let with = |(out_of_range, _): (OutOfRange, _)| {
         contents.clone().map(|mut content| {
@@ -51,8 +55,10 @@ fuzz_target!(|bytes: &[u8]| {
     for pair in samples.windows(2) {
         let (mut sum, later) = (pair[0], &pair[1]);
         let merged = sum.merge(later).is_ok();
-        let pulses = |raw: &isotherm_shared::wire::RawSample| {
-            [raw.positive_pulses, raw.negative_pulses].as_flattened().iter().map(|n| u64::from(*n)).collect::<Vec<_>>()
+        let pulses = |raw: &RawSample| {
+            let triads = [&raw.accelerometers, &raw.gyroscopes];
+            let counts = triads.map(|triad| [triad.positive_pulses, triad.negative_pulses]);
+            counts.as_flattened().as_flattened().iter().map(|n| u64::from(*n)).collect::<Vec<_>>()
         };
         let added: Vec<_> = pulses(&pair[0]).iter().zip(pulses(later)).map(|(a, b)| a + b).collect();
         let interval = u128::from(pair[0].interval_ns) + u128::from(later.interval_ns);
@@ -61,6 +67,10 @@ fuzz_target!(|bytes: &[u8]| {
         let (pulses_now, interval_now) = (pulses(&sum), u128::from(sum.interval_ns));
         if merged {
             assert_eq!((pulses_now, interval_now), (added, interval));
+            assert_eq!(
+                (sum.session, sum.sequence, sum.lag_ns, sum.device),
+                (pair[0].session, pair[0].sequence, later.lag_ns, later.device)
+            );
         } else {
             assert_eq!((pulses_now, sum.interval_ns), (pulses(&pair[0]), pair[0].interval_ns));
         }

@@ -6,7 +6,7 @@
 use isotherm_fuzz::{check_faults, checked};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
-use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -21,29 +21,46 @@ fuzz_target!(|bytes: &[u8]| {
     assert_eq!(again.digest(), table.digest());
     assert_eq!(again, table);
 
-    let plausible = RawSample {
-        timestamp_ns: 60_000_000_000,
-        telemetry_ns: 1,
-        interval_ns: 2_500_000,
+    let triad = Triad {
         positive_pulses: [234, 0, 17],
         negative_pulses: [0, 204, 18],
         head_temperature: [1.1; 3],
         board_temperature: [1.2; 3],
+        head_lagged: [1.05; 3],
+    };
+    let plausible = RawSample {
+        timestamp_ns: 60_000_000_000,
+        telemetry_ns: 1,
+        interval_ns: 2_500_000,
+        lag_ns: table.lag_ns(),
+        device: 1,
+        accelerometers: triad,
+        gyroscopes: triad,
         ..RawSample::default()
     };
     checked(Some(&table), &plausible);
-    let full = RawSample { interval_ns: MAX_INTERVAL_NS, positive_pulses: [u32::MAX; 3], ..plausible };
     let axes = &table.content().axes;
+    let gyroscopes = table.content().gyroscopes.as_ref().map_or(axes, |gyroscopes| &gyroscopes.axes);
     for part in [0.0, 0.5, 1.0, -1.0, 2.0] {
-        let at = |p: &Polynomial| p.range()[0] * (1.0 - part) + p.range()[1] * part;
-        let telemetry = |of: fn(&Axis) -> &Polynomial| axes.each_ref().map(|axis| at(of(axis)));
-        for board_temperature in
-            [telemetry(|axis| &axis.positive_scale_factor), telemetry(|axis| &axis.negative_scale_factor)]
-        {
-            checked(
-                Some(&table),
-                &RawSample { head_temperature: telemetry(|axis| &axis.bias), board_temperature, ..full },
-            );
+        for of_board in [|axis: &Axis| axis.positive_scale_factor, |axis: &Axis| axis.negative_scale_factor] {
+            let triad = |axes: &[Axis; AXES]| {
+                let at = |of: fn(&Axis) -> Polynomial| {
+                    axes.each_ref().map(|axis| {
+                        let [low, high] = of(axis).range();
+                        low * (1.0 - part) + high * part
+                    })
+                };
+                Triad {
+                    positive_pulses: [u32::MAX; AXES],
+                    head_temperature: at(|axis| axis.bias),
+                    board_temperature: at(of_board),
+                    // The other end of the range: no lag difference that is used is larger.
+                    head_lagged: axes.each_ref().map(|axis| axis.bias.range()[usize::from(part < 0.5)]),
+                    ..Triad::default()
+                }
+            };
+            let (accelerometers, gyroscopes) = (triad(axes), triad(gyroscopes));
+            checked(Some(&table), &RawSample { interval_ns: MAX_INTERVAL_NS, accelerometers, gyroscopes, ..plausible });
         }
     }
 });

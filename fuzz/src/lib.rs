@@ -3,8 +3,8 @@
 use isotherm_shared::compensate::answer;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{CoefficientTable, OutOfRange};
-use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample};
+use isotherm_shared::table::{Axis, CoefficientTable, OutOfRange};
+use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 
 /// Size of a sample in shared memory \[bytes\].
 pub const SAMPLE: usize = size_of::<RawSample>();
@@ -22,10 +22,17 @@ pub fn check_faults(text: &str, faults: &Faults) {
 /// The sample with these bytes in shared memory.
 #[must_use]
 pub fn sample(bytes: &[u8; SAMPLE]) -> RawSample {
-    let part = |at: usize| bytes[at..].first_chunk().copied().unwrap_or_default();
-    let long = |at: usize| u64::from_ne_bytes(part(at));
-    let double = |at: usize| f64::from_bits(long(at));
+    let long = |at: usize| u64::from_ne_bytes(bytes[at..].first_chunk().copied().unwrap_or_default());
     let word = |at: usize| u32::from_ne_bytes(bytes[at..].first_chunk().copied().unwrap_or_default());
+    let words = |at: usize| [at, at + 4, at + 8].map(word);
+    let doubles = |at: usize| [at, at + 8, at + 16].map(|at| f64::from_bits(long(at)));
+    let triad = |at: usize| Triad {
+        positive_pulses: words(at),
+        negative_pulses: words(at + 12),
+        head_temperature: doubles(at + 24),
+        board_temperature: doubles(at + 48),
+        head_lagged: doubles(at + 72),
+    };
     RawSample {
         session: long(0),
         sequence: long(8),
@@ -33,10 +40,10 @@ pub fn sample(bytes: &[u8; SAMPLE]) -> RawSample {
         interval_ns: long(24),
         sent_ns: long(32),
         telemetry_ns: long(40),
-        positive_pulses: [48, 52, 56].map(word),
-        negative_pulses: [60, 64, 68].map(word),
-        head_temperature: [72, 80, 88].map(double),
-        board_temperature: [96, 104, 112].map(double),
+        lag_ns: long(48),
+        device: long(56),
+        accelerometers: triad(64),
+        gyroscopes: triad(160),
     }
 }
 
@@ -49,63 +56,129 @@ pub fn same(a: f64, b: f64) -> bool {
 /// Compensates a sample with any bits, and checks every guarantee about the answer.
 pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {
     let found = answer(table, raw);
-    let bits = found.velocity_increment.map(f64::to_bits);
     let again = answer(table, raw);
-    assert_eq!((bits, found.flags), (again.velocity_increment.map(f64::to_bits), again.flags));
+    let bits = |increment: &CompensatedIncrement| {
+        [increment.velocity_increment, increment.angle_increment].map(|triad| triad.map(f64::to_bits))
+    };
+    assert_eq!((bits(&found), found.flags), (bits(&again), again.flags));
     assert_eq!((found.session, found.sequence), (raw.session, raw.sequence));
     assert_eq!((found.timestamp_ns, found.interval_ns), (raw.timestamp_ns, raw.interval_ns));
     assert_eq!((found.table, found.latency_ns), (table.map_or(0, CoefficientTable::id), 0));
 
-    let invalid = raw.interval_ns == 0 || raw.interval_ns > MAX_INTERVAL_NS;
     let mut flags = Flags::default();
     let mut flag = |condition: bool, flag: Flags| flags |= if condition { flag } else { Flags::default() };
-    flag(invalid, Flags::INTERVAL);
+    flag(!has_valid_interval(raw), Flags::INTERVAL);
     flag(table.is_none(), Flags::NO_TABLE);
-    // Axes that must have no increment, and axes whose extrapolation may overflow.
-    let (mut without, mut may_overflow) = ([invalid || table.is_none(); AXES], [false; AXES]);
-    for index in 0..AXES {
-        let (head, board) = (raw.head_temperature[index], raw.board_temperature[index]);
-        let finite = head.is_finite() && board.is_finite();
-        flag(!finite, Flags::not_finite(index));
-        without[index] |= !finite;
-        let Some(content) = table.map(CoefficientTable::content) else { continue };
-        let axis = &content.axes[index];
-        let below = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry < p.range()[0];
-        let above = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry > p.range()[1];
-        let scale_factors = [&axis.positive_scale_factor, &axis.negative_scale_factor];
-        let sides = [
-            (below(&axis.bias, head), Flags::head_below(index)),
-            (above(&axis.bias, head), Flags::head_above(index)),
-            (scale_factors.iter().any(|p| below(p, board)), Flags::board_below(index)),
-            (scale_factors.iter().any(|p| above(p, board)), Flags::board_above(index)),
-        ];
-        sides.iter().for_each(|side| flag(side.0, side.1));
-        let outside = sides.iter().any(|side| side.0);
-        without[index] |= outside && content.out_of_range == OutOfRange::Reject;
-        may_overflow[index] = outside && content.out_of_range == OutOfRange::Extrapolate;
-        let pulses = u64::from(raw.positive_pulses[index]) + u64::from(raw.negative_pulses[index]);
-        let rate = pulses as f64 / (raw.interval_ns as f64 / 1e9);
-        flag(!invalid && axis.max_rate.is_some_and(|limit| rate > limit), Flags::rate(index));
-    }
     let age = raw.timestamp_ns.saturating_sub(raw.telemetry_ns) as f64 / 1e9;
     let limit = table.and_then(|table| table.content().max_age_s);
     flag(raw.telemetry_ns != 0 && limit.is_some_and(|limit| age > limit), Flags::TELEMETRY_STALE);
+    let own = table.map_or(0, CoefficientTable::device);
+    flag(![0, raw.device].contains(&own) && raw.device != 0, Flags::OTHER_DEVICE);
+
+    let accelerometers = Expected::of(table, table.map(|table| &table.content().axes), raw, &raw.accelerometers);
+    let accelerometers =
+        accelerometers.aligned(table.and_then(|table| table.content().alignment.as_ref()).map(|matrix| matrix.amax()));
+    flags |= accelerometers.flags;
+    accelerometers.check(&found.velocity_increment, raw);
+    match table.and_then(|table| table.content().gyroscopes.as_ref()) {
+        None => assert!(found.angle_increment.iter().all(|angle| angle.is_nan()), "{found:?}"),
+        Some(gyroscopes) => {
+            let mut expected = Expected::of(table, Some(&gyroscopes.axes), raw, &raw.gyroscopes);
+            flags |= expected.flags.only(Flags::LAG_UNKNOWN);
+            flags |= Flags(expected.flags.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
+            // A velocity increment that is NaN costs an angle nothing but its g-sensitivity. One that has nearly overflowed may cost it all.
+            let known = found.velocity_increment.iter().all(|dv| dv.is_finite());
+            for (may_overflow, g_sensitivity) in expected.may_overflow.iter_mut().zip(&gyroscopes.g_sensitivity) {
+                *may_overflow |= g_sensitivity.is_some() && accelerometers.may_overflow.contains(&true);
+            }
+            if gyroscopes.g_sensitivity.iter().any(Option::is_some) && !known {
+                flags |= Flags::G_UNKNOWN;
+            }
+            expected
+                .aligned(gyroscopes.alignment.as_ref().map(|matrix| matrix.amax()))
+                .check(&found.angle_increment, raw);
+        }
+    }
     assert_eq!(found.flags, flags.0, "{} instead of {flags}", Flags(found.flags));
     assert_eq!(flags.only(Flags::SAMPLE), flags);
-
-    // An alignment combines the axes: what holds for one axis then holds for all.
-    if table.is_some_and(|table| table.content().alignment.is_some()) {
-        without = [without.contains(&true); AXES];
-        may_overflow = [may_overflow.contains(&true); AXES];
-    }
-    for (index, dv) in found.velocity_increment.iter().enumerate() {
-        assert!(!dv.is_infinite());
-        assert!(dv.is_nan() || !without[index], "{dv} with {flags}");
-        assert!(
-            dv.is_finite() || without[index] || may_overflow[index],
-            "no increment of A{}, {flags}: {raw:?}",
-            index + 1
-        );
-    }
     found
+}
+
+const fn has_valid_interval(raw: &RawSample) -> bool {
+    raw.interval_ns != 0 && raw.interval_ns <= MAX_INTERVAL_NS
+}
+
+/// What must be true of a triad's increments.
+struct Expected {
+    /// As those of accelerometers, with [`Flags::LAG_UNKNOWN`].
+    flags: Flags,
+    /// Which sensors must have no increment.
+    without: [bool; AXES],
+    /// Whose increment may be NaN because it overflows: by extrapolation, or by an alignment that is no rotation.
+    may_overflow: [bool; AXES],
+}
+
+impl Expected {
+    fn of(table: Option<&CoefficientTable>, axes: Option<&[Axis; AXES]>, raw: &RawSample, triad: &Triad) -> Self {
+        let mut flags = Flags::default();
+        let mut flag = |condition: bool, flag: Flags| flags |= if condition { flag } else { Flags::default() };
+        let invalid = !has_valid_interval(raw);
+        let (mut without, mut may_overflow) = ([invalid || table.is_none(); AXES], [false; AXES]);
+        for index in 0..AXES {
+            let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
+            let finite = head.is_finite() && board.is_finite();
+            flag(!finite, Flags::not_finite(index));
+            without[index] |= !finite;
+            let (Some(table), Some(axes)) = (table, axes) else { continue };
+            let axis = &axes[index];
+            let below = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry < p.range()[0];
+            let above = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry > p.range()[1];
+            let scale_factors = [&axis.positive_scale_factor, &axis.negative_scale_factor];
+            let sides = [
+                (below(&axis.bias, head), Flags::head_below(index)),
+                (above(&axis.bias, head), Flags::head_above(index)),
+                (scale_factors.iter().any(|p| below(p, board)), Flags::board_below(index)),
+                (scale_factors.iter().any(|p| above(p, board)), Flags::board_above(index)),
+            ];
+            sides.iter().for_each(|side| flag(side.0, side.1));
+            let outside = sides.iter().any(|side| side.0);
+            let policy = table.content().out_of_range;
+            without[index] |= outside && policy == OutOfRange::Reject;
+            may_overflow[index] = outside && policy == OutOfRange::Extrapolate;
+            let pulses = u64::from(triad.positive_pulses[index]) + u64::from(triad.negative_pulses[index]);
+            let rate = pulses as f64 / (raw.interval_ns as f64 / 1e9);
+            flag(!invalid && axis.max_rate.is_some_and(|limit| rate > limit), Flags::rate(index));
+            let difference = triad.head_lagged[index] - head;
+            let [low, high] = axis.bias.range();
+            let usable = difference.is_finite() && difference.abs() <= high - low;
+            let lag_known = table.lag_ns() != 0 && raw.lag_ns == table.lag_ns() && usable;
+            flag(axis.transient != 0.0 && !lag_known, Flags::LAG_UNKNOWN);
+        }
+        Self { flags, without, may_overflow }
+    }
+
+    /// An alignment, given by its largest entry, combines the sensors: what holds for one then holds for all.
+    fn aligned(self, largest_entry: Option<f64>) -> Self {
+        /// Far above every rotation, and far below what overflows with the largest counts.
+        const LARGE: f64 = 1e100;
+        let Some(largest_entry) = largest_entry else { return self };
+        Self {
+            flags: self.flags,
+            without: [self.without.contains(&true); AXES],
+            may_overflow: [self.may_overflow.contains(&true) || largest_entry > LARGE; AXES],
+        }
+    }
+
+    fn check(&self, increments: &[f64; AXES], raw: &RawSample) {
+        for (index, increment) in increments.iter().enumerate() {
+            assert!(!increment.is_infinite());
+            assert!(increment.is_nan() || !self.without[index], "{increment} with {}", self.flags);
+            assert!(
+                increment.is_finite() || self.without[index] || self.may_overflow[index],
+                "no increment of sensor {}, {}: {raw:?}",
+                index + 1,
+                self.flags
+            );
+        }
+    }
 }

@@ -62,6 +62,12 @@ impl<R: Read> CampaignCsvReader<R> {
         self.samples.line()
     }
 
+    /// As [`RawCsvReader::has_lag`].
+    #[must_use]
+    pub const fn has_lag(&self) -> bool {
+        self.samples.has_lag()
+    }
+
     /// As [`RawCsvReader::truncation`].
     #[must_use]
     pub fn truncation(&self) -> Option<String> {

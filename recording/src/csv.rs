@@ -1,6 +1,6 @@
 //! Rows of a comma-separated text, with line numbers for messages.
 
-use crate::columns::BINARY_FORMATS;
+use crate::columns::{BINARY_FORMATS, hex};
 use crate::error::RecordingError;
 use core::str::FromStr;
 use std::io::{BufRead, BufReader, Read};
@@ -146,7 +146,7 @@ impl<R: Read> Rows<R> {
     }
 
     /// The names of the columns of the header, which must be the current row.
-    fn names(&self) -> impl Iterator<Item = String> {
+    pub fn names(&self) -> impl Iterator<Item = String> {
         (0..self.len()).map(|index| String::from_utf8_lossy(self.field(index)).into_owned())
     }
 
@@ -233,6 +233,14 @@ impl<R: Read> Rows<R> {
             return Ok(value);
         }
         self.parse(column, EXPECTED[size_of::<T>() / 8], |text| text.parse().ok())
+    }
+
+    /// Parses a number in 16 hexadecimal digits; an empty field is 0.
+    ///
+    /// # Errors
+    /// If the field is neither.
+    pub fn hex(&self, column: &CsvColumn) -> Result<u64, RecordingError> {
+        self.parse(column, "16 hexadecimal digits", |text| hex(text.as_bytes()))
     }
 
     /// Parses a number. Telemetry may be NaN or infinite if the text says so; a decimal number that overflows is an error.

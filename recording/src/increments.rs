@@ -1,30 +1,53 @@
 //! Increments in CSV.
 
-use crate::columns::INCREMENT;
-use isotherm_shared::wire::{CompensatedIncrement, Flags};
+use crate::columns::{Column, INCREMENT, load_increment};
+use crate::rows::append_value;
+use isotherm_shared::wire::{AXES, CompensatedIncrement};
 use std::io::{self, Write};
 
-/// Columns of the increments that `feed` and `replay` write. A column `delivery` may follow.
+/// Columns of all increments that `feed` and `replay` write.
 pub const CSV_COLUMNS: [&str; 8] = {
-    let [_, _, sequence, timestamp, interval, a1, a2, a3, table, flags, ..] = INCREMENT;
+    let [_, _, sequence, timestamp, interval, a1, a2, a3, _, _, _, table, flags, ..] = INCREMENT;
     [sequence.name, timestamp.name, interval.name, a1.name, a2.name, a3.name, table.name, flags.name]
 };
+
+/// Columns of the angle increments, which come behind the velocity increments where the table has gyroscopes.
+pub const ANGLE_CSV_COLUMNS: [&str; AXES] = {
+    let [_, _, _, _, _, _, _, _, g1, g2, g3, ..] = INCREMENT;
+    [g1.name, g2.name, g3.name]
+};
+
+/// Which columns increments in CSV have besides [`CSV_COLUMNS`].
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct IncrementLayout {
+    /// Those of the angle increments.
+    pub gyroscopes: bool,
+    /// The delivery flags, in the last column.
+    pub delivery: bool,
+}
 
 /// Writes increments as CSV. Floats have the shortest form that reads back as the same double.
 pub struct IncrementCsvWriter<W> {
     sink: W,
-    delivery: bool,
+    /// The columns, by their index in [`INCREMENT`].
+    columns: Vec<usize>,
+    row: Vec<u8>,
 }
 
 impl<W: Write> IncrementCsvWriter<W> {
-    /// Writes the header row; with `delivery`, the last column has the delivery flags.
+    /// Writes the header row.
     ///
     /// # Errors
     /// Those of the sink.
-    pub fn new(mut sink: W, delivery: bool) -> io::Result<Self> {
-        let last = if delivery { ",delivery" } else { "" };
-        writeln!(sink, "{}{last}", CSV_COLUMNS.join(","))?;
-        Ok(Self { sink, delivery })
+    pub fn new(mut sink: W, layout: IncrementLayout) -> io::Result<Self> {
+        let has = |column: &Column| match column.name {
+            "delivery" => layout.delivery,
+            name => CSV_COLUMNS.contains(&name) || layout.gyroscopes && ANGLE_CSV_COLUMNS.contains(&name),
+        };
+        let columns: Vec<_> = (0..INCREMENT.len()).filter(|index| has(&INCREMENT[*index])).collect();
+        let names: Vec<_> = columns.iter().map(|index| INCREMENT[*index].name).collect();
+        writeln!(sink, "{}", names.join(","))?;
+        Ok(Self { sink, columns, row: Vec::new() })
     }
 
     /// Writes one row.
@@ -32,15 +55,16 @@ impl<W: Write> IncrementCsvWriter<W> {
     /// # Errors
     /// Those of the sink.
     pub fn write(&mut self, increment: &CompensatedIncrement) -> io::Result<()> {
-        let CompensatedIncrement { sequence, timestamp_ns, interval_ns, table, .. } = increment;
-        let [a1, a2, a3] = increment.velocity_increment;
-        let flags = Flags(increment.flags);
-        let sample = flags.only(Flags::SAMPLE);
-        write!(self.sink, "{sequence},{timestamp_ns},{interval_ns},{a1:?},{a2:?},{a3:?},{table:016x},{sample}")?;
-        if self.delivery {
-            write!(self.sink, ",{}", flags.only(Flags::DELIVERY))?;
+        let row = &mut self.row;
+        row.clear();
+        for index in &self.columns {
+            append_value(INCREMENT[*index].kind, load_increment(increment, *index), row);
+            row.push(b',');
         }
-        self.sink.write_all(b"\n")
+        // Replaces the comma after the last value.
+        row.pop();
+        row.push(b'\n');
+        self.sink.write_all(row)
     }
 
     /// Flushes the sink.
@@ -64,24 +88,34 @@ impl<W: Write> IncrementCsvWriter<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isotherm_shared::wire::Flags;
 
     #[test]
     fn increments_are_written_in_their_shortest_form() {
-        let mut writer = IncrementCsvWriter::new(Vec::new(), true).unwrap();
         let increment = CompensatedIncrement {
             sequence: 1,
             timestamp_ns: 2,
             interval_ns: 3,
             velocity_increment: [0.1 + 0.2, f64::NAN, -1e-7],
+            angle_increment: [f64::NAN, 2e-7, -0.0],
             table: 0xabc,
-            flags: (Flags::not_finite(1) | Flags::GAP).0,
+            flags: (Flags::not_finite(1) | Flags::not_finite(0).of_gyroscopes() | Flags::GAP).0,
             ..CompensatedIncrement::default()
         };
-        writer.write(&increment).unwrap();
+        let written = |gyroscopes, delivery| {
+            let mut writer = IncrementCsvWriter::new(Vec::new(), IncrementLayout { gyroscopes, delivery }).unwrap();
+            writer.write(&increment).unwrap();
+            String::from_utf8(writer.finish().unwrap()).unwrap()
+        };
         assert_eq!(
-            String::from_utf8(writer.finish().unwrap()).unwrap(),
+            written(false, true),
             "sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags,delivery\n\
-             1,2,3,0.30000000000000004,NaN,-1e-7,0000000000000abc,a2-not-finite,gap\n"
+             1,2,3,0.30000000000000004,NaN,-1e-7,0000000000000abc,a2-not-finite|g1-not-finite,gap\n"
+        );
+        assert_eq!(
+            written(true, false),
+            "sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,g1_da,g2_da,g3_da,table,flags\n\
+             1,2,3,0.30000000000000004,NaN,-1e-7,NaN,2e-7,-0.0,0000000000000abc,a2-not-finite|g1-not-finite\n"
         );
     }
 }

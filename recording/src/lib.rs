@@ -4,9 +4,10 @@
 //! order, and ignore other columns:
 //!
 //! ```text
-//! raw:        sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_..,a3_..   [session, telemetry_ns]
+//! raw:        sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_..,a3_..
+//!             [session] [telemetry_ns] [device] [g1_positive,..,g3_board] [lag_ns,a1_head_lagged,..,g3_head_lagged]
 //! campaign:   set_point_c,position, then the raw columns
-//! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags                         [delivery]
+//! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,[g1_da,g2_da,g3_da,]table,flags     [delivery]
 //! ```
 
 mod campaign;
@@ -18,6 +19,7 @@ mod raw;
 pub mod rows;
 
 pub use campaign::{CampaignCsvReader, CampaignRow};
+pub use columns::Layout;
 pub use error::RecordingError;
-pub use increments::{CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter};
+pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

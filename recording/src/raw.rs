@@ -1,11 +1,17 @@
 //! Raw samples in CSV, read and written.
+//!
+//! Over 400 lines, more than half of them tests: what is written must be read back.
 
-use crate::columns::{self, RAW};
-use crate::csv::{CsvColumn, Rows};
+use crate::columns::{
+    ACCELEROMETERS, ColumnKind, ColumnSet, DEVICE, INCOMPLETE_HINT, INTERVAL_NS, LAG_NS, Layout, RAW, RECORDED_NS,
+    SENT_NS, SEQUENCE, TELEMETRY_NS, TIMESTAMP_NS, incomplete, load, store,
+};
+use crate::csv::{CsvColumn, Rows, missing_columns};
 use crate::error::RecordingError;
+use crate::rows::append_value;
 use core::fmt::Display;
 use isotherm_shared::sequence::rises;
-use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_shared::wire::RawSample;
 use std::io::{self, Read, Write};
 
 /// Reads the raw samples of a CSV recording. An [`Iterator`] that ends at the first error.
@@ -49,15 +55,11 @@ impl SequenceRule {
 /// The columns of raw samples in a CSV text.
 struct RawColumns {
     count: usize,
-    sequence: CsvColumn,
-    timestamp_ns: CsvColumn,
-    interval_ns: CsvColumn,
-    /// Positive and negative pulses, head and board telemetry of each axis.
-    axes: [[CsvColumn; columns::PER_AXIS]; AXES],
-    session: Option<CsvColumn>,
-    telemetry_ns: Option<CsvColumn>,
+    /// The columns that are stored in a sample: index in [`RAW`], and the column.
+    stored: Vec<(usize, CsvColumn)>,
     /// Only in files of `isotherm record`.
     recorded_ns: Option<CsvColumn>,
+    has_lag: bool,
 }
 
 impl<R: Read> RawCsvReader<R> {
@@ -96,6 +98,12 @@ impl<R: Read> RawCsvReader<R> {
         self.rows.line()
     }
 
+    /// Whether the recording has lagged telemetry.
+    #[must_use]
+    pub const fn has_lag(&self) -> bool {
+        self.columns.has_lag
+    }
+
     /// A warning if the last line was truncated. `isotherm record` ends every line, so a last line without an end was truncated
     /// by a crash and is ignored.
     #[must_use]
@@ -114,22 +122,17 @@ impl<R: Read> RawCsvReader<R> {
             return Ok(None);
         }
         row.expect_len(columns.count)?;
-        let optional = |column: &Option<CsvColumn>| column.as_ref().map(|column| row.integer(column)).transpose();
-        let mut sample = RawSample {
-            session: optional(&columns.session)?.unwrap_or(0),
-            sequence: row.integer(&columns.sequence)?,
-            timestamp_ns: row.integer(&columns.timestamp_ns)?,
-            interval_ns: row.integer(&columns.interval_ns)?,
-            telemetry_ns: optional(&columns.telemetry_ns)?.unwrap_or(0),
-            ..RawSample::default()
-        };
-        for (axis, [positive, negative, head, board]) in columns.axes.iter().enumerate() {
-            sample.positive_pulses[axis] = row.integer(positive)?;
-            sample.negative_pulses[axis] = row.integer(negative)?;
-            sample.head_temperature[axis] = row.float(head)?;
-            sample.board_temperature[axis] = row.float(board)?;
+        let mut sample = RawSample::default();
+        for (index, column) in &columns.stored {
+            let value = match RAW[*index].kind {
+                ColumnKind::U64 => row.integer(column)?,
+                ColumnKind::U32 => row.integer::<u32>(column)?.into(),
+                ColumnKind::F64 => row.float(column)?.to_bits(),
+                ColumnKind::Hex | ColumnKind::Flags => row.hex(column)?,
+            };
+            store(&mut sample, *index, value);
         }
-        self.recorded_ns = optional(&columns.recorded_ns)?;
+        self.recorded_ns = columns.recorded_ns.as_ref().map(|column| row.integer(column)).transpose()?;
         self.sequence_rule.check(&sample).map_err(|message| self.rows.error(message))?;
         Ok(Some(sample))
     }
@@ -151,26 +154,24 @@ impl<R: Read> Iterator for RawCsvReader<R> {
 impl RawColumns {
     fn find<R: Read>(header: &Rows<R>) -> Result<Self, RecordingError> {
         let hint = "is this a comma-separated recording of raw samples with a header row?";
-        let required = RAW.map(|column| column.name).into_iter().filter(|name| !columns::OPTIONAL.contains(name));
-        let required: Vec<_> = required.collect();
-        let found = header.columns(&required, hint)?;
-        let column = |index: usize| {
-            let position = required.iter().position(|name| *name == RAW[index].name);
-            // Always found: it is called for required columns only.
-            position.and_then(|position| found.get(position).cloned()).unwrap_or_default()
-        };
-        let axis =
-            |axis: usize| core::array::from_fn(|part| column(columns::FIRST_AXIS + axis * columns::PER_AXIS + part));
-        Ok(Self {
-            count: header.len(),
-            sequence: column(columns::SEQUENCE),
-            timestamp_ns: column(columns::TIMESTAMP_NS),
-            interval_ns: column(columns::INTERVAL_NS),
-            axes: core::array::from_fn(axis),
-            session: header.optional_column(RAW[columns::SESSION].name)?,
-            telemetry_ns: header.optional_column(RAW[columns::TELEMETRY_NS].name)?,
-            recorded_ns: header.optional_column(columns::RECORDED_NS)?,
-        })
+        let required = RAW.iter().filter(|column| column.set == ColumnSet::Always).map(|column| column.name);
+        header.columns(&required.collect::<Vec<_>>(), hint)?;
+        let (mut stored, mut recorded_ns) = (Vec::new(), None);
+        for (index, column) in RAW.iter().enumerate() {
+            match (index, header.optional_column(column.name)?) {
+                (RECORDED_NS, found) => recorded_ns = found,
+                // It says nothing about the sample.
+                (SENT_NS, _) | (_, None) => {}
+                (_, Some(found)) => stored.push((index, found)),
+            }
+        }
+        let is_found = |name: &str| stored.iter().any(|(index, _)| RAW[*index].name == name);
+        let missing = incomplete(RAW.iter().map(|column| (column.name, column.set)), is_found);
+        if !missing.is_empty() {
+            return Err(header.error(missing_columns(&missing, header.names(), INCOMPLETE_HINT)));
+        }
+        let has_lag = is_found(RAW[LAG_NS].name);
+        Ok(Self { count: header.len(), stored, recorded_ns, has_lag })
     }
 }
 
@@ -178,32 +179,44 @@ impl RawColumns {
 pub struct RawCsvWriter<W> {
     sink: W,
     leading: bool,
-    telemetry_ns: bool,
+    /// The columns, by their index in [`RAW`].
+    columns: Vec<usize>,
     row: Vec<u8>,
 }
 
 impl<W: Write> RawCsvWriter<W> {
-    /// Writes the header row. `leading` has the comma-separated names of the caller's own columns, which come first; it is empty
-    /// if there are none. With `telemetry_ns`, the time of the telemetry is the last column.
+    /// Writes the header row of samples of accelerometers. `leading` has the comma-separated names of the caller's own columns, which come
+    /// first; it is empty if there are none. With `telemetry_ns`, the time of the telemetry is the last column.
     ///
     /// # Errors
     /// Those of the sink.
-    pub fn new(mut sink: W, leading: &str, telemetry_ns: bool) -> io::Result<Self> {
-        let comma = if leading.is_empty() { "" } else { "," };
-        write!(sink, "{leading}{comma}{}", RAW[columns::SEQUENCE].name)?;
-        let rest =
-            [&RAW[columns::TIMESTAMP_NS], &RAW[columns::INTERVAL_NS]].into_iter().chain(&RAW[columns::FIRST_AXIS..]);
-        for column in rest.chain(telemetry_ns.then_some(&RAW[columns::TELEMETRY_NS])) {
-            write!(sink, ",{}", column.name)?;
-        }
-        sink.write_all(b"\n")?;
-        Ok(Self { sink, leading: !leading.is_empty(), telemetry_ns, row: Vec::new() })
+    pub fn new(sink: W, leading: &str, telemetry_ns: bool) -> io::Result<Self> {
+        Self::with_layout(sink, leading, telemetry_ns, Layout::default())
     }
 
-    /// Appends rows to a file that already has a header. `leading` says whether the file has the caller's own columns.
+    /// As [`new`](Self::new), with the columns of a layout: those of the gyroscopes and of the lagged telemetry come behind those of the
+    /// accelerometers, the device comes last.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub fn with_layout(mut sink: W, leading: &str, telemetry_ns: bool, layout: Layout) -> io::Result<Self> {
+        let comma = if leading.is_empty() { "" } else { "," };
+        let columns = columns(telemetry_ns, layout);
+        let names: Vec<_> = columns.iter().map(|index| RAW[*index].name).collect();
+        writeln!(sink, "{leading}{comma}{}", names.join(","))?;
+        Ok(Self { sink, leading: !leading.is_empty(), columns, row: Vec::new() })
+    }
+
+    /// Appends rows to a file that already has a header of [`new`](Self::new). `leading` says whether the file has the caller's own columns.
     #[must_use]
-    pub const fn resume(sink: W, leading: bool, telemetry_ns: bool) -> Self {
-        Self { sink, leading, telemetry_ns, row: Vec::new() }
+    pub fn resume(sink: W, leading: bool, telemetry_ns: bool) -> Self {
+        Self::resume_with_layout(sink, leading, telemetry_ns, Layout::default())
+    }
+
+    /// Appends rows to a file that already has a header of [`with_layout`](Self::with_layout).
+    #[must_use]
+    pub fn resume_with_layout(sink: W, leading: bool, telemetry_ns: bool, layout: Layout) -> Self {
+        Self { sink, leading, columns: columns(telemetry_ns, layout), row: Vec::new() }
     }
 
     /// Writes one row. `leading` has the comma-separated values of the caller's own columns.
@@ -216,16 +229,12 @@ impl<W: Write> RawCsvWriter<W> {
         if self.leading {
             write!(row, "{leading},")?;
         }
-        let RawSample { sequence, timestamp_ns, interval_ns, telemetry_ns, .. } = raw;
-        write!(row, "{sequence},{timestamp_ns},{interval_ns}")?;
-        for axis in 0..AXES {
-            let (positive, negative) = (raw.positive_pulses[axis], raw.negative_pulses[axis]);
-            let (head, board) = (raw.head_temperature[axis], raw.board_temperature[axis]);
-            write!(row, ",{positive},{negative},{head:?},{board:?}")?;
+        for index in &self.columns {
+            append_value(RAW[*index].kind, load(raw, *index), row);
+            row.push(b',');
         }
-        if self.telemetry_ns {
-            write!(row, ",{telemetry_ns}")?;
-        }
+        // Replaces the comma after the last value.
+        row.pop();
         row.push(b'\n');
         self.sink.write_all(row)
     }
@@ -240,9 +249,18 @@ impl<W: Write> RawCsvWriter<W> {
     }
 }
 
+/// The columns of a file, by their index in [`RAW`].
+fn columns(telemetry_ns: bool, layout: Layout) -> Vec<usize> {
+    let sensors = (ACCELEROMETERS..RAW.len()).filter(|index| *index != DEVICE && layout.has(&RAW[*index]));
+    let last = telemetry_ns.then_some(TELEMETRY_NS).into_iter().chain(layout.device.then_some(DEVICE));
+    [SEQUENCE, TIMESTAMP_NS, INTERVAL_NS].into_iter().chain(sensors).chain(last).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::columns::GYROSCOPES;
+    use isotherm_shared::wire::Triad;
 
     const HEADER: &str = "a3_board,a3_head,a3_negative,a3_positive,a2_board,a2_head,a2_negative,a2_positive,a1_board,a1_head,a1_negative,a1_positive,extra,interval_ns,timestamp_ns,sequence";
 
@@ -257,10 +275,13 @@ mod tests {
         let samples = read(&text).unwrap();
         assert_eq!(samples.len(), 1);
         assert_eq!((samples[0].sequence, samples[0].timestamp_ns, samples[0].interval_ns), (7, 300, 400));
-        assert_eq!((samples[0].positive_pulses, samples[0].negative_pulses), ([11, 21, 31], [12, 22, 32]));
-        assert_eq!(samples[0].board_temperature, [1.5, 2.5, 3.5]);
-        assert_eq!(samples[0].head_temperature[..2], [1e-3, f64::NEG_INFINITY]);
-        assert!(samples[0].head_temperature[2].is_nan());
+        assert_eq!(
+            (samples[0].accelerometers.positive_pulses, samples[0].accelerometers.negative_pulses),
+            ([11, 21, 31], [12, 22, 32])
+        );
+        assert_eq!(samples[0].accelerometers.board_temperature, [1.5, 2.5, 3.5]);
+        assert_eq!(samples[0].accelerometers.head_temperature[..2], [1e-3, f64::NEG_INFINITY]);
+        assert!(samples[0].accelerometers.head_temperature[2].is_nan());
         assert_eq!((samples[0].session, samples[0].telemetry_ns), (0, 0));
     }
 
@@ -313,34 +334,127 @@ mod tests {
         let text =
             format!("{quoted}\r\n1,1,0,0,1,1,0,0,1,1,0,7, x ,1,1, 3 \r\n\r\n1,1,0,0,1,1,0,0,1,1,0,8,x,1,1,\"4\"");
         let samples = read(&text).unwrap();
-        assert_eq!(samples.iter().map(|s| (s.sequence, s.positive_pulses[0])).collect::<Vec<_>>(), [(3, 7), (4, 8)]);
+        assert_eq!(
+            samples.iter().map(|s| (s.sequence, s.accelerometers.positive_pulses[0])).collect::<Vec<_>>(),
+            [(3, 7), (4, 8)]
+        );
     }
 
-    #[test]
-    fn raw_samples_read_back_as_they_were() {
-        let first = RawSample {
+    /// A sample with another value in every field that a recording has.
+    fn sample() -> RawSample {
+        let triad = |first: u32| Triad {
+            positive_pulses: [first, 2, u32::MAX],
+            negative_pulses: [4, 5, 6],
+            head_temperature: [0.1 + 0.2, -1e-7, f64::INFINITY],
+            board_temperature: [1.0, 1.24155, 3e20],
+            head_lagged: [f64::from(first) + 0.5, -0.0, 5e-324],
+        };
+        RawSample {
             sequence: 3,
             timestamp_ns: 20,
             interval_ns: 10,
             telemetry_ns: 15,
-            positive_pulses: [1, 2, u32::MAX],
-            negative_pulses: [4, 5, 6],
-            head_temperature: [0.1 + 0.2, -1e-7, f64::INFINITY],
-            board_temperature: [1.0, 1.24155, 3e20],
+            lag_ns: 240_000_000_000,
+            device: 0x0a7_426e_f29c_c83b,
+            accelerometers: triad(1),
+            gyroscopes: triad(7),
             ..RawSample::default()
-        };
-        let second = RawSample { sequence: 4, ..first };
+        }
+    }
+
+    /// The sample as a file with these columns keeps it.
+    fn kept(raw: RawSample, telemetry_ns: bool, layout: Layout) -> RawSample {
+        let mut kept = raw;
+        if !telemetry_ns {
+            kept.telemetry_ns = 0;
+        }
+        if !layout.device {
+            kept.device = 0;
+        }
+        if !layout.gyroscopes {
+            kept.gyroscopes = Triad::default();
+        }
+        if !layout.lag {
+            kept.lag_ns = 0;
+            kept.accelerometers.head_lagged = [0.0; 3];
+            kept.gyroscopes.head_lagged = [0.0; 3];
+        }
+        kept
+    }
+
+    #[test]
+    fn raw_samples_read_back_as_they_were() {
+        let (first, second) = (sample(), RawSample { sequence: 4, ..sample() });
         for (leading, values) in [("", ""), ("set_point_c,position", "-25,1")] {
-            for telemetry_ns in [false, true] {
-                let mut writer = RawCsvWriter::new(Vec::new(), leading, telemetry_ns).unwrap();
-                writer.write(values, &first).and_then(|()| writer.write(values, &second)).unwrap();
+            for bits in 0..16 {
+                let [telemetry_ns, device, gyroscopes, lag] = [1, 2, 4, 8].map(|bit| bits & bit != 0);
+                let layout = Layout { device, gyroscopes, lag };
+                let mut writer = RawCsvWriter::with_layout(Vec::new(), leading, telemetry_ns, layout).unwrap();
+                writer.write(values, &first).unwrap();
+                let file = writer.finish().unwrap();
+                let mut writer = RawCsvWriter::resume_with_layout(file, !leading.is_empty(), telemetry_ns, layout);
+                writer.write(values, &second).unwrap();
                 let text = String::from_utf8(writer.finish().unwrap()).unwrap();
                 assert_eq!(text.starts_with("set_point_c,position,sequence,"), !leading.is_empty());
                 assert_eq!(text.contains("\n-25,1,3,20,10,1,4,0.30000000000000004,1.0,2,5,"), !leading.is_empty());
-                let expected =
-                    [first, second].map(|raw| RawSample { telemetry_ns: if telemetry_ns { 15 } else { 0 }, ..raw });
-                assert_eq!(read(&text).unwrap(), expected);
+                assert_eq!(text.contains("00a7426ef29cc83b"), device);
+                assert_eq!(read(&text).unwrap(), [first, second].map(|raw| kept(raw, telemetry_ns, layout)));
             }
+        }
+        // Without more columns the file is what it always was.
+        let header = String::from_utf8(RawCsvWriter::new(Vec::new(), "", true).unwrap().finish().unwrap()).unwrap();
+        assert_eq!(
+            header,
+            "sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_positive,a2_negative,a2_head,\
+             a2_board,a3_positive,a3_negative,a3_head,a3_board,telemetry_ns\n"
+        );
+    }
+
+    /// The header of a file with all columns, without these.
+    fn header_without(names: &[&str]) -> String {
+        let layout = Layout { device: true, gyroscopes: true, lag: true };
+        let header = String::from_utf8(RawCsvWriter::with_layout(Vec::new(), "", true, layout).unwrap().sink).unwrap();
+        header.trim().split(',').filter(|name| !names.contains(name)).collect::<Vec<_>>().join(",")
+    }
+
+    #[test]
+    fn a_part_of_the_columns_of_gyroscopes_or_lag_is_refused_by_name() {
+        let gyroscopes: Vec<_> = RAW[GYROSCOPES..LAG_NS].iter().map(|column| column.name).collect();
+        let lag: Vec<_> = RAW[LAG_NS..].iter().map(|column| column.name).collect();
+        assert_eq!((gyroscopes[0], gyroscopes.len(), lag[0], lag.len()), ("g1_positive", 12, "lag_ns", 7));
+        for name in gyroscopes.iter().chain(&lag) {
+            let refused = read(&header_without(&[name])).unwrap_err();
+            assert!(refused.starts_with(&format!("line 1: missing columns: {name}; found: ")), "{refused}");
+            assert!(refused.contains(INCOMPLETE_HINT));
+        }
+        let refused = read(&header_without(&gyroscopes)).unwrap_err();
+        assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", gyroscopes.join(", "))), "{refused}");
+        let refused = read(&header_without(&lag[..4])).unwrap_err();
+        assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", lag[..4].join(", "))), "{refused}");
+        let refused = read(&header_without(&lag[4..])).unwrap_err();
+        assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", lag[4..].join(", "))), "{refused}");
+        let without_gyroscopes = [&gyroscopes[..], &lag[4..]].concat();
+        for whole in [&[][..], &lag, &without_gyroscopes, &[&gyroscopes[..], &lag].concat(), &["device"]] {
+            assert_eq!(read(&header_without(whole)), Ok(Vec::new()), "{whole:?}");
+        }
+    }
+
+    #[test]
+    fn a_device_is_16_hexadecimal_digits_or_nothing() {
+        let of = |device: &str| {
+            let row = "1,1,0,0,1,1,0,0,1,1,0,0";
+            read(&format!("device,{HEADER}\n{device},{row},,1,1,1\n")).map(|samples| samples[0].device)
+        };
+        assert_eq!(
+            (of("46a7426ef29cc83b"), of("46A7426EF29CC83B")),
+            (Ok(0x46a7_426e_f29c_c83b), of("46a7426ef29cc83b"))
+        );
+        assert_eq!((of(""), of("0000000000000000")), (Ok(0), Ok(0)));
+        for wrong in ["46a7426ef29cc83", "046a7426ef29cc83b", "+6a7426ef29cc83b", "0x46a7426ef29cc8", "SN 42"] {
+            assert!(
+                of(wrong).unwrap_err().starts_with(&format!("line 2: device is {wrong:?}, give 16 hex")),
+                "{wrong}"
+            );
         }
     }
 }

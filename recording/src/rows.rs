@@ -1,9 +1,8 @@
 //! Rows as a recorder receives them, and their form in CSV.
 
-use crate::columns::{Column, INCREMENT, RAW};
-use core::fmt::Display;
+use crate::columns::{Column, ColumnKind, INCREMENT, Layout, RAW, RECORDED_NS, load, load_increment};
 use isotherm_shared::stream::StreamKind;
-use isotherm_shared::wire::{AXES, Flags, StreamSample};
+use isotherm_shared::wire::{Flags, StreamSample};
 use std::io::Write as _;
 
 /// A sample as a recorder received it.
@@ -19,7 +18,11 @@ pub struct RecordedRow {
 
 /// Columns of a stream's recording.
 #[must_use]
-pub const fn columns(stream: StreamKind) -> &'static [Column] {
+pub fn columns(stream: StreamKind, layout: Layout) -> Vec<Column> {
+    all(stream).iter().filter(|column| layout.has(column)).copied().collect()
+}
+
+const fn all(stream: StreamKind) -> &'static [Column] {
     match stream {
         StreamKind::Raw => &RAW,
         StreamKind::Increment => &INCREMENT,
@@ -51,49 +54,30 @@ impl RecordedRow {
         }
     }
 
-    /// Passes the values to `values`, in the order of the columns.
-    pub fn visit(&self, values: &mut impl ValueVisitor) {
-        let (session, sequence) = self.key();
-        values.u64(self.recorded_ns);
-        values.u64(session);
-        values.u64(sequence);
-        values.u64(self.timestamp_ns());
-        match &self.sample {
-            StreamSample::Raw(raw) => {
-                values.u64(raw.interval_ns);
-                values.u64(raw.sent_ns);
-                values.u64(raw.telemetry_ns);
-                for axis in 0..AXES {
-                    values.u32(raw.positive_pulses[axis]);
-                    values.u32(raw.negative_pulses[axis]);
-                    values.f64(raw.head_temperature[axis]);
-                    values.f64(raw.board_temperature[axis]);
-                }
-            }
-            StreamSample::Increment(increment) => {
-                let flags = Flags(increment.flags);
-                values.u64(increment.interval_ns);
-                increment.velocity_increment.iter().for_each(|dv| values.f64(*dv));
-                values.text(format_args!("{:016x}", increment.table));
-                values.text(flags.only(Flags::SAMPLE));
-                values.text(flags.only(Flags::DELIVERY));
-                values.u32(flags.0);
-                values.u32(increment.latency_ns);
+    /// Passes each column of a file with this layout and its value to `take`: an integer, the bits of a double or those of flags.
+    pub fn visit(&self, layout: Layout, mut take: impl FnMut(&Column, u64)) {
+        for (index, column) in all(self.stream()).iter().enumerate() {
+            if layout.has(column) {
+                let value = match &self.sample {
+                    _ if index == RECORDED_NS => self.recorded_ns,
+                    StreamSample::Raw(raw) => load(raw, index),
+                    StreamSample::Increment(increment) => load_increment(increment, index),
+                };
+                take(column, value);
             }
         }
     }
 }
 
-/// Receives the values of a row, one column after the other.
-pub trait ValueVisitor {
-    /// A value of a [`ColumnKind::U64`](crate::columns::ColumnKind::U64) column.
-    fn u64(&mut self, value: u64);
-    /// A value of a [`ColumnKind::U32`](crate::columns::ColumnKind::U32) column.
-    fn u32(&mut self, value: u32);
-    /// A value of a [`ColumnKind::F64`](crate::columns::ColumnKind::F64) column.
-    fn f64(&mut self, value: f64);
-    /// A value of a [`ColumnKind::Text`](crate::columns::ColumnKind::Text) column.
-    fn text(&mut self, value: impl Display);
+/// Appends a value as text: floats in the shortest form that reads back as the same double.
+pub fn append_value(kind: ColumnKind, value: u64, text: &mut Vec<u8>) {
+    // Writing to memory cannot fail, so the results are dropped.
+    let _ = match kind {
+        ColumnKind::U64 | ColumnKind::U32 => write!(text, "{value}"),
+        ColumnKind::F64 => write!(text, "{:?}", f64::from_bits(value)),
+        ColumnKind::Hex => write!(text, "{value:016x}"),
+        ColumnKind::Flags => write!(text, "{}", Flags(value)),
+    };
 }
 
 /// The header line of a CSV recording.
@@ -102,29 +86,14 @@ pub fn header(columns: &[Column]) -> Vec<u8> {
     (names.join(",") + "\n").into_bytes()
 }
 
-/// Appends a row as a line of CSV. Floats have the shortest form that reads back as the same double.
-pub fn append(row: &RecordedRow, text: &mut Vec<u8>) {
-    row.visit(&mut CsvLine(text));
+/// Appends a row as a line of CSV.
+pub fn append(row: &RecordedRow, layout: Layout, text: &mut Vec<u8>) {
+    row.visit(layout, |column, value| {
+        append_value(column.kind, value, text);
+        text.push(b',');
+    });
     // Replaces the comma after the last value.
     if let Some(last) = text.last_mut() {
         *last = b'\n';
-    }
-}
-
-struct CsvLine<'a>(&'a mut Vec<u8>);
-
-// Writing to memory cannot fail, so the results are dropped.
-impl ValueVisitor for CsvLine<'_> {
-    fn u64(&mut self, value: u64) {
-        let _ = write!(self.0, "{value},");
-    }
-    fn u32(&mut self, value: u32) {
-        let _ = write!(self.0, "{value},");
-    }
-    fn f64(&mut self, value: f64) {
-        let _ = write!(self.0, "{value:?},");
-    }
-    fn text(&mut self, value: impl Display) {
-        let _ = write!(self.0, "{value},");
     }
 }

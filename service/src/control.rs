@@ -189,6 +189,7 @@ impl Service<'_> {
                 for imu in imus.iter_mut() {
                     imu.windows.end_second(imu.counters.latency());
                     imu.log_losses(false);
+                    imu.log_other_device();
                 }
                 for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
                     thread.measure();
@@ -261,6 +262,7 @@ impl Service<'_> {
         stop_all(self.workers)?;
         for imu in imus {
             imu.log_losses(true);
+            imu.log_other_device();
             let counters = &imu.counters;
             let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());
             info!(imu = %imu.imu.id, received, compensated, missing, "stopped");

@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
-use isotherm_client::{OwnFile, foreign_object, own_files};
+use isotherm_client::{OwnFile, foreign_object, own_files, payload_of};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{CREATION_TIMEOUT, Domain, Ipc, IpcNode};
 use serde::Deserialize;
@@ -35,7 +35,9 @@ pub enum CreateError {
     InFlux,
     /// All places are taken, by these ports.
     Taken(Vec<Port>),
-    /// It exists with other settings or with another payload.
+    /// It exists with another payload.
+    OtherPayload,
+    /// It exists with other settings.
     Incompatible(String),
     /// Anything else.
     Other(String),
@@ -117,14 +119,11 @@ impl<'a> Creator<'a> {
                         leftovers::remove_dead(domain, node, &ports);
                     }
                 }
-                CreateError::Incompatible(cause) => {
-                    let name_of_domain = domain.name();
-                    let message = format!(
-                        "creating {name}: another process has created it with other settings ({cause}); stop all processes of domain \
-                         {name_of_domain:?} and start the service first"
-                    );
-                    return Err(Failure::new(Exit::Failed, message));
+                CreateError::OtherPayload => {
+                    let payload = stream.and_then(|stream| payload_of(node, stream));
+                    return Err(other_payload(name, domain, payload.as_deref().unwrap_or("unknown")));
                 }
+                CreateError::Incompatible(cause) => return Err(other_settings(name, domain, &cause)),
                 CreateError::HalfCreated => return failed("it stays half-created"),
                 CreateError::InFlux => return failed("other processes keep changing it"),
                 CreateError::Other(cause) => return failed(&cause),
@@ -132,6 +131,31 @@ impl<'a> Creator<'a> {
             thread::sleep(Duration::from_millis(10));
         }
     }
+}
+
+fn other_settings(name: &str, domain: &Domain, cause: &str) -> Failure {
+    let domain = domain.name();
+    Failure::new(
+        Exit::Failed,
+        format!(
+            "creating {name}: another process has created it with other settings ({cause}); stop all processes of domain {domain:?} and \
+             start the service first"
+        ),
+    )
+}
+
+fn other_payload(name: &str, domain: &Domain, payload: &str) -> Failure {
+    if !payload.starts_with("isotherm.") {
+        return other_settings(name, domain, &format!("payload {payload}"));
+    }
+    let domain = domain.name();
+    Failure::new(
+        Exit::Unavailable,
+        format!(
+            "creating {name}: a process of another version of Isotherm uses it, with the payload {payload}; stop all processes of domain \
+             {domain:?}, replace those of the other version, and start the service first"
+        ),
+    )
 }
 
 fn failed(name: &str, domain: &Domain, cause: &str) -> Failure {
@@ -222,9 +246,9 @@ impl From<PublishSubscribeOpenOrCreateError> for CreateError {
             | Either::PublishSubscribeCreateError(
                 Create::ServiceInCorruptedState | Create::AlreadyExists | Create::IsBeingCreatedByAnotherInstance,
             ) => Self::InFlux,
+            Either::PublishSubscribeOpenError(Open::IncompatibleTypes) => Self::OtherPayload,
             Either::PublishSubscribeOpenError(
-                cause @ (Open::IncompatibleTypes
-                | Open::IncompatibleMessagingPattern
+                cause @ (Open::IncompatibleMessagingPattern
                 | Open::IncompatibleOverflowBehavior
                 | Open::DoesNotSupportRequestedMinBufferSize
                 | Open::DoesNotSupportRequestedMinHistorySize

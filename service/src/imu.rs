@@ -12,7 +12,7 @@ use isotherm_client::unix_s;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use rtrb::{Producer, RingBuffer};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -77,6 +77,7 @@ impl PendingImu {
             windows,
             tables,
             logged,
+            logged_device: LoggedDevice::default(),
         })
     }
 }
@@ -105,6 +106,7 @@ pub struct ImuState {
     pub windows: Windows,
     tables: TableQueue,
     logged: LoggedLosses,
+    logged_device: LoggedDevice,
 }
 
 /// Why a file was refused, and when.
@@ -148,6 +150,13 @@ struct LoggedLosses {
     at: Option<Instant>,
 }
 
+/// Samples of another unit than the table's: how many there were, and the session, table and unit of the last log line.
+#[derive(Default)]
+struct LoggedDevice {
+    samples: u64,
+    last: Option<(u64, u64, u64)>,
+}
+
 impl TableQueue {
     fn send(&mut self, table: Arc<CoefficientTable>, modified_unix_s: Option<f64>) {
         self.alive.push(SentTable { table: Arc::clone(&table), taken_unix_s: unix_s(), modified_unix_s });
@@ -185,6 +194,12 @@ impl ImuState {
     pub fn in_force(&self) -> Option<&SentTable> {
         let id = self.counters.table();
         self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
+    }
+
+    /// The unit of the last sample, if that is known and is not the unit of the table in force.
+    pub fn other_device(&self) -> Option<u64> {
+        let (device, own) = (self.counters.device(), self.in_force()?.table.device());
+        (device != 0 && own != 0 && device != own).then_some(device)
     }
 
     /// Applies a change of the table's file. With `forced`, a table or an error that is already known is applied again.
@@ -233,6 +248,24 @@ impl ImuState {
             error!(imu = %self.imu.id, errors, "the transport failed {} times", errors - self.logged.transport_errors);
             (self.logged.transport_errors, self.logged.at) = (errors, Some(Instant::now()));
         }
+    }
+
+    /// Logs that samples came from another unit than the table's: once for each session, table and unit.
+    pub fn log_other_device(&mut self) {
+        let samples = self.counters.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
+        let device = self.counters.other_device();
+        let now = Some((self.counters.sessions(), self.counters.table(), device));
+        if samples > self.logged_device.samples && now != self.logged_device.last {
+            let serial = self.in_force().and_then(|sent| sent.table.content().serial.as_deref()).unwrap_or_default();
+            warn!(
+                imu = %self.imu.id,
+                device = format!("{device:016x}"),
+                "the samples are of another unit than the table, which is of serial number {serial:?}: the increments are computed with \
+                 it and flagged other-device; give this unit its own table, or correct the acquisition's serial number"
+            );
+            self.logged_device.last = now;
+        }
+        self.logged_device.samples = samples;
     }
 }
 

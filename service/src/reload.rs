@@ -177,7 +177,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut file = file(&folder);
         let now = Instant::now();
-        fs::write(folder.path().join("new"), "format = 2\n").unwrap();
+        fs::write(folder.path().join("new"), "format = 3\n").unwrap();
         fs::rename(folder.path().join("new"), file.path()).unwrap();
         assert!(matches!(file.load_complete(now), FileChange::Unchanged), "somebody may still be writing");
         assert!(matches!(file.poll(now + SETTLE), FileChange::Refused(_)));

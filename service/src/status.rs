@@ -7,8 +7,10 @@ use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::publisher_of;
 use isotherm_failure::Failure;
-use isotherm_shared::status::{ImuStatus, Ranges, ServiceStatus};
+use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::Flags;
 
 /// Room for the document before its shared memory must grow \[bytes\].
@@ -19,18 +21,32 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
     let counters = &imu.counters;
     let in_force = imu.in_force();
     let latency = counters.latency();
-    let [head_temperature, board_temperature] = counters.telemetry();
+    let table = in_force.map(|sent| &*sent.table);
+    let [head_temperature, board_temperature] = counters.telemetry(SensorKind::Accelerometer);
+    let gyroscopes = |ranges| {
+        let [head_temperature, board_temperature] = counters.telemetry(SensorKind::Gyroscope);
+        GyroscopeStatus { ranges, head_temperature, board_temperature }
+    };
     let refused = imu.last_error.as_ref();
-    let named = |(bit, name): (u32, &str)| (name.to_owned(), counters.flagged(bit));
+    let digits = |device: u64| format!("{device:016x}");
+    let counted = |(bit, name): (u32, &str)| {
+        let count = counters.flagged(bit);
+        (count > 0 || may_flag(table, bit)).then(|| (name.to_owned(), count))
+    };
     ImuStatus {
         id: imu.imu.id.to_string(),
-        table: in_force.map(|sent| sent.table.digest().to_string()),
+        table: table.map(|table| table.digest().to_string()),
         table_file: imu.file.path().display().to_string(),
         table_taken_unix_s: in_force.map(|sent| sent.taken_unix_s),
         table_modified_unix_s: in_force.and_then(|sent| sent.modified_unix_s),
-        ranges: in_force.map(|sent| Ranges::from(&*sent.table)),
+        serial: table.and_then(|table| table.content().serial.clone()),
+        device: table.map(CoefficientTable::device).filter(|device| *device != 0).map(digits),
+        other_device: imu.other_device().map(digits),
+        lag_s: table.and_then(|table| table.content().lag_s),
+        ranges: table.map(Ranges::of_accelerometers),
         head_temperature,
         board_temperature,
+        gyroscopes: table.and_then(Ranges::of_gyroscopes).map(gyroscopes),
         received: counters.received(),
         compensated: counters.compensated(),
         gaps: counters.gaps(),
@@ -38,7 +54,7 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
         repeats: counters.repeats(),
         sessions: counters.sessions(),
         transport_errors: counters.transport_errors(),
-        flagged: Flags::NAMES.into_iter().map(named).collect(),
+        flagged: Flags::NAMES.into_iter().filter_map(counted).collect(),
         reloads: imu.reloads,
         refusals: imu.refusals,
         last_reload_error: refused.map(|refused| refused.error.clone()),
@@ -49,6 +65,19 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
         latency_distribution: latency.distribution(),
         acquisition_connected: imu.raw.dynamic_config().number_of_publishers() > 0,
         readers: imu.increments.dynamic_config().number_of_subscribers(),
+    }
+}
+
+/// Whether an increment under this table may have the flag of this bit. A flag that needs gyroscopes, a lag or a serial number is
+/// shown only where the table has them.
+fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
+    /// The first flag of the gyroscopes.
+    const G1: u32 = 32;
+    match Flags(1 << bit) {
+        Flags::LAG_UNKNOWN => table.is_some_and(|table| table.lag_ns() != 0),
+        Flags::OTHER_DEVICE => table.is_some_and(|table| table.device() != 0),
+        Flags::G_UNKNOWN => table.is_some_and(|table| table.gyroscopes().is_some()),
+        _ => bit < G1 || table.is_some_and(|table| table.gyroscopes().is_some()),
     }
 }
 

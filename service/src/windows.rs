@@ -55,7 +55,7 @@ mod tests {
             record(10);
             windows.end_second(reader.latency());
             let last = windows.second().unwrap();
-            assert_eq!((last.count, last.max), (2, u64::from(1000 + second)));
+            assert_eq!((last.count, last.max), (2, 1000 + second));
         }
         let minute = windows.minute().unwrap();
         assert_eq!((minute.count, minute.p50, minute.max), (120, 10, 1060));

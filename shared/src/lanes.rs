@@ -1,26 +1,38 @@
-//! The nine polynomials of a table in parallel lanes, evaluated in one pass.
+//! The nine polynomials of a triad in parallel lanes, evaluated in one pass.
 //!
-//! A compensation needs the bias, K+ and K- of three axes. Evaluated one after the other they take most of a sample's time;
+//! A compensation needs bias, K+ and K- of three sensors, or of six. Evaluated one after the other they take most of a sample's time;
 //! in parallel lanes the compiler uses vector instructions for them. Every lane does the same operations as
 //! [`Polynomial::at`], so the values are the same to the last bit: a polynomial of lower order has zeros as its highest
 //! coefficients, and `0 * x + c` is `c` for the finite `x` inside a range. (The sign of a bias that is 0 may differ; this
 //! does not change any increment.)
+//!
+//! The lanes of both triads are two passes and not one of eighteen: the values of one triad fit into the registers, and a table without
+//! gyroscopes has only one.
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
-use crate::wire::AXES;
+use crate::table::Axis;
+use crate::wire::{AXES, Triad};
 
 /// Nine polynomials and one unused lane, so that the number is even.
 const LANES: usize = 10;
 
-/// Values of the nine polynomials, by quantity and axis.
+/// Values of the nine polynomials, by quantity and sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaneValues {
-    /// Bias \[g0\].
+    /// Bias without transient term, in the unit of its coefficients.
     pub bias: [f64; AXES],
-    /// K+ \[pulse/(s*g0)\].
-    pub positive_scale_factor: [f64; AXES],
-    /// K- \[pulse/(s*g0)\].
-    pub negative_scale_factor: [f64; AXES],
+    /// K+ of the three sensors, then K-, in the unit of the triad.
+    pub scale_factors: [f64; 2 * AXES],
+}
+
+impl LaneValues {
+    /// Whether all scale factors are finite. Finite ones near the largest double may count as not finite.
+    #[must_use]
+    #[inline(always)]
+    pub fn are_finite(&self) -> bool {
+        let [p1, p2, p3, n1, n2, n3] = self.scale_factors;
+        (((p1 + p2) + p3) - ((n1 + n2) + n3)).is_finite()
+    }
 }
 
 /// The nine polynomials by lane: three biases, then three K+, then three K-.
@@ -36,14 +48,12 @@ pub struct Lanes {
     scale: [f64; LANES],
     low: [f64; LANES],
     high: [f64; LANES],
-    /// Factors from the units of the biases to g0.
-    bias_unit: [f64; AXES],
 }
 
 impl Lanes {
-    /// `polynomials` are bias, K+ and K- of each axis; `bias_unit` is the factor from each bias's unit to g0.
+    /// The lanes of a triad.
     #[must_use]
-    pub fn new(polynomials: [[&Polynomial; 3]; AXES], bias_unit: [f64; AXES]) -> Self {
+    pub fn new(axes: &[Axis; AXES]) -> Self {
         let mut lanes = Self {
             coefficients: [[0.0; LANES]; MAX_ORDER + 1],
             order: 0,
@@ -52,12 +62,11 @@ impl Lanes {
             scale: [1.0; LANES],
             low: [f64::NEG_INFINITY; LANES],
             high: [f64::INFINITY; LANES],
-            bias_unit,
         };
-        for (axis, [bias, positive, negative]) in polynomials.into_iter().enumerate() {
-            lanes.put(axis, bias);
-            lanes.put(AXES + axis, positive);
-            lanes.put(2 * AXES + axis, negative);
+        for (index, axis) in axes.iter().enumerate() {
+            lanes.put(index, &axis.bias);
+            lanes.put(AXES + index, &axis.positive_scale_factor);
+            lanes.put(2 * AXES + index, &axis.negative_scale_factor);
         }
         lanes
     }
@@ -81,8 +90,8 @@ impl Lanes {
     /// (and therefore finite).
     #[must_use]
     #[inline(always)]
-    pub fn evaluate_inside(&self, head: &[f64; AXES], board: &[f64; AXES]) -> Option<LaneValues> {
-        let ([h1, h2, h3], [b1, b2, b3]) = (*head, *board);
+    pub fn evaluate_inside(&self, triad: &Triad) -> Option<LaneValues> {
+        let ([h1, h2, h3], [b1, b2, b3]) = (triad.head_temperature, triad.board_temperature);
         let mut x = [h1, h2, h3, b1, b2, b3, b1, b2, b3, 0.0];
         let mut inside = true;
         for ((x, low), high) in x.iter().zip(&self.low).zip(&self.high) {
@@ -103,11 +112,9 @@ impl Lanes {
                 *r = *r * x + c;
             }
         }
-        let [u1, u2, u3] = self.bias_unit;
         Some(LaneValues {
-            bias: [r[0] * u1, r[1] * u2, r[2] * u3],
-            positive_scale_factor: [r[3], r[4], r[5]],
-            negative_scale_factor: [r[6], r[7], r[8]],
+            bias: [r[0], r[1], r[2]],
+            scale_factors: [r[3], r[4], r[5], r[6], r[7], r[8]],
         })
     }
 }

@@ -22,6 +22,7 @@
 pub mod compensate;
 pub mod document;
 pub mod kind;
+pub mod lag;
 pub mod lanes;
 pub mod own_storage;
 pub mod polynomial;

@@ -1,7 +1,7 @@
 //! The status document, which the service publishes as JSON on the stream `isotherm/status`.
 
 use crate::stream::Domain;
-use crate::table::CoefficientTable;
+use crate::table::{Axis, CoefficientTable};
 use crate::wire::AXES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -83,12 +83,23 @@ pub struct ImuStatus {
     pub table_taken_unix_s: Option<f64>,
     /// When the table's file was last changed, Unix time \[s\].
     pub table_modified_unix_s: Option<f64>,
+    /// Serial number in the table in force; null without one.
+    pub serial: Option<String>,
+    /// Number of the unit that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
+    pub device: Option<String>,
+    /// Number of the unit that the last sample came from, if that is not the table's unit; else null.
+    pub other_device: Option<String>,
+    /// Time constant of the lagged telemetry in the table in force \[s\]; null without one.
+    pub lag_s: Option<f64>,
     /// The telemetry that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
     /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first sample.
     pub head_temperature: [Option<f64>; AXES],
     /// Board telemetry of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
+    /// The gyroscopes; absent where the table in force has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gyroscopes: Option<GyroscopeStatus>,
     /// Raw samples received.
     pub received: u64,
     /// Increments published.
@@ -103,7 +114,7 @@ pub struct ImuStatus {
     pub sessions: u64,
     /// Failures of the transport.
     pub transport_errors: u64,
-    /// Increments with each flag, by the flag's name.
+    /// Increments with each flag, by the flag's name. Absent are the flags that the table in force cannot give and no table has given.
     pub flagged: BTreeMap<String, u64>,
     /// Tables loaded after the first.
     pub reloads: u64,
@@ -127,20 +138,42 @@ pub struct ImuStatus {
     pub readers: usize,
 }
 
-/// The telemetry that a table was calibrated over.
+/// Telemetry of the gyroscopes, in the same form as that of the accelerometers.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct GyroscopeStatus {
+    /// The telemetry that their polynomials were calibrated over.
+    pub ranges: Ranges,
+    /// Head telemetry of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the first sample.
+    pub head_temperature: [Option<f64>; AXES],
+    /// Board telemetry of the last sample, as for the heads.
+    pub board_temperature: [Option<f64>; AXES],
+}
+
+/// The telemetry that the sensors of a triad were calibrated over.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Ranges {
     /// Unit of the telemetry, a label.
     pub unit: String,
-    /// Lower and upper end of the bias's range of head telemetry, A1 to A3.
+    /// Lower and upper end of the bias's range of head telemetry, of the three sensors.
     pub head: [[f64; 2]; AXES],
-    /// Lower and upper end of the board telemetry that is in the ranges of both K+ and K-, A1 to A3.
+    /// Lower and upper end of the board telemetry that is in the ranges of both K+ and K-, of the three sensors.
     pub board: [[f64; 2]; AXES],
 }
 
-impl From<&CoefficientTable> for Ranges {
-    fn from(table: &CoefficientTable) -> Self {
-        let axes = &table.content().axes;
+impl Ranges {
+    /// The ranges of a table's accelerometers.
+    #[must_use]
+    pub fn of_accelerometers(table: &CoefficientTable) -> Self {
+        Self::new(table, &table.content().axes)
+    }
+
+    /// The ranges of a table's gyroscopes, if it has any.
+    #[must_use]
+    pub fn of_gyroscopes(table: &CoefficientTable) -> Option<Self> {
+        table.content().gyroscopes.as_ref().map(|gyroscopes| Self::new(table, &gyroscopes.axes))
+    }
+
+    fn new(table: &CoefficientTable, axes: &[Axis; AXES]) -> Self {
         let board = |axis: usize| {
             let [positive, negative] =
                 [axes[axis].positive_scale_factor.range(), axes[axis].negative_scale_factor.range()];

@@ -5,6 +5,8 @@ mod checks;
 mod model;
 mod toml;
 
-pub use checks::{GRAVITY_RANGE, MAX_BIAS_G0, MIN_SCALE_FACTOR};
-pub use model::{AXIS_NAMES, Axis, CoefficientTable, Content, Digest, OutOfRange, Refusal};
+pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY};
+pub use model::{
+    AXIS_NAMES, Axis, CoefficientTable, Content, Digest, FORMAT, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal,
+};
 pub use toml::Seal;

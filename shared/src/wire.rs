@@ -6,17 +6,35 @@
 
 use core::mem::{align_of, offset_of, size_of};
 use iceoryx2::prelude::ZeroCopySend;
+use sha2::{Digest as _, Sha256};
 
-/// Number of accelerometers of an IMU: A1, A2, A3, in this order wherever an array has three elements.
+/// Number of sensors of a triad: A1, A2, A3 or G1, G2, G3, in this order wherever an array has three elements.
 pub const AXES: usize = 3;
 
 /// Longest control period that can be compensated: one hour. A longer one, or 0, is flagged [`Flags::INTERVAL`].
 pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
 
+/// What three sensors of one kind, accelerometers or gyroscopes, have measured in a control period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+#[type_name("isotherm.Triad")]
+pub struct Triad {
+    /// Pulses of the positive channel in Ts (N+).
+    pub positive_pulses: [u32; AXES],
+    /// Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
+    pub negative_pulses: [u32; AXES],
+    /// Telemetry of the sensing element, in the table's unit; it drives the bias.
+    pub head_temperature: [f64; AXES],
+    /// Telemetry of the converter board, in the table's unit; it drives both scale factors.
+    pub board_temperature: [f64; AXES],
+    /// The head telemetry behind a first-order lag of [`RawSample::lag_ns`], in the table's unit; unused if that is 0.
+    pub head_lagged: [f64; AXES],
+}
+
 /// One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
 #[repr(C)]
-#[type_name("isotherm.RawSample.v1")]
+#[type_name("isotherm.RawSample.v2")]
 pub struct RawSample {
     /// Random number that the acquisition chooses each time it starts; a resent sample keeps it.
     pub session: u64,
@@ -30,20 +48,30 @@ pub struct RawSample {
     pub sent_ns: u64,
     /// When the temperatures were read, on the acquisition's clock \[ns\]; 0 = unknown.
     pub telemetry_ns: u64,
-    /// Pulses of the positive channel in Ts (N+).
-    pub positive_pulses: [u32; 3],
-    /// Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
-    pub negative_pulses: [u32; 3],
-    /// Telemetry of the sensor head, in the table's unit; it drives the bias.
-    pub head_temperature: [f64; 3],
-    /// Telemetry of the converter board, in the table's unit; it drives both scale factors.
-    pub board_temperature: [f64; 3],
+    /// Time constant of the lagged telemetry \[ns\]; 0 = there is none.
+    pub lag_ns: u64,
+    /// Which unit this is: [`device`] of its serial number; 0 = unknown.
+    pub device: u64,
+    /// A1, A2, A3.
+    pub accelerometers: Triad,
+    /// G1, G2, G3; all zero where the IMU has none.
+    pub gyroscopes: Triad,
+}
+
+/// The number of the unit with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer blanks do not count;
+/// a serial number of nothing else is unknown, 0.
+#[must_use]
+pub fn device(serial: &str) -> u64 {
+    match serial.trim() {
+        "" => 0,
+        serial => Sha256::digest(serial).iter().take(8).fold(0, |number, &byte| number << 8 | u64::from(byte)),
+    }
 }
 
 /// The compensated answer to one [`RawSample`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
 #[repr(C)]
-#[type_name("isotherm.CompensatedIncrement.v1")]
+#[type_name("isotherm.CompensatedIncrement.v2")]
 pub struct CompensatedIncrement {
     /// Copied from the raw sample.
     pub session: u64,
@@ -54,38 +82,47 @@ pub struct CompensatedIncrement {
     /// Copied from the raw sample \[ns\].
     pub interval_ns: u64,
     /// Velocity increment over Ts \[m/s\]; NaN where it could not be computed, never a guess.
-    pub velocity_increment: [f64; 3],
+    pub velocity_increment: [f64; AXES],
+    /// Angle increment over Ts \[rad\]; NaN where it could not be computed, and where the table has no gyroscopes.
+    pub angle_increment: [f64; AXES],
     /// Which coefficients were used: the first 8 bytes of the table's digest, big-endian; 0 without a table.
     pub table: u64,
     /// See [`Flags`].
-    pub flags: u32,
-    /// Time from the raw sample's `sent_ns` to just before publishing \[ns\], saturating. If `sent_ns` is unknown, the time
-    /// counts from when the service found the sample.
-    pub latency_ns: u32,
+    pub flags: u64,
+    /// Time from the raw sample's `sent_ns` to just before publishing \[ns\]. If `sent_ns` is unknown, the time counts from when the
+    /// service found the sample.
+    pub latency_ns: u64,
 }
 
 // Peers that do not use this crate depend on this layout.
 const _: () = {
-    assert!(size_of::<RawSample>() == 120 && align_of::<RawSample>() == 8);
+    assert!(size_of::<Triad>() == 96 && align_of::<Triad>() == 8);
+    assert!(offset_of!(Triad, positive_pulses) == 0);
+    assert!(offset_of!(Triad, negative_pulses) == 12);
+    assert!(offset_of!(Triad, head_temperature) == 24);
+    assert!(offset_of!(Triad, board_temperature) == 48);
+    assert!(offset_of!(Triad, head_lagged) == 72);
+    assert!(size_of::<RawSample>() == 256 && align_of::<RawSample>() == 8);
     assert!(offset_of!(RawSample, session) == 0);
     assert!(offset_of!(RawSample, sequence) == 8);
     assert!(offset_of!(RawSample, timestamp_ns) == 16);
     assert!(offset_of!(RawSample, interval_ns) == 24);
     assert!(offset_of!(RawSample, sent_ns) == 32);
     assert!(offset_of!(RawSample, telemetry_ns) == 40);
-    assert!(offset_of!(RawSample, positive_pulses) == 48);
-    assert!(offset_of!(RawSample, negative_pulses) == 60);
-    assert!(offset_of!(RawSample, head_temperature) == 72);
-    assert!(offset_of!(RawSample, board_temperature) == 96);
-    assert!(size_of::<CompensatedIncrement>() == 72 && align_of::<CompensatedIncrement>() == 8);
+    assert!(offset_of!(RawSample, lag_ns) == 48);
+    assert!(offset_of!(RawSample, device) == 56);
+    assert!(offset_of!(RawSample, accelerometers) == 64);
+    assert!(offset_of!(RawSample, gyroscopes) == 160);
+    assert!(size_of::<CompensatedIncrement>() == 104 && align_of::<CompensatedIncrement>() == 8);
     assert!(offset_of!(CompensatedIncrement, session) == 0);
     assert!(offset_of!(CompensatedIncrement, sequence) == 8);
     assert!(offset_of!(CompensatedIncrement, timestamp_ns) == 16);
     assert!(offset_of!(CompensatedIncrement, interval_ns) == 24);
     assert!(offset_of!(CompensatedIncrement, velocity_increment) == 32);
-    assert!(offset_of!(CompensatedIncrement, table) == 56);
-    assert!(offset_of!(CompensatedIncrement, flags) == 64);
-    assert!(offset_of!(CompensatedIncrement, latency_ns) == 68);
+    assert!(offset_of!(CompensatedIncrement, angle_increment) == 56);
+    assert!(offset_of!(CompensatedIncrement, table) == 80);
+    assert!(offset_of!(CompensatedIncrement, flags) == 88);
+    assert!(offset_of!(CompensatedIncrement, latency_ns) == 96);
 };
 
 /// Why two samples cannot be summed by [`RawSample::merge`]; neither has been changed.
@@ -100,22 +137,15 @@ pub enum MergeError {
 }
 
 impl RawSample {
-    /// Adds the next control period to this one: pulses and intervals are summed, timestamp and telemetry become the
+    /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device become the
     /// later ones, session, sequence and `sent_ns` stay.
     ///
-    /// The velocity increment is linear in pulses and interval, so no velocity is lost if the temperature is the same in
+    /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in
     /// both periods. Use it when the service had no room for a sample.
     ///
     /// # Errors
     /// [`MergeError`] when a sum would overflow; `self` is then unchanged.
     pub fn merge(&mut self, later: &Self) -> Result<(), MergeError> {
-        let sum = |a: [u32; AXES], b: [u32; AXES]| -> Result<[u32; AXES], MergeError> {
-            let mut total = a;
-            for (total, added) in total.iter_mut().zip(b) {
-                *total = total.checked_add(added).ok_or(MergeError::Pulses)?;
-            }
-            Ok(total)
-        };
         let interval_ns = self
             .interval_ns
             .checked_add(later.interval_ns)
@@ -126,41 +156,68 @@ impl RawSample {
             sequence: self.sequence,
             sent_ns: self.sent_ns,
             interval_ns,
-            positive_pulses: sum(self.positive_pulses, later.positive_pulses)?,
-            negative_pulses: sum(self.negative_pulses, later.negative_pulses)?,
+            accelerometers: self.accelerometers.merged(&later.accelerometers)?,
+            gyroscopes: self.gyroscopes.merged(&later.gyroscopes)?,
             ..*later
         };
         Ok(())
     }
 }
 
+impl Triad {
+    /// The pulses of both periods, and the telemetry of the later one.
+    fn merged(&self, later: &Self) -> Result<Self, MergeError> {
+        let sum = |a: [u32; AXES], b: [u32; AXES]| -> Result<[u32; AXES], MergeError> {
+            let mut total = a;
+            for (total, added) in total.iter_mut().zip(b) {
+                *total = total.checked_add(added).ok_or(MergeError::Pulses)?;
+            }
+            Ok(total)
+        };
+        Ok(Self {
+            positive_pulses: sum(self.positive_pulses, later.positive_pulses)?,
+            negative_pulses: sum(self.negative_pulses, later.negative_pulses)?,
+            ..*later
+        })
+    }
+}
+
 /// Flags of a sample and of its delivery: the bits of [`CompensatedIncrement::flags`].
 ///
-/// Bits 0 to 20 are **sample flags**, a pure function of raw sample and table. Bits from 24 up are **delivery flags**,
-/// which the service adds.
+/// Bits 0 to 23 and 32 to 49 are **sample flags**, a pure function of raw sample and table; those from 32 on are the flags of the
+/// gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 and 25 are **delivery flags**, which the service adds.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 #[repr(transparent)]
-pub struct Flags(pub u32);
+pub struct Flags(pub u64);
 
 impl Flags {
-    /// Interval 0 or over an hour; the increment is NaN.
+    /// Interval 0 or over an hour; the increments are NaN.
     pub const INTERVAL: Self = Self(1 << 18);
-    /// The IMU is served without a table (`--allow-uncalibrated`); the increment is NaN.
+    /// The IMU is served without a table (`--allow-uncalibrated`); the increments are NaN.
     pub const NO_TABLE: Self = Self(1 << 19);
     /// The telemetry is older than the table's `max_age_s`.
     pub const TELEMETRY_STALE: Self = Self(1 << 20);
+    /// A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is not finite or
+    /// larger than the bias's range.
+    pub const LAG_UNKNOWN: Self = Self(1 << 21);
+    /// The sample is of another unit than the table's.
+    pub const OTHER_DEVICE: Self = Self(1 << 22);
+    /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
+    pub const G_UNKNOWN: Self = Self(1 << 23);
     /// Samples of this session are missing before this one.
     pub const GAP: Self = Self(1 << 24);
     /// The latency was over the configured budget.
     pub const LATE: Self = Self(1 << 25);
 
+    /// Distance from a bit of the accelerometers to that of the gyroscopes.
+    const GYROSCOPES: u32 = 32;
     /// All sample flags.
-    pub const SAMPLE: Self = Self((1 << 21) - 1);
+    pub const SAMPLE: Self = Self((1 << 24) - 1 | ((1 << 18) - 1) << Self::GYROSCOPES);
     /// All delivery flags.
     pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0);
 
     /// Bit and name of every flag, lowest bit first.
-    pub const NAMES: [(u32, &'static str); 23] = [
+    pub const NAMES: [(u32, &'static str); 44] = [
         (0, "a1-head-below"),
         (1, "a2-head-below"),
         (2, "a3-head-below"),
@@ -182,8 +239,29 @@ impl Flags {
         (18, "interval"),
         (19, "no-table"),
         (20, "telemetry-stale"),
+        (21, "lag-unknown"),
+        (22, "other-device"),
+        (23, "g-unknown"),
         (24, "gap"),
         (25, "late"),
+        (32, "g1-head-below"),
+        (33, "g2-head-below"),
+        (34, "g3-head-below"),
+        (35, "g1-head-above"),
+        (36, "g2-head-above"),
+        (37, "g3-head-above"),
+        (38, "g1-board-below"),
+        (39, "g2-board-below"),
+        (40, "g3-board-below"),
+        (41, "g1-board-above"),
+        (42, "g2-board-above"),
+        (43, "g3-board-above"),
+        (44, "g1-not-finite"),
+        (45, "g2-not-finite"),
+        (46, "g3-not-finite"),
+        (47, "g1-rate"),
+        (48, "g2-rate"),
+        (49, "g3-rate"),
     ];
 
     /// Head telemetry of `axis` (0 to 2) below the bias range.
@@ -216,6 +294,13 @@ impl Flags {
     #[inline]
     pub const fn rate(axis: usize) -> Self {
         Self(1 << (15 + axis))
+    }
+
+    /// The same flags of the gyroscopes, for flags of the accelerometers: bits 0 to 17.
+    #[must_use]
+    #[inline]
+    pub const fn of_gyroscopes(self) -> Self {
+        Self(self.0 << Self::GYROSCOPES)
     }
 
     /// Whether any bit of `other` is set.
@@ -284,10 +369,16 @@ mod tests {
             interval_ns: 400,
             sent_ns: 5,
             telemetry_ns: 900,
-            positive_pulses: [1, 2, u32::MAX - 1],
-            negative_pulses: [4, 5, 6],
-            head_temperature: [1.0, 2.0, 3.0],
-            board_temperature: [4.0, 5.0, 6.0],
+            lag_ns: 30,
+            device: 40,
+            accelerometers: Triad {
+                positive_pulses: [1, 2, u32::MAX - 1],
+                negative_pulses: [4, 5, 6],
+                head_temperature: [1.0, 2.0, 3.0],
+                board_temperature: [4.0, 5.0, 6.0],
+                head_lagged: [7.0, 8.0, 9.0],
+            },
+            gyroscopes: Triad { negative_pulses: [u32::MAX - 3, 8, 9], ..Triad::default() },
         }
     }
 
@@ -301,10 +392,16 @@ mod tests {
             interval_ns: 401,
             sent_ns: 0,
             telemetry_ns: 1_300,
-            positive_pulses: [10, 20, 1],
-            negative_pulses: [40, 50, 60],
-            head_temperature: [1.5, 2.5, 3.5],
-            board_temperature: [4.5, 5.5, 6.5],
+            lag_ns: 31,
+            device: 41,
+            accelerometers: Triad {
+                positive_pulses: [10, 20, 1],
+                negative_pulses: [40, 50, 60],
+                head_temperature: [1.5, 2.5, 3.5],
+                board_temperature: [4.5, 5.5, 6.5],
+                head_lagged: [7.5, 8.5, 9.5],
+            },
+            gyroscopes: Triad { negative_pulses: [3, 2, 1], head_temperature: [1.0, 2.0, 3.0], ..Triad::default() },
         };
         first.merge(&later).unwrap();
         assert_eq!(
@@ -314,8 +411,12 @@ mod tests {
                 sequence: 3,
                 sent_ns: 5,
                 interval_ns: 801,
-                positive_pulses: [11, 22, u32::MAX],
-                negative_pulses: [44, 55, 66],
+                accelerometers: Triad {
+                    positive_pulses: [11, 22, u32::MAX],
+                    negative_pulses: [44, 55, 66],
+                    ..later.accelerometers
+                },
+                gyroscopes: Triad { negative_pulses: [u32::MAX, 10, 10], ..later.gyroscopes },
                 ..later
             }
         );
@@ -327,7 +428,10 @@ mod tests {
         assert_eq!(first.merge(&sample()), Err(MergeError::Pulses));
         assert_eq!(first, sample());
         let mut later = sample();
-        later.positive_pulses = [0; AXES];
+        later.accelerometers.positive_pulses = [0; AXES];
+        assert_eq!(first.merge(&later), Err(MergeError::Pulses));
+        assert_eq!(first, sample());
+        later.gyroscopes.negative_pulses = [0; AXES];
         for interval_ns in [MAX_INTERVAL_NS - 399, u64::MAX] {
             later.interval_ns = interval_ns;
             assert_eq!(first.merge(&later), Err(MergeError::Interval));
@@ -348,6 +452,14 @@ mod tests {
     }
 
     #[test]
+    fn a_device_is_the_hash_of_its_serial_number_without_outer_blanks() {
+        // printf 'SN 42' | sha256sum
+        assert_eq!(device("SN 42"), 0x46a7_426e_f29c_c83b);
+        assert_eq!(device("\t SN 42 \n"), 0x46a7_426e_f29c_c83b);
+        assert_eq!((device(""), device("  ")), (0, 0));
+    }
+
+    #[test]
     fn every_flag_has_the_bit_that_its_name_says() {
         let named = |name: &str| Flags::NAMES.iter().find(|(_, n)| *n == name).map(|(bit, _)| Flags(1 << bit)).unwrap();
         for axis in 0..AXES {
@@ -358,7 +470,15 @@ mod tests {
             assert_eq!(named(&format!("a{n}-board-above")), Flags::board_above(axis));
             assert_eq!(named(&format!("a{n}-not-finite")), Flags::not_finite(axis));
             assert_eq!(named(&format!("a{n}-rate")), Flags::rate(axis));
+            assert_eq!(named(&format!("g{n}-head-below")), Flags::head_below(axis).of_gyroscopes());
+            assert_eq!(named(&format!("g{n}-rate")), Flags::rate(axis).of_gyroscopes());
         }
+        assert_eq!(named("lag-unknown"), Flags::LAG_UNKNOWN);
+        assert_eq!(named("other-device"), Flags::OTHER_DEVICE);
+        assert_eq!(named("g-unknown"), Flags::G_UNKNOWN);
+        assert!(Flags::NAMES.is_sorted_by_key(|(bit, _)| bit));
+        let all = Flags::NAMES.iter().fold(0, |all, (bit, _)| all | 1_u64 << bit);
+        assert_eq!(all, Flags::SAMPLE.0 | Flags::DELIVERY.0);
         assert_eq!(named("interval"), Flags::INTERVAL);
         assert_eq!(named("no-table"), Flags::NO_TABLE);
         assert_eq!(named("telemetry-stale"), Flags::TELEMETRY_STALE);

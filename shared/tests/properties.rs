@@ -4,9 +4,9 @@
 use isotherm_shared::compensate::{answer, compensate, uncompensated};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{Axis, CoefficientTable, Content, OutOfRange};
-use isotherm_shared::units::BiasUnit;
-use isotherm_shared::wire::{AXES, Flags, MAX_INTERVAL_NS, RawSample};
+use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, OutOfRange};
+use isotherm_shared::units::{ARCSEC, BiasUnit};
+use isotherm_shared::wire::{AXES, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 use nalgebra::Matrix3;
 use num_rational::BigRational;
 use num_traits::{Signed as _, ToPrimitive as _, Zero as _};
@@ -29,22 +29,40 @@ fn polynomial(size: f64) -> impl Strategy<Value = Polynomial> {
     })
 }
 
+/// Sizes of bias, transient and scale factor in the units of an accelerometer or gyroscope.
+type Sizes = (BiasUnit, f64, f64, f64);
+const GYROSCOPE: Sizes = (BiasUnit::DegreePerHour, 5.0, 1.0, 1.05);
+
+fn accelerometer() -> impl Strategy<Value = Sizes> {
+    let units = [(BiasUnit::G0, 1e-3), (BiasUnit::MilliG0, 0.7), (BiasUnit::MicroG0, 800.0)];
+    prop::sample::select(units.map(|(unit, size)| (unit, size, 0.05 * size, 91_000.0)).to_vec())
+}
+
 prop_compose! {
-    fn axis()(
-        (bias_unit, size) in prop::sample::select(vec![(BiasUnit::G0, 1e-3), (BiasUnit::MilliG0, 0.7), (BiasUnit::MicroG0, 800.0)]),
-    )(
-        bias_unit in Just(bias_unit),
-        bias in polynomial(size),
-        positive_scale_factor in polynomial(91_000.0),
-        negative_scale_factor in polynomial(-90_000.0),
+    fn axis(sizes: impl Strategy<Value = Sizes>)(sizes in sizes)(
+        bias_unit in Just(sizes.0),
+        bias in polynomial(sizes.1),
+        transient in prop_oneof![Just(0.0), -sizes.2..sizes.2],
+        positive_scale_factor in polynomial(sizes.3),
+        negative_scale_factor in polynomial(-0.99 * sizes.3),
         max_rate in prop::option::of(1e4..1e6f64),
     ) -> Axis {
-        Axis { bias_unit, bias, positive_scale_factor, negative_scale_factor, max_rate }
+        Axis { bias_unit, bias, transient, positive_scale_factor, negative_scale_factor, max_rate }
     }
 }
 
 fn alignment() -> impl Strategy<Value = Matrix3<f64>> {
     prop::array::uniform9(-1e-3..1e-3f64).prop_map(|small| Matrix3::identity() + Matrix3::from_row_slice(&small))
+}
+
+prop_compose! {
+    fn gyroscopes()(
+        axes in [axis(Just(GYROSCOPE)), axis(Just(GYROSCOPE)), axis(Just(GYROSCOPE))],
+        g_sensitivity in prop::array::uniform3(prop::option::of(prop::array::uniform3(-3.0..3.0f64))),
+        alignment in prop::option::of(alignment()),
+    ) -> Gyroscopes {
+        Gyroscopes { axes, g_sensitivity, alignment }
+    }
 }
 
 prop_compose! {
@@ -55,12 +73,39 @@ prop_compose! {
         temperature_unit in "\\PC{0,10}",
         out_of_range in prop::sample::select(OutOfRange::NAMES.map(|(policy, _)| policy).to_vec()),
         max_age_s in prop::option::of(1e-3..1e3f64),
-        axes in [axis(), axis(), axis()],
+        axes in [axis(accelerometer()), axis(accelerometer()), axis(accelerometer())],
         alignment in prop::option::of(alignment()),
+        gyroscopes in prop::option::of(gyroscopes()),
+        with_lag in any::<bool>(),
     ) -> CoefficientTable {
         let imu = ImuId::new(&imu).unwrap();
-        CoefficientTable::new(Content { imu, serial, gravity, temperature_unit, out_of_range, max_age_s, axes, alignment })
-            .unwrap()
+        let (mut axes, mut gyroscopes) = (axes, gyroscopes);
+        if !with_lag {
+            for axis in axes.iter_mut().chain(gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes)) {
+                axis.transient = 0.0;
+            }
+        }
+        let lag_s = with_lag.then_some(LAG_NS as f64 / 1e9);
+        let mut content = Content {
+            format: 1, imu, serial, gravity, temperature_unit, out_of_range, max_age_s, lag_s, axes, alignment, gyroscopes,
+        };
+        content.format = content.least_format();
+        CoefficientTable::new(content).unwrap()
+    }
+}
+
+/// Time constant of the tables with a lag.
+const LAG_NS: u64 = 240_000_000_000;
+
+prop_compose! {
+    fn triad(telemetry: std::ops::Range<f64>)(
+        positive_pulses in prop::array::uniform3(any::<u32>()),
+        negative_pulses in prop::array::uniform3(any::<u32>()),
+        head_temperature in prop::array::uniform3(telemetry.clone()),
+        board_temperature in prop::array::uniform3(telemetry.clone()),
+        head_lagged in prop::array::uniform3(telemetry),
+    ) -> Triad {
+        Triad { positive_pulses, negative_pulses, head_temperature, board_temperature, head_lagged }
     }
 }
 
@@ -68,12 +113,11 @@ prop_compose! {
     /// Half of the samples are inside the ranges of all polynomials, as nearly all real samples are.
     fn sample()(telemetry in prop::sample::select(vec![0.0..5.0f64, 1.5..3.0]))(
         interval_ns in 1..=MAX_INTERVAL_NS,
-        positive_pulses in prop::array::uniform3(any::<u32>()),
-        negative_pulses in prop::array::uniform3(any::<u32>()),
-        head_temperature in prop::array::uniform3(telemetry.clone()),
-        board_temperature in prop::array::uniform3(telemetry),
+        lag_ns in prop::sample::select(vec![0, LAG_NS, LAG_NS, LAG_NS, LAG_NS + 1]),
+        accelerometers in triad(telemetry.clone()),
+        gyroscopes in triad(telemetry),
     ) -> RawSample {
-        RawSample { interval_ns, positive_pulses, negative_pulses, head_temperature, board_temperature, ..RawSample::default() }
+        RawSample { interval_ns, lag_ns, accelerometers, gyroscopes, ..RawSample::default() }
     }
 }
 
@@ -98,30 +142,57 @@ fn exact_polynomial(polynomial: &Polynomial, telemetry: f64) -> (BigRational, Bi
     (sum, size)
 }
 
-/// Equation (17) for one axis in rational arithmetic, and a bound on the kernel's rounding error: a few units in the last
-/// place of every term, including the terms of the polynomials (at most 2n of them by Horner's rule).
-fn exact_increment(table: &Content, raw: &RawSample, index: usize) -> (f64, f64) {
-    let axis = &table.axes[index];
-    let used = |polynomial: &Polynomial, telemetry: f64| match table.out_of_range {
+/// Whether the term of `transient` counts in this sample.
+fn has_transient(axis: &Axis, raw: &RawSample, triad: &Triad, index: usize) -> bool {
+    let [low, high] = axis.bias.range();
+    let difference = triad.head_lagged[index] - triad.head_temperature[index];
+    axis.transient != 0.0 && raw.lag_ns == LAG_NS && difference.abs() <= high - low
+}
+
+/// N+/K+ + N-/K- - bias * Ts of one sensor in rational arithmetic, and the size of everything that is added up: the terms of the polynomials
+/// too (at most 2n of them by Horner's rule).
+fn exact_indicated(
+    policy: OutOfRange,
+    axis: &Axis,
+    raw: &RawSample,
+    triad: &Triad,
+    index: usize,
+) -> (BigRational, BigRational) {
+    let used = |polynomial: &Polynomial, telemetry: f64| match policy {
         OutOfRange::Clamp => polynomial.clamp(telemetry),
         _ => telemetry,
     };
-    let (head, board) = (raw.head_temperature[index], raw.board_temperature[index]);
+    let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
     let at = |polynomial, telemetry| exact_polynomial(polynomial, used(polynomial, telemetry));
     let (k_plus, k_plus_size) = at(&axis.positive_scale_factor, board);
     let (k_minus, k_minus_size) = at(&axis.negative_scale_factor, board);
-    let (bias, bias_size) = at(&axis.bias, head);
+    let (mut bias, mut bias_size) = at(&axis.bias, head);
+    if has_transient(axis, raw, triad, index) {
+        let (lagged, transient) = (exact(triad.head_lagged[index]), exact(axis.transient));
+        bias += &transient * (&lagged - exact(head));
+        bias_size += transient.abs() * (lagged.abs() + exact(head).abs());
+    }
     let ts = BigRational::new(raw.interval_ns.into(), 1_000_000_000.into());
-    let unit = exact(axis.bias_unit.in_g0());
-    let positive = whole(raw.positive_pulses[index]) / &k_plus;
-    let negative = whole(raw.negative_pulses[index]) / &k_minus;
+    let unit = exact(axis.bias_unit.factor());
+    let positive = whole(triad.positive_pulses[index]) / &k_plus;
+    let negative = whole(triad.negative_pulses[index]) / &k_minus;
+    let sum = &positive + &negative - &bias * &unit * &ts;
+    let size = positive.abs() * (k_plus_size / k_plus.abs())
+        + negative.abs() * (k_minus_size / k_minus.abs())
+        + bias_size * unit * ts;
+    (sum, size)
+}
+
+/// A few units in the last place of everything that is added up.
+fn rounding(size: &BigRational) -> f64 {
+    size.to_f64().unwrap() * 40.0 * f64::EPSILON
+}
+
+/// Equation (17) for one accelerometer in rational arithmetic, and a bound on the kernel's rounding error.
+fn exact_increment(table: &Content, raw: &RawSample, index: usize) -> (f64, f64) {
+    let (sum, size) = exact_indicated(table.out_of_range, &table.axes[index], raw, &raw.accelerometers, index);
     let gravity = exact(table.gravity);
-    let dv = &gravity * (&positive + &negative - &bias * &unit * &ts);
-    let size = gravity
-        * (positive.abs() * (k_plus_size / k_plus.abs())
-            + negative.abs() * (k_minus_size / k_minus.abs())
-            + bias_size * unit * ts);
-    (dv.to_f64().unwrap(), size.to_f64().unwrap() * 40.0 * f64::EPSILON)
+    ((&gravity * sum).to_f64().unwrap(), rounding(&(gravity * size)))
 }
 
 proptest! {
@@ -133,17 +204,47 @@ proptest! {
 
     #[test]
     fn the_kernel_agrees_with_exact_arithmetic(table in table(), raw in sample()) {
-        let content = Content { alignment: None, ..table.content().clone() };
+        let mut content = Content { alignment: None, ..table.content().clone() };
+        if let Some(gyroscopes) = &mut content.gyroscopes {
+            gyroscopes.alignment = None;
+        }
         let result = compensate(&CoefficientTable::new(content.clone()).unwrap(), &raw);
+        let rejected = |index: usize, flags: Flags| {
+            let outside = [Flags::head_below(index), Flags::head_above(index), Flags::board_below(index), Flags::board_above(index)];
+            content.out_of_range == OutOfRange::Reject && outside.iter().any(|flag| flags.intersects(*flag))
+        };
         for index in 0..AXES {
             let dv = result.velocity_increment[index];
-            let outside = [Flags::head_below(index), Flags::head_above(index), Flags::board_below(index), Flags::board_above(index)];
-            if content.out_of_range == OutOfRange::Reject && outside.iter().any(|flag| result.flags.intersects(*flag)) {
+            if rejected(index, result.flags) {
                 prop_assert!(dv.is_nan());
                 continue;
             }
             let (exact, bound) = exact_increment(&content, &raw, index);
             prop_assert!((dv - exact).abs() <= bound, "axis {}: {} for {}, bound {}", index, dv, exact, bound);
+        }
+        let Some(gyroscopes) = &content.gyroscopes else {
+            prop_assert!(result.angle_increment.iter().all(|da| da.is_nan()));
+            return Ok(());
+        };
+        let q_known = result.velocity_increment.iter().all(|dv| dv.is_finite());
+        let needs_g = gyroscopes.g_sensitivity.iter().any(Option::is_some);
+        prop_assert_eq!(result.flags.intersects(Flags::G_UNKNOWN), needs_g && !q_known);
+        for (index, axis) in gyroscopes.axes.iter().enumerate() {
+            let da = result.angle_increment[index];
+            if rejected(index, Flags(result.flags.0 >> 32)) {
+                prop_assert!(da.is_nan());
+                continue;
+            }
+            let (mut angle, mut size) = exact_indicated(content.out_of_range, axis, &raw, &raw.gyroscopes, index);
+            if let Some(coefficients) = gyroscopes.g_sensitivity[index].filter(|_| q_known) {
+                for (coefficient, dv) in coefficients.iter().zip(result.velocity_increment) {
+                    let term = exact(*coefficient) * exact(dv) / exact(content.gravity);
+                    size += term.abs();
+                    angle -= term;
+                }
+            }
+            let (exact, bound) = ((angle * exact(ARCSEC)).to_f64().unwrap(), rounding(&(size * exact(ARCSEC))));
+            prop_assert!((da - exact).abs() <= bound, "gyroscope {}: {} for {}, bound {}", index, da, exact, bound);
         }
     }
 
@@ -161,8 +262,9 @@ proptest! {
             }
             r
         };
-        let sensor: Vec<f64> = content.axes.iter().enumerate().map(|(i, axis)| {
-            let (head, board) = (raw.head_temperature[i], raw.board_temperature[i]);
+        let ts = raw.interval_ns as f64 / 1e9;
+        let indicated = |axis: &Axis, triad: &Triad, i: usize| {
+            let (head, board) = (triad.head_temperature[i], triad.board_temperature[i]);
             let inside = |p: &Polynomial, u: f64| u >= p.range()[0] && u <= p.range()[1];
             let all_inside = inside(&axis.bias, head)
                 && inside(&axis.positive_scale_factor, board)
@@ -170,18 +272,35 @@ proptest! {
             if content.out_of_range == OutOfRange::Reject && !all_inside {
                 return f64::NAN;
             }
-            let ts = raw.interval_ns as f64 / 1e9;
-            let a = value(&axis.bias, head) * axis.bias_unit.in_g0();
+            let mut p = value(&axis.bias, head);
+            if has_transient(axis, &raw, triad, i) {
+                p += axis.transient * (triad.head_lagged[i] - head);
+            }
+            let a = p * axis.bias_unit.factor();
             let k = (value(&axis.positive_scale_factor, board), value(&axis.negative_scale_factor, board));
-            let (positive, negative) = (f64::from(raw.positive_pulses[i]), f64::from(raw.negative_pulses[i]));
-            content.gravity * ((positive / k.0 + negative / k.1) - a * ts)
-        }).collect();
-        let expected: Vec<f64> = match &content.alignment {
-            None => sensor,
-            Some(m) => (0..AXES).map(|i| (m[(i, 0)] * sensor[0] + m[(i, 1)] * sensor[1]) + m[(i, 2)] * sensor[2]).collect(),
+            let (positive, negative) = (f64::from(triad.positive_pulses[i]), f64::from(triad.negative_pulses[i]));
+            (positive / k.0 + negative / k.1) - a * ts
         };
+        let aligned = |matrix: &Option<Matrix3<f64>>, v: [f64; AXES]| match matrix {
+            None => v,
+            Some(m) => [0, 1, 2].map(|i| (m[(i, 0)] * v[0] + m[(i, 1)] * v[1]) + m[(i, 2)] * v[2]),
+        };
+        let sensor = [0, 1, 2].map(|i| content.gravity * indicated(&content.axes[i], &raw.accelerometers, i));
+        let dv = aligned(&content.alignment, sensor);
         let result = compensate(&table, &raw);
-        for (found, expected) in result.velocity_increment.iter().zip(expected) {
+        let da = content.gyroscopes.as_ref().map_or([f64::NAN; AXES], |gyroscopes| {
+            let q = dv.map(|dv| dv / content.gravity);
+            let sensor = [0, 1, 2].map(|i| {
+                let angle = indicated(&gyroscopes.axes[i], &raw.gyroscopes, i);
+                match gyroscopes.g_sensitivity[i].filter(|_| q.iter().all(|q| q.is_finite())) {
+                    Some(s) => angle - ((s[0] * q[0] + s[1] * q[1]) + s[2] * q[2]),
+                    None => angle,
+                }
+            });
+            aligned(&gyroscopes.alignment, sensor).map(|angle| angle * 4.84813681109536e-06)
+        });
+        let found = result.velocity_increment.iter().chain(&result.angle_increment);
+        for (found, expected) in found.zip(dv.into_iter().chain(da)) {
             prop_assert!(found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan(), "{found} for {expected}");
         }
     }
@@ -194,8 +313,9 @@ proptest! {
         for index in 0..AXES {
             let end = content.axes[index].bias.range()[usize::from(upper)];
             let at = |head: f64| {
-                let mut raw = raw;
-                raw.head_temperature[index] = head;
+                // The transient term takes the unclamped telemetry.
+                let mut raw = RawSample { lag_ns: 0, ..raw };
+                raw.accelerometers.head_temperature[index] = head;
                 (compensate(&table, &raw).velocity_increment[index], raw)
             };
             let (there, raw_there) = at(end);
@@ -209,7 +329,17 @@ proptest! {
 
     /// For every bit pattern the kernel gives a finite number or NaN, and does not panic.
     #[test]
-    fn any_bit_pattern_gives_a_finite_number_or_nan(table in table(), words in prop::array::uniform16(any::<u64>())) {
+    fn any_bit_pattern_gives_a_finite_number_or_nan(table in table(), words in prop::array::uniform32(any::<u64>())) {
+        let triad = |words: &[u64]| {
+            let doubles = |from: usize| [0, 1, 2].map(|i| f64::from_bits(words[from + i]));
+            Triad {
+                positive_pulses: [words[0] as u32, words[1] as u32, words[2] as u32],
+                negative_pulses: [0, 1, 2].map(|i| (words[i] >> 32) as u32),
+                head_temperature: doubles(3),
+                board_temperature: doubles(6),
+                head_lagged: doubles(9),
+            }
+        };
         let raw = RawSample {
             session: words[0],
             sequence: words[1],
@@ -217,21 +347,27 @@ proptest! {
             interval_ns: words[3],
             sent_ns: words[4],
             telemetry_ns: words[5],
-            positive_pulses: [words[6] as u32, words[7] as u32, words[8] as u32],
-            negative_pulses: [words[9] as u32, words[6] as u32, words[7] as u32],
-            head_temperature: [words[10], words[11], words[12]].map(f64::from_bits),
-            board_temperature: [words[13], words[14], words[15]].map(f64::from_bits),
+            lag_ns: if words[6] % 2 == 0 { LAG_NS } else { words[6] },
+            device: words[7],
+            accelerometers: triad(&words[8..20]),
+            gyroscopes: triad(&words[20..]),
         };
         let increment = answer(Some(&table), &raw);
         prop_assert!(increment.velocity_increment.iter().all(|dv| dv.is_finite() || dv.is_nan()));
+        prop_assert!(increment.angle_increment.iter().all(|da| da.is_finite() || da.is_nan()));
         prop_assert_eq!(increment.flags & !Flags::SAMPLE.0, 0);
         for index in 0..AXES {
-            let finite = raw.head_temperature[index].is_finite() && raw.board_temperature[index].is_finite();
-            prop_assert_eq!(Flags(increment.flags).intersects(Flags::not_finite(index)), !finite);
-            prop_assert!(finite || increment.velocity_increment[index].is_nan());
+            let finite = |triad: &Triad| triad.head_temperature[index].is_finite() && triad.board_temperature[index].is_finite();
+            let (accelerometer, gyroscope) = (finite(&raw.accelerometers), finite(&raw.gyroscopes));
+            prop_assert_eq!(Flags(increment.flags).intersects(Flags::not_finite(index)), !accelerometer);
+            prop_assert!(accelerometer || increment.velocity_increment[index].is_nan());
+            let flagged = Flags(increment.flags).intersects(Flags::not_finite(index).of_gyroscopes());
+            prop_assert_eq!(flagged, table.gyroscopes().is_some() && !gyroscope);
+            prop_assert!(gyroscope || increment.angle_increment[index].is_nan());
         }
         let nothing = uncompensated(&raw);
-        prop_assert!(nothing.velocity_increment.iter().all(|dv| dv.is_nan()) && nothing.flags.intersects(Flags::NO_TABLE));
+        prop_assert!(nothing.velocity_increment.iter().chain(&nothing.angle_increment).all(|value| value.is_nan()));
+        prop_assert!(nothing.flags.intersects(Flags::NO_TABLE));
     }
 }
 
@@ -258,8 +394,7 @@ fn stale_telemetry_and_high_rates_are_flagged() {
         timestamp_ns: 100_000_000_000,
         telemetry_ns,
         interval_ns: 1_000_000_000,
-        positive_pulses: [pulses, 0, 0],
-        negative_pulses: [1, 0, 0],
+        accelerometers: Triad { positive_pulses: [pulses, 0, 0], negative_pulses: [1, 0, 0], ..Triad::default() },
         ..RawSample::default()
     };
     let flags = |raw: RawSample| compensate(&table, &raw).flags;

@@ -2,7 +2,9 @@
  * Calls the C interface in every wrong way and checks the answers: abuse IMU SERVICE_PID. Exits with 0 if all are as documented.
  */
 #define _GNU_SOURCE
+#include <float.h>
 #include <isotherm.h>
+#include <math.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -27,6 +29,7 @@
 #define GIVES(call, expected, word) CHECK((call) == (expected) && strstr(isotherm_error_message(), (word)) != NULL)
 
 static const char *imu;
+static const isotherm_options patient = {.timeout_ns = TIMEOUT_NS}, impatient = {.timeout_ns = 0};
 
 static void null_everywhere(isotherm_acquisition *acquisition)
 {
@@ -34,9 +37,9 @@ static void null_everywhere(isotherm_acquisition *acquisition)
     isotherm_reader *no_reader = (isotherm_reader *)1;
     isotherm_raw_sample *sample, copy = {0};
     isotherm_compensated_increment increment;
-    GIVES(isotherm_acquisition_connect(NULL, NULL, 0, &none), ISOTHERM_ERROR_NULL, "NULL");
+    GIVES(isotherm_acquisition_connect(NULL, NULL, &none), ISOTHERM_ERROR_NULL, "NULL");
     CHECK(none == NULL);
-    GIVES(isotherm_acquisition_connect(imu, NULL, 0, NULL), ISOTHERM_ERROR_NULL, "NULL");
+    GIVES(isotherm_acquisition_connect(imu, NULL, NULL), ISOTHERM_ERROR_NULL, "NULL");
     GIVES(isotherm_reader_new(NULL, NULL, &no_reader), ISOTHERM_ERROR_NULL, "NULL");
     CHECK(no_reader == NULL);
     CHECK(isotherm_reader_connect(imu, NULL, 0, NULL) == ISOTHERM_ERROR_NULL);
@@ -53,6 +56,10 @@ static void null_everywhere(isotherm_acquisition *acquisition)
     CHECK(isotherm_compensate(acquisition, sample, 1, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_discard(acquisition, sample) == ISOTHERM_OK);
     CHECK(isotherm_begin_session(NULL) == ISOTHERM_ERROR_NULL);
+    isotherm_lag lag;
+    CHECK(isotherm_reading(NULL, 0, 1.0, 1) == ISOTHERM_ERROR_NULL && isotherm_lag_ns(NULL) == 0);
+    CHECK(isotherm_save_lag(NULL, &lag) == ISOTHERM_ERROR_NULL && isotherm_save_lag(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_restore_lag(NULL, &lag) == ISOTHERM_ERROR_NULL && isotherm_restore_lag(acquisition, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_depth(NULL) == 0 && isotherm_in_flight(NULL) == 0 && isotherm_session(NULL) == 0);
     CHECK(isotherm_reader_receive(NULL, &increment) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_reader_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
@@ -68,15 +75,24 @@ static void wrong_names(void)
     isotherm_reader *no_reader;
     const char *names[] = {"", "IMU", "a b", "\xff\xfe", "0123456789abcdefghijklmnopqrstuvwxyz"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-        GIVES(isotherm_acquisition_connect(names[i], NULL, TIMEOUT_NS, &none), ISOTHERM_ERROR_NAME, "no valid name");
-        GIVES(isotherm_acquisition_connect(imu, names[i], TIMEOUT_NS, &none), ISOTHERM_ERROR_NAME, "domain");
+        isotherm_options nowhere = {.domain = names[i], .timeout_ns = TIMEOUT_NS};
+        GIVES(isotherm_acquisition_connect(names[i], &patient, &none), ISOTHERM_ERROR_NAME, "no valid name");
+        GIVES(isotherm_acquisition_connect(imu, &nowhere, &none), ISOTHERM_ERROR_NAME, "domain");
         GIVES(isotherm_reader_new(names[i], NULL, &no_reader), ISOTHERM_ERROR_NAME, "no valid name");
         CHECK(none == NULL && no_reader == NULL);
     }
-    GIVES(isotherm_acquisition_connect(imu, "nobody-here", 0, &none), ISOTHERM_ERROR_NO_SERVICE, "isotherm serve");
-    GIVES(isotherm_acquisition_connect("imu-x", NULL, 0, &none), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
+    isotherm_options elsewhere = {.domain = "nobody-here"};
+    GIVES(isotherm_acquisition_connect(imu, &elsewhere, &none), ISOTHERM_ERROR_NO_SERVICE, "isotherm serve");
+    GIVES(isotherm_acquisition_connect("imu-x", &impatient, &none), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
     GIVES(isotherm_reader_connect("imu-x", NULL, 0, &no_reader), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
-    GIVES(isotherm_acquisition_connect(imu, NULL, 0, &none), ISOTHERM_ERROR_OCCUPIED, "pid");
+    GIVES(isotherm_acquisition_connect(imu, &impatient, &none), ISOTHERM_ERROR_OCCUPIED, "pid");
+    double lags[] = {0.05, 86401, -2, NAN, INFINITY};
+    for (size_t i = 0; i < sizeof lags / sizeof *lags; i++) {
+        isotherm_options wrong = {.timeout_ns = TIMEOUT_NS, .lag_s = lags[i]};
+        GIVES(isotherm_acquisition_connect(imu, &wrong, &none), ISOTHERM_ERROR_VALUE, "give 0.1 to 86400 s");
+    }
+    isotherm_options serial = {.timeout_ns = TIMEOUT_NS, .serial = "SN \xff"};
+    GIVES(isotherm_acquisition_connect(imu, &serial, &none), ISOTHERM_ERROR_VALUE, "UTF-8");
 }
 
 /* A loan can be sent or discarded once. */
@@ -121,7 +137,7 @@ static void full_queue(isotherm_acquisition *acquisition)
     do {
         CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
         sample->interval_ns = 1000;
-        sample->positive_pulses[0] = 7;
+        sample->accelerometers.positive_pulses[0] = 7;
         sequence = sample->sequence;
     } while ((code = isotherm_send(acquisition, sample)) == ISOTHERM_OK);
     GIVES(code, ISOTHERM_FULL, "full");
@@ -130,14 +146,16 @@ static void full_queue(isotherm_acquisition *acquisition)
     CHECK(sample->sequence == sequence && sample->interval_ns == 1000);
     CHECK(isotherm_loan(acquisition, &later) == ISOTHERM_OK);
     later->interval_ns = 500;
-    later->positive_pulses[0] = 3;
+    later->accelerometers.positive_pulses[0] = 3;
+    later->gyroscopes.negative_pulses[2] = 5;
     later->timestamp_ns = 42;
     CHECK(isotherm_merge(sample, later) == ISOTHERM_OK && isotherm_discard(acquisition, later) == ISOTHERM_OK);
-    CHECK(sample->interval_ns == 1500 && sample->positive_pulses[0] == 10 && sample->timestamp_ns == 42);
+    CHECK(sample->interval_ns == 1500 && sample->accelerometers.positive_pulses[0] == 10 && sample->timestamp_ns == 42);
+    CHECK(sample->gyroscopes.negative_pulses[2] == 5);
     largest = *sample;
-    largest.positive_pulses[0] = UINT32_MAX;
+    largest.accelerometers.positive_pulses[0] = UINT32_MAX;
     GIVES(isotherm_merge(sample, &largest), ISOTHERM_ERROR_MERGE, "32 bits");
-    CHECK(sample->positive_pulses[0] == 10);
+    CHECK(sample->accelerometers.positive_pulses[0] == 10);
     CHECK(isotherm_merge(&largest, &largest) == ISOTHERM_ERROR_MERGE);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_FULL);
     CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
@@ -237,7 +255,7 @@ static void child_of(pid_t (*make)(void), isotherm_acquisition *acquisition, iso
         CHECK(isotherm_compensate(acquisition, on_loan, 1, &increment) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_discard(acquisition, on_loan) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
-        CHECK(isotherm_depth(acquisition) == 0);
+        CHECK(isotherm_depth(acquisition) == 0 && isotherm_reading(acquisition, 0, 1.0, 1) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_ERROR_FORKED && isotherm_reader_close(reader) == ISOTHERM_ERROR_FORKED);
         if (make != fork)
             exit(0); /* without the C library's knowledge it cannot connect either */
@@ -260,14 +278,43 @@ static void child_of(pid_t (*make)(void), isotherm_acquisition *acquisition, iso
     CHECK(isotherm_reader_receive_timeout(reader, TIMEOUT_NS, &increment) == ISOTHERM_OK);
 }
 
+/* Any numbers are harmless as readings and as a kept state. */
+static void lag(isotherm_acquisition *acquisition)
+{
+    isotherm_lag kept, any;
+    isotherm_raw_sample *sample;
+    isotherm_compensated_increment increment;
+    GIVES(isotherm_reading(acquisition, ISOTHERM_SENSORS, 1.0, 1), ISOTHERM_ERROR_VALUE, "0 to 5");
+    GIVES(isotherm_reading(acquisition, UINT32_MAX, 1.0, 1), ISOTHERM_ERROR_VALUE, "0 to 5");
+    CHECK(isotherm_save_lag(acquisition, &kept) == ISOTHERM_OK && isnan(kept.sensors[5].lagged));
+    double values[] = {2.5, NAN, INFINITY, -INFINITY, DBL_MAX, -DBL_MAX, DBL_MIN / 2, 0, 2.5};
+    for (size_t i = 0; i < sizeof values / sizeof *values; i++)
+        for (uint32_t sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
+            CHECK(isotherm_reading(acquisition, sensor, values[i], i % 2 == 0 ? UINT64_MAX - i : i) == ISOTHERM_OK);
+    CHECK(isotherm_save_lag(acquisition, &kept) == ISOTHERM_OK && kept.sensors[5].telemetry == 2.5 && isfinite(kept.sensors[5].lagged));
+    for (int byte = 0; byte < 256; byte++) {
+        memset(&any, byte, sizeof any);
+        CHECK(isotherm_restore_lag(acquisition, &any) == ISOTHERM_OK);
+        CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+        sample->interval_ns = 2500000;
+        CHECK(isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment) == ISOTHERM_OK);
+        CHECK(isotherm_reading(acquisition, 0, 2.5, (uint64_t)byte) == ISOTHERM_OK);
+    }
+    CHECK(isotherm_restore_lag(acquisition, &kept) == ISOTHERM_OK && isotherm_save_lag(acquisition, &any) == ISOTHERM_OK);
+    CHECK(memcmp(&any, &kept, sizeof kept) == 0);
+}
+
 static void values(void)
 {
     char text[16];
     CHECK(isotherm_flags_text(0, text, sizeof text) == 1 && strcmp(text, "-") == 0);
+    CHECK(isotherm_flags_text(ISOTHERM_FLAG_G3_RATE, text, sizeof text) == 7 && strcmp(text, "g3-rate") == 0);
     CHECK(isotherm_flags_text(ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_LATE, text, sizeof text) == 8 && strcmp(text, "gap|late") == 0);
     memset(text, 'x', sizeof text);
-    CHECK(isotherm_flags_text(UINT32_MAX, text, 5) > 256 && strcmp(text, "a1-h") == 0 && text[5] == 'x');
-    CHECK(isotherm_flags_text(UINT32_MAX, text, 1) < 512 && text[0] == 0);
+    CHECK(isotherm_flags_text(UINT64_MAX, text, 5) > 512 && strcmp(text, "a1-h") == 0 && text[5] == 'x');
+    CHECK(isotherm_flags_text(UINT64_MAX, text, 1) < 1024 && text[0] == 0);
+    CHECK(isotherm_device("SN 42") == 0x46a7426ef29cc83b && isotherm_device(" SN 42\n") == isotherm_device("SN 42"));
+    CHECK(isotherm_device("") == 0 && isotherm_device(NULL) == 0 && isotherm_device("\xff") == 0);
     CHECK(strcmp(isotherm_version(), ISOTHERM_VERSION) == 0);
     uint64_t before = isotherm_monotonic_ns();
     CHECK(before > 0 && isotherm_monotonic_ns() >= before);
@@ -284,12 +331,13 @@ int main(int count, char **words)
     isotherm_acquisition *acquisition;
     isotherm_reader *reader;
     CHECK(isotherm_reader_new(imu, NULL, &reader) == ISOTHERM_OK && !isotherm_reader_is_connected(reader));
-    CHECK(isotherm_acquisition_connect(imu, NULL, TIMEOUT_NS, &acquisition) == ISOTHERM_OK);
+    CHECK(isotherm_acquisition_connect(imu, &patient, &acquisition) == ISOTHERM_OK);
     null_everywhere(acquisition);
     wrong_names();
     samples(acquisition);
     full_queue(acquisition);
     time_out(acquisition, (pid_t)atoi(words[2]));
+    lag(acquisition);
     isotherm_compensated_increment increment;
     while (isotherm_reader_receive(reader, &increment) == ISOTHERM_NONE && !isotherm_reader_is_connected(reader))
         ;

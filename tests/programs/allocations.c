@@ -28,7 +28,8 @@ int main(int count, char **words)
     isotherm_acquisition *acquisition;
     isotherm_raw_sample *sample;
     isotherm_compensated_increment increment;
-    if (count != 3 || isotherm_acquisition_connect(words[1], NULL, 20000000000ull, &acquisition) != ISOTHERM_OK)
+    isotherm_options options = {.timeout_ns = 20000000000ull, .serial = "SN 42", .lag_s = 10};
+    if (count != 3 || isotherm_acquisition_connect(words[1], &options, &acquisition) != ISOTHERM_OK)
         return 1;
     unsigned long connecting = counted, allocations = 0, trips = strtoul(words[2], NULL, 10);
     /* The first 1000 trips make the connections and let the queues grow to their final size. */
@@ -44,6 +45,10 @@ int main(int count, char **words)
             ;
         if (code != ISOTHERM_OK)
             return 1;
+        /* A reading allocates nothing either, while the time constant stays. */
+        for (uint32_t sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
+            if (isotherm_reading(acquisition, sensor, (double)(trip % 10), trip + 1) != ISOTHERM_OK)
+                return 1;
         if (trip >= 1000 && isotherm_monotonic_ns() - started < UNINTERRUPTED_NS)
             allocations += counted - before;
     }

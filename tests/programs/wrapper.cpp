@@ -35,8 +35,8 @@ static isotherm_code thrown(Work work)
 
 static Acquisition connected(const std::string &imu)
 {
-    Acquisition acquisition(imu, {std::nullopt, 20s});
-    CHECK(acquisition.depth() > 1);
+    Acquisition acquisition(imu, {std::nullopt, 20s, "SN 42", 10.0});
+    CHECK(acquisition.depth() > 1 && acquisition.lag_ns() == 10'000'000'000);
     return acquisition;
 }
 
@@ -45,6 +45,7 @@ int main(int, char **words)
     const std::string imu = words[1];
     CHECK(thrown([&] { Acquisition(imu, {"nobody-here", 0s}); }) == ISOTHERM_ERROR_NO_SERVICE);
     CHECK(thrown([&] { Acquisition("no name"); }) == ISOTHERM_ERROR_NAME);
+    CHECK(thrown([&] { Acquisition(imu, {std::nullopt, 20s, std::nullopt, 0.01}); }) == ISOTHERM_ERROR_VALUE);
     auto early = IncrementReader::unconnected(imu);
     CHECK(!early.is_connected());
     // The first acquisition is closed at the end of its scope, so a second one can connect.
@@ -82,9 +83,22 @@ int main(int, char **words)
     acquisition.begin_session();
     CHECK(acquisition.session() != session && !acquisition.receive() && !acquisition.receive(-1s));
 
+    // The lag is kept, and goes on in another acquisition.
+    acquisition.reading(0, 2.0, 1'000'000'000);
+    acquisition.reading(0, 3.0, 11'000'000'000);
+    const auto kept = acquisition.lag();
+    CHECK(kept.sensors[0].telemetry == 3.0 && kept.sensors[0].lagged > 2.0 && kept.sensors[0].lagged < 3.0);
+    acquisition.begin_session();
+    CHECK(!(acquisition.lag().sensors[0].lagged == kept.sensors[0].lagged));
+    acquisition.restore_lag(kept);
+    CHECK(acquisition.lag().sensors[0].lagged == kept.sensors[0].lagged);
+    CHECK(thrown([&] { acquisition.reading(6, 2.0, 1); }) == ISOTHERM_ERROR_VALUE);
+    CHECK(isotherm::device("SN 42") == 0x46a7426ef29cc83b && isotherm::device("") == 0);
+
     auto other = std::move(acquisition);
     CHECK(thrown([&] { (void)acquisition.loan(); }) == ISOTHERM_ERROR_NULL && other.depth() > 1);
     CHECK(isotherm::flags_text(ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_LATE) == "gap|late" && isotherm::flags_text(0) == "-");
+    CHECK(isotherm::flags_text(ISOTHERM_FLAG_G1_HEAD_BELOW) == "g1-head-below");
     CHECK(isotherm::version() == ISOTHERM_VERSION && isotherm::monotonic_ns() > 0);
     isotherm::Realtime{}.apply();
     isotherm::Realtime slack;

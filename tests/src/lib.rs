@@ -11,7 +11,9 @@
     reason = "in a test the panic is the report"
 )]
 
-use isotherm_client::{Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Options, RawSample};
+use isotherm_client::{
+    Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Options, RawSample, Triad, device,
+};
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
@@ -34,6 +36,9 @@ pub const TABLE: &str = include_str!("../data/imu-a.toml");
 pub const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.csv");
 /// The exact increments of the recording, computed with the table.
 pub const RUN_EXPECTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run.expected.csv");
+
+/// A table of format 2, for `imu-g`: gyroscopes with g-sensitivity, both alignments, transient terms with a lag of 240 s.
+pub const WHOLE_TABLE: &str = include_str!("../data/imu-g.toml");
 
 /// Time limit of every wait. It is generous: it only bounds a failing test.
 pub const TIMEOUT: Duration = Duration::from_secs(20);
@@ -101,7 +106,7 @@ impl TestDomain {
 
     /// Client options for this domain.
     pub fn options(&self) -> Options {
-        Options { domain: self.domain.clone(), timeout: TIMEOUT }
+        Options::new(self.domain.clone(), TIMEOUT)
     }
 
     /// An acquisition in this process.
@@ -161,6 +166,12 @@ impl TestDomain {
     pub fn serve_recording(&self) -> Process {
         self.write("imu-a.toml", TABLE);
         self.serve(&["--imu", "imu-a=imu-a.toml"])
+    }
+
+    /// Starts a service for `imu-g` with [`WHOLE_TABLE`].
+    pub fn serve_whole(&self) -> Process {
+        self.write("imu-g.toml", WHOLE_TABLE);
+        self.serve(&["--imu", "imu-g=imu-g.toml"])
     }
 
     /// Starts `isotherm` in the background.
@@ -419,6 +430,50 @@ pub fn recording() -> Vec<RawSample> {
     RawCsvReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
 }
 
+/// Samples of a whole IMU that heats up and turns, 50 ms each. The telemetry is measured in every 20th sample, and `telemetry_ns` and all
+/// that an acquisition adds are 0.
+pub fn whole_recording(count: usize) -> Vec<RawSample> {
+    let mut state = 7_u32;
+    let mut pulses = |limit: u32| {
+        [(); 3].map(|()| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) % limit
+        })
+    };
+    let triad = |index: usize, offset: f64, pulses: [[u32; 3]; 2]| {
+        let telemetry = 1.2 + offset + 0.004 * (index / 20) as f64;
+        Triad {
+            positive_pulses: pulses[0],
+            negative_pulses: pulses[1],
+            head_temperature: [telemetry, telemetry + 0.01, telemetry + 0.02],
+            board_temperature: [telemetry - 0.01, telemetry, telemetry + 0.03],
+            head_lagged: [0.0; 3],
+        }
+    };
+    (0..count)
+        .map(|index| RawSample {
+            sequence: index as u64,
+            timestamp_ns: 50_000_000 * (index as u64 + 1),
+            interval_ns: 50_000_000,
+            accelerometers: triad(index, 0.0, [pulses(5_000), pulses(100)]),
+            gyroscopes: triad(index, 0.2, [pulses(40_000), pulses(2_000)]),
+            ..RawSample::default()
+        })
+        .collect()
+}
+
+/// The samples as an acquisition sends them that follows their telemetry with this time constant, for a unit of this serial number.
+pub fn completed(samples: &[RawSample], lag_ns: u64, serial: &str) -> Vec<RawSample> {
+    let mut lag = Lag::new(lag_ns);
+    let complete = |sample: &RawSample| {
+        let mut raw = RawSample { device: device(serial), ..*sample };
+        lag.follow(&raw);
+        lag.fill(&mut raw);
+        raw
+    };
+    samples.iter().map(complete).collect()
+}
+
 /// The table of the recording with another gravity. It has another digest and gives other increments.
 pub fn variant(number: u32) -> String {
     TABLE.replace("9.8015", &format!("{:.4}", 9.8 + f64::from(number) * 1e-4))
@@ -434,7 +489,9 @@ pub fn round_trip(acquisition: &mut Acquisition, sample: &RawSample) -> Compensa
 /// Whether two increments are equal bit by bit, apart from the delivery flags and the latency.
 pub fn same(a: &CompensatedIncrement, b: &CompensatedIncrement) -> bool {
     let sample_flags = |increment: &CompensatedIncrement| increment.flags & Flags::SAMPLE.0;
-    let bits = |increment: &CompensatedIncrement| increment.velocity_increment.map(f64::to_bits);
+    let bits = |increment: &CompensatedIncrement| {
+        (increment.velocity_increment.map(f64::to_bits), increment.angle_increment.map(f64::to_bits))
+    };
     (a.session, a.sequence, a.timestamp_ns, a.interval_ns) == (b.session, b.sequence, b.timestamp_ns, b.interval_ns)
         && (a.table, sample_flags(a), bits(a)) == (b.table, sample_flags(b), bits(b))
 }

@@ -2,14 +2,20 @@
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Flags, RawSample};
+use isotherm_recording::RawCsvReader;
 use isotherm_shared::compensate::answer;
-use isotherm_tests::{Needs, RUN, TABLE, TestDomain, recording, skip, table, text, wait_until};
+use isotherm_tests::{
+    Needs, RUN, TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, completed, recording, same, skip, table, text, wait_until,
+    whole_recording,
+};
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
+/// A recording of a whole IMU for [`WHOLE_TABLE`].
+const WHOLE_RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 const C: (&str, &str) = ("cc", "-std=c11");
 const CPP: (&str, &str) = ("c++", "-std=c++17");
@@ -26,21 +32,36 @@ fn compile(domain: &TestDomain, (compiler, standard): (&str, &str), source: &str
     for name in ["libisotherm_client.so", "libisotherm_client.so.0"] {
         let _ = symlink(&built, domain.path(name));
     }
-    let (folder, program) = (domain.path(""), domain.path(&source.replace('/', "-").replace('.', "_")));
+    let name = format!("{compiler}-{}", source.replace('/', "-").replace('.', "_"));
+    let (folder, program) = (domain.path(""), domain.path(&name));
     let mut command = Command::new(compiler);
+    // The language is the compiler's, whatever the file's name is.
+    command.args(["-x", if standard == CPP.1 { "c++" } else { "c" }]);
     command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-pthread"]);
-    command.arg(format!("-I{ROOT}/client/include")).arg(format!("{ROOT}/{source}")).arg("-o").arg(&program);
+    command
+        .arg(format!("-I{ROOT}/client/include"))
+        .arg(format!("{ROOT}/{source}"))
+        .args(["-x", "none", "-o"])
+        .arg(&program);
     command.arg(format!("-L{}", folder.display())).arg(format!("-Wl,-rpath,{}", folder.display()));
     let output = command.arg("-lisotherm_client").output().unwrap();
     assert!(output.status.success(), "{source}:\n{}", text(&output.stderr));
     Some(program)
 }
 
+/// The serial number that the examples tell the service.
+const SERIAL: &str = "SN 42";
+
 /// Starts a program in the test's domain. Its output goes to the file `out`.
 fn start(domain: &TestDomain, program: &Path, arguments: &[&str], out: &str) -> Child {
     let mut command = Command::new(program);
-    command.args(arguments).stdin(Stdio::piped()).stdout(File::create(domain.path(out)).unwrap());
+    command
+        .args(arguments)
+        .current_dir(domain.path(""))
+        .stdin(Stdio::piped())
+        .stdout(File::create(domain.path(out)).unwrap());
     command.env("ISOTHERM_DOMAIN", domain.client_domain().name()).env("ISOTHERM_ROOT", domain.path(""));
+    command.env("SERIAL", SERIAL);
     // Cargo's path comes before the program's own and may lead to the library of an older build.
     command.env_remove("LD_LIBRARY_PATH");
     let child = command.stderr(Stdio::inherit()).spawn().unwrap();
@@ -55,22 +76,43 @@ fn run(domain: &TestDomain, program: &Path, arguments: &[&str], out: &str) {
 }
 
 /// Asserts that the output of an example has the increment of every sample once, in order and exact to the bit.
-fn assert_exact(printed: &str, samples: &[RawSample]) {
-    let exact = table(TABLE);
+fn assert_exact(printed: &str, text: &str, samples: &[RawSample]) {
+    let exact = table(text);
+    let increments = if exact.gyroscopes().is_some() { 6 } else { 3 };
     let rows: Vec<Vec<&str>> = printed.lines().map(|line| line.split(',').collect()).collect();
     let sequences: Vec<_> = rows.iter().map(|row| row[0].to_owned()).collect();
     assert_eq!(sequences, samples.iter().map(|sample| sample.sequence.to_string()).collect::<Vec<_>>());
     for (row, sample) in rows.iter().zip(samples) {
         let expected = answer(Some(&exact), sample);
-        let increment: Vec<u64> = row[1..4].iter().map(|dv| dv.parse::<f64>().unwrap().to_bits()).collect();
-        assert_eq!(increment, expected.velocity_increment.map(f64::to_bits), "{row:?}");
-        if let Some([digits, flags]) = row.get(4..6) {
+        let (values, rest) = row[1..].split_at(increments);
+        let values: Vec<u64> = values.iter().map(|value| value.parse::<f64>().unwrap().to_bits()).collect();
+        let exact = [expected.velocity_increment, expected.angle_increment].as_flattened()[..increments].to_vec();
+        assert_eq!(values, exact.into_iter().map(f64::to_bits).collect::<Vec<_>>(), "{row:?}");
+        if let [digits, flags] = rest {
             assert_eq!(*digits, format!("{:016x}", expected.table));
             let sample_flags: Vec<_> = flags.split('|').filter(|name| *name != "late").collect();
             let none = if sample_flags.is_empty() { "-" } else { "" };
             assert_eq!(sample_flags.join("|") + none, Flags(expected.flags).to_string());
         }
     }
+}
+
+/// The header and the rows of a recording of a whole IMU, in the columns of the examples.
+fn whole_csv(samples: &[RawSample]) -> (String, Vec<String>) {
+    let names = ["a1", "a2", "a3", "g1", "g2", "g3"];
+    let columns =
+        names.map(|name| ["positive", "negative", "head", "board"].map(|end| format!("{name}_{end}")).join(","));
+    let row = |sample: &RawSample| {
+        let sensors = [&sample.accelerometers, &sample.gyroscopes].map(|triad| {
+            let sensor = |axis: usize| {
+                let (positive, negative) = (triad.positive_pulses[axis], triad.negative_pulses[axis]);
+                format!("{positive},{negative},{:?},{:?}", triad.head_temperature[axis], triad.board_temperature[axis])
+            };
+            [0, 1, 2].map(sensor).join(",")
+        });
+        format!("{},{},{},{}\n", sample.sequence, sample.timestamp_ns, sample.interval_ns, sensors.join(","))
+    };
+    (format!("sequence,timestamp_ns,interval_ns,{}\n", columns.join(",")), samples.iter().map(row).collect())
 }
 
 /// The output of a program, without its first line.
@@ -86,7 +128,100 @@ fn the_examples_compensate_exactly() {
     for (language, source) in [(C, "examples/c/acquisition.c"), (CPP, "examples/cpp/acquisition.cpp")] {
         let Some(program) = compile(&domain, language, source) else { continue };
         run(&domain, &program, &["imu-a", RUN], "out.csv");
-        assert_exact(&rows(&domain, "out.csv"), &recording());
+        assert_exact(&rows(&domain, "out.csv"), TABLE, &recording());
+    }
+    service.terminate();
+}
+
+/// Gyroscopes, the lag of the telemetry, and the unit, in C and C++: as the kernel computes them from the samples with what the library adds.
+#[test]
+fn the_examples_compensate_a_whole_imu_exactly() {
+    let domain = TestDomain::new();
+    // The table is of another unit, which every increment tells.
+    let other = WHOLE_TABLE.replace("gravity =", "serial = \"SN 43\"\ngravity =");
+    domain.write("imu-g.toml", &other);
+    let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
+    let samples = whole_recording(1000);
+    let (header, lines) = whole_csv(&samples);
+    let recording = domain.write("whole.csv", &(header + &lines.concat()));
+    let expected = completed(&samples, table(WHOLE_TABLE).lag_ns(), SERIAL);
+    for (language, source) in [(C, "examples/c/acquisition.c"), (CPP, "examples/cpp/acquisition.cpp")] {
+        let Some(program) = compile(&domain, language, source) else { continue };
+        run(&domain, &program, &["imu-g", recording.to_str().unwrap()], "out.csv");
+        assert_exact(&rows(&domain, "out.csv"), &other, &expected);
+        assert!(rows(&domain, "out.csv").lines().all(|line| line.contains("other-device")));
+    }
+    service.terminate();
+}
+
+/// A recording of a whole IMU with every peculiarity that a sample can have, and its increments in IEEE double, of another hand than this code.
+#[test]
+fn all_bits_pass_through_the_structures_of_c_and_cpp() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let samples: Vec<RawSample> =
+        RawCsvReader::new(File::open(WHOLE_RUN).unwrap()).unwrap().map(Result::unwrap).collect();
+    let bytes: Vec<u8> = samples.iter().flat_map(sample_bytes).collect();
+    let double = fs::read_to_string(WHOLE_RUN.replace(".csv", ".double.csv")).unwrap();
+    let (_, double) = double.split_once('\n').unwrap();
+    for language in [C, CPP] {
+        let Some(program) = compile(&domain, language, "tests/programs/bytes.c") else { continue };
+        let mut running = start(&domain, &program, &["imu-g"], "out");
+        running.stdin.take().unwrap().write_all(&bytes).unwrap();
+        assert!(running.wait().unwrap().success());
+        let out = fs::read(domain.path("out")).unwrap();
+        let (increments, rest) = out.as_chunks::<104>();
+        assert_eq!((increments.len(), rest.len(), double.lines().count()), (samples.len(), 0, samples.len()));
+        for (increment, row) in increments.iter().zip(double.lines()) {
+            let longs: Vec<_> = increment.as_chunks().0.iter().map(|long| u64::from_ne_bytes(*long)).collect();
+            let row: Vec<_> = row.split(',').collect();
+            let expected = [0, 1, 2].map(|index| row[index].parse::<u64>().unwrap());
+            assert_eq!(longs[1..4], expected);
+            // A text has one NaN.
+            let bits = |value: f64| if value.is_nan() { u64::MAX } else { value.to_bits() };
+            let expected: Vec<_> = row[3..9].iter().map(|value| bits(value.parse().unwrap())).collect();
+            assert_eq!(longs[4..10].iter().map(|value| bits(f64::from_bits(*value))).collect::<Vec<_>>(), expected);
+            assert_eq!(Flags(longs[11]).only(Flags::SAMPLE).to_string(), row[9]);
+        }
+    }
+    service.terminate();
+}
+
+/// The bytes of a sample in the order of its fields, which have no padding.
+fn sample_bytes(raw: &RawSample) -> Vec<u8> {
+    let longs = [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns];
+    let mut bytes = longs.into_iter().chain([raw.lag_ns, raw.device]).flat_map(u64::to_ne_bytes).collect::<Vec<_>>();
+    for triad in [&raw.accelerometers, &raw.gyroscopes] {
+        let pulses = [triad.positive_pulses, triad.negative_pulses];
+        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        bytes.extend(pulses.as_flattened().iter().flat_map(|count| count.to_ne_bytes()));
+        bytes.extend(telemetry.as_flattened().iter().flat_map(|value| value.to_ne_bytes()));
+    }
+    bytes
+}
+
+#[test]
+fn a_killed_c_program_hands_its_lag_over() {
+    const PART: usize = 200;
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let program = compile(&domain, C, "examples/c/acquisition.c").unwrap();
+    let samples = whole_recording(5 * PART);
+    let (header, lines) = whole_csv(&samples);
+    let expected = completed(&samples, table(WHOLE_TABLE).lag_ns(), SERIAL);
+    let mut reader = domain.reader("imu-g");
+    for (part, lines) in lines.chunks(PART).enumerate() {
+        let mut running = start(&domain, &program, &["imu-g", "/dev/stdin", "lag.state"], "out.csv");
+        let mut input = running.stdin.take().unwrap();
+        input.write_all((header.clone() + &lines.concat()).as_bytes()).unwrap();
+        // Its input stays open, so it waits for more when it is killed.
+        for raw in &expected[part * PART..(part + 1) * PART] {
+            let increment = reader.receive_timeout(TIMEOUT).unwrap().unwrap();
+            let exact = answer(Some(&table(WHOLE_TABLE)), &RawSample { session: increment.session, ..*raw });
+            assert!(same(&increment, &exact), "{increment:?}\n{exact:?}");
+        }
+        running.kill().unwrap();
+        running.wait().unwrap();
     }
     service.terminate();
 }
@@ -107,7 +242,7 @@ fn the_c_reader_prints_every_increment() {
     let head = domain.write("head.csv", &head);
     run(&domain, &acquisition, &["imu-a", head.to_str().unwrap()], "out.csv");
     assert!(reading.wait().unwrap().success());
-    assert_exact(&fs::read_to_string(domain.path("read.csv")).unwrap(), &recording()[..SENT]);
+    assert_exact(&fs::read_to_string(domain.path("read.csv")).unwrap(), TABLE, &recording()[..SENT]);
     service.terminate();
 }
 
@@ -137,7 +272,7 @@ fn a_c_program_loses_nothing_when_the_service_is_killed() {
     }
     drop(input);
     assert!(running.wait().unwrap().success());
-    assert_exact(&rows(&domain, "out.csv"), &recording());
+    assert_exact(&rows(&domain, "out.csv"), TABLE, &recording());
     service.terminate();
 }
 

@@ -1,9 +1,11 @@
 //! One recording in every format and in pieces: each command that reads recordings gives the same result.
 //!
 //! The tests write the files with the library of each format, as other programs do.
+//!
+//! Over 400 lines: every test needs these writers.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{RUN, TABLE, TestDomain, text};
+use isotherm_tests::{RUN, TABLE, TestDomain, WHOLE_TABLE, text};
 use mcap::records::MessageHeader;
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
@@ -14,6 +16,7 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::sync::Arc;
 
+const WHOLE_RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 
 /// The column names and rows of a CSV file.
@@ -38,6 +41,19 @@ impl CsvContent {
         self.rows.iter().all(|row| row[column].is_empty() || row[column].parse::<i64>().is_ok())
     }
 
+    /// Whether a column has texts.
+    fn is_text(&self, column: usize) -> bool {
+        self.names[column] == "device"
+    }
+
+    /// The same rows without these columns.
+    fn without(&self, names: &[&str]) -> Self {
+        let kept = |column: &usize| !names.contains(&self.names[*column].as_str());
+        let select =
+            |fields: &[String]| (0..self.names.len()).filter(kept).map(|column| fields[column].clone()).collect();
+        Self { names: select(&self.names), rows: self.rows.iter().map(|row| select(row)).collect() }
+    }
+
     fn write(&self, path: &Path) {
         match path.extension().unwrap().to_str().unwrap() {
             "csv" => self.write_csv(path),
@@ -52,11 +68,15 @@ impl CsvContent {
         fs::write(path, lines.map(|fields| fields.join(",") + "\n").collect::<String>()).unwrap();
     }
 
-    /// A column is INT64 if all its values are whole numbers, else DOUBLE, and OPTIONAL if it has empty values.
+    /// A column is BYTE_ARRAY if it has texts, INT64 if all its values are whole numbers, else DOUBLE, and OPTIONAL if it has empty values.
     fn write_parquet(&self, path: &Path) {
         let optional = |column: usize| self.rows.iter().any(|row| row[column].is_empty());
         let field = |column: usize| {
-            let physical = if self.is_integer(column) { Physical::INT64 } else { Physical::DOUBLE };
+            let physical = match (self.is_text(column), self.is_integer(column)) {
+                (true, _) => Physical::BYTE_ARRAY,
+                (false, true) => Physical::INT64,
+                (false, false) => Physical::DOUBLE,
+            };
             let repetition = if optional(column) { Repetition::OPTIONAL } else { Repetition::REQUIRED };
             let field = Type::primitive_type_builder(&self.names[column], physical).with_repetition(repetition);
             Arc::new(field.build().unwrap())
@@ -72,7 +92,10 @@ impl CsvContent {
             let levels: Vec<_> = values.iter().map(|value| i16::from(!value.is_empty())).collect();
             let levels = optional(column).then_some(&levels[..]);
             let mut open = group.next_column().unwrap().unwrap();
-            if self.is_integer(column) {
+            if self.is_text(column) {
+                let texts: Vec<_> = present.map(|value| ByteArray::from(*value)).collect();
+                open.typed::<ByteArrayType>().write_batch(&texts, levels, None).unwrap();
+            } else if self.is_integer(column) {
                 let numbers: Vec<i64> = present.map(|value| value.parse().unwrap()).collect();
                 open.typed::<Int64Type>().write_batch(&numbers, levels, None).unwrap();
             } else {
@@ -85,11 +108,15 @@ impl CsvContent {
         writer.close().unwrap();
     }
 
-    /// Each row is a protobuf message: int64 for columns of whole numbers, else double, and no field for an empty value.
+    /// Each row is a protobuf message: string for texts, int64 for columns of whole numbers, else double, and no field for an empty value.
     fn write_mcap(&self, path: &Path) {
         let (mut fields, mut descriptor) = (Vec::new(), Vec::new());
         for (name, number) in self.names.iter().zip(1..) {
-            let kind = if self.is_integer(number as usize - 1) { 3 } else { 1 };
+            let kind = match (self.is_text(number as usize - 1), self.is_integer(number as usize - 1)) {
+                (true, _) => 9,
+                (false, true) => 3,
+                (false, false) => 1,
+            };
             let mut field = Vec::new();
             bytes(&mut field, 1, name.as_bytes());
             for (key, value) in [(3, number), (4, 1), (5, kind)] {
@@ -114,7 +141,9 @@ impl CsvContent {
             let mut message = Vec::new();
             for (column, value) in row.iter().enumerate().filter(|(_, value)| !value.is_empty()) {
                 let number = column as u64 + 1;
-                if self.is_integer(column) {
+                if self.is_text(column) {
+                    bytes(&mut message, number, value.as_bytes());
+                } else if self.is_integer(column) {
                     varint(&mut message, number << 3);
                     varint(&mut message, value.parse::<i64>().unwrap().cast_unsigned());
                 } else {
@@ -347,6 +376,80 @@ fn telemetry_in_whole_numbers_is_read() {
         vec![name]
     });
     assert_alike(&domain, &variants, &["replay", "--table", "imu-a.toml"]);
+}
+
+/// Rows of a whole IMU with a device, which some rows do not know.
+fn whole() -> CsvContent {
+    let mut whole = CsvContent::of(&fs::read_to_string(WHOLE_RUN).unwrap()).part(0, 900);
+    whole.names.push("device".to_owned());
+    for (number, row) in whole.rows.iter_mut().enumerate() {
+        row.push(["46a7426ef29cc83b", "", "0000000000000000"][number % 3].to_owned());
+    }
+    whole
+}
+
+#[test]
+fn a_whole_imu_is_read_in_every_format_and_pieces_in_any_order() {
+    let domain = TestDomain::new();
+    // 46a7426ef29cc83b is the unit with the serial number SN 42.
+    domain.write("imu-g.toml", &WHOLE_TABLE.replace("gravity =", "serial = \"SN 43\"\ngravity ="));
+    let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
+    let (all, lag) = (whole(), &LAG_COLUMNS[..]);
+    for (content, more) in [(&all, &[][..]), (&all.without(lag), &["--lag", "100"]), (&all.without(&["device"]), &[])] {
+        let lines: String = [&content.names].into_iter().chain(&content.rows).map(|row| row.join(",") + "\n").collect();
+        let variants = variants(&domain, &lines);
+        let replay = [&["replay", "--table", "imu-g.toml"], more].concat();
+        assert_alike(&domain, &variants, &replay);
+        assert_alike(&domain, &variants, &[&["feed", "--imu", "imu-g"], more].concat());
+        let replayed = domain.run_ok(&[&replay[..], &["whole.parquet"]].concat());
+        let flagged = if content.names.last().is_some_and(|name| name == "device") { 300 } else { 0 };
+        assert_eq!(replayed.matches("other-device").count(), flagged);
+        assert_eq!(replayed.matches("lag-unknown").count(), if more.is_empty() { 0 } else { 900 });
+        for piece in fs::read_dir(domain.path("")).unwrap() {
+            let piece = piece.unwrap().path();
+            if piece.extension().is_some_and(|extension| extension != "toml") && piece.is_file() {
+                fs::remove_file(piece).unwrap();
+            }
+        }
+    }
+    service.terminate();
+}
+
+const LAG_COLUMNS: [&str; 7] = [
+    "lag_ns",
+    "a1_head_lagged",
+    "a2_head_lagged",
+    "a3_head_lagged",
+    "g1_head_lagged",
+    "g2_head_lagged",
+    "g3_head_lagged",
+];
+
+#[test]
+fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
+    let domain = TestDomain::new();
+    domain.write("imu-g.toml", WHOLE_TABLE);
+    for lacking in [&["g2_board"][..], &["g1_positive", "g3_head"], &["lag_ns"], &["a2_head_lagged"], &LAG_COLUMNS[4..]]
+    {
+        let names = lacking.join(", ");
+        for piece in ["part.csv", "part.parquet", "part.mcap"] {
+            whole().without(lacking).write(&domain.path(piece));
+            let cause = format!("missing columns: {names}; found: ");
+            assert_refused(&domain, &["replay", "--table", "imu-g.toml", piece], 65, &cause);
+            assert_refused(&domain, &["replay", "--table", "imu-g.toml", piece], 65, "or none");
+        }
+    }
+    let mut odd = whole();
+    odd.rows[4].pop();
+    odd.rows[4].push("SN 42".to_owned());
+    for (piece, cause) in [
+        ("odd.csv", "odd.csv:6: device is \"SN 42\", give 16 hexadecimal digits"),
+        ("odd.parquet", "device: no value, or one that does not fit"),
+        ("odd.mcap", "message 5: device is not a text of 16 hexadecimal digits"),
+    ] {
+        odd.write(&domain.path(piece));
+        assert_refused(&domain, &["replay", "--table", "imu-g.toml", piece], 65, cause);
+    }
 }
 
 /// Text in a column of numbers, in a format that has types.

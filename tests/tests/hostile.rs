@@ -5,6 +5,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use isotherm_client::{Acquisition, ConnectError, Flags, Options, RawSample, join};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{INCREMENT_SUBSCRIBERS, Ipc, IpcNode, RAW_SUBSCRIBERS};
+use isotherm_shared::wire::Triad;
 use isotherm_tests::{Needs, RUN, TABLE, TestDomain, binary, id, recording, round_trip, skip, table, text, wait_until};
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::{FileExt as _, PermissionsExt as _, chown};
@@ -78,7 +79,8 @@ fn a_flood_on_one_imu_does_not_starve_the_other() {
 }
 
 fn recording_at(index: u64) -> RawSample {
-    RawSample { interval_ns: index, positive_pulses: [index as u32; 3], ..RawSample::default() }
+    let triad = Triad { positive_pulses: [index as u32; 3], ..Triad::default() };
+    RawSample { interval_ns: index, accelerometers: triad, gyroscopes: triad, ..RawSample::default() }
 }
 
 /// The files and offsets in shared memory at which `needle` is now.
@@ -106,8 +108,9 @@ fn a_sample_that_changes_after_it_was_sent_harms_only_its_own_increment() {
     let mut acquisition = domain.acquisition("imu-a");
     let samples = recording();
     let marker = [0xDEAD_BEEF_u32, 0x0BAD_CAFE, 0xFEED_F00D];
-    assert_served_exactly(&mut acquisition, &[RawSample { positive_pulses: marker, ..samples[0] }; 80]);
-    // The marker is 48 bytes after the start of each sample that has been used.
+    let accelerometers = Triad { positive_pulses: marker, ..samples[0].accelerometers };
+    assert_served_exactly(&mut acquisition, &[RawSample { accelerometers, ..samples[0] }; 80]);
+    // The marker is 64 bytes after the start of each sample that has been used.
     let places = find_in_shared_memory(&domain, marker.map(u32::to_ne_bytes).as_flattened());
     assert!(!places.is_empty());
     let (finished, id) = (AtomicBool::new(false), table(TABLE).id());
@@ -119,7 +122,7 @@ fn a_sample_that_changes_after_it_was_sent_harms_only_its_own_increment() {
                     state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                     // Overwrite everything after session and sequence, which assign the answer to its sample.
                     let bytes = [state.to_ne_bytes(), (!state).to_ne_bytes()].concat();
-                    file.write_all_at(&bytes.repeat(6), offset - 32).unwrap();
+                    file.write_all_at(&bytes.repeat(15), offset - 48).unwrap();
                 }
             }
         });

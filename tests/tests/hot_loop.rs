@@ -2,7 +2,7 @@
 //! this with a counting allocator and with ptrace.
 #![allow(clippy::panic, clippy::print_stderr, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{Needs, TABLE, TIMEOUT, TestDomain, skip, thread_of, wait_until};
+use isotherm_tests::{Needs, TIMEOUT, TestDomain, WHOLE_TABLE, skip, thread_of, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
@@ -60,7 +60,8 @@ fn exclusive() -> MutexGuard<'static, ()> {
 }
 
 fn configure(domain: &TestDomain, strategy: &str) {
-    domain.write("imu-a.toml", TABLE);
+    // With gyroscopes, transient terms and a lag: everything that the kernel can have to do.
+    domain.write("imu-a.toml", &WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\""));
     let imu = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n";
     domain.write("service.toml", &format!("{imu}[wait]\nstrategy = \"{strategy}\"\n"));
 }

@@ -5,6 +5,7 @@
 
 use isotherm_client::{Flags, RawSample, join, monotonic_ns};
 use isotherm_shared::stream::Ipc;
+use isotherm_shared::wire::Triad;
 use isotherm_tests::{Needs, Process, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, skip, wait_until};
 use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
@@ -19,6 +20,11 @@ use std::thread;
 use std::time::Instant;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// A table for `imu-a` of a whole IMU, with everything that a sample can be flagged for.
+fn whole() -> String {
+    include_str!("../../examples/tables/imu-whole.toml").replace("\"imu-whole\"", "\"imu-a\"")
+}
 
 /// Writes a configuration for `imu-a` with metrics on any free port.
 fn configure(domain: &TestDomain, more: &str) {
@@ -121,13 +127,14 @@ impl RawSender<'_> {
     }
 }
 
+fn with_telemetry(triad: Triad, value: f64) -> Triad {
+    Triad { head_temperature: [value; 3], board_temperature: [value; 3], ..triad }
+}
+
 #[test]
 fn every_metric_is_updated() {
     let domain = TestDomain::new();
     configure(&domain, "");
-    let sensitive = TABLE
-        .replace("out_of_range = \"clamp\"", "out_of_range = \"clamp\"\nmax_age_s = 1.0")
-        .replace("name = ", "max_rate = 1e6\nname = ");
     // The service starts without a table.
     fs::remove_file(domain.path("imu-a.toml")).unwrap();
     let (service, address) = serve(&domain);
@@ -142,7 +149,7 @@ fn every_metric_is_updated() {
     wait_until("the refusal of a missing file", || {
         scrape(&address).value("isotherm_reload_failed{imu=\"imu-a\"}") == 1.0
     });
-    for text in [TABLE, "format = 2\n", &sensitive] {
+    for text in [TABLE, "format = 3\n", &whole()] {
         let digest = domain.imu_status()["table"].clone();
         let refusals = domain.imu_status()["refusals"].clone();
         domain.replace("imu-a.toml", text);
@@ -152,16 +159,20 @@ fn every_metric_is_updated() {
         });
     }
 
-    let all = |value: f64| RawSample { head_temperature: [value; 3], board_temperature: [value; 3], ..plain };
-    let fast = RawSample { positive_pulses: [u32::MAX; 3], ..plain };
-    let stale = RawSample { timestamp_ns: 10_000_000_000, telemetry_ns: 1, ..plain };
-    let odd = [all(-9.0), all(9.0), all(f64::NAN), fast, stale, RawSample { interval_ns: 0, ..plain }];
+    let both = |triad: Triad| RawSample { accelerometers: triad, gyroscopes: triad, ..plain };
+    let all = |value: f64| both(with_telemetry(plain.accelerometers, value));
+    let fast = both(Triad { positive_pulses: [u32::MAX; 3], ..plain.accelerometers });
+    let stale = RawSample { timestamp_ns: 100_000_000_000, telemetry_ns: 1, ..plain };
+    let other = RawSample { device: 1, ..plain };
+    let odd = [all(-9.0), all(9.0), all(f64::NAN), fast, stale, other, RawSample { interval_ns: 0, ..plain }];
     for (sample, sequence) in odd.into_iter().zip(10..) {
         sender.send(RawSample { sequence, ..sample });
     }
-    sender.send(RawSample { sequence: 3, sent_ns: sent_ns(), ..plain });
+    let gyroscopes = Triad { head_temperature: [1.5; 3], board_temperature: [3.5; 3], ..Triad::default() };
+    sender.send(RawSample { sequence: 3, sent_ns: sent_ns(), gyroscopes, ..plain });
 
     let scrape = scrape(&address);
+    // The samples have no lagged telemetry, and the one of NaN no velocity increments.
     let all_names: Vec<_> = Flags::NAMES.iter().map(|(_, name)| *name).collect();
     for flag in all_names {
         assert!(scrape.value(&format!("isotherm_flagged_total{{imu=\"imu-a\",flag=\"{flag}\"}}")) > 0.0, "{flag}");
@@ -175,8 +186,8 @@ fn every_metric_is_updated() {
         }
     }
     for (name, value) in [
-        ("isotherm_samples_received_total", 8.0),
-        ("isotherm_increments_total", 8.0),
+        ("isotherm_samples_received_total", 9.0),
+        ("isotherm_increments_total", 9.0),
         ("isotherm_samples_missing_total", 9.0),
         ("isotherm_gaps_total", 1.0),
         ("isotherm_samples_repeated_total", 1.0),
@@ -184,19 +195,24 @@ fn every_metric_is_updated() {
         ("isotherm_reloads_total", 1.0),
         ("isotherm_reload_failed", 0.0),
         ("isotherm_acquisition_connected", 1.0),
-        ("isotherm_latency_seconds_count", 8.0),
+        ("isotherm_latency_seconds_count", 9.0),
     ] {
         assert_eq!(scrape.value(&format!("{name}{{imu=\"imu-a\"}}")), value, "{name}");
     }
     assert!(scrape.value("isotherm_reloads_refused_total{imu=\"imu-a\"}") >= 2.0);
     let bucket = |le: &str| scrape.value(&format!("isotherm_latency_seconds_bucket{{imu=\"imu-a\",le=\"{le}\"}}"));
-    assert_eq!((bucket("2e-7"), bucket("+Inf")), (0.0, 8.0));
+    assert_eq!((bucket("2e-7"), bucket("+Inf")), (0.0, 9.0));
     let buckets: Vec<_> = ["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "1e-1", "1e0"].map(bucket).into();
-    assert!(buckets.is_sorted() && bucket("5e-4") < 8.0, "cumulative; some were sent a millisecond ago: {buckets:?}");
+    assert!(buckets.is_sorted() && bucket("5e-4") < 9.0, "cumulative; some were sent a millisecond ago: {buckets:?}");
     assert!(scrape.value("isotherm_latency_seconds_sum{imu=\"imu-a\"}") > 1e-3);
-    for (axis, place) in [("a1", "head"), ("a3", "board")] {
+    let Triad { head_temperature, board_temperature, .. } = plain.accelerometers;
+    for (axis, place, telemetry) in [
+        ("a1", "head", head_temperature[0]),
+        ("a3", "board", board_temperature[2]),
+        ("g2", "head", 1.5),
+        ("g3", "board", 3.5),
+    ] {
         let value = |name: &str| scrape.value(&format!("{name}{{imu=\"imu-a\",axis=\"{axis}\",place=\"{place}\"}}"));
-        let telemetry = if place == "head" { plain.head_temperature[0] } else { plain.board_temperature[2] };
         assert_eq!(value("isotherm_telemetry"), telemetry);
         assert_eq!((value("isotherm_telemetry_range_low"), value("isotherm_telemetry_range_high")), (0.9, 4.2));
     }
@@ -214,11 +230,64 @@ fn every_metric_is_updated() {
     service.terminate();
 }
 
+#[test]
+fn an_imu_without_gyroscopes_has_no_series_of_them() {
+    let domain = TestDomain::new();
+    configure(&domain, "");
+    let (service, address) = serve(&domain);
+    let flags = |scrape: &Scrape| {
+        let of_flag =
+            |series: &String| series.split_once("flag=\"").map(|(_, rest)| rest.trim_end_matches("\"}").to_owned());
+        scrape.samples.keys().filter_map(of_flag).collect::<BTreeSet<_>>()
+    };
+    let has_gyroscopes = |scrape: &Scrape| scrape.samples.keys().any(|series| series.contains("axis=\"g"));
+    let names = |bits: &dyn Fn(u32) -> bool| {
+        let named = Flags::NAMES.into_iter().filter(|(bit, _)| bits(*bit));
+        named.map(|(_, name)| name.to_owned()).collect::<BTreeSet<_>>()
+    };
+    round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+    wait_until("the sample", || scrape(&address).value("isotherm_increments_total{imu=\"imu-a\"}") == 1.0);
+    let plain = scrape(&address);
+    let before = plain.samples.keys().cloned().collect::<BTreeSet<_>>();
+    assert_eq!(flags(&plain), names(&|bit| bit < 21 || bit == 24 || bit == 25));
+    assert!(!has_gyroscopes(&plain), "{before:?}");
+    assert!(plain.samples.values().all(|value| !value.is_nan()));
+
+    domain.replace("imu-a.toml", &whole());
+    wait_until("gyroscopes", || has_gyroscopes(&scrape(&address)));
+    assert_eq!(flags(&scrape(&address)), names(&|_| true));
+    // The sample has no lagged telemetry.
+    let accelerometers = recording()[0].accelerometers;
+    let sample = RawSample { gyroscopes: accelerometers, ..recording()[0] };
+    round_trip(&mut domain.acquisition("imu-a"), &sample);
+    let lag_unknown = "isotherm_flagged_total{imu=\"imu-a\",flag=\"lag-unknown\"}";
+    wait_until("the flag", || scrape(&address).value(lag_unknown) == 1.0);
+    domain.replace("imu-a.toml", TABLE);
+    wait_until("no gyroscopes", || !has_gyroscopes(&scrape(&address)));
+    // What was counted stays.
+    let mut after = scrape(&address).samples;
+    assert_eq!(after.remove(lag_unknown), Some(1.0));
+    let table_info = |series: &&String| !series.starts_with("isotherm_table_info");
+    let left: BTreeSet<_> = after.keys().filter(table_info).collect();
+    assert_eq!(left, before.iter().filter(table_info).collect());
+    service.terminate();
+}
+
 /// All words in `text` that have the form of a metric's name.
 fn metrics_in(text: &str) -> BTreeSet<String> {
     let words = text.split(|character: char| !character.is_ascii_alphanumeric() && character != '_');
     let ours = words.filter(|word| word.starts_with("isotherm_") || word.starts_with("process_"));
     ours.map(str::to_owned).collect()
+}
+
+/// The flags that queries in `text` name one by one; not those of a pattern with other characters than `|`.
+fn flags_in(text: &str) -> BTreeSet<String> {
+    let values = text
+        .split("flag=")
+        .skip(1)
+        .filter_map(|rest| rest.trim_start_matches('~').strip_prefix('"')?.split('"').next());
+    let plain = |value: &&str| value.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-|".contains(&byte));
+    values.filter(plain).flat_map(|value| value.split('|')).map(str::to_owned).collect()
 }
 
 #[test]
@@ -252,6 +321,17 @@ fn dashboard_and_documents_name_only_existing_metrics_and_the_documents_all() {
     let documents = documents.split("\n## ").next().unwrap();
     let documented: BTreeSet<_> =
         documents.lines().filter(|line| line.starts_with("| `isotherm_") || line.starts_with("| `process_")).collect();
+    let alerts = flags_in(documents);
+    for flag in ["late", "lag-unknown", "other-device", "g-unknown"] {
+        assert!(alerts.contains(flag), "no alert rule for {flag}");
+    }
+    let of_the_dashboard = flags_in(&dashboard["panels"].to_string().replace("\\\"", "\""));
+    let known_flags: BTreeSet<_> = Flags::NAMES.into_iter().map(|(_, name)| name.to_owned()).collect();
+    assert!(
+        alerts.is_subset(&known_flags) && of_the_dashboard.is_subset(&known_flags),
+        "{alerts:?} {of_the_dashboard:?}"
+    );
+    assert!(of_the_dashboard.contains("g-unknown"), "{of_the_dashboard:?}");
     let kind = |name: &str| scrape.kinds.get(name);
     for name in scrape.kinds.keys() {
         let row = documented

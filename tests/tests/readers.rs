@@ -4,7 +4,10 @@
 use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
-use isotherm_tests::{RUN, TABLE, TIMEOUT, TestDomain, id, recording, round_trip, same, table, wait_until};
+use isotherm_shared::wire::Triad;
+use isotherm_tests::{
+    RUN, TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, id, recording, round_trip, same, table, wait_until,
+};
 use std::collections::BTreeSet;
 use std::fs;
 use std::thread;
@@ -148,7 +151,10 @@ fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
         read.push(reader.receive_timeout(TIMEOUT).unwrap().expect("an increment"));
     }
     assert_eq!(read.iter().map(|i| i.sequence).collect::<Vec<_>>(), [5, 6, 7, 100, 99, 8]);
-    assert!(read.iter().all(|i| i.latency_ns < u32::MAX), "without a send time the latency counts from the receipt");
+    assert!(
+        read.iter().all(|i| i.latency_ns < u64::from(u32::MAX)),
+        "without a send time the latency counts from the receipt"
+    );
     wait_until("the counters", || domain.imu_status()["received"] == 9);
     assert_eq!((reader.receive().unwrap(), reader.repeats()), (None, 3));
     let status = domain.imu_status();
@@ -158,8 +164,15 @@ fn a_sender_that_never_notifies_and_repeats_itself_is_served() {
 
 #[test]
 fn any_bit_pattern_is_survived() {
+    for text in [TABLE, &WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\"")] {
+        survives_any_bit_pattern(text);
+    }
+}
+
+fn survives_any_bit_pattern(text: &str) {
     let domain = TestDomain::new();
-    let service = domain.serve_recording();
+    domain.write("imu-a.toml", text);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     let node = join(domain.client_domain()).unwrap();
     let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
     let publisher = raw.publisher_builder().create().unwrap();
@@ -167,25 +180,30 @@ fn any_bit_pattern_is_survived() {
     let increments = stream::increment(&node, &id("imu-a")).open().unwrap();
     let subscriber = increments.subscriber_builder().create().unwrap();
     let notifier = stream::wake(&node, &id("imu-a")).open().unwrap().notifier_builder().create().unwrap();
-    let (exact, mut state) = (table(TABLE), 42u64);
+    let (exact, mut state) = (table(text), 42u64);
     let mut next = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         [0, u64::MAX, state ^ (state >> 31)][(state >> 60) as usize % 3]
     };
     for number in 0..2000 {
-        let doubles = [(); 6].map(|()| f64::from_bits(next()));
-        let hostile = RawSample {
+        let mut hostile = RawSample {
             session: next(),
             sequence: next(),
             timestamp_ns: next(),
             interval_ns: if number % 2 == 0 { next() } else { next() % 10_000_000_000 },
             sent_ns: next(),
             telemetry_ns: next(),
-            positive_pulses: [(); 3].map(|()| next() as u32),
-            negative_pulses: [(); 3].map(|()| next() as u32),
-            head_temperature: [doubles[0], doubles[1], doubles[2]],
-            board_temperature: [doubles[3], doubles[4], doubles[5]],
+            lag_ns: if number % 3 == 0 { next() } else { exact.lag_ns() },
+            device: next(),
+            ..RawSample::default()
         };
+        for triad in [&mut hostile.accelerometers, &mut hostile.gyroscopes] {
+            let mut doubles = || [(); 3].map(|()| f64::from_bits(next()));
+            let [head_temperature, board_temperature, head_lagged] = [doubles(), doubles(), doubles()];
+            let mut pulses = || [(); 3].map(|()| next() as u32);
+            let [positive_pulses, negative_pulses] = [pulses(), pulses()];
+            *triad = Triad { positive_pulses, negative_pulses, head_temperature, board_temperature, head_lagged };
+        }
         publisher.send_copy(hostile).unwrap();
         notifier.notify().unwrap();
         let mut answered = None;
@@ -195,7 +213,8 @@ fn any_bit_pattern_is_survived() {
         });
         let increment = answered.unwrap();
         assert!(same(&increment, &answer(Some(&exact), &hostile)), "{hostile:?}");
-        assert!(increment.velocity_increment.iter().all(|dv| !dv.is_infinite()));
+        let triads = [increment.velocity_increment, increment.angle_increment];
+        assert!(triads.as_flattened().iter().all(|value| !value.is_infinite()));
     }
     service.terminate();
 }

@@ -9,7 +9,10 @@ use isotherm_client::{CompensatedIncrement, Domain, IncrementReader, Options, jo
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{Ipc, IpcNode};
 use isotherm_shared::wire::RawSample;
-use isotherm_tests::{TABLE, TIMEOUT, TestDomain, id, recording, round_trip, same, table, text, wait_until};
+use isotherm_tests::{
+    TIMEOUT, TestDomain, WHOLE_TABLE, completed, id, recording, round_trip, same, table, text, wait_until,
+    whole_recording,
+};
 use std::fs;
 
 /// The domain `net`, to which the relay publishes, in the test's folder. Dropping it removes its shared memory.
@@ -21,7 +24,7 @@ impl TargetDomain {
     }
 
     fn reader(&self) -> IncrementReader {
-        IncrementReader::connect(id("imu-a"), &Options { domain: self.0.clone(), timeout: TIMEOUT }).unwrap()
+        IncrementReader::connect(id("imu-a"), &Options::new(self.0.clone(), TIMEOUT)).unwrap()
     }
 
     /// A publisher of the stream, as a tunnel has one on each stream that it carries.
@@ -53,17 +56,21 @@ fn every_increment_is_forwarded_and_none_comes_back() {
     let mut far = target.reader();
     let (tunnel, _node) = target.publisher();
 
-    let mut service = domain.serve_recording();
+    let whole = WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\"");
+    domain.write("imu-a.toml", &whole);
+    let serve = || domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    let mut service = serve();
     let mut near = domain.reader("imu-a");
     let mut acquisition = domain.acquisition("imu-a");
-    let (samples, exact) = (recording(), table(TABLE));
+    let (samples, exact) = (completed(&whole_recording(200), 240_000_000_000, ""), table(&whole));
     for run in 0..2 {
         relay.wait_for_log_lines("connected", 1);
-        for sample in &samples[..200] {
+        for sample in &samples {
             let increment = round_trip(&mut acquisition, sample);
             let raw = RawSample { session: increment.session, sequence: increment.sequence, ..*sample };
             let forwarded = far.receive_timeout(TIMEOUT).unwrap().unwrap();
             assert!(same(&forwarded, &answer(Some(&exact), &raw)), "run {run}");
+            assert!(forwarded.angle_increment.iter().all(|angle| angle.is_finite()));
             assert_eq!(
                 near.receive_timeout(TIMEOUT).unwrap().map(|increment| increment.sequence),
                 Some(increment.sequence)
@@ -74,7 +81,7 @@ fn every_increment_is_forwarded_and_none_comes_back() {
         assert_eq!(far.receive_timeout(TIMEOUT).unwrap().unwrap().session, run);
         assert_eq!(near.receive().unwrap(), None);
         service.kill();
-        service = domain.serve_recording();
+        service = serve();
     }
     relay.terminate();
     service.terminate();
@@ -112,7 +119,7 @@ fn a_killed_relay_is_replaced_by_the_next() {
     let service = domain.serve_recording();
     let mut acquisition = domain.acquisition("imu-a");
     let sample = recording()[0];
-    let mut far = IncrementReader::new(id("imu-a"), &Options { domain: target.0.clone(), timeout: TIMEOUT });
+    let mut far = IncrementReader::new(id("imu-a"), &Options::new(target.0.clone(), TIMEOUT));
     for _ in 0..5 {
         let relay = domain.spawn(&["relay", "--imu", "imu-a", "--to", "net"]);
         wait_until("an increment at the far side", || {

@@ -1,12 +1,15 @@
 //! Table files replaced while the service runs, in every way in which files are replaced.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_client::{Acquisition, CompensatedIncrement, RawSample};
+use isotherm_client::{Acquisition, CompensatedIncrement, Flags, RawSample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_tests::{Process, TABLE, TIMEOUT, TestDomain, recording, round_trip, same, table, variant, wait_until};
+use isotherm_tests::{
+    Process, TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, completed, recording, round_trip, same, table, variant,
+    wait_until, whole_recording,
+};
 use rustix::process::Signal;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::unix::fs::symlink;
@@ -141,7 +144,7 @@ fn a_file_that_is_still_being_written_is_left_alone() {
 fn a_bad_file_is_reported_once_and_the_next_good_one_taken() {
     let mut fixture = ReloadFixture::new();
     let bad = [
-        ("format = 2\n".to_owned(), "imu-a.toml:1: format: "),
+        ("format = 3\n".to_owned(), "imu-a.toml:1: format: "),
         (TABLE.replace("91733.0", "-91733.0"), "positive_scale_factor"),
         (TABLE.replace("imu-a", "imu-b"), "belongs to imu-b"),
         (variant(6)[..300].to_owned(), "not TOML"),
@@ -191,14 +194,35 @@ fn sighup_loads_all_tables() {
 /// The README's figure: 100 reloads during a 2 kHz feed. No increment is lost, and each one matches the table that it names.
 #[test]
 fn a_hundred_reloads_under_two_kilohertz() {
-    const RELOADS: u32 = 100;
+    let texts: Vec<String> = (0..5).map(variant).collect();
+    reload_under_two_kilohertz(&texts, &recording(), 100);
+}
+
+/// Each reload adds gyroscopes, lag and transient terms, or takes them away.
+#[test]
+fn reloads_between_the_formats_under_two_kilohertz() {
+    let whole = WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\"");
+    let whole = |number: u32| whole.replace("9.8015", &format!("{:.4}", 9.81 + f64::from(number) * 1e-4));
+    let texts = [variant(1), whole(1), variant(2), whole(2)];
+    let samples = completed(&whole_recording(1000), 240_000_000_000, "");
+    let received = reload_under_two_kilohertz(&texts, &samples, 60);
+    let of_format_2: HashSet<_> = [1, 2].map(|number| table(&whole(number)).id()).into();
+    for increment in &received {
+        let has_gyroscopes = of_format_2.contains(&increment.table);
+        assert!(increment.angle_increment.iter().all(|angle| angle.is_nan() != has_gyroscopes), "{increment:?}");
+        assert_eq!(increment.flags & Flags::SAMPLE.0, 0, "{}", Flags(increment.flags));
+    }
+    assert!(received.iter().any(|increment| of_format_2.contains(&increment.table)));
+}
+
+/// Exchanges the table of a service during a 2 kHz feed of `samples`. Asserts that no increment is lost, and that each one is exactly that of
+/// the table that it names; returns them.
+fn reload_under_two_kilohertz(texts: &[String], samples: &[RawSample], wanted: u32) -> Vec<CompensatedIncrement> {
     const PERIOD: Duration = Duration::from_micros(500);
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    let texts: Vec<String> = (0..5).map(variant).collect();
     let tables: HashMap<u64, CoefficientTable> =
         texts.iter().map(|text| table(text)).chain([table(TABLE)]).map(|table| (table.id(), table)).collect();
-    let samples = recording();
     let mut acquisition = domain.acquisition("imu-a");
     let (mut sent, mut received, mut reloads, mut in_force) = (Vec::new(), Vec::new(), 0, table(TABLE).id());
     let mut requested = None;
@@ -211,7 +235,7 @@ fn a_hundred_reloads_under_two_kilohertz() {
         }
         increment
     };
-    while reloads < RELOADS {
+    while reloads < wanted {
         assert!(started.elapsed() < 4 * TIMEOUT, "{reloads} reloads only");
         let due = started + PERIOD * u32::try_from(sent.len()).unwrap();
         while Instant::now() < due {
@@ -248,4 +272,5 @@ fn a_hundred_reloads_under_two_kilohertz() {
     assert_eq!((lost, wrong), (0, 0));
     assert_eq!(domain.imu_status()["gaps"], 0);
     service.terminate();
+    received
 }

@@ -82,7 +82,7 @@ fn leftovers_of_killed_services_do_not_prevent_the_next_start() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", TABLE);
     // Room for one service, not for two.
-    let preparation = mount_private_shm("size=2600k")
+    let preparation = mount_private_shm("size=2900k")
         + " && for n in 1 2 3; do \"$0\" serve --imu imu-a=imu-a.toml 2> log & \
              until grep ready log || ! kill -0 $!; do sleep 0.01; done; kill -KILL $!; wait $!; done; true";
     let mut command = domain.isotherm_after(&["-m"], &preparation, &["clean"]);

@@ -5,7 +5,7 @@
 
 use isotherm_client::{CompensateError, Domain, InFlight, SendError};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::wire::{Flags, RawSample};
+use isotherm_shared::wire::{Flags, RawSample, Triad};
 use isotherm_tests::{
     RUN, RUN_EXPECTED, TABLE, TIMEOUT, TestDomain, recording, round_trip, same, table, text, variant, wait_until,
 };
@@ -120,13 +120,15 @@ fn two_imus_do_not_mix() {
 
 #[test]
 fn out_of_range_and_not_finite_telemetry_under_each_policy() {
-    let raw = |head: f64, board: f64| RawSample {
-        interval_ns: 10_000_000,
-        positive_pulses: [500; 3],
-        negative_pulses: [20; 3],
-        head_temperature: [head, 2.0, 2.0],
-        board_temperature: [2.0, board, 2.0],
-        ..RawSample::default()
+    let raw = |head: f64, board: f64| {
+        let accelerometers = Triad {
+            positive_pulses: [500; 3],
+            negative_pulses: [20; 3],
+            head_temperature: [head, 2.0, 2.0],
+            board_temperature: [2.0, board, 2.0],
+            head_lagged: [0.0; 3],
+        };
+        RawSample { interval_ns: 10_000_000, accelerometers, ..RawSample::default() }
     };
     let places = [2.0, 0.5, 5.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     for policy in ["clamp", "extrapolate", "reject"] {
@@ -228,7 +230,8 @@ fn a_full_queue_hands_the_sample_back_and_a_merge_loses_no_velocity() {
         assert!(same(&increment, &answer(Some(&table(TABLE)), raw)), "{}", raw.sequence);
         assert_eq!(increment.flags & Flags::GAP.0, 0, "a merged sample leaves no gap");
     }
-    let pulses = |samples: &[RawSample]| samples.iter().map(|s| u64::from(s.positive_pulses[0])).sum::<u64>();
+    let pulses =
+        |samples: &[RawSample]| samples.iter().map(|s| u64::from(s.accelerometers.positive_pulses[0])).sum::<u64>();
     assert_eq!(pulses(&sent), pulses(&samples[..200]), "every pulse was sent once");
     service.terminate();
 }

@@ -5,10 +5,13 @@ use isotherm_tests::{TABLE, TestDomain, table, text, variant};
 use std::fs;
 use std::os::unix::fs::symlink;
 
+/// A table of format 2. Its faults one by one are in shared/tests/format_2.rs.
+const WHOLE: &str = include_str!("../../examples/tables/imu-whole.toml");
+
 /// Kinds of bad tables: description, text to replace, replacement, and the line and key that the message must name.
 const BAD: [(&str, &str, &str, &str); 52] = [
     ("format missing", "format = 1\n", "", ":1: format: "),
-    ("format unknown", "format = 1", "format = 2", ":1: format: "),
+    ("format unknown", "format = 1", "format = 3", ":1: format: "),
     ("format of the wrong type", "format = 1", "format = \"1\"", ":1: format: "),
     ("key unknown at the top", "format = 1", "format = 1\nformt = 1", ":2: formt: "),
     ("key unknown in imu", "[imu]", "[imu]\nserail = \"x\"", ":3: imu.serail: "),
@@ -266,6 +269,7 @@ fn a_seal_is_written_and_checked_and_survives_irrelevant_changes() {
         sealed.replace("\"clamp\"", "\"reject\""),
         sealed.replace("\"V\"", "\"mV\""),
         sealed.replace("gravity = 9.8015", "gravity = 9.8015\nserial = \"S\""),
+        sealed.replacen("format = 1", "format = 2", 1),
         format!("{sealed}[alignment]\nmatrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"),
     ] {
         domain.write("imu-a.toml", &important);
@@ -282,8 +286,47 @@ fn a_seal_is_written_and_checked_and_survives_irrelevant_changes() {
 
 #[test]
 fn a_table_written_by_the_program_is_the_same_table() {
-    for number in [0, 3, 50] {
-        let original = table(&variant(number));
+    for text in [variant(0), variant(3), variant(50), WHOLE.to_owned()] {
+        let original = table(&text);
         assert_eq!(table(&original.to_toml()), original);
+    }
+}
+
+#[test]
+fn check_describes_a_whole_imu_and_reports_its_faults() {
+    let domain = TestDomain::new();
+    domain.write("whole.toml", WHOLE);
+    domain.write("imu-a.toml", TABLE);
+    let described = domain.run_ok(&["check", "whole.toml", "imu-a.toml"]);
+    for line in [
+        "  lag of the head telemetry: 240 s",
+        "  transient: A1 -31 ug0 per V, A3 14 ug0 per V, G1 0.71 deg/h per V, G3 -0.05 deg/h per V",
+        "  G1: bias in deg/h over 0.9 .. 4.2 V; K+ and K- in pulse/arcsec over 0.9 .. 4.2 V and 0.9 .. 4.2 V; \
+         g-sensitivity 0.62, -0.18, 0.09 deg/h/g0",
+        "  G2: bias in deg/h over 0.9 .. 4.2 V; K+ and K- in pulse/arcsec over 0.9 .. 4.2 V and 0.9 .. 4.2 V",
+        "  alignment of the gyroscopes",
+    ] {
+        assert!(described.lines().any(|found| found == line), "no {line:?} in\n{described}");
+    }
+    // A table of format 1 is described in one line, as ever.
+    let (_, last) = described.split_once("imu-a.toml: ").unwrap();
+    assert_eq!(last, format!("table of imu-a, {}, not sealed\n", table(TABLE).digest()));
+
+    let bad = WHOLE
+        .replacen("time_constant_s = 240.0", "time_constant_s = 1e6", 1)
+        .replacen("transient = 0.71", "transient = 11000.0", 1)
+        .replacen("c0 = 0.9871", "c0 = -0.9871", 1)
+        .replacen("a2 = 0.27, ", "", 1);
+    domain.write("bad.toml", &bad);
+    let output = domain.run(&["check", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(78));
+    let message = text(&output.stderr);
+    for place in [
+        ":16: lag.time_constant_s: ",
+        ":46: gyroscope.G1.bias.transient: ",
+        ":55: gyroscope.G2.positive_scale_factor: ",
+        ":64: gyroscope.G3.g_sensitivity.a2: ",
+    ] {
+        assert!(message.contains(&format!("bad.toml{place}")), "no {place:?} in\n{message}");
     }
 }

@@ -214,6 +214,31 @@ fn the_screen_updates_pauses_and_leaves_the_terminal_as_it_was() {
 }
 
 #[test]
+fn a_whole_imu_has_a_page_for_each_triad() {
+    const RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let feed = domain.spawn(&["feed", "--imu", "imu-g", "--rate", "100", RUN]);
+    let mut top = TopScreen::start(&domain, (80, 24), &[]);
+    let screen = top.wait_for_text("t gyro");
+    assert!(screen.contains("head [V], lag 240 s") && !screen.contains("G1 "), "{screen}");
+    top.press("t");
+    let numbers =
+        |screen: &str| screen.lines().any(|line| line.starts_with("G3  +0.0") || line.starts_with("G3  -0.0"));
+    let screen = top.wait_for("angle increments", numbers);
+    for part in ["t acc", "mean rad       deg/h", "G1    ", "latency us", "? help"] {
+        assert!(screen.contains(part), "no {part:?} in\n{screen}");
+    }
+    assert!(!screen.contains("A1 "), "{screen}");
+    top.press("\x1b[C");
+    top.wait_for("accelerometers", |screen| screen.contains("A3    ") && !screen.contains("G3 "));
+    top.press("q");
+    assert!(top.end().success());
+    drop(feed);
+    service.terminate();
+}
+
+#[test]
 fn a_small_terminal_without_colours_is_served_and_a_signal_restores_it() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();

@@ -3,7 +3,7 @@
 //! 15 set points, 12 positions, 300 s each at 100 Hz: 5.4 million rows, unless `--smoke`.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
-use isotherm_benches::{BenchResult, TABLE};
+use isotherm_benches::BenchResult;
 use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::simulate::{CampaignSchedule, Truth, campaign, campaign_toml};
@@ -25,6 +25,9 @@ fn main() -> ExitCode {
         }
     }
 }
+
+/// The truth of the simulated campaign.
+const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
 
 fn bench(smoke: bool) -> BenchResult<()> {
     let folder = tempfile::Builder::new().prefix("iso-").tempdir()?;

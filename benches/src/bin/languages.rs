@@ -64,7 +64,7 @@ fn main() -> ExitCode {
 
 /// The acquisition in Rust.
 fn acquisition(imu: &str, name: &str) -> BenchResult<()> {
-    let options = Options { domain: domain(Some(name))?, timeout: Duration::from_secs(5) };
+    let options = Options::new(domain(Some(name))?, Duration::from_secs(5));
     let mut acquisition = Acquisition::connect(&imu.parse()?, &options)?;
     println!("ready");
     for line in stdin().lines() {

@@ -58,7 +58,7 @@ fn main() -> ExitCode {
 }
 
 fn options(name: &str) -> BenchResult<Options> {
-    Ok(Options { domain: domain(Some(name))?, timeout: TIMEOUT })
+    Ok(Options::new(domain(Some(name))?, TIMEOUT))
 }
 
 fn reader(name: &str) -> BenchResult<IncrementReader> {
@@ -126,19 +126,20 @@ impl TunnelComparison {
 }
 
 /// Every bit of an increment.
-fn bits(increment: &CompensatedIncrement) -> ([u64; 8], [u32; 2]) {
+fn bits(increment: &CompensatedIncrement) -> [u64; 13] {
     let CompensatedIncrement {
         session,
         sequence,
         timestamp_ns,
         interval_ns,
-        velocity_increment: [x, y, z],
+        velocity_increment,
+        angle_increment,
         table,
         flags,
         latency_ns,
     } = *increment;
-    let [x, y, z] = [x, y, z].map(f64::to_bits);
-    ([session, sequence, timestamp_ns, interval_ns, x, y, z, table], [flags, latency_ns])
+    let [[x, y, z], [r, s, t]] = [velocity_increment, angle_increment].map(|triad| triad.map(f64::to_bits));
+    [session, sequence, timestamp_ns, interval_ns, x, y, z, r, s, t, table, flags, latency_ns]
 }
 
 fn percentiles(sorted: &[u64], unit: f64) -> String {

@@ -30,10 +30,10 @@ impl DwellSums {
             self.age += seconds * (sample.timestamp_ns as f64 / 1e9 - 0.5 * seconds - sample.telemetry_ns as f64 / 1e9);
         }
         for axis in 0..AXES {
-            self.positive[axis] += f64::from(sample.positive_pulses[axis]);
-            self.negative[axis] += f64::from(sample.negative_pulses[axis]);
-            self.head[axis] += sample.head_temperature[axis] * seconds;
-            self.board[axis] += sample.board_temperature[axis] * seconds;
+            self.positive[axis] += f64::from(sample.accelerometers.positive_pulses[axis]);
+            self.negative[axis] += f64::from(sample.accelerometers.negative_pulses[axis]);
+            self.head[axis] += sample.accelerometers.head_temperature[axis] * seconds;
+            self.board[axis] += sample.accelerometers.board_temperature[axis] * seconds;
         }
     }
 
@@ -138,7 +138,7 @@ pub struct Dwell {
 }
 
 impl Dwell {
-    pub(super) fn new(row: &CampaignRow, position: usize) -> Self {
+    pub(crate) fn new(row: &CampaignRow, position: usize) -> Self {
         let begin = row.sample.timestamp_ns.saturating_sub(row.sample.interval_ns);
         Self {
             set_point_c: row.set_point_c,
@@ -154,15 +154,18 @@ impl Dwell {
         }
     }
 
-    pub(super) fn add(&mut self, row: &CampaignRow) {
+    pub(crate) fn add(&mut self, row: &CampaignRow) {
         let sample = &row.sample;
         self.lines[1] = row.line;
         self.rows += 1;
         self.time_ns[1] = sample.timestamp_ns;
         self.sums.add(sample);
         let seconds = sample.interval_ns as f64 / 1e9;
-        let rate =
-            |axis: usize| (f64::from(sample.positive_pulses[axis]) + f64::from(sample.negative_pulses[axis])) / seconds;
+        let rate = |axis: usize| {
+            (f64::from(sample.accelerometers.positive_pulses[axis])
+                + f64::from(sample.accelerometers.negative_pulses[axis]))
+                / seconds
+        };
         let block = match self.blocks.last_mut() {
             Some(block) if block.sums.seconds < self.block_length => block,
             _ => {
@@ -193,8 +196,8 @@ impl Dwell {
             self.missing_rows = self.missing_rows.saturating_add(sequence_step - 1);
         }
         for axis in 0..AXES {
-            extend(&mut block.head[axis], [sample.head_temperature[axis]; 2]);
-            extend(&mut block.board[axis], [sample.board_temperature[axis]; 2]);
+            extend(&mut block.head[axis], [sample.accelerometers.head_temperature[axis]; 2]);
+            extend(&mut block.board[axis], [sample.accelerometers.board_temperature[axis]; 2]);
             block.rate[axis] = block.rate[axis].max(rate(axis));
         }
     }

@@ -67,8 +67,25 @@ pub const CHANNELS_EXCHANGED: &str = "channels-exchanged";
 /// Diagnosis: the IMU is turned against the campaign file.
 pub const HEADING: &str = "heading";
 
+/// A turn of the campaign file is missing at a set point.
+pub const MISSING_TURN: &str = "missing-turn";
+/// A turn does not begin or end at rest.
+pub const TURN_REST: &str = "turn-rest";
+/// Samples of a turn are missing.
+pub const TURN_GAP: &str = "turn-gap";
+/// The rows of a turn are too long.
+pub const TURN_ROWS: &str = "turn-rows";
+/// The pulses of a turn say another angle than the campaign file.
+pub const TURN_ANGLE: &str = "turn-angle";
+/// Earth's rate is not that of the stated latitude, or looks like that of the other hemisphere.
+pub const LATITUDE: &str = "latitude";
+/// Without angles, a part of Earth's rate does not cancel.
+pub const EARTH_RATE: &str = "earth-rate";
+/// The samples have gyroscopes, but the campaign file has no turns.
+pub const NO_TURNS: &str = "no-turns";
+
 /// Every name, and whether a fault of this name can be accepted: those that cannot leave nothing to fit.
-pub const ALL: [(&str, bool); 33] = [
+pub const ALL: [(&str, bool); 41] = [
     (MISSING_POSITION, false),
     (SET_POINTS, false),
     (NO_PULSES, false),
@@ -102,6 +119,14 @@ pub const ALL: [(&str, bool); 33] = [
     (AXES_EXCHANGED, true),
     (CHANNELS_EXCHANGED, true),
     (HEADING, true),
+    (MISSING_TURN, false),
+    (TURN_REST, true),
+    (TURN_GAP, true),
+    (TURN_ROWS, true),
+    (TURN_ANGLE, true),
+    (LATITUDE, true),
+    (EARTH_RATE, true),
+    (NO_TURNS, true),
 ];
 
 /// The name of a finding that the user accepts.
@@ -124,6 +149,7 @@ pub fn acceptable(text: &str) -> Result<&'static str, String> {
 fn remedy(name: &str) -> &'static str {
     match name {
         MISSING_POSITION => ", or leave the position out knowingly with --exclude",
+        MISSING_TURN => ", or leave the turn out knowingly with --exclude",
         TELEMETRY_READING => ", or leave the dwell out with --exclude",
         _ => "",
     }

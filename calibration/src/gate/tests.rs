@@ -7,7 +7,7 @@ use crate::stability::{Collector, LocalGravity, Setup};
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::wire::{RawSample, Triad};
 
 const FORCE: [f64; AXES] = [0.6, -0.48, 0.64];
 /// Number of windows of a run; each is one sample.
@@ -29,7 +29,7 @@ fn off(error_g0: f64) -> CoefficientTable {
     changed(|content| {
         let axis = &mut content.axes[1];
         let mut coefficients = axis.bias.coefficients().to_vec();
-        coefficients[0] += error_g0 / axis.bias_unit.in_g0();
+        coefficients[0] += error_g0 / axis.bias_unit.factor();
         axis.bias = Polynomial::new(&coefficients, axis.bias.center(), axis.bias.scale(), axis.bias.range()).unwrap();
     })
 }
@@ -63,21 +63,24 @@ fn noisy_run(table: &CoefficientTable, bad: u32, noise_g0: f64) -> Stability {
             sequence: window.into(),
             timestamp_ns: u64::from(window + 1) * interval_ns,
             interval_ns,
-            head_temperature: [telemetry; AXES],
-            board_temperature: [telemetry; AXES],
+            accelerometers: Triad {
+                head_temperature: [telemetry; AXES],
+                board_temperature: [telemetry; AXES],
+                ..Triad::default()
+            },
             ..RawSample::default()
         };
         for (index, axis) in truth.content().axes.iter().enumerate() {
             let indicated = FORCE[index] + axis.bias_at(telemetry).0 + noise_g0 * random.normal();
             let pulses = |scale_factor: f64| (indicated * scale_factor * WINDOW_S).round() as u32;
             if indicated > 0.0 {
-                raw.positive_pulses[index] = pulses(axis.positive_scale_factor_at(telemetry).0);
+                raw.accelerometers.positive_pulses[index] = pulses(axis.positive_scale_factor_at(telemetry).0);
             } else {
-                raw.negative_pulses[index] = pulses(axis.negative_scale_factor_at(telemetry).0);
+                raw.accelerometers.negative_pulses[index] = pulses(axis.negative_scale_factor_at(telemetry).0);
             }
         }
         if window < bad {
-            raw.head_temperature[0] = f64::NAN;
+            raw.accelerometers.head_temperature[0] = f64::NAN;
         }
         collector.add(&raw);
     }

@@ -113,13 +113,9 @@ impl SimulatedImu {
         self.chamber.wait(ts / 2.0);
 
         let begin_ns = self.latest.timestamp_ns;
-        let mut raw = RawSample {
-            timestamp_ns: begin_ns + interval_ns,
-            interval_ns,
-            positive_pulses: [0; AXES],
-            negative_pulses: [0; AXES],
-            ..self.latest
-        };
+        let mut raw = RawSample { timestamp_ns: begin_ns + interval_ns, interval_ns, ..self.latest };
+        raw.accelerometers.positive_pulses = [0; AXES];
+        raw.accelerometers.negative_pulses = [0; AXES];
         self.count_pulses(&mut raw, specific_force, head_c, board_c);
         // The first sample (sequence 0) always reads the telemetry.
         if raw.sequence == 0 || raw.timestamp_ns - raw.telemetry_ns >= (self.chain.telemetry_s * 1e9).round() as u64 {
@@ -164,8 +160,8 @@ impl SimulatedImu {
             for i in 0..AXES {
                 self.charge[i] += steady[i] * (ts / steps) + vibration;
                 let [positive, negative] = balance(&mut self.charge[i], scale_factors[i]);
-                raw.positive_pulses[i] = raw.positive_pulses[i].saturating_add(positive);
-                raw.negative_pulses[i] = raw.negative_pulses[i].saturating_add(negative);
+                raw.accelerometers.positive_pulses[i] = raw.accelerometers.positive_pulses[i].saturating_add(positive);
+                raw.accelerometers.negative_pulses[i] = raw.accelerometers.negative_pulses[i].saturating_add(negative);
             }
         }
     }
@@ -177,8 +173,8 @@ impl SimulatedImu {
         for i in 0..AXES {
             let mut reading =
                 |temperature_c| chain.quantised(chain.telemetry(temperature_c) + sigma * self.fast.normal());
-            raw.head_temperature[i] = reading(head_c + chain.head_offset_c[i]);
-            raw.board_temperature[i] = reading(board_c + chain.board_offset_c[i]);
+            raw.accelerometers.head_temperature[i] = reading(head_c + chain.head_offset_c[i]);
+            raw.accelerometers.board_temperature[i] = reading(board_c + chain.board_offset_c[i]);
         }
         raw.telemetry_ns = raw.timestamp_ns;
     }

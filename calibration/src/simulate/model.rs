@@ -65,7 +65,7 @@ impl Truth {
         let mut random = RandomGenerator::new(seed, TRUTH);
         let mut content = content.clone();
         for axis in &mut content.axes {
-            let unit = axis.bias_unit.in_g0();
+            let unit = axis.bias_unit.factor();
             let constant = axis.bias.coefficients().first().copied().unwrap_or_default();
             axis.bias = varied(&axis.bias, constant + random.between(-300e-6, 300e-6) / unit, &mut random);
             for scale_factor in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {

@@ -65,7 +65,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
     for _ in 0..400 {
         let raw = imu.step(&force, 25_000_000);
         // 0.5 g0 over half a period of 12.5 ms, times 2/pi and 90 000 pulses/(s*g0), is 358 pulses.
-        for (positive, negative) in raw.positive_pulses.iter().zip(raw.negative_pulses) {
+        for (positive, negative) in raw.accelerometers.positive_pulses.iter().zip(raw.accelerometers.negative_pulses) {
             assert!((300..400).contains(positive) && (300..400).contains(&negative), "{raw:?}");
         }
         for (sum, dv) in sum.iter_mut().zip(compensated(&truth, &raw)) {
@@ -78,7 +78,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
     // Signed pulses with one common scale factor rectify the vibration into a bias.
     let raw = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1).step(&force, 10_000_000_000);
     let axis = &truth.table.content().axes[0];
-    let signed = f64::from(raw.positive_pulses[0]) - f64::from(raw.negative_pulses[0]);
+    let signed = f64::from(raw.accelerometers.positive_pulses[0]) - f64::from(raw.accelerometers.negative_pulses[0]);
     let naive = signed / axis.positive_scale_factor.at(2.26) - axis.bias_at(2.1).0 * 10.0;
     assert!((naive - compensated(&truth, &raw)[0]).abs() > 100.0 * PULSE);
 }
@@ -90,14 +90,17 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
     for (index, raw) in (0..).zip(&samples) {
         assert_eq!(raw.telemetry_ns, (index / 10 * 10 + 1) * 100_000_000);
         let first = &samples[index as usize / 10 * 10];
-        assert_eq!((raw.head_temperature, raw.board_temperature), (first.head_temperature, first.board_temperature));
-        for telemetry in raw.head_temperature.into_iter().chain(raw.board_temperature) {
+        assert_eq!(
+            (raw.accelerometers.head_temperature, raw.accelerometers.board_temperature),
+            (first.accelerometers.head_temperature, first.accelerometers.board_temperature)
+        );
+        for telemetry in raw.accelerometers.head_temperature.into_iter().chain(raw.accelerometers.board_temperature) {
             let steps = telemetry * 1e6 / 76.0;
             assert!((steps - steps.round()).abs() < 1e-6, "{telemetry}");
             assert!(telemetry.to_string().len() <= 8, "{telemetry}");
         }
     }
-    assert_ne!(samples[0].head_temperature, samples[10].head_temperature);
+    assert_ne!(samples[0].accelerometers.head_temperature, samples[10].accelerometers.head_temperature);
     let every: Vec<_> = run(&truth(), &RunSchedule::default(), 3).take(10).collect();
     assert!(every.iter().all(|raw| raw.telemetry_ns == raw.timestamp_ns));
 }
@@ -105,10 +108,10 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
 #[test]
 fn telemetry_gives_the_temperatures_of_head_and_board() {
     let raw = SimulatedImu::new(&truth(), &steady(), &Noise::NONE, -25.0, 1).step(&[0.0; AXES], 1_000_000);
-    for (telemetry, right) in raw.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
+    for (telemetry, right) in raw.accelerometers.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
         assert!((telemetry - right).abs() < 1e-12);
     }
-    for (telemetry, right) in raw.board_temperature.iter().zip([1.26, 1.24, 1.22]) {
+    for (telemetry, right) in raw.accelerometers.board_temperature.iter().zip([1.26, 1.24, 1.22]) {
         assert!((telemetry - right).abs() < 1e-12);
     }
     assert!((Chain::default().telemetry(45.0) - 3.9).abs() < 1e-12);
@@ -126,7 +129,7 @@ fn the_campaign_keeps_to_its_schedule() {
         let end_s = visit * (4200 + 12 * 360) + 4200 + dwell * 360 + 60 + (period + 1) * 10;
         assert_eq!((row.raw.timestamp_ns, row.raw.interval_ns), (end_s * 1_000_000_000, 10_000_000_000));
         // After the soak the heads have the chamber's temperature, within the oscillation and six sigma of the telemetry.
-        let head_c = (row.raw.head_temperature[0] - 1.1) / 0.04 - 25.0;
+        let head_c = (row.raw.accelerometers.head_temperature[0] - 1.1) / 0.04 - 25.0;
         assert!((head_c - row.set_point_c).abs() < 0.05 + 0.02, "{head_c} at {}", row.set_point_c);
     }
     // If the dwell is no multiple of the period, the rest of the dwell passes without a row.
@@ -173,7 +176,7 @@ fn the_run_ramps_between_its_holds() {
     let truth = truth();
     let samples: Vec<_> = run(&truth, &schedule, 1).collect();
     assert_eq!((samples.len(), schedule.samples()), (1620, 1620));
-    let head_c = |index: usize| (samples[index].head_temperature[0] - 1.1) / 0.04 - 25.0;
+    let head_c = |index: usize| (samples[index].accelerometers.head_temperature[0] - 1.1) / 0.04 - 25.0;
     assert!((head_c(179) + 25.0).abs() < 1e-9 && head_c(185) > -24.99);
     // In the middle of the ramp the heads lag by their time constant of 300 s.
     let midway = -25.0 + 20.0 / 3600.0 * (6300.0 - 300.0);
@@ -222,7 +225,7 @@ fn the_same_seed_gives_the_same_data() {
     let schedule = CampaignSchedule { set_points_c: vec![0.0, 5.0], ..CampaignSchedule::default() };
     let rows = |seed| campaign(&Truth::varied(&content(), seed).unwrap(), &schedule, seed).collect::<Vec<_>>();
     assert_eq!(rows(1), rows(1));
-    assert_ne!(rows(1)[0].raw.head_temperature, rows(2)[0].raw.head_temperature);
+    assert_ne!(rows(1)[0].raw.accelerometers.head_temperature, rows(2)[0].raw.accelerometers.head_temperature);
 }
 
 #[test]

@@ -75,7 +75,7 @@ fn a_constant_error_shows_only_at_a_stated_attitude() {
 fn windows_with_motion_do_not_count() {
     let found = stability(&truth(), None, |index, raw| {
         if (1000..1100).contains(&index) {
-            raw.positive_pulses[0] += 4000;
+            raw.accelerometers.positive_pulses[0] += 4000;
         }
     });
     let count = |which: fn(&Window) -> bool| found.windows.iter().filter(|window| which(window)).count();
@@ -88,7 +88,7 @@ fn a_window_that_is_not_a_number_on_any_axis_does_not_count() {
     for axis in 0..AXES {
         let found = stability(&truth(), Some([0.6, -0.48, 0.64]), |index, raw| {
             if index == 1_500 {
-                raw.head_temperature[axis] = f64::NAN;
+                raw.accelerometers.head_temperature[axis] = f64::NAN;
             }
         });
         let of_axis = &found.axes[axis];
@@ -241,8 +241,8 @@ fn an_axis_is_judged_only_if_attitude_and_gravity_are_known() {
     let judged = |attitude, gravity| {
         let found = stability_of(&truth(), &Setup { attitude, gravity }, |_, raw| {
             let longer = |pulses: u32| (f64::from(pulses) * 1.005).round() as u32;
-            raw.positive_pulses = raw.positive_pulses.map(longer);
-            raw.negative_pulses = raw.negative_pulses.map(longer);
+            raw.accelerometers.positive_pulses = raw.accelerometers.positive_pulses.map(longer);
+            raw.accelerometers.negative_pulses = raw.accelerometers.negative_pulses.map(longer);
         });
         let require: Requirement = "bias=50ug0,scale=50ppm,level=10arcsec".parse().unwrap();
         let judgements = require.judge(&found);
@@ -286,7 +286,7 @@ fn a_run_that_is_judged_in_a_part_only_meets_no_requirement() {
     let found = |seconds: usize| {
         stability(&truth(), attitude, |index, raw| {
             if index < seconds {
-                raw.head_temperature[1] = f64::NAN;
+                raw.accelerometers.head_temperature[1] = f64::NAN;
             }
         })
     };

@@ -308,7 +308,11 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
                 };
                 for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
                     let counts = number(&example[outputs][letter][index as usize]) * 3600.0;
-                    let channel = if counts > 0.0 { &mut raw.positive_pulses } else { &mut raw.negative_pulses };
+                    let channel = if counts > 0.0 {
+                        &mut raw.accelerometers.positive_pulses
+                    } else {
+                        &mut raw.accelerometers.negative_pulses
+                    };
                     channel[axis] = counts.abs().round() as u32;
                 }
                 SimulatedRow { set_point_c: 20.0, position: index as u32 + 1, raw }
@@ -411,8 +415,8 @@ fn a_difference_between_heating_and_cooling_gives_a_warning() {
     // The last set point of the heating is the first of the cooling: one stay. While cooling, A1 reads 20e-6 g0 more.
     let half = rows.len() / 2;
     for row in &mut rows[half..] {
-        if row.raw.positive_pulses[0] > 300 {
-            row.raw.positive_pulses[0] += 18;
+        if row.raw.accelerometers.positive_pulses[0] > 300 {
+            row.raw.accelerometers.positive_pulses[0] += 18;
         }
     }
     let file = campaign_file(&truth, &schedule);

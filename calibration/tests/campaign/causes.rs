@@ -131,7 +131,7 @@ fn a_few_rows_of_the_same_count_are_no_full_converter() {
 #[test]
 fn one_cable_of_two_accelerometers_is_named() {
     fn channel(raw: &mut RawSample, [axis, channel]: [usize; 2]) -> &mut u32 {
-        if channel == 0 { &mut raw.positive_pulses[axis] } else { &mut raw.negative_pulses[axis] }
+        if channel == 0 { &mut raw.accelerometers.positive_pulses[axis] } else { &mut raw.accelerometers.negative_pulses[axis] }
     }
     let exchange = |raw: &mut RawSample, a: [usize; 2], b: [usize; 2]| {
         let pulses = *channel(raw, a);
@@ -197,7 +197,7 @@ fn motion_in_a_dwell_is_not_a_wrong_angle() {
     let disturb = |rows: &mut Vec<SimulatedRow>| {
         let dwell = rows.iter_mut().filter(|row| (row.set_point_c, row.position) == (20.0, 5));
         for (index, row) in dwell.enumerate() {
-            row.raw.positive_pulses[0] += if index % 3 == 0 { 4000 } else { 0 };
+            row.raw.accelerometers.positive_pulses[0] += if index % 3 == 0 { 4000 } else { 0 };
         }
     };
     let found = lines(disturb, false);
@@ -245,7 +245,7 @@ fn a_file_of_angles_alone_is_told_which_angle_is_off() {
 #[test]
 fn a_broken_reading_cannot_be_accepted() {
     for value in [1e6, -40.0, 1e18] {
-        let broken = |rows: &mut Vec<SimulatedRow>| rows[5].raw.head_temperature[1] = value;
+        let broken = |rows: &mut Vec<SimulatedRow>| rows[5].raw.accelerometers.head_temperature[1] = value;
         let error = with_rows(broken, options(&[name::TELEMETRY_DRIFT])).unwrap_err();
         let found = error.lines(false, |finding| finding.tagged(|line| line.to_string()));
         let words =
@@ -260,7 +260,7 @@ fn values_that_overflow_do_not_keep_the_fit_from_ending() {
     thread::spawn(move || {
         let (truth, schedule) = (paper_truth(TILT_RAD, 9.8015), CampaignSchedule::default());
         let mut rows: Vec<SimulatedRow> = campaign(&truth, &schedule, 1).collect();
-        rows[5].raw.board_temperature[1] = 1e300;
+        rows[5].raw.accelerometers.board_temperature[1] = 1e300;
         let file = campaign_file(&truth, &schedule);
         let dwells = dwells(&file, &csv(rows)).unwrap();
         let set_points = set_points(&dwells, file.positions.len());

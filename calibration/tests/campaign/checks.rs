@@ -103,7 +103,9 @@ fn positions_that_observe_too_little_are_refused() {
 #[test]
 fn an_outlying_dwell_is_named_and_kept() {
     let bump = |rows: &mut Vec<SimulatedRow>| {
-        rows.iter_mut().filter(|row| is_at(row, 0.0, 9)).for_each(|row| row.raw.positive_pulses[1] += 40);
+        rows.iter_mut()
+            .filter(|row| is_at(row, 0.0, 9))
+            .for_each(|row| row.raw.accelerometers.positive_pulses[1] += 40);
     };
     let (has_table, text) = findings(bump, |_| {}, &[]);
     assert!(has_table && text.lines().count() == 1, "{text}");
@@ -117,7 +119,7 @@ fn motion_wrong_positions_and_saturation_are_faults() {
     let (has_table, text) = findings(
         |rows| {
             let index = first_row(rows);
-            rows[index].raw.negative_pulses[0] -= 400_000;
+            rows[index].raw.accelerometers.negative_pulses[0] -= 400_000;
         },
         |_| {},
         &[],
@@ -129,7 +131,7 @@ fn motion_wrong_positions_and_saturation_are_faults() {
     let (has_table, text) = findings(
         |rows| {
             let index = first_row(rows);
-            rows[index + 3].raw.positive_pulses[2] += 60;
+            rows[index + 3].raw.accelerometers.positive_pulses[2] += 60;
         },
         |_| {},
         &[],
@@ -143,7 +145,9 @@ fn motion_wrong_positions_and_saturation_are_faults() {
     let (has_table, text) = findings(swap, |_| {}, &[]);
     assert!(!has_table && text.contains("set point -20 degC, position 7: A1 indicates 1.0"), "{text}");
     let clip = |rows: &mut Vec<SimulatedRow>| {
-        rows.iter_mut().for_each(|row| row.raw.positive_pulses[2] = row.raw.positive_pulses[2].min(920_000));
+        rows.iter_mut().for_each(|row| {
+            row.raw.accelerometers.positive_pulses[2] = row.raw.accelerometers.positive_pulses[2].min(920_000)
+        });
     };
     let (has_table, text) = findings(clip, |_| {}, &[]);
     assert!(!has_table && text.contains("the + channel of A3 gives the same 92000 pulse/s in every row"), "{text}");
@@ -157,12 +161,12 @@ fn time_soak_and_telemetry_are_checked() {
     assert!(!has_table && text.contains("line 702: ") && text.contains("time must rise"), "{text}");
     let (has_table, text) = findings(|rows| rows[1].raw.interval_ns *= 10, |_| {}, &[]);
     assert!(!has_table && text.contains("line 3: ") && text.contains("pulses would be counted twice"), "{text}");
-    let (has_table, text) = findings(|rows| rows[5].raw.board_temperature[1] = f64::NAN, |_| {}, &[]);
+    let (has_table, text) = findings(|rows| rows[5].raw.accelerometers.board_temperature[1] = f64::NAN, |_| {}, &[]);
     assert!(!has_table && text.contains("line 7: set point -20 degC, position 1: a2_board is NaN"), "{text}");
-    let (has_table, text) = findings(|rows| rows[5].raw.head_temperature[2] = 0.0, |_| {}, &[]);
+    let (has_table, text) = findings(|rows| rows[5].raw.accelerometers.head_temperature[2] = 0.0, |_| {}, &[]);
     assert!(!has_table && text.contains("Some(7) set point -20 degC, position 1: a3_head runs from 0 to"), "{text}");
     let (has_table, text) =
-        findings(|rows| rows.iter_mut().for_each(|row| row.raw.head_temperature[2] = 2.5), |_| {}, &[]);
+        findings(|rows| rows.iter_mut().for_each(|row| row.raw.accelerometers.head_temperature[2] = 2.5), |_| {}, &[]);
     assert!(!has_table && text.contains("a3_head is the same at every set point"), "{text}");
     let (has_table, text) = findings(|_| {}, |file| file.soak_s = Some(5000.0), &[]);
     assert!(!has_table && text.contains("set point -10 degC: its first dwell begins 4260 s after"), "{text}");
@@ -173,7 +177,9 @@ fn time_soak_and_telemetry_are_checked() {
         assert!(!has_table && text.contains(&right) && text.contains("every scale factor would be wrong"), "{text}");
     }
     let dead = |rows: &mut Vec<SimulatedRow>| {
-        rows.iter_mut().filter(|row| row.set_point_c >= 20.0).for_each(|row| row.raw.head_temperature[0] = 2.9);
+        rows.iter_mut()
+            .filter(|row| row.set_point_c >= 20.0)
+            .for_each(|row| row.raw.accelerometers.head_temperature[0] = 2.9);
     };
     let (has_table, text) = findings(dead, |_| {}, &[]);
     assert!(
@@ -276,7 +282,7 @@ fn faults_are_accepted_by_name_and_warnings_are_faults_on_request() {
     assert!(names(lost, strict(&[name::MISSING_ROWS])).0 && names(|_| {}, strict(&[])).0);
     // What strict made a fault is accepted by name, whether it was found before the fit or after it. Without strict there was no fault.
     let bump = |rows: &mut Vec<SimulatedRow>| {
-        rows.iter_mut().filter(|row| is_at(row, 0.0, 9)).for_each(|row| row.raw.positive_pulses[1] += 40);
+        rows.iter_mut().filter(|row| is_at(row, 0.0, 9)).for_each(|row| row.raw.accelerometers.positive_pulses[1] += 40);
     };
     for (change, name) in [(&lost as &dyn Fn(&mut Vec<SimulatedRow>), name::MISSING_ROWS), (&bump, name::OUTLIER)] {
         assert_eq!(accepted(change, strict(&[name])), [name]);
@@ -301,7 +307,7 @@ fn dead_channels_are_one_line_with_the_remedy() {
             |rows| {
                 for SimulatedRow { raw, .. } in rows {
                     for &(axis, positive) in channels {
-                        let pulses = if positive { &mut raw.positive_pulses } else { &mut raw.negative_pulses };
+                        let pulses = if positive { &mut raw.accelerometers.positive_pulses } else { &mut raw.accelerometers.negative_pulses };
                         pulses[axis] = 0;
                     }
                 }

@@ -27,7 +27,7 @@ fn intervals_contain_the_truth_as_often_as_their_level_states() {
                 .unwrap();
         let axes = calibration.solution.axes.iter().zip(&truth.table.content().axes);
         for (axis, ((part, right), axis_name)) in axes.zip(AXIS_NAMES).enumerate() {
-            let unit = right.bias_unit.in_g0();
+            let unit = right.bias_unit.factor();
             let polynomials =
                 [(&right.bias, unit), (&right.positive_scale_factor, 1.0), (&right.negative_scale_factor, 1.0)];
             for ((name, curve), (polynomial, unit)) in ["A", "K+", "K-"].iter().zip(&part.curves).zip(polynomials) {

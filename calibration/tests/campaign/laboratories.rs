@@ -58,7 +58,7 @@ fn table_of(
 }
 
 fn telemetry(raw: &mut RawSample, change: impl Fn(f64) -> f64) {
-    for value in raw.head_temperature.iter_mut().chain(&mut raw.board_temperature) {
+    for value in raw.accelerometers.head_temperature.iter_mut().chain(&mut raw.accelerometers.board_temperature) {
         *value = change(*value);
     }
 }
@@ -144,12 +144,12 @@ fn telemetry_may_have_few_digits() {
         }
         table_of("degC", &truth, &usual(), rows).unwrap_err()
     };
-    let broken = refused(|index, row| row.raw.head_temperature[1] *= f64::from(u8::from(index != 5)));
+    let broken = refused(|index, row| row.raw.accelerometers.head_temperature[1] *= f64::from(u8::from(index != 5)));
     assert!(
         broken.starts_with("fault [telemetry-drift]: 7: set point -20 degC, position 1: a2_head runs from"),
         "{broken}"
     );
-    let lost = refused(|_, row| row.raw.board_temperature[0] = row.raw.board_temperature[0].min(24.0));
+    let lost = refused(|_, row| row.raw.accelerometers.board_temperature[0] = row.raw.accelerometers.board_temperature[0].min(24.0));
     assert!(lost.starts_with("fault [telemetry-stuck]: ") && lost.contains("set point 30 degC"), "{lost}");
 }
 
@@ -159,7 +159,7 @@ fn a_head_may_be_in_an_oven() {
     for digit in [0.002, 0.1] {
         let mut rows = rows(&truth, &usual);
         for row in &mut rows {
-            for head in &mut row.raw.head_temperature {
+            for head in &mut row.raw.accelerometers.head_temperature {
                 *head = ((65.04 + 0.01 * random.normal()) / digit).round() * digit;
             }
         }
@@ -170,7 +170,7 @@ fn a_head_may_be_in_an_oven() {
     }
     // Not a single digit moves: nothing tells that the sensor is connected.
     let mut rows = rows(&truth, &usual);
-    rows.iter_mut().for_each(|row| row.raw.head_temperature[2] = 65.0);
+    rows.iter_mut().for_each(|row| row.raw.accelerometers.head_temperature[2] = 65.0);
     assert!(table_of("degC", &truth, &usual, rows).unwrap_err().contains("fault [telemetry-constant]: a3_head"));
 }
 

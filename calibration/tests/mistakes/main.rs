@@ -74,8 +74,8 @@ fn other_lists_of_positions_are_diagnosed_too() {
                 assert!(text.contains(&format!("positions {a} and {b} look exchanged")), "{list} {a} {b}: {text}");
             }
             let cables = first_line(&|row| {
-                row.raw.positive_pulses.swap(0, 2);
-                row.raw.negative_pulses.swap(0, 2);
+                row.raw.accelerometers.positive_pulses.swap(0, 2);
+                row.raw.accelerometers.negative_pulses.swap(0, 2);
             });
             assert!(cables.contains("A1 and A3 look exchanged"), "{list}: {cables}");
         }

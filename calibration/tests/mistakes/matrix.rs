@@ -243,8 +243,8 @@ fn shorter<const DIVISOR: u64>(raw: &mut RawSample) {
 /// All pulses times `factor`.
 fn scale_all(raw: &mut RawSample, factor: f64) {
     for axis in 0..3 {
-        scale(&mut raw.positive_pulses[axis], factor);
-        scale(&mut raw.negative_pulses[axis], factor);
+        scale(&mut raw.accelerometers.positive_pulses[axis], factor);
+        scale(&mut raw.accelerometers.negative_pulses[axis], factor);
     }
 }
 
@@ -295,11 +295,11 @@ fn first_index(case: &Case, set_point_c: f64, number: u32) -> usize {
 pub fn mistakes() -> Vec<Mistake> {
     use Expected::{InPrinciple, Invisible, Refused, Warned};
     fn swap_pulses(raw: &mut RawSample, a: usize, b: usize) {
-        raw.positive_pulses.swap(a, b);
-        raw.negative_pulses.swap(a, b);
+        raw.accelerometers.positive_pulses.swap(a, b);
+        raw.accelerometers.negative_pulses.swap(a, b);
     }
     fn swap_channels(raw: &mut RawSample, axis: usize) {
-        std::mem::swap(&mut raw.positive_pulses[axis], &mut raw.negative_pulses[axis]);
+        std::mem::swap(&mut raw.accelerometers.positive_pulses[axis], &mut raw.accelerometers.negative_pulses[axis]);
     }
     const IN_USE: &str = "the table is right as long as the acquisition stays so";
     macro_rules! list {
@@ -385,7 +385,7 @@ pub fn mistakes() -> Vec<Mistake> {
         "position 3 off by 0.01 degree", Warned("warning [level]: position 3 is "), |seed| at(seed, |angles, number| if number == 3 { angles[0] += 0.01 });
         "position 7 off by 0.05 degree", Warned("warning [level]: position 7 is "), |seed| at(seed, |angles, number| if number == 7 { angles[0] += 0.05 });
         "positions 7 and 8 off by 0.002 g0 on A3", Warned("[level]"),
-            |seed| rows(seed, |row| if matches!(row.position, 7 | 8) { row.raw.positive_pulses[2] += 1840; });
+            |seed| rows(seed, |row| if matches!(row.position, 7 | 8) { row.raw.accelerometers.positive_pulses[2] += 1840; });
         "positions with inner angles from 180 degrees on off by 0.15 degree", Warned("[level]"),
             |seed| at(seed, |angles, _| if angles[1] >= 180.0 { angles[1] += 0.15 });
         "position 10 off by 1 degree at 20 degC", Refused("position 10 is 1.00"), |seed| {
@@ -398,15 +398,15 @@ pub fn mistakes() -> Vec<Mistake> {
         "the turntable moved within a dwell", Refused("position 7: A1 was not still"), |seed| {
             let mut case = volts(seed);
             let from = first_index(&case, 30.0, 7);
-            for row in &mut case.rows[from..from + 6] { row.raw.negative_pulses[0] /= 2; }
+            for row in &mut case.rows[from..from + 6] { row.raw.accelerometers.negative_pulses[0] /= 2; }
             case
         };
         // Cables and channels.
         "pulses of A1 and A2 exchanged", Refused("[axes-exchanged]: A1 and A2 look exchanged"), |seed| acquired(seed, |raw| swap_pulses(raw, 0, 1));
         "pulses of A2 and A3 exchanged", Refused("[axes-exchanged]: A2 and A3 look exchanged"), |seed| acquired(seed, |raw| swap_pulses(raw, 1, 2));
         "pulses of A1, A2, A3 in the columns of A2, A3, A1", Refused("the columns a1, a2, a3 carry A3, A1, A2"), |seed| acquired(seed, |raw| {
-            raw.positive_pulses.rotate_right(1);
-            raw.negative_pulses.rotate_right(1);
+            raw.accelerometers.positive_pulses.rotate_right(1);
+            raw.accelerometers.negative_pulses.rotate_right(1);
         });
         "pulses of A1 and A3 exchanged from 20 degC on", Refused("A1 and A3 look exchanged at 3 of 7 set points"),
             |seed| Case {
@@ -415,19 +415,19 @@ pub fn mistakes() -> Vec<Mistake> {
             };
         "channels of A2 exchanged", Refused("[channels-exchanged]: the two channels of A2 look exchanged"), |seed| acquired(seed, |raw| swap_channels(raw, 1));
         "channels of A1 and A3 exchanged", Refused("the channels of A1 and A3 are exchanged"), |seed| acquired(seed, |raw| { swap_channels(raw, 0); swap_channels(raw, 2); });
-        "- channel of A1 dead", Refused("[no-pulses]: the - channel of A1 gives no pulse in the whole campaign"), |seed| acquired(seed, |raw| raw.negative_pulses[0] = 0);
-        "A3 dead", Refused("A3 gives no pulse in the whole campaign"), |seed| acquired(seed, |raw| (raw.positive_pulses[2], raw.negative_pulses[2]) = (0, 0));
+        "- channel of A1 dead", Refused("[no-pulses]: the - channel of A1 gives no pulse in the whole campaign"), |seed| acquired(seed, |raw| raw.accelerometers.negative_pulses[0] = 0);
+        "A3 dead", Refused("A3 gives no pulse in the whole campaign"), |seed| acquired(seed, |raw| (raw.accelerometers.positive_pulses[2], raw.accelerometers.negative_pulses[2]) = (0, 0));
         "counts without their sign", Refused("no accelerometer gives a pulse on its - channel"), |seed| acquired(seed, |raw| for axis in 0..3 {
-            raw.positive_pulses[axis] += raw.negative_pulses[axis];
-            raw.negative_pulses[axis] = 0;
+            raw.accelerometers.positive_pulses[axis] += raw.accelerometers.negative_pulses[axis];
+            raw.accelerometers.negative_pulses[axis] = 0;
         });
-        "- channel of A2 divided by 2", Refused("[channels-differ]: A2: K+ is"), |seed| acquired(seed, |raw| scale(&mut raw.negative_pulses[1], 0.5));
+        "- channel of A2 divided by 2", Refused("[channels-differ]: A2: K+ is"), |seed| acquired(seed, |raw| scale(&mut raw.accelerometers.negative_pulses[1], 0.5));
         "pulses of A3 divided by 4", Warned("[axes-differ]"), |seed| acquired(seed, |raw| {
-            scale(&mut raw.positive_pulses[2], 0.25);
-            scale(&mut raw.negative_pulses[2], 0.25);
+            scale(&mut raw.accelerometers.positive_pulses[2], 0.25);
+            scale(&mut raw.accelerometers.negative_pulses[2], 0.25);
         });
         "a converter that saturates", Refused("gives the same 92000 pulse/s in every row"),
-            |seed| acquired(seed, |raw| raw.positive_pulses[2] = raw.positive_pulses[2].min((92 * raw.interval_ns / 1_000_000) as u32));
+            |seed| acquired(seed, |raw| raw.accelerometers.positive_pulses[2] = raw.accelerometers.positive_pulses[2].min((92 * raw.interval_ns / 1_000_000) as u32));
         "pulses of all channels divided by 4", Invisible(IN_USE), |seed| acquired(seed, |raw| scale_all(raw, 0.25));
         "pulses of single samples in rows of 10 s", Invisible("the run's samples are whole, and show it"),
             |seed| rows(seed, |row| scale_all(&mut row.raw, 0.1));
@@ -446,23 +446,23 @@ pub fn mistakes() -> Vec<Mistake> {
             case
         };
         "degC under V", Invisible("the unit is a label: the table is right"), |seed| in_unit("V ", 0.0, 1.0, seed);
-        "head telemetry of A1 and A2 exchanged", Invisible(IN_USE), |seed| acquired(seed, |raw| raw.head_temperature.swap(0, 1));
-        "head telemetry of A3 stuck", Refused("[telemetry-constant]: a3_head is the same at every set point"), |seed| acquired(seed, |raw| raw.head_temperature[2] = 2.5);
+        "head telemetry of A1 and A2 exchanged", Invisible(IN_USE), |seed| acquired(seed, |raw| raw.accelerometers.head_temperature.swap(0, 1));
+        "head telemetry of A3 stuck", Refused("[telemetry-constant]: a3_head is the same at every set point"), |seed| acquired(seed, |raw| raw.accelerometers.head_temperature[2] = 2.5);
         "board telemetry of A1 stuck from 20 degC on", Refused("[telemetry-stuck]"), |seed| Case {
-            in_use: |raw| raw.board_temperature[0] = 2.9,
-            ..rows(seed, |row| if row.set_point_c >= 20.0 { row.raw.board_temperature[0] = 2.9 })
+            in_use: |raw| raw.accelerometers.board_temperature[0] = 2.9,
+            ..rows(seed, |row| if row.set_point_c >= 20.0 { row.raw.accelerometers.board_temperature[0] = 2.9 })
         };
         "board telemetry of A1 stuck at 40 degC, with noise", Warned("[lack-of-fit]"), |seed| {
             let mut random = RandomGenerator::new(seed, 79);
             let mut case = volts(seed);
             for row in case.rows.iter_mut().filter(|row| row.set_point_c == 40.0) {
-                row.raw.board_temperature[0] = 3.5 + 1e-4 * random.normal();
+                row.raw.accelerometers.board_temperature[0] = 3.5 + 1e-4 * random.normal();
             }
             case
         };
         "a telemetry reading of 0", Refused("[telemetry-drift]: samples.csv:7:"), |seed| {
             let mut case = volts(seed);
-            case.rows[5].raw.head_temperature[1] = 0.0;
+            case.rows[5].raw.accelerometers.head_temperature[1] = 0.0;
             case
         };
         "labels of the set points 0 and 20 degC exchanged", Warned("[telemetry-order]"),

@@ -1,5 +1,6 @@
 //! What several commands do with their arguments.
 
+use clap::Args;
 use isotherm_calibration::report::json;
 use isotherm_calibration::requirement::Requirement;
 use isotherm_client::{Domain, ImuId, Options};
@@ -13,7 +14,17 @@ use std::time::Duration;
 
 /// The options of a client.
 pub fn options(domain: Domain, timeout: Duration) -> Options {
-    Options { domain, timeout }
+    Options::new(domain, timeout)
+}
+
+/// How the lagged telemetry of a recording that has none is computed.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct LagSetting {
+    /// Time constant of the lagged telemetry, for a recording that has none [s]; or none
+    ///
+    /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
+    #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
+    pub ns: Option<u64>,
 }
 
 /// A failure with the document that `--json` prints of it.

@@ -1,18 +1,23 @@
 //! `feed`: sends a recording as an acquisition process does.
 
-use super::common::{inputs, options};
+use super::common::{LagSetting, inputs, options};
 use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;
 use indicatif::ProgressBar;
-use isotherm_client::{Acquisition, ConnectError, Domain, ImuId, Loan, RawSample};
+use isotherm_client::{
+    Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Loan, Options, RawSample,
+    StatusError, TimeConstant, device, fetch_status,
+};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap};
-use isotherm_recording::IncrementCsvWriter;
+use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_shared::status::ImuStatus;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Longest single wait for an answer; signals and flushes are checked after each.
@@ -37,6 +42,13 @@ pub struct Feed {
     /// If it has several IMUs, only the samples of this one are sent
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
+    /// Serial number of the unit whose samples these are [default: the recording's column device]
+    ///
+    /// The service flags samples of another unit than the table's
+    #[arg(long, value_name = "S/N")]
+    serial: Option<String>,
+    #[command(flatten)]
+    lag: LagSetting,
     /// Where the increments go (CSV); - is stdout
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
@@ -63,14 +75,18 @@ impl Feed {
         }
         // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { ProgressBar::hidden() };
-        let samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
+        let mut samples = Samples::open(&self.recording, ImuChoice::Prefer(self.imu.clone()), &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
         let partial = sink.partial();
-        let connect = |timeout| Acquisition::connect(&self.imu, &options(domain.clone(), timeout));
-        let acquisition = patiently(self.timeout, connect)?;
-        let writer = match IncrementCsvWriter::new(sink, self.delivery) {
+        // The recording's lagged telemetry is sent, so the library keeps none.
+        let options = |timeout| Options { lag: LagOption::None, ..options(domain.clone(), timeout) };
+        let acquisition = patiently(self.timeout, |timeout| Acquisition::connect(&self.imu, &options(timeout)))?;
+        let served = ServedTable::ask(&self.imu, &options(self.timeout))?;
+        samples.set_lag(self.lag.ns.unwrap_or(served.lag_ns));
+        let layout = IncrementLayout { gyroscopes: served.gyroscopes, delivery: self.delivery };
+        let writer = match IncrementCsvWriter::new(sink, layout) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
@@ -83,12 +99,26 @@ impl Feed {
             timeout: self.timeout,
             last_activity,
             flushed: last_activity,
+            gyroscopes: layout.gyroscopes,
             interrupted,
+            lag_unknown: None,
+            lost_angles: false,
         };
+        let mut asked = served.table;
         let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
         let (mut due, mut session) = (last_activity, None);
+        let device = self.serial.as_deref().map(device);
         let result = (|| {
-            for sample in samples {
+            loop {
+                // A reload has brought another time constant: a few samples more are flagged until the next one.
+                if let (None, Some(table)) = (self.lag.ns, feeder.lag_unknown.take())
+                    && table != asked
+                    && let Ok(now) = ServedTable::fetch(&self.imu, &options(self.timeout))
+                {
+                    asked = now.table;
+                    samples.set_lag(now.lag_ns);
+                }
+                let Some(sample) = samples.next() else { break };
                 let sample = match sample {
                     Ok(sample) => sample,
                     Err(error) => {
@@ -105,6 +135,7 @@ impl Feed {
                         .map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
                 }
                 session = Some(sample.session);
+                let sample = RawSample { device: device.unwrap_or(sample.device), ..sample };
                 if let Some(period) = period {
                     feeder.receive_until(due)?;
                     due += period;
@@ -142,13 +173,15 @@ fn patiently<T>(
         Err(cause) if !left.is_zero() => cause,
         result => return result,
     };
+    if cause.is_permanent() {
+        return Err(cause);
+    }
     match cause {
         ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::NoService(_) => {
             tell("isotherm", format_args!("waiting up to {} s: {cause}", timeout.as_secs_f64()));
         }
         // So it looks while a service is starting.
-        ConnectError::NoSuchImu { .. } | ConnectError::Transport { .. } => {}
-        ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_) => return Err(cause),
+        _ => {}
     }
     connect(left)
 }
@@ -174,10 +207,65 @@ struct Feeder {
     /// When the last increment came, or the first unanswered sample was sent.
     last_activity: Instant,
     flushed: Instant,
+    /// Whether the output has columns for angle increments.
+    gyroscopes: bool,
     interrupted: Arc<AtomicBool>,
+    /// The table of the last increment whose lagged telemetry had another time constant than the table's.
+    lag_unknown: Option<u64>,
+    /// Whether angle increments have been left out, since the output has no columns for them.
+    lost_angles: bool,
+}
+
+/// What the feed must know of the table that the service has in force.
+struct ServedTable {
+    /// The table's id; 0 without a table.
+    table: u64,
+    /// Time constant of the lagged telemetry \[ns\]; 0 without one.
+    lag_ns: u64,
+    gyroscopes: bool,
+}
+
+impl ServedTable {
+    /// Waits for the service's status, up to the time-out of the options.
+    fn ask(imu: &ImuId, options: &Options) -> Result<Self, Failure> {
+        let started = Instant::now();
+        loop {
+            match Self::fetch(imu, options) {
+                Err(StatusError::Connect(_) | StatusError::Silent(_)) if started.elapsed() < options.timeout => {
+                    thread::sleep(PAUSE);
+                }
+                result => return Ok(result?),
+            }
+        }
+    }
+
+    fn fetch(imu: &ImuId, options: &Options) -> Result<Self, StatusError> {
+        let status = fetch_status(options)?;
+        let imu = status.imus.into_iter().find(|served| served.id == imu.as_str());
+        let digits = |digest: String| u64::from_str_radix(digest.strip_prefix("sha256:")?.get(..16)?, 16).ok();
+        let lag = |imu: &ImuStatus| TimeConstant::from_seconds(imu.lag_s?).ok().map(TimeConstant::ns);
+        Ok(Self {
+            lag_ns: imu.as_ref().and_then(lag).unwrap_or(0),
+            gyroscopes: imu.as_ref().is_some_and(|imu| imu.gyroscopes.is_some()),
+            table: imu.and_then(|imu| imu.table).and_then(digits).unwrap_or(0),
+        })
+    }
 }
 
 impl Feeder {
+    /// Looks at an increment for what a reload of the table has changed.
+    fn note(&mut self, increment: &CompensatedIncrement) {
+        if Flags(increment.flags).intersects(Flags::LAG_UNKNOWN) {
+            self.lag_unknown = Some(increment.table);
+        }
+        if !self.gyroscopes && !self.lost_angles && increment.angle_increment.iter().any(|angle| angle.is_finite()) {
+            self.lost_angles = true;
+            let message =
+                "warning: the table now has gyroscopes, which the output has no columns for; start the feed anew";
+            tell("isotherm", message);
+        }
+    }
+
     fn send(&mut self, sample: &RawSample) -> Result<(), FeedError> {
         while self.acquisition.in_flight() >= self.window {
             self.receive(PAUSE)?;
@@ -214,6 +302,7 @@ impl Feeder {
         let now = Instant::now();
         if let Some(increment) = &increment {
             self.last_activity = now;
+            self.note(increment);
             self.writer.write(increment).map_err(FeedError::Write)?;
         } else if self.acquisition.in_flight() > 0 && now - self.last_activity > self.timeout {
             let message = format!(

@@ -1,11 +1,12 @@
 //! `replay`: compensates a recording with the kernel.
 
+use super::common::LagSetting;
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
-use isotherm_recording::IncrementCsvWriter;
+use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::compensate::answer;
 use std::fmt;
@@ -28,6 +29,8 @@ pub struct Replay {
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
+    #[command(flatten)]
+    lag: LagSetting,
     /// Where the increments go (CSV); - is stdout
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
@@ -40,10 +43,12 @@ impl Replay {
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
         let choice = super::common::choice(self.imu, &table);
-        let samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
+        let mut samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
+        samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
         let path = self.output.as_deref();
         let sink = Output::create(path);
-        let mut writer = match sink.and_then(|sink| IncrementCsvWriter::new(sink, false)) {
+        let layout = IncrementLayout { gyroscopes: table.gyroscopes().is_some(), delivery: false };
+        let mut writer = match sink.and_then(|sink| IncrementCsvWriter::new(sink, layout)) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
@@ -56,21 +61,36 @@ impl Replay {
             }
         }
         check_written(path, writer.finish().and_then(Output::finish))?;
+        if flags.count(Flags::OTHER_DEVICE) > 0 {
+            let serial = table.content().serial.as_deref().unwrap_or_default().trim();
+            let message = "warning: samples of another unit than the table's, which has the serial number";
+            tell("isotherm", format_args!("{message} {serial:?}"));
+        }
         tell("isotherm", flags);
         Ok(())
     }
 }
 
 /// How many increments there are, and how many have each flag.
-#[derive(Default)]
 struct FlagCounts {
     increments: u64,
     flagged: u64,
-    by_bit: [u64; 32],
+    by_bit: [u64; 64],
+}
+
+impl Default for FlagCounts {
+    fn default() -> Self {
+        Self { increments: 0, flagged: 0, by_bit: [0; 64] }
+    }
 }
 
 impl FlagCounts {
-    fn add(&mut self, flags: u32) {
+    /// How many increments have the one flag.
+    const fn count(&self, flag: Flags) -> u64 {
+        self.by_bit[flag.0.trailing_zeros() as usize % 64]
+    }
+
+    fn add(&mut self, flags: u64) {
         self.increments += 1;
         self.flagged += u64::from(flags != 0);
         for (bit, count) in self.by_bit.iter_mut().enumerate() {

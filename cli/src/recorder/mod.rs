@@ -169,7 +169,12 @@ impl Recorder {
         if !self.counts[row.imu].take(row.stream(), row.key()) {
             return Ok(());
         }
-        self.files[self.route[row.imu]].write(row)
+        if let Some(next) = self.files[self.route[row.imu]].write(row)? {
+            let name = next.first().map(|path| path.display().to_string()).unwrap_or_default();
+            print_message(&format!("{} now has more columns; they begin in {name}", self.imus[row.imu]));
+            self.names.extend(next);
+        }
+        Ok(())
     }
 
     /// Flushes all files. If the disk is full the recorder waits for room; every other error is returned.

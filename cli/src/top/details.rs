@@ -6,6 +6,7 @@ use super::numbers::{age, microseconds, whole};
 use super::style::{AlertLevel, Theme};
 use isotherm_client::unix_s;
 use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS};
+use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::AXES;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -28,13 +29,14 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let spare = area.height.saturating_sub(FULL_LINES + 2);
     let curve = 1 + (spare / 5).min(3);
     let histogram = 3 + (spare - 3 * (curve - 1)).min(8);
-    let refused = u16::from(imu.last_reload_error.is_some());
-    let parts = [3 + refused, 1 + AXES as u16, 1 + AXES as u16 * curve, 2 + histogram].map(Constraint::Length);
+    let alerts = u16::from(imu.last_reload_error.is_some()) + u16::from(imu.other_device.is_some());
+    let parts = [3 + alerts, 1 + AXES as u16, 1 + AXES as u16 * curve, 2 + histogram].map(Constraint::Length);
     let parts = parts.into_iter().chain([Constraint::Min(0)]);
     let [about, temperatures, increments, latency, flags] = Layout::vertical(parts).areas(area);
     frame.render_widget(Paragraph::new(about_lines(model, imu, about.width)), about);
-    frame.render_widget(Paragraph::new(temperature_lines(theme, imu, temperatures.width)), temperatures);
-    draw_increments(frame, increments, model);
+    let triad = model.triad(imu);
+    frame.render_widget(Paragraph::new(temperature_lines(theme, imu, triad, temperatures.width)), temperatures);
+    draw_increments(frame, increments, model, triad);
     draw_latency(frame, latency, model, imu);
     frame.render_widget(Paragraph::new(flag_line(model, imu)).wrap(Wrap { trim: true }), flags);
 }
@@ -51,11 +53,12 @@ pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
         Span::raw(format!(" {table} ")),
         Span::styled(state.text, theme.level(state.level)),
     ])];
-    lines.extend(refused_line(theme, imu));
+    lines.extend(alert_lines(theme, imu));
+    let triad = model.triad(imu);
     let mut spans = vec![label("T")];
-    for (axis, places) in (0..AXES).map(|axis| (axis, Thermometer::of(imu, axis))) {
-        spans.push(Span::raw(format!("A{} ", axis + 1)));
-        for place in places {
+    for (axis, name) in triad.names().into_iter().enumerate() {
+        spans.push(Span::raw(format!("{name} ")));
+        for place in Thermometer::of(imu, triad, axis) {
             let text =
                 place.fraction().map_or("- ".to_owned(), |part| format!("{:.0} ", (100.0 * part).clamp(-999.0, 999.0)));
             spans.push(Span::styled(text, theme.level(place.level())));
@@ -64,8 +67,11 @@ pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     spans.push(Span::raw("% of range"));
     lines.push(Line::from(spans));
     let point = model.points.back().copied().flatten();
-    let means = point.map_or("-".to_owned(), |point| point.increment.map(|value| format!("{value:+.6}")).join(" "));
-    lines.push(Line::from(vec![label("m/s"), Span::raw(means)]));
+    let Quantity { increment, increment_decimals: [decimals, _], .. } = Quantity::of(triad);
+    let means = point.map_or("-".to_owned(), |point| {
+        point.of_triad(triad).increment.map(|value| format!("{value:+.decimals$}")).join(" ")
+    });
+    lines.push(Line::from(vec![label(increment), Span::raw(means)]));
     let latency = imu.latency_minute_ns.map_or("-".to_owned(), |latency| {
         let [p50, p999, max] = [latency.p50, latency.p999, latency.max].map(|ns| microseconds(Some(ns)));
         format!("p50 {p50} 99.9 {p999} max {max}")
@@ -106,30 +112,37 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
         imu.received, imu.missing, imu.gaps, imu.repeats, imu.readers
     );
     let mut lines = vec![Line::styled(title, theme.heading()), labelled(theme, "table", table)];
-    lines.extend(refused_line(theme, imu));
+    lines.extend(alert_lines(theme, imu));
     lines.push(labelled(theme, "samples", samples));
     lines
 }
 
-/// A line that says why the table file as it is now is not in force.
-fn refused_line(theme: Theme, imu: &ImuStatus) -> Option<Line<'static>> {
-    let error = imu.last_reload_error.as_ref()?.replace('\n', "; ");
-    let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));
-    Some(Line::styled(format!("REFUSED{since}: {error}"), theme.level(AlertLevel::Bad)))
+/// Lines that say why the table file as it is now is not in force, and that the samples are of another unit than the table.
+fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
+    let refused = imu.last_reload_error.as_ref().map(|error| {
+        let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));
+        format!("REFUSED{since}: {}", error.replace('\n', "; "))
+    });
+    let other = imu.other_device.as_ref().map(|device| {
+        let serial = imu.serial.as_deref().unwrap_or_default();
+        format!("OTHER UNIT: samples of {device}, table of serial {serial:?}")
+    });
+    refused.into_iter().chain(other).map(|text| Line::styled(text, theme.level(AlertLevel::Bad))).collect()
 }
 
 fn labelled(theme: Theme, label: &str, text: String) -> Line<'static> {
     Line::from(vec![Span::styled(format!("{label:<10}"), theme.label()), Span::raw(text)])
 }
 
-fn temperature_lines(theme: Theme, imu: &ImuStatus, width: u16) -> Vec<Line<'static>> {
+fn temperature_lines(theme: Theme, imu: &ImuStatus, triad: SensorKind, width: u16) -> Vec<Line<'static>> {
     let unit = imu.ranges.as_ref().map_or(String::new(), |ranges| format!(" [{}]", ranges.unit));
     let half = usize::from(width.saturating_sub(4)) / 2;
-    let head = format!("{:<4}{:<half$}{}", "", format!("head{unit}"), format_args!("board{unit}"));
+    let lag = imu.lag_s.map_or(String::new(), |lag| format!(", lag {lag} s"));
+    let head = format!("{:<4}{:<half$}{}", "", format!("head{unit}{lag}"), format_args!("board{unit}"));
     let mut lines = vec![Line::styled(head, theme.label())];
-    for axis in 0..AXES {
-        let mut spans = vec![Span::styled(format!("A{:<3}", axis + 1), theme.label())];
-        for place in Thermometer::of(imu, axis) {
+    for (axis, name) in triad.names().into_iter().enumerate() {
+        let mut spans = vec![Span::styled(format!("{name:<4}"), theme.label())];
+        for place in Thermometer::of(imu, triad, axis) {
             spans.extend(gauge(theme, place, half.saturating_sub(2)));
             spans.push(Span::raw("  "));
         }
@@ -168,39 +181,74 @@ fn gauge(theme: Theme, place: Thermometer, width: usize) -> Vec<Span<'static>> {
     ]
 }
 
-fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
-    let theme = model.theme;
+/// What the increments of a triad are, for the screen.
+struct Quantity {
+    /// Unit of the mean of one sample.
+    increment: &'static str,
+    /// Unit of the mean in time.
+    rate: &'static str,
+    /// What one unit of [`Means::rate`](super::increments::Means::rate) is in `rate`.
+    factor: f64,
+    /// Decimals of the mean of one sample on a small screen, and on a large one.
+    increment_decimals: [usize; 2],
+    /// Decimals of the mean in time.
+    rate_decimals: usize,
+}
+
+impl Quantity {
+    const fn of(triad: SensorKind) -> Self {
+        match triad {
+            SensorKind::Accelerometer => {
+                Self { increment: "m/s", rate: "m/s2", factor: 1.0, increment_decimals: [6, 7], rate_decimals: 5 }
+            }
+            // deg/h are arcsec/s.
+            SensorKind::Gyroscope => {
+                let factor = 1.0 / ARCSEC;
+                Self { increment: "rad", rate: "deg/h", factor, increment_decimals: [7, 9], rate_decimals: 2 }
+            }
+        }
+    }
+}
+
+fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model, triad: SensorKind) {
+    let (theme, quantity) = (model.theme, Quantity::of(triad));
     let [head, below] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(area);
     let width = area.width.saturating_sub(MEAN_COLUMNS);
     let seconds = f64::from(width) * TICK.as_secs_f64();
     let title = match &model.read_error {
         Some(error) => Line::styled(format!("increments cannot be read: {error}"), theme.level(AlertLevel::Warning)),
         None => Line::styled(
-            format!("{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s", "", "mean m/s", "m/s2", "span"),
+            format!(
+                "{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s",
+                "",
+                format_args!("mean {}", quantity.increment),
+                quantity.rate,
+                "span"
+            ),
             theme.label(),
         ),
     };
     frame.render_widget(title, head);
     let rows: [Rect; AXES] = Layout::vertical([Constraint::Fill(1); AXES]).areas(below);
     let last = model.points.back().copied().flatten();
-    for (axis, row) in rows.into_iter().enumerate() {
+    for ((axis, name), row) in triad.names().into_iter().enumerate().zip(rows) {
         let [means, curve] = Layout::horizontal([Constraint::Length(MEAN_COLUMNS), Constraint::Min(0)]).areas(row);
-        let points: Vec<_> = model.points.iter().rev().take(width.into()).copied().collect();
-        let values: Vec<_> = points.iter().map(|point| value_of(*point, axis)).collect();
+        let rate = |point: CurvePoint| point.of_triad(triad).rate[axis] * quantity.factor;
+        let points = model.points.iter().rev().take(width.into()).copied();
+        let values: Vec<_> = points.map(|point| point.map(rate).filter(|value| value.is_finite())).collect();
         let finite = || values.iter().copied().flatten();
         let (low, high) = (finite().reduce(f64::min).unwrap_or(0.0), finite().reduce(f64::max).unwrap_or(0.0));
-        let text = match last {
-            Some(point) => {
-                let (increment, force) = (point.increment[axis], point.specific_force[axis]);
-                format!("{increment:>+12.7}{force:>+12.5}{:>9}", significant(high - low))
+        let increment = last.map(|point| point.of_triad(triad).increment[axis]);
+        let ([_, decimals], rate_decimals) = (quantity.increment_decimals, quantity.rate_decimals);
+        let text = match increment.zip(last.map(rate)) {
+            Some((increment, rate)) => {
+                format!("{increment:>+12.decimals$}{rate:>+12.rate_decimals$}{:>9}", significant(high - low))
             }
             None => format!("{:>12}{:>12}{:>9}", "-", "-", "-"),
         };
-        let level =
-            if last.is_some_and(|point| point.increment[axis].is_nan()) { AlertLevel::Bad } else { AlertLevel::Good };
+        let level = if increment.is_some_and(f64::is_nan) { AlertLevel::Bad } else { AlertLevel::Good };
         let style = if level == AlertLevel::Bad { theme.level(level) } else { theme.heading() };
-        let line =
-            Line::from(vec![Span::styled(format!("A{:<3}", axis + 1), theme.label()), Span::styled(text, style)]);
+        let line = Line::from(vec![Span::styled(format!("{name:<4}"), theme.label()), Span::styled(text, style)]);
         frame.render_widget(line, means);
         // From an eighth to the full height, so that the lowest point can be seen too.
         let levels = 8 * u64::from(curve.height.max(1));
@@ -210,10 +258,6 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model) {
         let curve_widget = Sparkline::default().data(bars).max(levels).direction(RenderDirection::RightToLeft);
         frame.render_widget(curve_widget.bar_set(theme.bars()).absent_value_symbol(" ").style(theme.curve()), curve);
     }
-}
-
-fn value_of(point: Option<CurvePoint>, axis: usize) -> Option<f64> {
-    point.map(|point| point.specific_force[axis]).filter(|value| value.is_finite())
 }
 
 fn draw_latency(frame: &mut Frame<'_>, area: Rect, model: &Model, imu: &ImuStatus) {

@@ -1,6 +1,7 @@
 //! Increments of the selected IMU, as means over a tick.
 
 use isotherm_client::{CompensatedIncrement, ConnectError, ImuId, IncrementReader, Options};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use std::time::{Duration, Instant};
 
@@ -9,24 +10,46 @@ const MAX_INCREMENTS: usize = 4096;
 /// Pause after a failed attempt to connect or read.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Means over the increments of one tick.
+/// Means over the increments of one tick, of both triads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurvePoint {
-    /// Velocity increment of one sample \[m/s\], A1 to A3; NaN if one of them is.
+    /// Of A1 to A3 \[m/s, m/s2\].
+    accelerometers: Means,
+    /// Of G1 to G3 \[rad, rad/s\]; NaN where the table has no gyroscopes.
+    gyroscopes: Means,
+}
+
+/// Means of three sensors; NaN if one of the increments is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Means {
+    /// The increment of one sample.
     pub increment: [f64; AXES],
-    /// Velocity increments divided by their time \[m/s2\].
-    pub specific_force: [f64; AXES],
+    /// The increments divided by their time \[1/s\].
+    pub rate: [f64; AXES],
 }
 
 impl CurvePoint {
     /// The means of `increments`; `None` if there are none.
     pub fn of(increments: &[CompensatedIncrement]) -> Option<Self> {
         let time = increments.iter().map(|increment| increment.interval_ns as f64 * 1e-9).sum::<f64>();
-        let sum = |axis: usize| increments.iter().map(|increment| increment.velocity_increment[axis]).sum::<f64>();
-        let sums = core::array::from_fn(sum);
         let count = increments.len() as f64;
-        (count > 0.0)
-            .then(|| Self { increment: sums.map(|sum| sum / count), specific_force: sums.map(|sum| sum / time) })
+        let means = |triad: fn(&CompensatedIncrement) -> [f64; AXES]| {
+            let sums: [f64; AXES] =
+                core::array::from_fn(|axis| increments.iter().map(|increment| triad(increment)[axis]).sum());
+            Means { increment: sums.map(|sum| sum / count), rate: sums.map(|sum| sum / time) }
+        };
+        (!increments.is_empty()).then(|| Self {
+            accelerometers: means(|increment| increment.velocity_increment),
+            gyroscopes: means(|increment| increment.angle_increment),
+        })
+    }
+
+    /// The means of a triad.
+    pub const fn of_triad(&self, kind: SensorKind) -> &Means {
+        match kind {
+            SensorKind::Accelerometer => &self.accelerometers,
+            SensorKind::Gyroscope => &self.gyroscopes,
+        }
     }
 }
 

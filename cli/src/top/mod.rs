@@ -112,6 +112,7 @@ fn handle_key(model: &mut Model, key: KeyEvent) -> bool {
         KeyCode::Esc | KeyCode::Char('q') => return false,
         KeyCode::Char('?' | 'h') => model.help = !model.help,
         KeyCode::Char('p' | ' ') => model.paused = !model.paused,
+        KeyCode::Char('t') | KeyCode::Left | KeyCode::Right => model.switch_triad(),
         KeyCode::Up | KeyCode::Char('k') => model.select_by(-1),
         KeyCode::Down | KeyCode::Char('j') => model.select_by(1),
         KeyCode::PageUp => model.select_by(-10),

@@ -5,6 +5,7 @@ use super::source::Waiting;
 use super::style::{AlertLevel, Theme};
 use isotherm_client::ConnectError;
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use ratatui::widgets::TableState;
 use std::collections::VecDeque;
@@ -43,6 +44,8 @@ pub struct Model {
     pub paused: bool,
     /// Whether the help is shown.
     pub help: bool,
+    /// Whether the gyroscopes are shown, of an IMU that has them.
+    gyroscopes: bool,
 }
 
 /// The condition of an IMU in one or two words.
@@ -68,6 +71,7 @@ impl Model {
             read_error: None,
             paused: false,
             help: false,
+            gyroscopes: false,
         }
     }
 
@@ -144,6 +148,18 @@ impl Model {
         self.imu().map(|imu| imu.id.as_str())
     }
 
+    /// The triad that is shown of an IMU.
+    pub fn triad(&self, imu: &ImuStatus) -> SensorKind {
+        if self.gyroscopes && imu.gyroscopes.is_some() { SensorKind::Gyroscope } else { SensorKind::Accelerometer }
+    }
+
+    /// Shows the other triad of the selected IMU, if it has gyroscopes.
+    pub fn switch_triad(&mut self) {
+        if self.imu().is_some_and(|imu| imu.gyroscopes.is_some()) {
+            self.gyroscopes = !self.gyroscopes;
+        }
+    }
+
     fn imus(&self) -> usize {
         self.status().map_or(0, |status| status.imus.len())
     }
@@ -208,6 +224,8 @@ impl Model {
             condition("no table", bad)
         } else if imu.last_reload_error.is_some() {
             condition("file REFUSED", bad)
+        } else if imu.other_device.is_some() {
+            condition("other unit", bad)
         } else if !imu.acquisition_connected {
             condition("no acquisition", warning)
         } else if !rises(|imu| imu.received) {
@@ -239,18 +257,26 @@ pub struct Thermometer {
 }
 
 impl Thermometer {
-    /// Head and board telemetry of an axis.
-    pub fn of(imu: &ImuStatus, axis: usize) -> [Self; 2] {
-        let ranges = imu.ranges.as_ref();
+    /// Head and board telemetry of a triad's sensor. An IMU without gyroscopes has none for them.
+    pub fn of(imu: &ImuStatus, kind: SensorKind, axis: usize) -> [Self; 2] {
+        let (ranges, head, board) = match (kind, &imu.gyroscopes) {
+            (SensorKind::Accelerometer, _) => (imu.ranges.as_ref(), imu.head_temperature, imu.board_temperature),
+            (SensorKind::Gyroscope, Some(gyroscopes)) => {
+                (Some(&gyroscopes.ranges), gyroscopes.head_temperature, gyroscopes.board_temperature)
+            }
+            (SensorKind::Gyroscope, None) => (None, [None; AXES], [None; AXES]),
+        };
         [
-            Self { value: imu.head_temperature[axis], range: ranges.map(|ranges| ranges.head[axis]) },
-            Self { value: imu.board_temperature[axis], range: ranges.map(|ranges| ranges.board[axis]) },
+            Self { value: head[axis], range: ranges.map(|ranges| ranges.head[axis]) },
+            Self { value: board[axis], range: ranges.map(|ranges| ranges.board[axis]) },
         ]
     }
 
-    /// The temperatures of all axes.
+    /// The temperatures of all sensors.
     pub fn all_of(imu: &ImuStatus) -> impl Iterator<Item = Self> {
-        (0..AXES).flat_map(|axis| Self::of(imu, axis))
+        let gyroscopes = imu.gyroscopes.as_ref().map(|_| SensorKind::Gyroscope);
+        let kinds = [SensorKind::Accelerometer].into_iter().chain(gyroscopes);
+        kinds.flat_map(move |kind| (0..AXES).flat_map(move |axis| Self::of(imu, kind, axis)))
     }
 
     /// Position within the range: 0 at the lower end, 1 at the upper.

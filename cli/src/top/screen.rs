@@ -7,6 +7,7 @@ use super::style::AlertLevel;
 use super::{details, overview};
 use humantime::format_rfc3339_seconds;
 use isotherm_failure::printable;
+use isotherm_shared::units::SensorKind;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
@@ -19,6 +20,7 @@ const FULL: (u16, u16) = (78, 23);
 const HELP: &str = "\
 q Esc Ctrl-C   quit
 up down j k    select an IMU; Tab, PgUp, PgDn, Home, End
+t left right   accelerometers or gyroscopes, of an IMU that has both
 p space        pause: the screen is frozen
 ? h            this help
 
@@ -36,7 +38,7 @@ pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     let [top, middle, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(area);
     frame.render_widget(header(model, top.width), top);
-    frame.render_widget(keys(model), bottom);
+    frame.render_widget(keys(model, bottom.width), bottom);
     let middle = match &model.waiting {
         Some(waiting) => {
             let text = banner(model, waiting);
@@ -113,9 +115,19 @@ fn banner(model: &Model, waiting: &Waiting) -> String {
     format!("waiting for the service since {clock} UTC, {}{what}: {}", age(waiting.time.as_secs_f64()), waiting.cause)
 }
 
-fn keys(model: &Model) -> Line<'static> {
+fn keys(model: &Model, width: u16) -> Line<'static> {
+    /// Columns of the line with the key of the other triad.
+    const WITH_TRIAD: u16 = 44;
     let key = |key: &'static str| Span::styled(key, model.theme.inverse());
-    let mut spans = vec![key("q"), " quit  ".into(), key("up down"), " IMU  ".into()];
+    let other = model.imu().filter(|imu| imu.gyroscopes.is_some()).map(|imu| match model.triad(imu) {
+        SensorKind::Accelerometer => " gyro  ",
+        SensorKind::Gyroscope => " acc  ",
+    });
+    let select = if other.is_some() && width < WITH_TRIAD { "j k" } else { "up down" };
+    let mut spans = vec![key("q"), " quit  ".into(), key(select), " IMU  ".into()];
+    if let Some(other) = other {
+        spans.extend([key("t"), other.into()]);
+    }
     spans.extend([
         key("p"),
         if model.paused { " go on  ".into() } else { " pause  ".into() },

@@ -1,4 +1,6 @@
 //! The drawing without a terminal, at many sizes and in all conditions.
+//!
+//! Over 400 lines: all tests change and draw the same model.
 
 use super::increments::CurvePoint;
 use super::model::Model;
@@ -7,8 +9,9 @@ use super::style::Theme;
 use super::{handle_key, screen};
 use isotherm_client::{CompensatedIncrement, Flags};
 use isotherm_shared::status::{
-    DomainStatus, ImuStatus, LatencyDistribution, LatencySummary, Ranges, ServiceStatus, WorkerStatus,
+    DomainStatus, GyroscopeStatus, ImuStatus, LatencyDistribution, LatencySummary, Ranges, ServiceStatus, WorkerStatus,
 };
+use isotherm_shared::units::ARCSEC;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
@@ -28,9 +31,14 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         table_file: format!("/etc/isotherm/tables/{id}.toml"),
         table_taken_unix_s: Some(0.0),
         table_modified_unix_s: Some(0.0),
+        serial: None,
+        device: None,
+        other_device: None,
+        lag_s: None,
         ranges: Some(Ranges { unit: "V".to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] }),
         head_temperature: [Some(1.25), Some(1.5), Some(1.75)],
         board_temperature: [Some(1.5), Some(2.0), Some(2.5)],
+        gyroscopes: None,
         received: 400 * seconds,
         compensated: 400 * seconds,
         gaps: 0,
@@ -82,11 +90,24 @@ fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
 
 fn point(value: f64) -> Option<CurvePoint> {
     let velocity_increment = [value, -value, 2.0 * value];
+    // 0.1 becomes 360000 arcsec/s, which is 100 deg/s.
+    let angle_increment = [value, -value, 2.0 * value].map(|value| 9000.0 * value * ARCSEC);
     CurvePoint::of(&[CompensatedIncrement {
         interval_ns: 2_500_000,
         velocity_increment,
+        angle_increment,
         ..CompensatedIncrement::default()
     }])
+}
+
+/// Gives an IMU gyroscopes and a lag.
+fn give_gyroscopes(imu: &mut ImuStatus) {
+    imu.lag_s = Some(240.0);
+    imu.gyroscopes = Some(GyroscopeStatus {
+        ranges: Ranges { unit: "V".to_owned(), head: [[0.0, 2.0]; 3], board: [[0.0, 4.0]; 3] },
+        head_temperature: [Some(0.5), Some(1.0), Some(1.125)],
+        board_temperature: [Some(0.5), Some(1.0), Some(3.5)],
+    });
 }
 
 /// A model with one status a second for ten seconds; `change` modifies the last one.
@@ -146,6 +167,73 @@ fn everything_is_on_a_screen_of_80_by_24() {
 }
 
 #[test]
+fn a_whole_imu_has_a_page_for_each_triad() {
+    let mut whole = model(&["imu-a"], PLAIN, |status| give_gyroscopes(&mut status.imus[0]));
+    let press = |model: &mut Model, code| assert!(handle_key(model, KeyEvent::new(code, KeyModifiers::NONE)));
+    let first = text(&mut whole, 80, 24);
+    has(
+        &first,
+        &[
+            "A1    1.2500 1.0000|",
+            "A3    +0.2000000   +80.00000",
+            "mean m/s        m/s2",
+            "head [V], lag 240 s                   board [V]",
+        ],
+    );
+    has(&first, &["q quit  up down IMU  t gyro  p pause  ? help", "12..88"]);
+    assert!(!first.contains("G1"), "{first}");
+
+    press(&mut whole, KeyCode::Char('t'));
+    let second = text(&mut whole, 80, 24);
+    has(
+        &second,
+        &["G1    0.5000 0|----o-------------|2.0000", "3.5000 0|", "|4.0000", "mean rad       deg/h     span"],
+    );
+    has(
+        &second,
+        &["G1  +0.004363323  +360000.00", "G2  -0.004363323  -360000.00", "G3  +0.008726646  +720000.00", "__--+++##"],
+    );
+    has(&second, &["second     0.41", "flags     none", "q quit  up down IMU  t acc  p pause  ? help"]);
+    assert!(!second.contains("A1 ") && second.is_ascii(), "{second}");
+    has(
+        &text(&mut whole, 40, 10),
+        &["T G1 25 12 G2 50 25 G3 56 88 % of range", "rad +0.0043633 -0.0043633 +0.0087266"],
+    );
+    has(&text(&mut whole, 40, 10), &["q quit  j k IMU  t acc  p pause  ? help"]);
+    whole.update(None, None, Ok(point(f64::NAN)));
+    has(&text(&mut whole, 80, 24), &["G1           NaN         NaN"]);
+
+    // The page stays while another IMU is selected that has both; one without gyroscopes shows its accelerometers.
+    for (code, page) in
+        [(KeyCode::Right, "A1 "), (KeyCode::Left, "G1 "), (KeyCode::Char('t'), "A1 "), (KeyCode::Char('t'), "G1 ")]
+    {
+        press(&mut whole, code);
+        has(&text(&mut whole, 80, 24), &[page]);
+    }
+    whole.update(Some(status(&["imu-a"], 11)), None, Ok(point(0.1)));
+    let without = text(&mut whole, 80, 24);
+    has(&without, &["A1    1.2500", "q quit  up down IMU  p pause  ? help"]);
+    assert!(!without.contains(", lag"), "{without}");
+    press(&mut whole, KeyCode::Char('t'));
+    assert_eq!(text(&mut whole, 80, 24), without, "there is nothing to change to");
+}
+
+#[test]
+fn gyroscopes_count_for_the_condition_and_the_span() {
+    let state = |change: fn(&mut GyroscopeStatus)| {
+        let change = |status: &mut ServiceStatus| {
+            give_gyroscopes(&mut status.imus[0]);
+            change(status.imus[0].gyroscopes.as_mut().unwrap());
+        };
+        text(&mut model(&["imu-a"], PLAIN, change), 80, 24)
+    };
+    has(&state(|_| {}), &["12..88", " ok "]);
+    has(&state(|gyroscopes| gyroscopes.head_temperature[1] = Some(0.02)), &["1..88", "near range end"]);
+    has(&state(|gyroscopes| gyroscopes.board_temperature[2] = Some(5.0)), &["12..125", "out of range"]);
+    has(&state(|gyroscopes| gyroscopes.board_temperature[0] = None), &["25..88", "out of range"]);
+}
+
+#[test]
 fn a_small_screen_has_what_matters_most_and_any_size_can_be_drawn() {
     let mut one = model(&["imu-a"], PLAIN, |status| {
         status.imus[0].missing = 7;
@@ -167,11 +255,13 @@ fn a_small_screen_has_what_matters_most_and_any_size_can_be_drawn() {
     let names: Vec<_> = (0..32).map(|number| format!("imu-{number}")).collect();
     let names: Vec<_> = names.iter().map(String::as_str).collect();
     let mut many = model(&names, Theme { colour: true, unicode: true }, |_| {});
+    let mut whole = model(&["imu-a"], PLAIN, |status| give_gyroscopes(&mut status.imus[0]));
+    whole.switch_triad();
     let mut none = Model::new("lab", PLAIN);
     for (width, height) in
         [(0, 0), (1, 1), (2, 30), (300, 1), (10, 3), (20, 5), (40, 10), (78, 23), (79, 22), (300, 100)]
     {
-        for model in [&mut one, &mut many, &mut none] {
+        for model in [&mut one, &mut many, &mut whole, &mut none] {
             for help in [false, true] {
                 model.help = help;
                 drawn(model, width, height);
@@ -195,6 +285,8 @@ fn a_status_cannot_steer_the_terminal() {
         status.imus[0].last_reload_error = Some(HOSTILE.to_owned());
         status.imus[0].refused_unix_s = Some(1.0);
         status.imus[0].flagged.insert(HOSTILE.to_owned(), 3);
+        status.imus[0].serial = Some(HOSTILE.to_owned());
+        status.imus[0].other_device = Some(HOSTILE.to_owned());
         status.imus[0].ranges =
             Some(Ranges { unit: HOSTILE.to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] });
     });
@@ -240,6 +332,14 @@ fn every_condition_is_shown() {
         status.imus[0].refused_unix_s = Some(0.0);
     });
     has(&refused, &["file REFUSED", "d ago: imu-a.toml:3: gravity: is 8; and more"]);
+    let other = state(|status| {
+        status.imus[0].serial = Some("SN 42".to_owned());
+        status.imus[0].other_device = Some("46a7426ef29cc83b".to_owned());
+    });
+    has(
+        &other,
+        &["other unit", "OTHER UNIT: samples of 46a7426ef29cc83b, table of serial \"SN 42\"", "flags     none"],
+    );
     let mut held = model(&["imu-a"], PLAIN, |status| status.workers[0].held_back_ms = 48.7);
     has(&text(&mut held, 80, 24), &["cpu 6 %, held 49 ms"]);
     let mut nan = model(&["imu-a"], PLAIN, |_| {});

@@ -1,14 +1,15 @@
 //! The functions of the acquisition.
 #![allow(non_camel_case_types, reason = "the names of C")]
 
-use crate::code::isotherm_code::{ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_NOT_ON_LOAN};
+use crate::code::isotherm_code::{ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_VALUE};
 use crate::code::{CodedError, NONE, NULL, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
-use crate::values::{imu, options};
+use crate::lag;
+use crate::values::{domain, imu, text};
 use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
-use isotherm_client::{Acquisition, CompensateError, CompensatedIncrement, Loan, RawSample, SendError};
+use isotherm_client::{Acquisition, CompensateError, CompensatedIncrement, Loan, Options, RawSample, SendError};
 
 /// Maximum number of samples on loan from one acquisition.
 pub const ISOTHERM_LOANS: usize = 4;
@@ -20,8 +21,8 @@ pub struct isotherm_acquisition(Handle<AcquisitionContent>);
 
 /// An acquisition and the samples that C has on loan.
 #[derive(Debug)]
-struct AcquisitionContent {
-    acquisition: Acquisition,
+pub(crate) struct AcquisitionContent {
+    pub(crate) acquisition: Acquisition,
     loans: [Option<(NonNull<RawSample>, Loan)>; ISOTHERM_LOANS],
 }
 
@@ -56,6 +57,8 @@ impl AcquisitionContent {
 
 const LOANS: CodedError =
     CodedError::fixed(ISOTHERM_ERROR_LOANS, c"4 samples are on loan already; send or discard one");
+const SERIAL: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_VALUE, c"the serial number is not UTF-8; give it as UTF-8 text");
 const NOT_ON_LOAN: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_NOT_ON_LOAN,
     c"the sample is not on loan from this acquisition; each is gone once it has been sent or discarded",
@@ -63,7 +66,7 @@ const NOT_ON_LOAN: CodedError = CodedError::fixed(
 
 /// A call into an acquisition.
 #[inline]
-fn with(
+pub(crate) fn with(
     acquisition: *const isotherm_acquisition,
     work: impl FnOnce(&mut AcquisitionContent) -> Result<(), CodedError>,
 ) -> isotherm_code {
@@ -71,28 +74,58 @@ fn with(
     enter(unsafe { acquisition.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// Connects as the acquisition of an IMU, waiting up to `timeout_ns` for the service if necessary.
+/// How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default; a time-out of 0 does not wait.
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct isotherm_options {
+    /// Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
+    pub domain: *const c_char,
+    /// How long connecting may take [ns]. This includes waiting for a service that has not started yet.
+    pub timeout_ns: u64,
+    /// Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the table's. Outer
+    /// blanks do not count.
+    pub serial: *const c_char,
+    /// Time constant of the lagged telemetry [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
+    pub lag_s: f64,
+}
+
+/// Connects as the acquisition of an IMU, waiting for the service if necessary.
 ///
-/// `imu` is the IMU's name. `domain` is the name of the service's domain. If it is NULL, the environment variable
-/// ISOTHERM_DOMAIN names the domain, else it is "default". The handle is written to `*acquisition`; NULL is written if the call
-/// fails. Close the handle with isotherm_acquisition_close.
+/// `imu` is the IMU's name. If `options` is NULL, all have their defaults, and the time-out is 5 s. The handle is written to
+/// `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
-/// .._TRANSPORT.
+/// .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, or a `lag_s` that is no time constant.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_acquisition_connect(
     imu: *const c_char,
-    domain: *const c_char,
-    timeout_ns: u64,
+    options: *const isotherm_options,
     acquisition: *mut *mut isotherm_acquisition,
 ) -> isotherm_code {
-    // SAFETY: the strings and the pointer to the handle are NULL or valid, as the header requires.
+    // SAFETY: the strings and pointers are NULL or valid, as the header requires.
     unsafe {
         create(acquisition, isotherm_acquisition, || {
-            let acquisition = Acquisition::connect(&self::imu(imu)?, &options(domain, timeout_ns)?)?;
+            let acquisition = Acquisition::connect(&self::imu(imu)?, &self::options(options)?)?;
             Ok(AcquisitionContent { acquisition, loans: [const { None }; ISOTHERM_LOANS] })
         })
     }
+}
+
+/// The options of C.
+///
+/// # Safety
+/// `options` and its strings are NULL or valid.
+unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedError> {
+    // SAFETY: the caller's contract.
+    let Some(given) = (unsafe { options.as_ref() }) else { return Ok(Options::from_environment()?) };
+    // SAFETY: as above.
+    let (domain, serial) = unsafe { (domain(given.domain)?, text(given.serial)) };
+    let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;
+    Ok(Options {
+        serial,
+        lag: lag::option(given.lag_s)?,
+        ..Options::new(domain, Duration::from_nanos(given.timeout_ns))
+    })
 }
 
 /// Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
@@ -107,8 +140,9 @@ pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_a
 /// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or discarded,
 /// or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
-/// `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`. If samples were lost before they
-/// could be sent, raise `sequence` by their number; the service then flags the gap.
+/// `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what isotherm_reading is
+/// for: `lag_ns` and `head_lagged`. If samples were lost before they could be sent, raise `sequence` by their number; the service then
+/// flags the gap.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
@@ -136,7 +170,8 @@ pub unsafe extern "C" fn isotherm_discard(
     with(acquisition, |content| content.take(sample).map(drop))
 }
 
-/// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
+/// Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and `lag_ns` with the
+/// lagged telemetry, where they are 0.
 ///
 /// After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -255,7 +290,7 @@ pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisiti
     number(acquisition, Acquisition::session)
 }
 
-/// Begins a new session: the next sample may have any sequence.
+/// Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless isotherm_restore_lag follows.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
 #[unsafe(no_mangle)]

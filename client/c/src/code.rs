@@ -62,6 +62,10 @@ pub enum isotherm_code {
     /// A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed now. Please
     /// report the fault, with the text on stderr.
     ISOTHERM_ERROR_INTERNAL = -18,
+    /// A value that cannot be: the number of a sensor, a time constant, or a serial number that is not UTF-8.
+    ISOTHERM_ERROR_VALUE = -19,
+    /// A process of another version of Isotherm has made the streams.
+    ISOTHERM_ERROR_OTHER_VERSION = -20,
 }
 
 use isotherm_code::*;
@@ -102,6 +106,7 @@ impl From<ConnectError> for CodedError {
             ConnectError::Permission { .. } => ISOTHERM_ERROR_PERMISSION,
             ConnectError::Domain(_) => ISOTHERM_ERROR_NAME,
             ConnectError::Exhausted(_) => ISOTHERM_ERROR_EXHAUSTED,
+            ConnectError::OtherVersion { .. } => ISOTHERM_ERROR_OTHER_VERSION,
             ConnectError::Transport { .. } => ISOTHERM_ERROR_TRANSPORT,
         };
         Self::new(code, &error)

@@ -165,6 +165,8 @@ mod tests {
         is_send::<
             iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, isotherm_client::RawSample, ()>,
         >();
+        is_send::<iceoryx2::port::subscriber::Subscriber<Service, [u8], ()>>();
+        is_send::<iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, [u8], ()>>();
         is_send::<iceoryx2::node::Node<Service>>();
         is_send::<isotherm_client::Clock>();
     }

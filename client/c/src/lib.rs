@@ -13,6 +13,7 @@ mod acquisition;
 mod code;
 pub mod flags;
 mod handle;
+mod lag;
 mod reader;
 mod thread;
 mod values;

@@ -3,7 +3,7 @@
 
 use crate::code::{CodedError, NONE, NULL, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
-use crate::values::{imu, options};
+use crate::values::{imu, reader_options};
 use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
@@ -25,8 +25,8 @@ fn with(
     enter(unsafe { reader.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// Creates a reader that connects when the service has started; does not wait for it. Arguments as for
-/// isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
+/// Creates a reader that connects when the service has started; does not wait for it. `domain` is as in isotherm_options. Close the
+/// handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME.
 #[unsafe(no_mangle)]
@@ -36,11 +36,13 @@ pub unsafe extern "C" fn isotherm_reader_new(
     reader: *mut *mut isotherm_reader,
 ) -> isotherm_code {
     // SAFETY: the strings and the pointer to the handle are NULL or valid, as the header requires.
-    unsafe { create(reader, isotherm_reader, || Ok(IncrementReader::new(self::imu(imu)?, &options(domain, 0)?))) }
+    unsafe {
+        create(reader, isotherm_reader, || Ok(IncrementReader::new(self::imu(imu)?, &reader_options(domain, 0)?)))
+    }
 }
 
-/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. Arguments as for
-/// isotherm_acquisition_connect. Close the handle with isotherm_reader_close.
+/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. `domain` is as in isotherm_options. Close the
+/// handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
 #[unsafe(no_mangle)]
@@ -53,7 +55,7 @@ pub unsafe extern "C" fn isotherm_reader_connect(
     // SAFETY: the strings and the pointer to the handle are NULL or valid, as the header requires.
     unsafe {
         create(reader, isotherm_reader, || {
-            Ok(IncrementReader::connect(self::imu(imu)?, &options(domain, timeout_ns)?)?)
+            Ok(IncrementReader::connect(self::imu(imu)?, &reader_options(domain, timeout_ns)?)?)
         })
     }
 }

@@ -5,7 +5,7 @@ use crate::code::{CodedError, NULL, code, isotherm_code};
 use core::ffi::{CStr, c_char};
 use core::fmt::Write as _;
 use core::time::Duration;
-use isotherm_client::{Flags, ImuId, Options, RawSample};
+use isotherm_client::{Domain, Flags, ImuId, Options, RawSample};
 
 /// Parses an IMU's name.
 ///
@@ -14,29 +14,50 @@ use isotherm_client::{Flags, ImuId, Options, RawSample};
 pub(crate) unsafe fn imu(name: *const c_char) -> Result<ImuId, CodedError> {
     // SAFETY: the caller's contract.
     let name = unsafe { text(name) }.ok_or(NULL)?;
-    name.parse().map_err(|error| CodedError::new(ISOTHERM_ERROR_NAME, &error))
+    String::from_utf8_lossy(&name).parse().map_err(|error| CodedError::new(ISOTHERM_ERROR_NAME, &error))
 }
 
-/// The options for connecting to the service.
+/// The domain of a name.
+///
+/// # Safety
+/// `name` is NULL or a string that ends with 0.
+pub(crate) unsafe fn domain(name: *const c_char) -> Result<Domain, CodedError> {
+    // SAFETY: the caller's contract.
+    let name = unsafe { text(name) };
+    Ok(isotherm_client::domain(name.as_deref().map(String::from_utf8_lossy).as_deref())?)
+}
+
+/// The options of a reader.
 ///
 /// # Safety
 /// `domain` is NULL or a string that ends with 0.
-pub(crate) unsafe fn options(domain: *const c_char, timeout_ns: u64) -> Result<Options, CodedError> {
+pub(crate) unsafe fn reader_options(domain: *const c_char, timeout_ns: u64) -> Result<Options, CodedError> {
     // SAFETY: the caller's contract.
-    let domain = isotherm_client::domain(unsafe { text(domain) }.as_deref())?;
-    Ok(Options { domain, timeout: Duration::from_nanos(timeout_ns) })
+    Ok(Options::new(unsafe { self::domain(domain) }?, Duration::from_nanos(timeout_ns)))
 }
 
-/// The string; `None` for NULL. Text that is not UTF-8 becomes an invalid name, which the callers refuse.
-unsafe fn text(text: *const c_char) -> Option<String> {
+/// The bytes of a string; `None` for NULL. A name that is not UTF-8 becomes an invalid one, which the callers refuse.
+///
+/// # Safety
+/// `text` is NULL or a string that ends with 0.
+pub(crate) unsafe fn text(text: *const c_char) -> Option<Vec<u8>> {
     // SAFETY: the caller's contract.
-    (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned())
+    (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_bytes().to_vec())
 }
 
-/// Adds the next control period to a sample: pulses and intervals are summed, timestamp and telemetry become the later
+/// The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the SHA-256 of its UTF-8,
+/// big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not UTF-8.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
+    // SAFETY: NULL or a string, as the header requires.
+    let serial = unsafe { text(serial) }.and_then(|serial| String::from_utf8(serial).ok());
+    serial.map_or(0, |serial| isotherm_client::device(&serial))
+}
+
+/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
 /// ones, session, sequence and `sent_ns` stay. `later` does not change.
 ///
-/// The velocity increment is linear in pulses and interval, so no velocity is lost if the temperature is the same in both
+/// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
 /// periods. Use it when the service had no room for a sample.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
@@ -55,10 +76,10 @@ pub unsafe extern "C" fn isotherm_merge(sample: *mut RawSample, later: *const Ra
 
 /// Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name
 /// are left out. At most `size` bytes are written to `text`, including the 0 at the end. Returns the length of the whole text
-/// without that 0; if it is not less than `size`, the text has been cut off. 512 bytes are always enough. `text` may be NULL if
+/// without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are always enough. `text` may be NULL if
 /// `size` is 0.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn isotherm_flags_text(flags: u32, text: *mut c_char, size: usize) -> usize {
+pub unsafe extern "C" fn isotherm_flags_text(flags: u64, text: *mut c_char, size: usize) -> usize {
     let mut writer = Bounded { text, size: if text.is_null() { 0 } else { size }, length: 0 };
     // `Bounded::write_str` never fails.
     let _ = write!(writer, "{}", Flags(flags));

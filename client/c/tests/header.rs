@@ -32,7 +32,7 @@ fn the_header_has_every_function() {
 #[test]
 fn the_header_has_every_flag_and_this_version() {
     for (bit, name) in Flags::NAMES {
-        let line = format!("#define ISOTHERM_FLAG_{} (1 << {bit})\n", name.replace('-', "_").to_uppercase());
+        let line = format!("#define ISOTHERM_FLAG_{} (UINT64_C(1) << {bit})\n", name.replace('-', "_").to_uppercase());
         assert!(HEADER.contains(&line), "{line}");
     }
     assert_eq!(HEADER.matches("#define ISOTHERM_FLAG_").count(), Flags::NAMES.len());

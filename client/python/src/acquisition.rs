@@ -1,15 +1,18 @@
-//! The Python classes `Acquisition` and `Loan`.
+//! The Python classes `Acquisition`, `Loan` and `Triad`.
 //!
-//! Over 400 lines: every property of the two classes needs its own function here, and a loan is accessed only through its
+//! Over 400 lines: every property of the classes needs its own function here, and a loan is accessed only through its
 //! acquisition.
 
 use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connecting, transport};
+use crate::lag::{LagArgument, LagState, sensor};
 use crate::owned::Owned;
 use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view};
 use crate::run::{End, Run};
 use crate::wait::{SLICE, poll_until, seconds};
-use isotherm_client::{Acquisition as Client, CompensateError, Loan as ClientLoan, RawSample, SendError};
+use isotherm_client::{
+    Acquisition as Client, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError, Triad,
+};
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
 use pyo3::prelude::*;
@@ -64,6 +67,7 @@ pub struct Loan {
 }
 
 /// A sample to send: a loan of this acquisition, by its id, or a record.
+#[expect(clippy::large_enum_variant, reason = "it lives for one call; a box would be an allocation")]
 enum Sample {
     Loan(u64),
     Record(RawSample),
@@ -72,12 +76,22 @@ enum Sample {
 #[pymethods]
 impl Acquisition {
     #[new]
-    #[pyo3(signature = (imu, domain = None, timeout = 5.0))]
-    fn new(py: Python<'_>, imu: &str, domain: Option<&str>, timeout: f64) -> PyResult<Self> {
+    #[pyo3(
+        signature = (imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service)),
+        text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service')"
+    )]
+    fn new(
+        py: Python<'_>,
+        imu: &str,
+        domain: Option<&str>,
+        timeout: f64,
+        serial: Option<String>,
+        lag: LagArgument,
+    ) -> PyResult<Self> {
         let (id, timeout) = (imu_id(imu)?, seconds("timeout", timeout)?);
         let mut last = None;
         let client = poll_until(py, timeout, |left| {
-            let options = options(domain, left)?;
+            let options = Options { serial: serial.clone(), lag: lag.0, ..options(domain, left)? };
             match py.detach(|| Client::connect(&id, &options).map(send_wrapper::SendWrapper::new)) {
                 Ok(client) => Ok(Some(client.take())),
                 Err(error) if is_temporary(&error) => {
@@ -139,6 +153,26 @@ impl Acquisition {
     fn begin_session(&self) -> PyResult<()> {
         let begun = self.owned.hold()?.open()?.client.begin_session();
         begun.map_err(|error| IsothermError::new_err(error.to_string()))
+    }
+
+    fn reading(&self, name: &str, telemetry: f64, time_ns: u64) -> PyResult<()> {
+        let sensor = sensor(name)?;
+        self.owned.hold()?.open()?.client.reading(sensor, telemetry, time_ns);
+        Ok(())
+    }
+
+    #[getter]
+    fn lag_ns(&self) -> PyResult<u64> {
+        Ok(self.owned.hold()?.open()?.client.lag().lag_ns)
+    }
+
+    fn lag_state(&self) -> PyResult<LagState> {
+        Ok(LagState::of(self.owned.hold()?.open()?.client.lag()))
+    }
+
+    fn restore_lag(&self, state: LagState) -> PyResult<()> {
+        self.owned.hold()?.open()?.client.restore_lag(&state.lag());
+        Ok(())
     }
 
     fn loan(this: &Bound<'_, Self>) -> PyResult<Loan> {
@@ -341,47 +375,33 @@ impl Loan {
     }
 
     #[getter]
-    fn positive_pulses(&self) -> PyResult<(u32, u32, u32)> {
-        self.with(|raw| raw.positive_pulses.into())
+    fn lag_ns(&self) -> PyResult<u64> {
+        self.with(|raw| raw.lag_ns)
     }
 
     #[setter]
-    fn set_positive_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("positive_pulses", values)?;
-        self.with(|raw| raw.positive_pulses = values)
+    fn set_lag_ns(&self, value: u64) -> PyResult<()> {
+        self.with(|raw| raw.lag_ns = value)
     }
 
     #[getter]
-    fn negative_pulses(&self) -> PyResult<(u32, u32, u32)> {
-        self.with(|raw| raw.negative_pulses.into())
+    fn device(&self) -> PyResult<u64> {
+        self.with(|raw| raw.device)
     }
 
     #[setter]
-    fn set_negative_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("negative_pulses", values)?;
-        self.with(|raw| raw.negative_pulses = values)
+    fn set_device(&self, value: u64) -> PyResult<()> {
+        self.with(|raw| raw.device = value)
     }
 
     #[getter]
-    fn head_temperature(&self) -> PyResult<(f64, f64, f64)> {
-        self.with(|raw| raw.head_temperature.into())
-    }
-
-    #[setter]
-    fn set_head_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("head_temperature", values)?;
-        self.with(|raw| raw.head_temperature = values)
+    fn accelerometers(this: Py<Self>) -> LoanTriad {
+        LoanTriad { loan: this, of: |raw| &mut raw.accelerometers }
     }
 
     #[getter]
-    fn board_temperature(&self) -> PyResult<(f64, f64, f64)> {
-        self.with(|raw| raw.board_temperature.into())
-    }
-
-    #[setter]
-    fn set_board_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("board_temperature", values)?;
-        self.with(|raw| raw.board_temperature = values)
+    fn gyroscopes(this: Py<Self>) -> LoanTriad {
+        LoanTriad { loan: this, of: |raw| &mut raw.gyroscopes }
     }
 
     /// Copies all fields except the session from a record.
@@ -415,6 +435,84 @@ impl Loan {
         match self.with(|raw| *raw) {
             Ok(raw) => format!("Loan(sequence={}, timestamp_ns={})", raw.sequence, raw.timestamp_ns),
             Err(_) => "Loan(sent)".to_owned(),
+        }
+    }
+}
+
+/// The accelerometers or the gyroscopes of a loan.
+#[pyclass(frozen, module = "isotherm", name = "Triad")]
+pub struct LoanTriad {
+    loan: Py<Loan>,
+    of: fn(&mut RawSample) -> &mut Triad,
+}
+
+impl LoanTriad {
+    fn with<T>(&self, access: impl FnOnce(&mut Triad) -> T) -> PyResult<T> {
+        self.loan.get().with(|raw| access((self.of)(raw)))
+    }
+}
+
+#[pymethods]
+impl LoanTriad {
+    #[getter]
+    fn positive_pulses(&self) -> PyResult<(u32, u32, u32)> {
+        self.with(|triad| triad.positive_pulses.into())
+    }
+
+    #[setter]
+    fn set_positive_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("positive_pulses", values)?;
+        self.with(|triad| triad.positive_pulses = values)
+    }
+
+    #[getter]
+    fn negative_pulses(&self) -> PyResult<(u32, u32, u32)> {
+        self.with(|triad| triad.negative_pulses.into())
+    }
+
+    #[setter]
+    fn set_negative_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("negative_pulses", values)?;
+        self.with(|triad| triad.negative_pulses = values)
+    }
+
+    #[getter]
+    fn head_temperature(&self) -> PyResult<(f64, f64, f64)> {
+        self.with(|triad| triad.head_temperature.into())
+    }
+
+    #[setter]
+    fn set_head_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("head_temperature", values)?;
+        self.with(|triad| triad.head_temperature = values)
+    }
+
+    #[getter]
+    fn board_temperature(&self) -> PyResult<(f64, f64, f64)> {
+        self.with(|triad| triad.board_temperature.into())
+    }
+
+    #[setter]
+    fn set_board_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("board_temperature", values)?;
+        self.with(|triad| triad.board_temperature = values)
+    }
+
+    #[getter]
+    fn head_lagged(&self) -> PyResult<(f64, f64, f64)> {
+        self.with(|triad| triad.head_lagged.into())
+    }
+
+    #[setter]
+    fn set_head_lagged(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
+        let values = triple("head_lagged", values)?;
+        self.with(|triad| triad.head_lagged = values)
+    }
+
+    fn __repr__(&self) -> String {
+        match self.with(|triad| *triad) {
+            Ok(triad) => format!("{triad:?}"),
+            Err(_) => "Triad(sent)".to_owned(),
         }
     }
 }

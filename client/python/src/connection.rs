@@ -13,10 +13,10 @@ pub fn imu_id(imu: &str) -> PyResult<ImuId> {
 /// The options for connecting to a service.
 pub fn options(name: Option<&str>, timeout: Duration) -> PyResult<Options> {
     let domain = domain(name).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    Ok(Options { domain, timeout })
+    Ok(Options::new(domain, timeout))
 }
 
 /// Whether connecting may still succeed after this error if the caller waits.
 pub fn is_temporary(error: &ConnectError) -> bool {
-    !matches!(error, ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_))
+    !error.is_permanent()
 }

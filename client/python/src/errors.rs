@@ -32,7 +32,10 @@ pub fn connecting(error: &ConnectError) -> PyErr {
         ConnectError::NoSuchImu { .. } => NoSuchImu::new_err(message),
         ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } => Occupied::new_err(message),
         ConnectError::Transport { .. } => TransportError::new_err(message),
-        ConnectError::Permission { .. } | ConnectError::Domain(_) | ConnectError::Exhausted(_) => {
+        ConnectError::Permission { .. }
+        | ConnectError::Domain(_)
+        | ConnectError::Exhausted(_)
+        | ConnectError::OtherVersion { .. } => {
             IsothermError::new_err(message)
         }
     }

@@ -5,6 +5,7 @@ mod acquisition;
 mod calibration;
 mod connection;
 mod errors;
+mod lag;
 mod offline;
 mod owned;
 mod reader;
@@ -23,9 +24,11 @@ mod _isotherm {
     use super::{Bound, Flags, PyArray1, PyModule, PyModuleMethods as _, PyResult};
 
     #[pymodule_export]
-    use crate::acquisition::{Acquisition, Loan};
+    use crate::acquisition::{Acquisition, Loan, LoanTriad};
     #[pymodule_export]
     use crate::calibration::{Calibration, calibrate, read_text, samples_of};
+    #[pymodule_export]
+    use crate::lag::device;
     #[pymodule_export]
     use crate::offline::{
         Stability, read_increments, read_recording, regress, replay, verify, write_increments, write_recording,

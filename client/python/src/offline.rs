@@ -10,11 +10,15 @@ use isotherm_calibration::report::json::verification;
 use isotherm_calibration::report::verification::{VerificationSource, html};
 use isotherm_calibration::requirement::Requirement;
 use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability as Figures};
-use isotherm_recording::csv::Rows;
-use isotherm_recording::{INCREMENT_CSV_COLUMNS, IncrementCsvWriter, RawCsvReader, RawCsvWriter, RecordingError};
+use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_recording::{
+    ANGLE_CSV_COLUMNS, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader, RawCsvWriter,
+    RecordingError,
+};
 use isotherm_shared::compensate::answer;
+use isotherm_shared::lag::Lag;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{CompensatedIncrement, Flags};
+use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -35,12 +39,30 @@ pub fn replay<'py>(
     let mut writable = out.readwrite();
     let places = writable.as_slice_mut()?;
     py.detach(|| {
-        for (sample, place) in samples.chunks_exact(RAW).zip(places.chunks_exact_mut(INCREMENT)) {
-            place.copy_from_slice(&increment_bytes(&answer(Some(&table.0), &Fields(sample).raw())));
+        for (sample, place) in with_lag(samples, &table.0).zip(places.chunks_exact_mut(INCREMENT)) {
+            place.copy_from_slice(&increment_bytes(&answer(Some(&table.0), &sample)));
         }
     });
     drop(writable);
     Ok(out)
+}
+
+/// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the commands do for a recording
+/// without it; each session begins soaked.
+fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
+    let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
+    let follows = table.lag_ns() != 0 && all().all(|sample| sample.lag_ns == 0);
+    let (mut lag, mut session) = (Lag::new(table.lag_ns()), None);
+    all().map(move |mut sample| {
+        if follows {
+            if session.replace(sample.session).is_some_and(|session| session != sample.session) {
+                lag.reset();
+            }
+            lag.follow(&sample);
+            lag.fill(&mut sample);
+        }
+        sample
+    })
 }
 
 /// The raw samples of a recording, as bytes.
@@ -66,17 +88,26 @@ pub fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyAr
         let columns = rows
             .columns(&INCREMENT_CSV_COLUMNS, "is this a comma-separated recording of increments with a header row?")?;
         let delivery = rows.optional_column("delivery")?;
+        let angles = match rows.optional_column(ANGLE_CSV_COLUMNS[0])? {
+            Some(_) => {
+                Some(rows.columns(&ANGLE_CSV_COLUMNS, "the angle increments of all gyroscopes belong together")?)
+            }
+            None => None,
+        };
         let (count, mut bytes) = (rows.len(), Vec::new());
         let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
         while rows.next_row()? {
             rows.expect_len(count)?;
             let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
-            let dv = |index: usize| rows.float(&columns[index]);
+            let floats = |columns: &[CsvColumn]| -> Result<[f64; 3], RecordingError> {
+                Ok([rows.float(&columns[0])?, rows.float(&columns[1])?, rows.float(&columns[2])?])
+            };
             let increment = CompensatedIncrement {
                 sequence: rows.integer(&columns[0])?,
                 timestamp_ns: rows.integer(&columns[1])?,
                 interval_ns: rows.integer(&columns[2])?,
-                velocity_increment: [dv(3)?, dv(4)?, dv(5)?],
+                velocity_increment: floats(&columns[3..6])?,
+                angle_increment: angles.as_deref().map_or(Ok([f64::NAN; 3]), floats)?,
                 table: rows.parse(&columns[6], "16 hexadecimal digits", hexadecimal)?,
                 flags: (names(&columns[7])? | delivery.as_ref().map_or(Ok(Flags::default()), names)?).0,
                 ..CompensatedIncrement::default()
@@ -102,9 +133,11 @@ fn flags(text: &str) -> Option<Flags> {
 pub fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<'_, u8>) -> PyResult<()> {
     let samples = samples.as_slice()?;
     let write = || -> io::Result<()> {
-        let telemetry = samples.chunks_exact(RAW).any(|record| Fields(record).raw().telemetry_ns != 0);
-        let mut writer = RawCsvWriter::new(BufWriter::new(File::create(&path)?), "", telemetry)?;
-        samples.chunks_exact(RAW).try_for_each(|record| writer.write("", &Fields(record).raw()))?;
+        let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
+        let telemetry = all().any(|raw| raw.telemetry_ns != 0);
+        let layout = all().fold(Layout::default(), |layout, raw| layout.with(Layout::of(&StreamSample::Raw(raw))));
+        let mut writer = RawCsvWriter::with_layout(BufWriter::new(File::create(&path)?), "", telemetry, layout)?;
+        all().try_for_each(|raw| writer.write("", &raw))?;
         writer.finish().map(drop)
     };
     py.detach(write).map_err(|error| file(&path, &error))
@@ -120,8 +153,11 @@ pub fn write_increments(
 ) -> PyResult<()> {
     let increments = increments.as_slice()?;
     let write = || -> io::Result<()> {
-        let mut writer = IncrementCsvWriter::new(BufWriter::new(File::create(&path)?), delivery)?;
-        increments.chunks_exact(INCREMENT).try_for_each(|record| writer.write(&Fields(record).increment()))?;
+        let all = || increments.chunks_exact(INCREMENT).map(|record| Fields(record).increment());
+        let gyroscopes = all().any(|increment| Layout::of(&StreamSample::Increment(increment)).gyroscopes);
+        let layout = IncrementLayout { gyroscopes, delivery };
+        let mut writer = IncrementCsvWriter::new(BufWriter::new(File::create(&path)?), layout)?;
+        all().try_for_each(|increment| writer.write(&increment))?;
         writer.finish().map(drop)
     };
     py.detach(write).map_err(|error| file(&path, &error))
@@ -213,7 +249,7 @@ pub fn verify(
     let samples = samples.as_slice()?;
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
-        samples.chunks_exact(RAW).for_each(|record| collector.add(&Fields(record).raw()));
+        with_lag(samples, &table.0).for_each(|sample| collector.add(&sample));
         collector.finish(&Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)))
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;

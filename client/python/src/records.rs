@@ -1,6 +1,6 @@
 //! Samples and increments as bytes of NumPy's structured arrays, and the Python class `Increment`.
 
-use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample};
+use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, Triad};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -56,10 +56,21 @@ impl Fields<'_> {
             interval_ns: self.long(),
             sent_ns: self.long(),
             telemetry_ns: self.long(),
+            lag_ns: self.long(),
+            device: self.long(),
+            accelerometers: self.triad(),
+            gyroscopes: self.triad(),
+        }
+    }
+
+    #[inline]
+    fn triad(&mut self) -> Triad {
+        Triad {
             positive_pulses: self.pulses(),
             negative_pulses: self.pulses(),
             head_temperature: self.floats(),
             board_temperature: self.floats(),
+            head_lagged: self.floats(),
         }
     }
 
@@ -71,9 +82,10 @@ impl Fields<'_> {
             timestamp_ns: self.long(),
             interval_ns: self.long(),
             velocity_increment: self.floats(),
+            angle_increment: self.floats(),
             table: self.long(),
-            flags: u32::from_ne_bytes(self.next()),
-            latency_ns: u32::from_ne_bytes(self.next()),
+            flags: self.long(),
+            latency_ns: self.long(),
         }
     }
 }
@@ -81,13 +93,23 @@ impl Fields<'_> {
 /// The bytes of a raw sample.
 pub fn raw_bytes(sample: &RawSample) -> [u8; RAW] {
     let mut record = [0; RAW];
-    let head =
-        [sample.session, sample.sequence, sample.timestamp_ns, sample.interval_ns, sample.sent_ns, sample.telemetry_ns];
-    let pulses = [sample.positive_pulses, sample.negative_pulses];
-    let telemetry = [sample.head_temperature, sample.board_temperature];
+    let head = [
+        sample.session,
+        sample.sequence,
+        sample.timestamp_ns,
+        sample.interval_ns,
+        sample.sent_ns,
+        sample.telemetry_ns,
+        sample.lag_ns,
+        sample.device,
+    ];
+    let triads = [&sample.accelerometers, &sample.gyroscopes];
     let bytes = head.iter().flat_map(|value| value.to_ne_bytes());
-    let bytes = bytes.chain(pulses.iter().flatten().flat_map(|value| value.to_ne_bytes()));
-    let bytes = bytes.chain(telemetry.iter().flatten().flat_map(|value| value.to_ne_bytes()));
+    let bytes = bytes.chain(triads.into_iter().flat_map(|triad| {
+        let pulses = [triad.positive_pulses, triad.negative_pulses].into_iter().flatten();
+        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged].into_iter().flatten();
+        pulses.flat_map(u32::to_ne_bytes).chain(telemetry.flat_map(f64::to_ne_bytes))
+    }));
     record.iter_mut().zip(bytes).for_each(|(place, byte)| *place = byte);
     record
 }
@@ -95,14 +117,13 @@ pub fn raw_bytes(sample: &RawSample) -> [u8; RAW] {
 /// The bytes of an increment.
 #[inline]
 pub fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT] {
-    let [a1, a2, a3] = increment.velocity_increment.map(f64::to_bits);
+    let [v1, v2, v3] = increment.velocity_increment.map(f64::to_bits);
+    let [a1, a2, a3] = increment.angle_increment.map(f64::to_bits);
     let head = [increment.session, increment.sequence, increment.timestamp_ns, increment.interval_ns];
+    let tail = [increment.table, increment.flags, increment.latency_ns];
     let mut record = [0; INCREMENT];
-    let (longs, last) = record.split_at_mut(64);
-    let values = head.into_iter().chain([a1, a2, a3, increment.table]);
-    longs.chunks_exact_mut(8).zip(values).for_each(|(place, value)| place.copy_from_slice(&value.to_ne_bytes()));
-    last[..4].copy_from_slice(&increment.flags.to_ne_bytes());
-    last[4..].copy_from_slice(&increment.latency_ns.to_ne_bytes());
+    let values = head.into_iter().chain([v1, v2, v3, a1, a2, a3]).chain(tail);
+    record.chunks_exact_mut(8).zip(values).for_each(|(place, value)| place.copy_from_slice(&value.to_ne_bytes()));
     record
 }
 
@@ -154,13 +175,15 @@ pub fn triple<'py, T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>>(
     name: &str,
     values: &Bound<'py, PyAny>,
 ) -> PyResult<[T; AXES]> {
-    let wrong = || pyo3::exceptions::PyValueError::new_err(format!("{name}: give three values, for A1, A2, A3"));
+    let wrong = || {
+        pyo3::exceptions::PyValueError::new_err(format!("{name}: give three values, one for each sensor of the triad"))
+    };
     let list = values.try_iter()?.map(|value| value?.extract::<T>().map_err(Into::into));
     let list = list.take(AXES + 1).collect::<PyResult<Vec<_>>>()?;
     list.try_into().map_err(|_| wrong())
 }
 
-/// One velocity increment, the answer of the service.
+/// One increment, the answer of the service.
 #[pyclass(frozen, module = "isotherm", name = "Increment")]
 pub struct Increment(pub CompensatedIncrement);
 
@@ -188,8 +211,12 @@ impl Increment {
 
     #[getter]
     fn velocity_increment(&self) -> (f64, f64, f64) {
-        let [a1, a2, a3] = self.0.velocity_increment;
-        (a1, a2, a3)
+        self.0.velocity_increment.into()
+    }
+
+    #[getter]
+    fn angle_increment(&self) -> (f64, f64, f64) {
+        self.0.angle_increment.into()
     }
 
     #[getter]
@@ -198,12 +225,12 @@ impl Increment {
     }
 
     #[getter]
-    fn flags(&self) -> u32 {
+    fn flags(&self) -> u64 {
         self.0.flags
     }
 
     #[getter]
-    fn latency_ns(&self) -> u32 {
+    fn latency_ns(&self) -> u64 {
         self.0.latency_ns
     }
 
@@ -213,8 +240,10 @@ impl Increment {
     }
 
     fn __repr__(&self) -> String {
-        let CompensatedIncrement { sequence, velocity_increment: dv, flags, table, .. } = self.0;
+        let CompensatedIncrement { sequence, velocity_increment: dv, angle_increment: da, flags, table, .. } = self.0;
         let flags = isotherm_shared::wire::Flags(flags);
-        format!("Increment(sequence={sequence}, velocity_increment={dv:?}, flags='{flags}', table={table:016x})")
+        // Without gyroscopes every angle is NaN, and not worth a word.
+        let angle = if da.iter().all(|da| da.is_nan()) { String::new() } else { format!(", angle_increment={da:?}") };
+        format!("Increment(sequence={sequence}, velocity_increment={dv:?}{angle}, flags='{flags}', table={table:016x})")
     }
 }

@@ -23,6 +23,8 @@ pub struct Run<'a> {
     window: usize,
     timeout: Duration,
     period: Option<Duration>,
+    /// Whether the library keeps the lag of the samples' telemetry, which have none.
+    follows: bool,
     /// Whether the answers to samples sent before this run have been discarded.
     drained: bool,
     begin_session: bool,
@@ -53,6 +55,7 @@ impl<'a> Run<'a> {
             return Err(PyValueError::new_err(format!("rate is {rate}, give 0.001 to 1000000 Hz")));
         }
         let mut previous: Option<RawSample> = None;
+        let mut follows = true;
         for (index, record) in samples.chunks_exact(RAW).enumerate() {
             let sample = Fields(record).raw();
             if let Some(previous) = previous.filter(|p| p.session == sample.session && p.sequence >= sample.sequence) {
@@ -61,6 +64,7 @@ impl<'a> Run<'a> {
                     sample.sequence, previous.sequence
                 )));
             }
+            follows &= sample.lag_ns == 0;
             previous = Some(sample);
         }
         let now = Instant::now();
@@ -71,6 +75,7 @@ impl<'a> Run<'a> {
             window,
             timeout,
             period,
+            follows,
             drained: false,
             begin_session,
             session: None,
@@ -141,6 +146,9 @@ impl<'a> Run<'a> {
         (self.session, self.drained) = (Some(sample.session), true);
         if waiting == 0 {
             self.last_answer = now;
+        }
+        if self.follows {
+            acquisition.follow(sample);
         }
         let mut loan = acquisition.loan().map_err(|error| error.to_string())?;
         *loan = RawSample { session: loan.session, sent_ns: 0, ..*sample };

@@ -3,12 +3,13 @@
 use crate::errors::{TableError, faults, file};
 use isotherm_shared::document::MAX_BYTES;
 use isotherm_shared::polynomial::Polynomial as Curve;
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
-use isotherm_shared::units::SCALE_FACTOR_UNIT;
+use isotherm_shared::table::{Axis as Coefficients, CoefficientTable};
+use isotherm_shared::units::SensorKind;
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::prelude::*;
 use std::fs::File;
 use std::io::{self, Read as _};
+use std::ops::Index;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -16,11 +17,13 @@ use std::sync::Arc;
 #[pyclass(frozen, module = "isotherm")]
 pub struct Table(pub Arc<CoefficientTable>);
 
-/// The coefficients of one accelerometer.
+/// The coefficients of one accelerometer or gyroscope.
 #[pyclass(frozen, module = "isotherm")]
 pub struct Axis {
-    table: Arc<CoefficientTable>,
-    index: usize,
+    name: &'static str,
+    kind: SensorKind,
+    axis: Coefficients,
+    g_sensitivity: Option<[f64; 3]>,
 }
 
 /// A polynomial of telemetry.
@@ -113,13 +116,34 @@ impl Table {
     }
 
     #[getter]
+    fn lag_s(&self) -> Option<f64> {
+        self.0.content().lag_s
+    }
+
+    #[getter]
+    fn device(&self) -> u64 {
+        self.0.device()
+    }
+
+    #[getter]
     fn axes(&self) -> (Axis, Axis, Axis) {
-        [0, 1, 2].map(|index| Axis { table: Arc::clone(&self.0), index }).into()
+        axes(SensorKind::Accelerometer, &self.0.content().axes, [None; 3])
     }
 
     #[getter]
     fn alignment(&self) -> Option<[[f64; 3]; 3]> {
-        self.0.content().alignment.map(|m| [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)])))
+        self.0.content().alignment.as_ref().map(rows)
+    }
+
+    #[getter]
+    fn gyroscopes(&self) -> Option<(Axis, Axis, Axis)> {
+        let (gyroscopes, _) = self.0.gyroscopes()?;
+        Some(axes(SensorKind::Gyroscope, &gyroscopes.axes, gyroscopes.g_sensitivity))
+    }
+
+    #[getter]
+    fn gyroscope_alignment(&self) -> Option<[[f64; 3]; 3]> {
+        self.0.content().gyroscopes.as_ref()?.alignment.as_ref().map(rows)
     }
 
     fn __str__(&self) -> String {
@@ -139,6 +163,20 @@ impl Table {
     }
 }
 
+fn axes(kind: SensorKind, axes: &[Coefficients; 3], g_sensitivity: [Option<[f64; 3]>; 3]) -> (Axis, Axis, Axis) {
+    let axis = |index: usize| Axis {
+        name: kind.names()[index],
+        kind,
+        axis: axes[index].clone(),
+        g_sensitivity: g_sensitivity[index],
+    };
+    [0, 1, 2].map(axis).into()
+}
+
+fn rows(matrix: &impl Index<(usize, usize), Output = f64>) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
+}
+
 fn parse(text: &str, source: &str) -> PyResult<Table> {
     let table = CoefficientTable::from_toml(text, None).map_err(|all| faults(source, &all))?;
     Ok(Table(Arc::new(table)))
@@ -148,38 +186,41 @@ fn parse(text: &str, source: &str) -> PyResult<Table> {
 impl Axis {
     #[getter]
     fn name(&self) -> &'static str {
-        AXIS_NAMES.get(self.index).copied().unwrap_or_default()
+        self.name
     }
 
     #[getter]
     fn bias(&self) -> Polynomial {
-        let axis = self.axis();
-        Polynomial { curve: axis.bias, unit: axis.bias_unit.name() }
+        Polynomial { curve: self.axis.bias, unit: self.axis.bias_unit.name() }
+    }
+
+    #[getter]
+    fn transient(&self) -> f64 {
+        self.axis.transient
     }
 
     #[getter]
     fn positive_scale_factor(&self) -> Polynomial {
-        Polynomial { curve: self.axis().positive_scale_factor, unit: SCALE_FACTOR_UNIT }
+        Polynomial { curve: self.axis.positive_scale_factor, unit: self.kind.scale_factor_unit() }
     }
 
     #[getter]
     fn negative_scale_factor(&self) -> Polynomial {
-        Polynomial { curve: self.axis().negative_scale_factor, unit: SCALE_FACTOR_UNIT }
+        Polynomial { curve: self.axis.negative_scale_factor, unit: self.kind.scale_factor_unit() }
     }
 
     #[getter]
     fn max_rate(&self) -> Option<f64> {
-        self.axis().max_rate
+        self.axis.max_rate
+    }
+
+    #[getter]
+    fn g_sensitivity(&self) -> Option<(f64, f64, f64)> {
+        self.g_sensitivity.map(Into::into)
     }
 
     fn __repr__(&self) -> String {
-        format!("Axis('{}')", self.name())
-    }
-}
-
-impl Axis {
-    fn axis(&self) -> &isotherm_shared::table::Axis {
-        &self.table.content().axes[self.index]
+        format!("Axis('{}')", self.name)
     }
 }
 

@@ -23,6 +23,10 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[3]
 BINARY = Path(os.environ.get("ISOTHERM_BINARY", REPOSITORY / "target/debug/isotherm"))
 TABLE = REPOSITORY / "tests/data/imu-a.toml"
+# A table of format 2 for imu-g: gyroscopes, both alignments, g-sensitivity, transient terms with a lag of 240 s.
+WHOLE_TABLE = REPOSITORY / "tests/data/imu-g.toml"
+# A recording of it with every peculiarity that a sample can have.
+WHOLE_RUN = REPOSITORY / "tests/data/run-g.csv"
 RUN = REPOSITORY / "tests/data/run.csv"
 CAMPAIGN = REPOSITORY / "examples/campaign/campaign.toml"
 EXAMPLES = REPOSITORY / "examples/python"
@@ -82,9 +86,9 @@ class DomainUnderTest:
         self.services: list[Service] = []
         self.processes: list[subprocess.Popen[str]] = []
 
-    def start(self, *command: str | Path) -> subprocess.Popen[str]:
+    def start(self, *command: str | Path, stdin: int | None = None) -> subprocess.Popen[str]:
         """Starts a process whose output the test reads; `end` kills it."""
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdin=stdin, stdout=subprocess.PIPE, text=True)
         self.processes.append(process)
         return process
 
@@ -104,6 +108,12 @@ class DomainUnderTest:
             shutil.copy(TABLE, table)
         return self.spawn("--imu", f"imu-a={table}", *arguments).wait_until_ready()
 
+    def serve_whole(self) -> Service:
+        """Starts a service of imu-g and waits until it is ready."""
+        table = self.folder / "imu-g.toml"
+        shutil.copy(WHOLE_TABLE, table)
+        return self.spawn("--imu", f"imu-g={table}").wait_until_ready()
+
     def isotherm(self, *arguments: str | Path) -> str:
         return subprocess.run([BINARY, *arguments], check=True, capture_output=True, text=True, timeout=WATCHDOG).stdout
 
@@ -119,7 +129,7 @@ class DomainUnderTest:
             process.wait()
         for service in self.services:
             service.reader.join()
-        for stream in [stream for process in self.processes for stream in (process.stdout, process.stderr) if stream]:
+        for stream in [stream for process in self.processes for stream in (process.stdin, process.stdout, process.stderr) if stream]:
             stream.close()
         for path in self.shared_memory():
             path.unlink(missing_ok=True)
@@ -183,6 +193,29 @@ def recorded() -> isotherm.Records:
     return recorded
 
 
+@pytest.fixture(scope="session")
+def whole_table() -> isotherm.Table:
+    return isotherm.Table.load(WHOLE_TABLE)
+
+
+@pytest.fixture(scope="session")
+def whole() -> isotherm.Records:
+    """Samples of a whole IMU that heats up and turns, 50 ms each. The telemetry is measured in every 20th sample."""
+    count, random = 400, np.random.default_rng(7)
+    samples = np.zeros(count, isotherm.RAW_SAMPLE)
+    samples["sequence"] = np.arange(count)
+    samples["timestamp_ns"] = 50_000_000 * np.arange(1, count + 1)
+    samples["interval_ns"] = 50_000_000
+    telemetry = (1.2 + 0.004 * (np.arange(count) // 20))[:, None] + np.array([0.0, 0.01, 0.02])
+    for name, offset, pulses in (("accelerometers", 0.0, 5000), ("gyroscopes", 0.2, 40_000)):
+        samples[name]["positive_pulses"] = random.integers(0, pulses, (count, 3))
+        samples[name]["negative_pulses"] = random.integers(0, 100, (count, 3))
+        samples[name]["head_temperature"] = telemetry + offset
+        samples[name]["board_temperature"] = telemetry + offset - 0.01
+    samples.flags.writeable = False
+    return samples
+
+
 def wait_for(condition: Callable[[], bool], event: str) -> None:
     begun = time.monotonic()
     while not condition():
@@ -194,9 +227,28 @@ def wait_for(condition: Callable[[], bool], event: str) -> None:
 def same(got: isotherm.Records, right: isotherm.Records) -> bool:
     """Whether both are equal bit for bit, except for session and delivery."""
     names = ("sequence", "timestamp_ns", "interval_ns", "table")
-    bits = [array["velocity_increment"].view(np.uint64) for array in (got, right)]
-    flags = [array["flags"] & ((1 << 21) - 1) for array in (got, right)]
-    return all((got[name] == right[name]).all() for name in names) and bool((bits[0] == bits[1]).all() and (flags[0] == flags[1]).all())
+    if not all((got[name] == right[name]).all() for name in names):
+        return False
+    for name in ("velocity_increment", "angle_increment"):
+        if not (got[name].view(np.uint64) == right[name].view(np.uint64)).all():
+            return False
+    delivery = np.uint64(isotherm.Flags.GAP | isotherm.Flags.LATE)
+    return bool((got["flags"] & ~delivery == right["flags"] & ~delivery).all())
 
 
-__all__ = ["BINARY", "CAMPAIGN", "EXAMPLES", "REPOSITORY", "RUN", "TABLE", "TIMEOUT", "DomainUnderTest", "Service", "same", "signal", "wait_for"]
+__all__ = [
+    "BINARY",
+    "CAMPAIGN",
+    "EXAMPLES",
+    "REPOSITORY",
+    "RUN",
+    "TABLE",
+    "TIMEOUT",
+    "WHOLE_RUN",
+    "WHOLE_TABLE",
+    "DomainUnderTest",
+    "Service",
+    "same",
+    "signal",
+    "wait_for",
+]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import importlib.util
+import json
 import re
 import shutil
 import subprocess
@@ -9,6 +12,7 @@ import sys
 from pathlib import Path
 
 import isotherm
+import numpy as np
 import pytest
 from conftest import BINARY, CAMPAIGN, EXAMPLES, REPOSITORY, RUN, TABLE, TIMEOUT, DomainUnderTest
 
@@ -34,6 +38,14 @@ def test_acquisition_and_reader(domain: DomainUnderTest) -> None:
     assert reader.returncode == 0
 
 
+def test_an_acquisition_that_is_started_again_goes_on_with_its_lag(domain: DomainUnderTest, tmp_path: Path) -> None:
+    domain.serve()
+    state = tmp_path / "lag.json"
+    for _ in range(2):
+        example("acquisition.py", "--count", "60", "--serial", "SN 42", "--state", state)
+        assert [kept and kept[1:] for kept in json.loads(state.read_text())] == [[2.5, 2.5]] * 3 + [None] * 3
+
+
 def test_round_trip(domain: DomainUnderTest) -> None:
     domain.serve()
     assert len(example("round_trip.py", "--blocks", "1").splitlines()) == 7
@@ -50,13 +62,31 @@ def test_the_plain_way(domain: DomainUnderTest, table: isotherm.Table) -> None:
     """The example with only iceoryx2's wheel and ctypes: an `IncrementReader` reads the same increments at the same time."""
     domain.serve()
     with isotherm.IncrementReader("imu-a", timeout=TIMEOUT) as reader:
-        out = example("plain_iceoryx2.py", "--isotherm", BINARY, "--count", "20")
+        out = example("plain_iceoryx2.py", "--isotherm", BINARY, "--count", "20", "--serial", "SN 42")
         read = reader.read_available()
     rows = [line.split() for line in out.splitlines()]
     assert [int(row[0]) for row in rows] == list(range(20))
     assert [[float(value) for value in row[1:4]] for row in rows] == read["velocity_increment"].tolist()
-    assert {row[4] for row in rows} == {f"{table.id:016x}"}
+    # The table has no gyroscopes.
+    assert {value for row in rows for value in row[4:7]} == {"nan"} and np.isnan(read["angle_increment"]).all()
+    assert {row[7] for row in rows} == {f"{table.id:016x}"}
     assert read["session"][0] > 0 and read["sequence"].tolist() == list(range(20))
+
+
+def test_the_plain_peers_structures_are_the_wire() -> None:
+    spec = importlib.util.spec_from_file_location("plain", EXAMPLES / "plain_iceoryx2.py")
+    assert spec is not None and spec.loader is not None
+    plain = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(plain)
+    for structure, dtype in (
+        (plain.Triad, isotherm.TRIAD),
+        (plain.RawSample, isotherm.RAW_SAMPLE),
+        (plain.CompensatedIncrement, isotherm.INCREMENT),
+    ):
+        offsets = {name: getattr(structure, name).offset for name, _ in structure._fields_}
+        assert offsets == {name: field[1] for name, field in (dtype.fields or {}).items()}
+        assert ctypes.sizeof(structure) == dtype.itemsize
+    assert plain.device(" SN 42 ") == isotherm.device("SN 42") and plain.device(" ") == 0
 
 
 def test_the_document_shows_the_plain_example() -> None:

@@ -16,7 +16,7 @@ import isotherm
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE
+from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE, WHOLE_TABLE
 from isotherm import _files, _isotherm, _offline
 
 
@@ -30,20 +30,30 @@ def without_what_differs(text: str) -> str:
 
 
 def test_records_and_flags_are_those_of_the_wire() -> None:
-    offsets = {name: field[1] for name, field in (isotherm.RAW_SAMPLE.fields or {}).items()}
-    assert isotherm.RAW_SAMPLE.itemsize == 120
-    assert offsets == {
-        "session": 0, "sequence": 8, "timestamp_ns": 16, "interval_ns": 24, "sent_ns": 32, "telemetry_ns": 40,
-        "positive_pulses": 48, "negative_pulses": 60, "head_temperature": 72, "board_temperature": 96,
+    def offsets(dtype: np.dtype[np.void]) -> dict[str, int]:
+        return {name: field[1] for name, field in (dtype.fields or {}).items()}
+
+    assert (isotherm.TRIAD.itemsize, isotherm.RAW_SAMPLE.itemsize, isotherm.INCREMENT.itemsize) == (96, 256, 104)
+    assert offsets(isotherm.TRIAD) == {
+        "positive_pulses": 0, "negative_pulses": 12, "head_temperature": 24, "board_temperature": 48, "head_lagged": 72,
     }  # fmt: skip
-    offsets = {name: field[1] for name, field in (isotherm.INCREMENT.fields or {}).items()}
-    assert isotherm.INCREMENT.itemsize == 72
-    assert offsets == {
-        "session": 0, "sequence": 8, "timestamp_ns": 16, "interval_ns": 24, "velocity_increment": 32, "table": 56, "flags": 64, "latency_ns": 68,
+    assert offsets(isotherm.RAW_SAMPLE) == {
+        "session": 0, "sequence": 8, "timestamp_ns": 16, "interval_ns": 24, "sent_ns": 32, "telemetry_ns": 40, "lag_ns": 48, "device": 56,
+        "accelerometers": 64, "gyroscopes": 160,
+    }  # fmt: skip
+    assert offsets(isotherm.INCREMENT) == {
+        "session": 0, "sequence": 8, "timestamp_ns": 16, "interval_ns": 24, "velocity_increment": 32, "angle_increment": 56, "table": 80,
+        "flags": 88, "latency_ns": 96,
     }  # fmt: skip
     assert [(int(flag).bit_length() - 1, name) for flag in isotherm.Flags for name in isotherm.flag_names(flag)] == _isotherm.FLAGS
-    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 23) == []
-    assert isotherm.flag_names(isotherm.Flags.GAP | isotherm.Flags.A3_RATE) == ["a3-rate", "gap"]
+    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 26) == []
+    assert isotherm.flag_names(isotherm.Flags.GAP | isotherm.Flags.A3_RATE | isotherm.Flags.G1_RATE) == ["a3-rate", "gap", "g1-rate"]
+    # They go with arrays of every integer type.
+    for dtype in (np.uint64, np.int64, object):
+        flags = np.array([int(isotherm.Flags.GAP), int(isotherm.Flags.G3_RATE), 0], dtype)
+        assert ((flags & isotherm.Flags.G3_RATE) != 0).tolist() == [False, True, False]
+        assert (isotherm.Flags.GAP | flags).tolist() == [int(flag | isotherm.Flags.GAP) for flag in flags]
+        assert (flags == isotherm.Flags.GAP).tolist() == [True, False, False]
 
 
 def test_a_table(table: isotherm.Table) -> None:
@@ -98,8 +108,8 @@ def test_replay_is_the_command_byte_for_byte(table: isotherm.Table, recorded: is
     increments = isotherm.replay(table, recorded)
     isotherm.write_increments(tmp_path / "array.csv", increments)
     assert (tmp_path / "array.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
-    read = isotherm.read_increments(tmp_path / "command.csv")
-    assert (read == increments).all()
+    # Bit for bit, since the angles of a table without gyroscopes are NaN.
+    assert isotherm.read_increments(tmp_path / "command.csv").tobytes() == increments.tobytes()
     # A data frame of the recording, as pandas reads it, with another index.
     frame = pd.read_csv(RUN).set_index(pd.RangeIndex(10, 10 + len(recorded)))
     result = isotherm.replay(table, frame)
@@ -108,6 +118,60 @@ def test_replay_is_the_command_byte_for_byte(table: isotherm.Table, recorded: is
     right = pd.read_csv(tmp_path / "command.csv", dtype={"table": str})
     for column in result.columns:
         assert result[column].tolist() == right[column].tolist(), column
+
+
+def test_a_whole_imu_in_arrays_files_and_frames(whole_table: isotherm.Table, whole: isotherm.Records, tmp_path: Path) -> None:
+    right = isotherm.replay(whole_table, whole)
+    assert np.isfinite(right["angle_increment"]).all() and not right["flags"].any()
+    # The recording has no lagged telemetry, so it is computed, here as in the command.
+    path = tmp_path / "run.csv"
+    isotherm.write_recording(path, whole)
+    command("replay", "--table", WHOLE_TABLE, path, "-o", tmp_path / "command.csv")
+    isotherm.write_increments(tmp_path / "array.csv", right)
+    assert (tmp_path / "array.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
+    assert (isotherm.read_increments(tmp_path / "array.csv") == right).all()
+    # A session begins soaked.
+    twice = np.concatenate([whole[:200], whole[200:]])
+    twice["session"][200:] = 1
+    split = isotherm.replay(whole_table, twice)
+    assert (split[:200] == right[:200]).all() and (split["velocity_increment"][200:] != right["velocity_increment"][200:]).any()
+    assert (split[200:] == isotherm.replay(whole_table, twice[200:])).all()
+    # With lagged telemetry and a unit, every column is there; the samples' own lag is used.
+    full = whole.copy()
+    full["lag_ns"], full["device"], full["telemetry_ns"] = 240_000_000_000, isotherm.device("SN 42"), 1
+    for triad in ("accelerometers", "gyroscopes"):
+        full[triad]["head_lagged"] = full[triad]["head_temperature"] - 0.01
+    isotherm.write_recording(path, full)
+    assert (isotherm.read_recording(path) == full).all()
+    frame = pd.read_csv(path, dtype={"device": str})
+    assert len(frame.columns) == 3 + 24 + 7 + 2
+    assert (isotherm.replay(whole_table, full) != right).all()
+    result = isotherm.replay(whole_table, frame)
+    assert result["g3_da"].tolist() == isotherm.replay(whole_table, full)["angle_increment"][:, 2].tolist()
+    # Columns that belong together, and the number of the unit, which is no number in a frame.
+    for column in ("g2_head", "lag_ns", "a1_head_lagged", "g3_head_lagged"):
+        with pytest.raises(ValueError, match=f"missing columns: {column};"):
+            isotherm.replay(whole_table, frame.drop(columns=column))
+    for device in (1234567890123456, "46A7426EF29CC83", "+6a7426ef29cc83b"):
+        with pytest.raises(TypeError, match="dtype={'device': str}"):
+            isotherm.replay(whole_table, frame.assign(device=device))
+    frame.loc[3, "device"] = None
+    assert _offline.records(frame, isotherm.RAW_SAMPLE)["device"].tolist()[2:5] == [isotherm.device("SN 42"), 0, isotherm.device("SN 42")]
+
+
+def test_a_table_of_a_whole_imu(whole_table: isotherm.Table, table: isotherm.Table) -> None:
+    content = tomllib.loads(WHOLE_TABLE.read_text())
+    assert whole_table.lag_s == content["lag"]["time_constant_s"] and whole_table.device == 0
+    assert whole_table.gyroscope_alignment == content["gyroscope_alignment"]["matrix"]
+    assert whole_table.gyroscopes is not None
+    for axis, given in zip(whole_table.axes + whole_table.gyroscopes, content["axis"] + content["gyroscope"], strict=True):
+        assert (axis.name, axis.transient) == (given["name"], given["bias"].get("transient", 0.0))
+        assert axis.max_rate == given.get("max_rate")
+        assert axis.bias.unit == given["bias"]["unit"]
+        assert axis.positive_scale_factor.unit == given["positive_scale_factor"]["unit"]
+        g = given.get("g_sensitivity")
+        assert axis.g_sensitivity == (g and (g["a1"], g["a2"], g["a3"]))
+    assert (table.gyroscopes, table.gyroscope_alignment, table.lag_s) == (None, None, None)
 
 
 def test_a_recording_reads_back(recorded: isotherm.Records, tmp_path: Path) -> None:
@@ -143,11 +207,15 @@ def test_any_layout_gives_the_same(table: isotherm.Table, recorded: isotherm.Rec
     assert replayed(recorded[::-1][::-1]) == right
     assert replayed(recorded.astype(recorded.dtype.newbyteorder())) == right
     wide = np.dtype(
-        [("extra", np.int8), ("interval_ns", np.int64), *[d for d in isotherm.RAW_SAMPLE.descr if d[0] not in ("interval_ns", "session")]]
+        [
+            ("extra", np.int8),
+            ("interval_ns", np.int64),
+            *[d for d in isotherm.RAW_SAMPLE.descr if d[0] not in ("interval_ns", "session", "gyroscopes")],
+        ]
     )
     other = np.zeros(len(recorded), wide)
     for name in isotherm.RAW_SAMPLE.names or ():
-        if name != "session":
+        if name not in ("session", "gyroscopes"):
             other[name] = recorded[name]
     assert replayed(other) == right
     assert isotherm.replay(table, recorded[:6].reshape(2, 3)).shape == (2, 3)
@@ -181,8 +249,12 @@ def test_what_is_no_sample_is_refused_by_name(table: isotherm.Table, recorded: i
     with pytest.raises(TypeError, match="head"):
         isotherm.replay(table, frame.astype({"a1_head": str}))
     flat = np.dtype([(name, np.float64) for name in isotherm.RAW_SAMPLE.names or ()])
-    with pytest.raises(TypeError, match="positive_pulses"):
+    with pytest.raises(TypeError, match="accelerometers.positive_pulses.*gyroscopes.positive_pulses"):
         isotherm.replay(table, np.zeros(2, flat))
+    part = [("gyroscopes", [field for field in isotherm.TRIAD.descr if field[0] != "negative_pulses"])]
+    fields = [*[field for field in isotherm.RAW_SAMPLE.descr if field[0] != "gyroscopes"], *part]
+    with pytest.raises(TypeError, match="missing fields: gyroscopes.negative_pulses$"):
+        isotherm.replay(table, np.zeros(2, fields))
     with pytest.raises(TypeError):
         _isotherm.replay(table, recorded)  # type: ignore[arg-type]
 
@@ -333,7 +405,7 @@ def test_faults_are_accepted_by_name() -> None:
 def test_rows_of_a_moving_table_count_for_no_dwell() -> None:
     samples = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
     array = _offline.records(samples, isotherm.CAMPAIGN)
-    assert array.dtype == isotherm.CAMPAIGN and isotherm.CAMPAIGN.itemsize == 136
+    assert array.dtype == isotherm.CAMPAIGN and isotherm.CAMPAIGN.itemsize == 272
     moving = samples.astype({"position": float})
     moving.loc[samples.index[:30], "position"] = np.nan
     assert (_offline.records(moving, isotherm.CAMPAIGN)["position"][:30] == -1).all()
@@ -494,7 +566,7 @@ def test_what_is_no_requirement_is_refused(still: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     # An IMU with other scale factors meets no requirement, as in the command.
     path = tmp_path / "other.csv"
-    samples["positive_pulses"] //= 2
+    samples["accelerometers"]["positive_pulses"] //= 2
     isotherm.write_recording(path, samples)
     other = isotherm.verify(table, samples, recording=str(path))
     assert other.warning is not None

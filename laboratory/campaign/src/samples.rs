@@ -20,7 +20,7 @@ use isotherm_failure::Failure;
 use isotherm_files::replace;
 use isotherm_recording::RawCsvWriter;
 use isotherm_shared::stream::{ImuId, StreamKind};
-use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample};
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek as _, SeekFrom};
 use std::mem;
@@ -444,15 +444,45 @@ struct RowSum {
     count: u32,
     first: RawSample,
     seconds: f64,
-    telemetry: [[f64; 2]; AXES],
+    accelerometers: TelemetrySum,
+    gyroscopes: TelemetrySum,
     /// Sum of each sample's telemetry time times its interval \[ns2\]; 0 if a sample has no telemetry time.
     read_ns2: u128,
 }
 
+/// Sums of a triad's telemetry times the interval, by sensor.
+#[derive(Clone, Copy, Default)]
+struct TelemetrySum {
+    head: [f64; AXES],
+    board: [f64; AXES],
+}
+
+impl TelemetrySum {
+    /// Adds `triad`'s telemetry over `seconds`, and its pulses to `sum`.
+    fn add(&mut self, sum: &mut Triad, triad: &Triad, seconds: f64) {
+        for axis in 0..AXES {
+            sum.positive_pulses[axis] = sum.positive_pulses[axis].saturating_add(triad.positive_pulses[axis]);
+            sum.negative_pulses[axis] = sum.negative_pulses[axis].saturating_add(triad.negative_pulses[axis]);
+            self.head[axis] += triad.head_temperature[axis] * seconds;
+            self.board[axis] += triad.board_temperature[axis] * seconds;
+        }
+    }
+
+    /// `sum` with the mean telemetry of `seconds`.
+    fn mean(&self, sum: Triad, seconds: f64) -> Triad {
+        let mean = |sums: [f64; AXES]| sums.map(|sum| sum / seconds);
+        Triad { head_temperature: mean(self.head), board_temperature: mean(self.board), ..sum }
+    }
+}
+
 impl RowSum {
     fn new(first: &RawSample) -> Self {
-        let zero = RawSample { interval_ns: 0, positive_pulses: [0; AXES], negative_pulses: [0; AXES], ..*first };
-        Self { sum: zero, count: 0, first: *first, seconds: 0.0, telemetry: [[0.0; 2]; AXES], read_ns2: 0 }.with(first)
+        let empty = |triad: Triad| Triad { positive_pulses: [0; AXES], negative_pulses: [0; AXES], ..triad };
+        let (accelerometers, gyroscopes) = (empty(first.accelerometers), empty(first.gyroscopes));
+        // A mean of lagged telemetry is of no use: whoever reads the rows computes it from them.
+        let sum = RawSample { interval_ns: 0, lag_ns: 0, accelerometers, gyroscopes, ..*first };
+        let (accelerometers, gyroscopes) = (TelemetrySum::default(), TelemetrySum::default());
+        Self { sum, count: 0, first: *first, seconds: 0.0, accelerometers, gyroscopes, read_ns2: 0 }.with(first)
     }
 
     fn with(mut self, sample: &RawSample) -> Self {
@@ -464,32 +494,28 @@ impl RowSum {
         self.read_ns2 += u128::from(sample.telemetry_ns) * u128::from(sample.interval_ns);
         self.read_ns2 *= u128::from(known);
         self.sum.interval_ns += sample.interval_ns;
-        for axis in 0..AXES {
-            self.sum.positive_pulses[axis] =
-                self.sum.positive_pulses[axis].saturating_add(sample.positive_pulses[axis]);
-            self.sum.negative_pulses[axis] =
-                self.sum.negative_pulses[axis].saturating_add(sample.negative_pulses[axis]);
-            self.telemetry[axis][0] += sample.head_temperature[axis] * seconds;
-            self.telemetry[axis][1] += sample.board_temperature[axis] * seconds;
-        }
+        self.accelerometers.add(&mut self.sum.accelerometers, &sample.accelerometers, seconds);
+        self.gyroscopes.add(&mut self.sum.gyroscopes, &sample.gyroscopes, seconds);
         self
     }
 
     /// Whether the counters have room for as much again.
     fn has_room(&self) -> bool {
-        let most = self.sum.positive_pulses.iter().chain(&self.sum.negative_pulses).max();
+        let triads = [&self.sum.accelerometers, &self.sum.gyroscopes];
+        let most = triads.iter().flat_map(|triad| triad.positive_pulses.iter().chain(&triad.negative_pulses)).max();
         most.is_none_or(|most| *most < u32::MAX / 2) && self.sum.interval_ns < MAX_INTERVAL_NS / 2
     }
 
     /// The row. A row of one sample is that sample.
     fn mean(&self) -> RawSample {
         if self.count == 1 {
-            return self.first;
+            return RawSample { lag_ns: 0, ..self.first };
         }
-        let mean_of = |part: usize| [0, 1, 2].map(|axis: usize| self.telemetry[axis][part] / self.seconds);
         // The mean fits into u64: it is at most the largest telemetry time.
         let telemetry_ns = (self.read_ns2 / u128::from(self.sum.interval_ns)) as u64;
-        RawSample { head_temperature: mean_of(0), board_temperature: mean_of(1), telemetry_ns, ..self.sum }
+        let accelerometers = self.accelerometers.mean(self.sum.accelerometers, self.seconds);
+        let gyroscopes = self.gyroscopes.mean(self.sum.gyroscopes, self.seconds);
+        RawSample { telemetry_ns, accelerometers, gyroscopes, ..self.sum }
     }
 }
 

@@ -105,8 +105,8 @@ impl Trends {
     pub fn sample(&mut self, sample: &RawSample) {
         let time_s = sample.timestamp_ns as f64 / 1e9;
         for (axis, trends) in self.imu.iter_mut().enumerate() {
-            trends[0].add(time_s, sample.head_temperature[axis]);
-            trends[1].add(time_s, sample.board_temperature[axis]);
+            trends[0].add(time_s, sample.accelerometers.head_temperature[axis]);
+            trends[1].add(time_s, sample.accelerometers.board_temperature[axis]);
         }
     }
 

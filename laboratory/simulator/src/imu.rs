@@ -178,7 +178,7 @@ struct SampleSender {
 
 impl SampleSender {
     fn new(imu: &ImuId, domain: Domain, ended: Arc<AtomicBool>) -> Self {
-        let options = Options { domain, timeout: REPLY_TIMEOUT };
+        let options = Options::new(domain, REPLY_TIMEOUT);
         Self {
             imu: imu.clone(),
             options,

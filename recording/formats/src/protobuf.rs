@@ -1,12 +1,10 @@
 //! Rows as protobuf messages, and the descriptors of these messages. Only the part of the encoding that recordings need.
 
 use crate::varint;
-use core::fmt::Display;
-use isotherm_recording::columns::{Column, ColumnKind};
-use isotherm_recording::rows::{RecordedRow, ValueVisitor, columns};
+use isotherm_recording::columns::{Column, ColumnKind, Layout};
+use isotherm_recording::rows::{RecordedRow, append_value, columns};
 use isotherm_shared::stream::StreamKind;
 use std::collections::HashMap;
-use std::io::Write as _;
 
 // Wire types.
 const VARINT: u64 = 0;
@@ -22,52 +20,35 @@ pub const fn message(stream: StreamKind) -> &'static str {
     }
 }
 
-/// Encodes a row as its stream's message. The field number of a column is its index plus 1.
-pub fn encode(row: &RecordedRow, bytes: &mut Vec<u8>) {
-    row.visit(&mut FieldWriter { bytes, number: 0, text: Vec::new() });
-}
-
-struct FieldWriter<'a> {
-    bytes: &'a mut Vec<u8>,
-    number: u64,
-    text: Vec<u8>,
-}
-
-impl FieldWriter<'_> {
-    fn tag(&mut self, wire_type: u64) {
-        self.number += 1;
-        varint::write(self.bytes, self.number << 3 | wire_type);
-    }
-}
-
-impl ValueVisitor for FieldWriter<'_> {
-    fn u64(&mut self, value: u64) {
-        self.tag(VARINT);
-        varint::write(self.bytes, value);
-    }
-    fn u32(&mut self, value: u32) {
-        self.u64(u64::from(value));
-    }
-    fn f64(&mut self, value: f64) {
-        self.tag(FIXED_64);
-        self.bytes.extend_from_slice(&value.to_bits().to_le_bytes());
-    }
-    fn text(&mut self, value: impl Display) {
-        self.tag(BYTES);
-        self.text.clear();
-        // Writing to memory cannot fail.
-        let _ = write!(self.text, "{value}");
-        varint::write(self.bytes, self.text.len() as u64);
-        self.bytes.extend_from_slice(&self.text);
-    }
+/// Encodes a row as its stream's message, with the fields of a layout.
+pub fn encode(row: &RecordedRow, layout: Layout, message: &mut Vec<u8>) {
+    let mut text = Vec::new();
+    row.visit(layout, |column, value| {
+        let wire_type = match column.kind {
+            ColumnKind::U64 | ColumnKind::U32 => VARINT,
+            ColumnKind::F64 => FIXED_64,
+            ColumnKind::Hex | ColumnKind::Flags => BYTES,
+        };
+        varint::write(message, column.number << 3 | wire_type);
+        match wire_type {
+            VARINT => varint::write(message, value),
+            FIXED_64 => message.extend_from_slice(&value.to_le_bytes()),
+            _ => {
+                text.clear();
+                append_value(column.kind, value, &mut text);
+                varint::write(message, text.len() as u64);
+                message.extend_from_slice(&text);
+            }
+        }
+    });
 }
 
 /// The `google.protobuf.FileDescriptorSet` that describes a stream's message, so that any reader can decode it.
-pub fn descriptor(stream: StreamKind) -> Vec<u8> {
+pub fn descriptor(stream: StreamKind, layout: Layout) -> Vec<u8> {
     let (package, name) = message(stream).split_once('.').unwrap_or_default();
     let mut fields = Vec::new();
-    for (column, number) in columns(stream).iter().zip(1..) {
-        bytes(&mut fields, 2, &field(column, number));
+    for column in columns(stream, layout) {
+        bytes(&mut fields, 2, &field(&column));
     }
     let mut description = Vec::new();
     bytes(&mut description, 1, name.as_bytes());
@@ -83,17 +64,17 @@ pub fn descriptor(stream: StreamKind) -> Vec<u8> {
 }
 
 /// A `FieldDescriptorProto`.
-fn field(column: &Column, number: u64) -> Vec<u8> {
+fn field(column: &Column) -> Vec<u8> {
     const OPTIONAL: u64 = 1;
     let kind = match column.kind {
         ColumnKind::F64 => 1,
         ColumnKind::U64 => 4,
-        ColumnKind::Text => 9,
+        ColumnKind::Hex | ColumnKind::Flags => 9,
         ColumnKind::U32 => 13,
     };
     let mut field = Vec::new();
     bytes(&mut field, 1, column.name.as_bytes());
-    for (key, value) in [(3, number), (4, OPTIONAL), (5, kind)] {
+    for (key, value) in [(3, column.number), (4, OPTIONAL), (5, kind)] {
         varint::write(&mut field, key << 3 | VARINT);
         varint::write(&mut field, value);
     }

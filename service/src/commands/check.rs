@@ -6,7 +6,10 @@ use isotherm_failure::{Exit, Failure};
 use isotherm_files::{LoadError, WorldWritable, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
-use isotherm_shared::table::{CoefficientTable, Seal};
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{Axis, CoefficientTable, Content, Seal};
+use isotherm_shared::units::SensorKind;
+use std::fmt::Write as _;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
@@ -78,7 +81,8 @@ fn check(
             } else {
                 "not sealed"
             };
-            Ok(format!("table of {}, {}, {sealed}", table.content().imu, table.digest()))
+            let content = table.content();
+            Ok(format!("table of {}, {}, {sealed}{}", content.imu, table.digest(), format_2(content)))
         }
         kind @ (FileKind::Plan | FileKind::Campaign) => laboratory(kind, &text, path),
         FileKind::Configuration => {
@@ -91,6 +95,48 @@ fn check(
             )
         }
     }
+}
+
+/// What only tables of format 2 have, in lines of their own.
+fn format_2(content: &Content) -> String {
+    let unit = &content.temperature_unit;
+    let mut text = content.lag_s.map_or(String::new(), |lag_s| format!("\n  lag of the head telemetry: {lag_s} s"));
+    let gyroscopes = content.gyroscopes.as_ref();
+    let triads =
+        [(SensorKind::Accelerometer, Some(&content.axes)), (SensorKind::Gyroscope, gyroscopes.map(|g| &g.axes))];
+    let sensors = triads.into_iter().flat_map(|(kind, axes)| kind.names().into_iter().zip(axes.into_iter().flatten()));
+    let transients = sensors
+        .filter(|(_, axis)| axis.transient != 0.0)
+        .map(|(name, axis)| format!("{name} {} {} per {unit}", axis.transient, axis.bias_unit.name()));
+    let transients: Vec<_> = transients.collect();
+    if !transients.is_empty() {
+        let _ = write!(text, "\n  transient: {}", transients.join(", "));
+    }
+    let Some(gyroscopes) = gyroscopes else { return text };
+    let names = SensorKind::Gyroscope.names();
+    for ((name, axis), g_sensitivity) in names.iter().zip(&gyroscopes.axes).zip(&gyroscopes.g_sensitivity) {
+        let Axis { bias_unit, bias, positive_scale_factor, negative_scale_factor, .. } = axis;
+        let range = |polynomial: &Polynomial| {
+            let [low, high] = polynomial.range();
+            format!("{low} .. {high} {unit}")
+        };
+        let _ = write!(
+            text,
+            "\n  {name}: bias in {} over {}; K+ and K- in {} over {} and {}",
+            bias_unit.name(),
+            range(bias),
+            SensorKind::Gyroscope.scale_factor_unit(),
+            range(positive_scale_factor),
+            range(negative_scale_factor)
+        );
+        if let Some([a1, a2, a3]) = g_sensitivity {
+            let _ = write!(text, "; g-sensitivity {a1}, {a2}, {a3} deg/h/g0");
+        }
+    }
+    if gyroscopes.alignment.is_some() {
+        text.push_str("\n  alignment of the gyroscopes");
+    }
+    text
 }
 
 /// The remedy in the message for a file that is no TOML at all.

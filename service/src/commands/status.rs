@@ -4,7 +4,8 @@ use clap::Args;
 use isotherm_client::{Domain, Options, fetch_status};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{print, print_data};
-use isotherm_shared::status::{ImuStatus, LatencySummary, ServiceStatus, WorkerStatus};
+use isotherm_shared::status::{GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, WorkerStatus};
+use isotherm_shared::units::SensorKind;
 use std::fmt::Write as _;
 use std::time::Duration;
 
@@ -31,7 +32,7 @@ impl Status {
         if self.iceoryx2 {
             return print_data(&transport_config(&domain)?);
         }
-        let status = fetch_status(&Options { domain, timeout: Duration::ZERO })?;
+        let status = fetch_status(&Options::new(domain, Duration::ZERO))?;
         if !self.json {
             return print(&describe(&status));
         }
@@ -78,6 +79,19 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
     if let Some(error) = &imu.last_reload_error {
         writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
     }
+    if let Some(device) = &imu.other_device {
+        let (own, serial) = (imu.device.as_deref().unwrap_or("-"), imu.serial.as_deref().unwrap_or_default());
+        writeln!(
+            text,
+            "  OTHER UNIT   the samples are of unit {device}, the table of {own}, serial number {serial:?}"
+        )?;
+    }
+    if let Some(lag_s) = imu.lag_s {
+        writeln!(text, "  lag          {lag_s} s")?;
+    }
+    if let Some(gyroscopes) = &imu.gyroscopes {
+        describe_gyroscopes(text, gyroscopes)?;
+    }
     writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
     writeln!(
         text,
@@ -103,6 +117,23 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
         };
         let [p50, p99, p999, max] = [p50, p99, p999, max].map(|ns| ns as f64 / 1e3);
         writeln!(text, "    {name:<8} {p50:>9.2} {p99:>9.2} {p999:>9.2} {max:>9.2} {count:>9}")?;
+    }
+    Ok(())
+}
+
+fn describe_gyroscopes(text: &mut String, gyroscopes: &GyroscopeStatus) -> std::fmt::Result {
+    let Ranges { unit, head, board } = &gyroscopes.ranges;
+    let place = |value: Option<f64>, [low, high]: [f64; 2]| {
+        let value = value.map_or("none".to_owned(), |value| format!("{value:.4}"));
+        format!("{value} in {low} .. {high} {unit}")
+    };
+    for (axis, name) in SensorKind::Gyroscope.names().into_iter().enumerate() {
+        let head = place(gyroscopes.head_temperature[axis], head[axis]);
+        writeln!(
+            text,
+            "  {name}           head {head}, board {}",
+            place(gyroscopes.board_temperature[axis], board[axis])
+        )?;
     }
     Ok(())
 }

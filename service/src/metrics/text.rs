@@ -26,7 +26,7 @@ type ImuMetric = (Kind, &'static str, &'static str, fn(&ImuStatus) -> Option<f64
 /// The metrics with one value for each IMU. An IMU without a value is left out.
 const IMU_METRICS: [ImuMetric; 14] = [
     (Kind::Counter, "isotherm_samples_received_total", "Raw samples received.", |imu| count(imu.received)),
-    (Kind::Counter, "isotherm_increments_total", "Velocity increments published.", |imu| count(imu.compensated)),
+    (Kind::Counter, "isotherm_increments_total", "Increments published.", |imu| count(imu.compensated)),
     (Kind::Counter, "isotherm_samples_missing_total", "Raw samples that never came.", |imu| count(imu.missing)),
     (Kind::Counter, "isotherm_gaps_total", "Samples before which others were missing.", |imu| count(imu.gaps)),
     (Kind::Counter, "isotherm_samples_repeated_total", "Samples that came again.", |imu| count(imu.repeats)),
@@ -157,7 +157,7 @@ impl Text {
         }
     }
 
-    /// The table gives the unit of telemetry, so the metric's name has none.
+    /// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of them.
     fn telemetry(&mut self, status: &ServiceStatus) {
         let families: [(&str, &str, ChooseValue); 3] = [
             ("isotherm_telemetry", "Temperature telemetry of the last sample, in the table's unit.", |value, _| value),
@@ -167,16 +167,20 @@ impl Text {
         for (name, help, choose) in families {
             self.family(Kind::Gauge, name, help);
             for imu in &status.imus {
-                let ranges = imu.ranges.as_ref();
-                let places = [
-                    ("head", imu.head_temperature, ranges.map(|ranges| ranges.head)),
-                    ("board", imu.board_temperature, ranges.map(|ranges| ranges.board)),
-                ];
-                for (place, values, ranges) in places {
-                    for axis in 0..AXES {
-                        if let Some(value) = choose(values[axis], ranges.map(|ranges| ranges[axis])) {
-                            let axis = format!("a{}", axis + 1);
-                            self.sample(name, &[("imu", &imu.id), ("axis", &axis), ("place", place)], value);
+                let accelerometers = ("a", imu.ranges.as_ref(), imu.head_temperature, imu.board_temperature);
+                let gyroscopes = imu.gyroscopes.as_ref();
+                let gyroscopes = gyroscopes.map(|g| ("g", Some(&g.ranges), g.head_temperature, g.board_temperature));
+                for (letter, ranges, head, board) in [accelerometers].into_iter().chain(gyroscopes) {
+                    let places = [
+                        ("head", head, ranges.map(|ranges| ranges.head)),
+                        ("board", board, ranges.map(|ranges| ranges.board)),
+                    ];
+                    for (place, values, ranges) in places {
+                        for axis in 0..AXES {
+                            if let Some(value) = choose(values[axis], ranges.map(|ranges| ranges[axis])) {
+                                let axis = format!("{letter}{}", axis + 1);
+                                self.sample(name, &[("imu", &imu.id), ("axis", &axis), ("place", place)], value);
+                            }
                         }
                     }
                 }

@@ -150,10 +150,9 @@ impl Channel {
         let increment = loan.payload_mut();
         *increment = answer(self.table.as_deref(), &raw);
         let now = clock.now_in_order();
-        let latency = now.saturating_sub(since);
-        let latency_ns = u32::try_from(latency).unwrap_or(u32::MAX);
+        let latency_ns = now.saturating_sub(since);
         let delivery =
-            (u32::from(arrival.missing > 0) * Flags::GAP.0) | (u32::from(latency > self.budget_ns) * Flags::LATE.0);
+            (u64::from(arrival.missing > 0) * Flags::GAP.0) | (u64::from(latency_ns > self.budget_ns) * Flags::LATE.0);
         let flags = Flags(increment.flags | delivery);
         increment.latency_ns = latency_ns;
         increment.flags = flags.0;

@@ -33,12 +33,15 @@
 
 use super::histogram::{BucketCounts, Histogram};
 use super::sequence::Arrival;
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// How many flags are counted: bits 0 to 25.
-const FLAGS: usize = 26;
+/// How many flags are counted: bits 0 to 49.
+const FLAGS: usize = 50;
+/// Head and board telemetry of both triads.
+const TELEMETRY: usize = 4 * AXES;
 
 /// The counters of one IMU since the start of the service.
 #[derive(Debug, Default)]
@@ -50,11 +53,25 @@ struct Counters {
     repeats: AtomicU64,
     sessions: AtomicU64,
     transport_errors: AtomicU64,
-    flagged: [AtomicU64; FLAGS],
+    flagged: FlagCounts,
     table: AtomicU64,
-    /// Temperature telemetry of the last sample, as bits of an `f64`: heads, then boards.
-    telemetry: [AtomicU64; 2 * AXES],
+    /// Which unit the last sample came from.
+    device: AtomicU64,
+    /// Which unit the last sample came from that had [`Flags::OTHER_DEVICE`].
+    other_device: AtomicU64,
+    /// Temperature telemetry of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of the gyroscopes.
+    telemetry: [AtomicU64; TELEMETRY],
     latency: Histogram,
+}
+
+/// How many increments had each flag, by bit.
+#[derive(Debug)]
+struct FlagCounts([AtomicU64; FLAGS]);
+
+impl Default for FlagCounts {
+    fn default() -> Self {
+        Self([const { AtomicU64::new(0) }; FLAGS])
+    }
 }
 
 /// New counters of one IMU: the half that writes and the half that reads.
@@ -93,7 +110,7 @@ impl CounterWriter {
 
     /// A sample was received, and its increment published unless the transport failed.
     #[inline]
-    pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u32, published: bool) {
+    pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u64, published: bool) {
         let counters = &*self.0;
         add(&counters.received, 1);
         add(if published { &counters.compensated } else { &counters.transport_errors }, 1);
@@ -109,16 +126,21 @@ impl CounterWriter {
         }
         let mut rest = flags.0;
         while rest != 0 {
-            if let Some(counter) = counters.flagged.get(rest.trailing_zeros() as usize) {
+            if let Some(counter) = counters.flagged.0.get(rest.trailing_zeros() as usize) {
                 add(counter, 1);
             }
             rest &= rest - 1;
         }
-        let telemetry = raw.head_temperature.iter().chain(&raw.board_temperature);
-        for (kept, value) in counters.telemetry.iter().zip(telemetry) {
+        counters.device.store(raw.device, Relaxed);
+        if flags.intersects(Flags::OTHER_DEVICE) {
+            counters.other_device.store(raw.device, Relaxed);
+        }
+        let [a, g] = [&raw.accelerometers, &raw.gyroscopes];
+        let telemetry = [a.head_temperature, a.board_temperature, g.head_temperature, g.board_temperature];
+        for (kept, value) in counters.telemetry.iter().zip(telemetry.as_flattened()) {
             kept.store(value.to_bits(), Relaxed);
         }
-        counters.latency.record(latency_ns);
+        counters.latency.record(u32::try_from(latency_ns).unwrap_or(u32::MAX));
     }
 }
 
@@ -160,7 +182,7 @@ impl CounterReader {
 
     /// Increments that carried the flag of this bit.
     pub fn flagged(&self, bit: u32) -> u64 {
-        self.0.flagged.get(bit as usize).map_or(0, |count| count.load(Relaxed))
+        self.0.flagged.0.get(bit as usize).map_or(0, |count| count.load(Relaxed))
     }
 
     /// Id of the table in force, 0 for none.
@@ -168,14 +190,28 @@ impl CounterReader {
         self.0.table.load(Relaxed)
     }
 
-    /// Telemetry of the last sample, heads and boards; `None` where it is not finite or no sample has come yet.
-    pub fn telemetry(&self) -> [[Option<f64>; AXES]; 2] {
+    /// The unit of the last sample, 0 if it is unknown.
+    pub fn device(&self) -> u64 {
+        self.0.device.load(Relaxed)
+    }
+
+    /// The unit of the last sample that was not of the table's unit, 0 if there was none.
+    pub fn other_device(&self) -> u64 {
+        self.0.other_device.load(Relaxed)
+    }
+
+    /// Telemetry of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come yet.
+    pub fn telemetry(&self, kind: SensorKind) -> [[Option<f64>; AXES]; 2] {
         let has_sample = self.received() > 0;
         let value = |place: usize| {
             let value = f64::from_bits(self.0.telemetry[place].load(Relaxed));
             (has_sample && value.is_finite()).then_some(value)
         };
-        [0, AXES].map(|first| core::array::from_fn(|axis| value(first + axis)))
+        let heads = match kind {
+            SensorKind::Accelerometer => 0,
+            SensorKind::Gyroscope => 2 * AXES,
+        };
+        [heads, heads + AXES].map(|first| core::array::from_fn(|axis| value(first + axis)))
     }
 
     /// Latencies of all increments.
@@ -217,24 +253,47 @@ impl HeartbeatReader {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isotherm_shared::wire::Triad;
 
     #[test]
     fn telemetry_is_given_only_when_it_has_come_and_is_finite() {
         let (mut writer, reader) = counters();
-        assert_eq!(reader.telemetry(), [[None; 3]; 2]);
-        let (head_temperature, board_temperature) = ([1.0, f64::NAN, -3.0], [4.0, 5.0, f64::INFINITY]);
-        let raw = RawSample { head_temperature, board_temperature, ..RawSample::default() };
+        let telemetry = || [SensorKind::Accelerometer, SensorKind::Gyroscope].map(|kind| reader.telemetry(kind));
+        assert_eq!(telemetry(), [[[None; 3]; 2]; 2]);
+        let triad =
+            |head_temperature, board_temperature| Triad { head_temperature, board_temperature, ..Triad::default() };
+        let raw = RawSample {
+            accelerometers: triad([1.0, f64::NAN, -3.0], [4.0, 5.0, f64::INFINITY]),
+            gyroscopes: triad([6.0, 7.0, 8.0], [9.0, f64::NEG_INFINITY, -11.0]),
+            ..RawSample::default()
+        };
         writer.answered(&raw, Arrival::default(), Flags(0), 100, true);
-        assert_eq!(reader.telemetry(), [[Some(1.0), None, Some(-3.0)], [Some(4.0), Some(5.0), None]]);
+        let expected = [
+            [[Some(1.0), None, Some(-3.0)], [Some(4.0), Some(5.0), None]],
+            [[Some(6.0), Some(7.0), Some(8.0)], [Some(9.0), None, Some(-11.0)]],
+        ];
+        assert_eq!(telemetry(), expected);
     }
 
     #[test]
     fn flags_are_counted_by_bit() {
         let (mut writer, reader) = counters();
-        for flags in [Flags::GAP | Flags::head_below(0), Flags::GAP, Flags(1 << 31)] {
+        let last = Flags::rate(2).of_gyroscopes();
+        for flags in [Flags::GAP | Flags::head_below(0), Flags::GAP | last, Flags(1 << 63)] {
             writer.answered(&RawSample::default(), Arrival::default(), flags, 0, true);
         }
-        let counts: Vec<_> = (0..32).map(|bit| reader.flagged(bit)).collect();
-        assert_eq!((counts[24], counts[0], counts.iter().sum::<u64>()), (2, 1, 3));
+        let counts: Vec<_> = (0..64).map(|bit| reader.flagged(bit)).collect();
+        assert_eq!((counts[24], counts[0], counts[49], counts.iter().sum::<u64>()), (2, 1, 1, 4));
+        assert!(Flags::NAMES.iter().all(|(bit, _)| (*bit as usize) < FLAGS), "every flag has a counter");
+    }
+
+    #[test]
+    fn the_other_unit_is_kept_when_the_right_one_returns() {
+        let (mut writer, reader) = counters();
+        for (device, flags) in [(1, Flags(0)), (2, Flags::OTHER_DEVICE), (1, Flags(0))] {
+            let raw = RawSample { device, ..RawSample::default() };
+            writer.answered(&raw, Arrival::default(), flags, 0, true);
+        }
+        assert_eq!((reader.device(), reader.other_device()), (1, 2));
     }
 }

@@ -7,7 +7,7 @@
 //! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a time from
 //! each raw queue in turn, so that a flooded queue gets at most every other turn.
 //!
-//! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all three axes of
+//! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all sensors of
 //! an increment come from one table.
 //!
 //! A wait is at most [`wait::BOUND_NS`] long, with every strategy and even if every notification is lost.

@@ -1,17 +1,20 @@
 //! Checks of the parts of a table. `Some` says what is wrong, and what to write instead.
 
 use crate::polynomial::{Polynomial, Violation};
-use crate::units::{BiasUnit, SCALE_FACTOR_UNIT};
+use crate::units::{BiasUnit, SensorKind};
 use nalgebra::Matrix3;
 
 /// Accepted range of the value of 1 g0 \[m/s2\].
 pub const GRAVITY_RANGE: [f64; 2] = [9.7, 9.9];
 
-/// Smallest absolute value of a scale factor within its range \[pulse/(s*g0)\].
-pub const MIN_SCALE_FACTOR: f64 = 1.0;
+/// Accepted range of the time constant of the lagged telemetry \[s\].
+pub const LAG_RANGE: [f64; 2] = [0.1, 86_400.0];
 
-/// Largest absolute value of a bias within its range \[g0\].
-pub const MAX_BIAS_G0: f64 = 1.0;
+/// Largest absolute value of a g-sensitivity \[deg/h/g0\].
+pub const MAX_G_SENSITIVITY: f64 = 3600.0;
+
+/// A transient term without a time constant.
+pub const NO_LAG: &str = "needs the time constant of the lagged telemetry; give [lag] with time_constant_s";
 
 pub fn gravity_fault(gravity: f64) -> Option<String> {
     let [low, high] = GRAVITY_RANGE;
@@ -22,24 +25,46 @@ pub fn max_age_fault(age: f64) -> Option<String> {
     (!(age.is_finite() && age > 0.0)).then(|| format!("is {age:?}, give a number of seconds over 0"))
 }
 
+pub fn lag_fault(time_constant: f64) -> Option<String> {
+    let [low, high] = LAG_RANGE;
+    (!(low..=high).contains(&time_constant))
+        .then(|| format!("is {time_constant:?}, give the time constant of the lagged telemetry, {low} to {high} s"))
+}
+
 pub fn max_rate_fault(rate: f64) -> Option<String> {
     (!(rate.is_finite() && rate > 0.0)).then(|| format!("is {rate:?}, give a number of pulses per second over 0"))
 }
 
-pub fn bias_fault(bias: &Polynomial, unit: BiasUnit) -> Option<String> {
-    let limit = MAX_BIAS_G0 / unit.in_g0();
+pub fn bias_fault(kind: SensorKind, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
+    let limit = kind.max_bias() / unit.factor();
     let violation = bias.above(limit).or_else(|| bias.below(-limit))?;
-    Some(format!("{}; it must stay within +-1 g0 over its range", describe(violation, unit.name())))
+    let (most, base) = (kind.max_bias(), kind.base_unit());
+    Some(format!("{}; it must stay within +-{most} {base} over its range", describe(violation, unit.name())))
 }
 
-pub fn positive_scale_factor_fault(polynomial: &Polynomial) -> Option<String> {
-    let violation = polynomial.below(MIN_SCALE_FACTOR)?;
-    Some(format!("{}; it must be positive and at least 1 over its range", describe(violation, SCALE_FACTOR_UNIT)))
+/// A transient term is at most as large as a bias may be, for a lag difference of the whole range.
+pub fn transient_fault(kind: SensorKind, transient: f64, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
+    let [low, high] = bias.range();
+    let limit = kind.max_bias() / unit.factor() / (high - low);
+    (!(transient.abs() <= limit))
+        .then(|| format!("is {transient:?}, give at most +-{limit:?} {} per unit of telemetry", unit.name()))
 }
 
-pub fn negative_scale_factor_fault(polynomial: &Polynomial) -> Option<String> {
-    let violation = polynomial.above(-MIN_SCALE_FACTOR)?;
-    Some(format!("{}; it must be negative and at most -1 over its range", describe(violation, SCALE_FACTOR_UNIT)))
+pub fn positive_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
+    let violation = polynomial.below(kind.min_scale_factor())?;
+    let (least, found) = (kind.min_scale_factor(), describe(violation, kind.scale_factor_unit()));
+    Some(format!("{found}; it must be positive and at least {least} over its range"))
+}
+
+pub fn negative_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
+    let violation = polynomial.above(-kind.min_scale_factor())?;
+    let (least, found) = (kind.min_scale_factor(), describe(violation, kind.scale_factor_unit()));
+    Some(format!("{found}; it must be negative and at most -{least} over its range"))
+}
+
+pub fn g_sensitivity_fault(coefficient: f64) -> Option<String> {
+    (!(coefficient.abs() <= MAX_G_SENSITIVITY))
+        .then(|| format!("is {coefficient:?}, give at most +-{MAX_G_SENSITIVITY} deg/h/g0"))
 }
 
 pub fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {

@@ -1,18 +1,24 @@
 //! Reading and writing a table file's text. Reading reports all faults of the text together.
+//!
+//! Over 400 lines: what is read and what is written are the same keys, so they stand side by side.
 
 use super::checks::{
-    alignment_fault, bias_fault, gravity_fault, max_age_fault, max_rate_fault, negative_scale_factor_fault,
-    positive_scale_factor_fault,
+    NO_LAG, alignment_fault, bias_fault, g_sensitivity_fault, gravity_fault, lag_fault, max_age_fault, max_rate_fault,
+    negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
 };
-use super::model::{AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange};
+use super::model::{
+    AXIS_NAMES, Axis, CoefficientTable, Content, FORMAT, G_SENSITIVITY_KEYS, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
+};
 use crate::document::{Document, Faults, Section};
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::stream::ImuId;
-use crate::units::{BiasUnit, SCALE_FACTOR_UNIT};
+use crate::units::{BiasUnit, SensorKind};
 use crate::wire::AXES;
 use core::fmt::Write as _;
 use nalgebra::Matrix3;
 
+/// The unit of a g-sensitivity.
+const G_SENSITIVITY_UNIT: &str = "deg/h/g0";
 const POWERS: [&str; MAX_ORDER + 1] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6", "c7"];
 
 /// How reading treats a file's digest.
@@ -49,7 +55,8 @@ impl CoefficientTable {
     #[must_use]
     pub fn to_toml(&self) -> String {
         let content = self.content();
-        let mut text = format!("format = 1\ndigest = \"{}\"\n\n[imu]\nid = \"{}\"\n", self.digest(), content.imu);
+        let mut text =
+            format!("format = {}\ndigest = \"{}\"\n\n[imu]\nid = \"{}\"\n", content.format, self.digest(), content.imu);
         // Writing to a String cannot fail.
         let mut line = |line: core::fmt::Arguments<'_>| {
             let _ = text.write_fmt(line);
@@ -64,27 +71,47 @@ impl CoefficientTable {
         if let Some(age) = content.max_age_s {
             line(format_args!("max_age_s = {age:?}"));
         }
+        if let Some(time_constant) = content.lag_s {
+            line(format_args!("\n[lag]\ntime_constant_s = {time_constant:?}"));
+        }
         for (name, axis) in AXIS_NAMES.iter().zip(&content.axes) {
             line(format_args!("\n[[axis]]\nname = \"{name}\""));
-            if let Some(rate) = axis.max_rate {
-                line(format_args!("max_rate = {rate:?}"));
-            }
-            for (quantity, polynomial, unit) in axis.polynomials() {
-                line(format_args!("{quantity} = {}", inline(polynomial, unit)));
+            line(format_args!("{}", sensor(axis, SensorKind::Accelerometer)));
+        }
+        if let Some(matrix) = &content.alignment {
+            line(format_args!("\n[alignment]\nmatrix = {}", rows(matrix)));
+        }
+        let Some(gyroscopes) = &content.gyroscopes else { return text };
+        for ((name, axis), g_sensitivity) in GYROSCOPE_NAMES.iter().zip(&gyroscopes.axes).zip(&gyroscopes.g_sensitivity)
+        {
+            line(format_args!("\n[[gyroscope]]\nname = \"{name}\""));
+            line(format_args!("{}", sensor(axis, SensorKind::Gyroscope)));
+            if let Some([a1, a2, a3]) = g_sensitivity {
+                line(format_args!(
+                    "g_sensitivity = {{ unit = \"{G_SENSITIVITY_UNIT}\", a1 = {a1:?}, a2 = {a2:?}, a3 = {a3:?} }}"
+                ));
             }
         }
-        if let Some(m) = &content.alignment {
-            let row = |i| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
-            line(format_args!("\n[alignment]\nmatrix = [{}, {}, {}]", row(0), row(1), row(2)));
+        if let Some(matrix) = &gyroscopes.alignment {
+            line(format_args!("\n[gyroscope_alignment]\nmatrix = {}", rows(matrix)));
         }
         text
     }
 }
 
 fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<CoefficientTable> {
-    let format = root.number("format", "format = 1, the version of this file format");
-    if format.is_some_and(|format| format != 1.0) {
-        root.fault("format", "unknown; this version reads format = 1");
+    let format = root.number("format", "format = 1, or 2 with gyroscopes or a lag: the version of this file format");
+    let format = format.and_then(|format| {
+        let known = (1..=FORMAT).find(|known| f64::from(*known) == format);
+        if known.is_none() {
+            root.fault("format", "unknown; this version reads format = 1 and 2");
+        }
+        known
+    });
+    if format == Some(1) {
+        for key in ["lag", "gyroscope", "gyroscope_alignment"].into_iter().filter(|key| root.has(key)) {
+            root.fault(key, "is a part of format 2; give format = 2");
+        }
     }
     let digest = match seal {
         Seal::Checked => root.optional_string("digest"),
@@ -96,21 +123,34 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     let gravity_local = root.number_within("provenance", "gravity_local").filter(|g| gravity_fault(*g).is_none());
     let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
-    let axes = axes(root);
+    let lag = root.optional_section("lag").map(lag);
+    let lag_given = lag.is_some();
+    let axes = axes(root, SensorKind::Accelerometer, "axis", format, lag_given);
     let alignment = root.optional_section("alignment").map(alignment);
+    let gyroscopes = gyroscopes(root, format, lag_given);
 
     let (id, serial, gravity) = imu?;
     let (temperature_unit, out_of_range, max_age_s) = temperature?;
+    // An optional part that is there must be right.
     let content = Content {
+        format: format?,
         imu: id,
         serial,
         gravity,
         temperature_unit,
         out_of_range,
         max_age_s,
-        axes: axes?,
+        lag_s: match lag {
+            Some(time_constant) => Some(time_constant?),
+            None => None,
+        },
+        axes: axes?.map(|(axis, _)| axis),
         alignment: match alignment {
             Some(matrix) => Some(matrix?),
+            None => None,
+        },
+        gyroscopes: match gyroscopes {
+            Some(gyroscopes) => Some(gyroscopes?),
             None => None,
         },
     };
@@ -151,62 +191,155 @@ fn temperature(section: Section<'_, '_>) -> Option<(String, OutOfRange, Option<f
     Some((unit?, out_of_range?, max_age_s))
 }
 
-fn axes(root: &Section<'_, '_>) -> Option<[Axis; AXES]> {
-    let sections = root.list("axis");
+fn lag(section: Section<'_, '_>) -> Option<f64> {
+    let time_constant = section.number("time_constant_s", "the time constant of the lagged telemetry in s");
+    section.refuse("time_constant_s", time_constant.and_then(lag_fault));
+    section.finish();
+    time_constant
+}
+
+/// The gyroscopes, if the file has any; the inner `None` if they are not right.
+fn gyroscopes(root: &Section<'_, '_>, format: Option<u8>, lag_given: bool) -> Option<Option<Gyroscopes>> {
+    let alignment = root.optional_section("gyroscope_alignment").map(alignment);
+    if !root.has("gyroscope") {
+        if alignment.is_some() {
+            root.fault("gyroscope_alignment", "needs gyroscopes; give three [[gyroscope]], or leave it out");
+        }
+        return None;
+    }
+    let axes = axes(root, SensorKind::Gyroscope, "gyroscope", format, lag_given);
+    let alignment = match alignment {
+        Some(Some(matrix)) => Some(matrix),
+        Some(None) => return Some(None),
+        None => None,
+    };
+    Some(axes.map(|axes| {
+        let g_sensitivity = axes.each_ref().map(|(_, g_sensitivity)| *g_sensitivity);
+        Gyroscopes { axes: axes.map(|(axis, _)| axis), g_sensitivity, alignment }
+    }))
+}
+
+/// A sensor and its g-sensitivity, which only a gyroscope has.
+type Sensor = (Axis, Option<[f64; AXES]>);
+
+/// The sensors of a triad.
+fn axes(
+    root: &Section<'_, '_>,
+    kind: SensorKind,
+    key: &'static str,
+    format: Option<u8>,
+    lag_given: bool,
+) -> Option<[Sensor; AXES]> {
+    let sections = root.list(key);
+    let [first, second, third] = kind.names();
     if sections.len() != AXES {
         root.fault(
-            "axis",
-            format!("{} of them; give exactly three [[axis]], A1, A2, A3 in this order", sections.len()),
+            key,
+            format!(
+                "{} of them; give exactly three [[{key}]], {first}, {second}, {third} in this order",
+                sections.len()
+            ),
         );
     }
-    let axes: Vec<_> = sections.into_iter().zip(0..).map(|(section, index)| axis(section, index)).collect();
+    let axis = |(mut section, index): (Section<'_, '_>, usize)| {
+        let expected = kind.names().get(index).copied();
+        match (section.string("name", &format!("{first}, {second} or {third}")), expected) {
+            (Some(name), Some(expected)) if name != expected => {
+                let order = format!("the names are {first}, {second}, {third} in this order");
+                section.fault("name", format!("is {name:?}, give \"{expected}\": {order}"));
+            }
+            _ => {}
+        }
+        if let Some(name) = expected {
+            section.rename(format!("{key}.{name}"));
+        }
+        axis(section, kind, format, lag_given)
+    };
+    let axes: Vec<_> = sections.into_iter().zip(0..).map(axis).collect();
     let axes: Option<Vec<_>> = axes.into_iter().collect();
     axes?.try_into().ok()
 }
 
-fn axis(mut section: Section<'_, '_>, index: usize) -> Option<Axis> {
-    let expected = AXIS_NAMES.get(index);
-    match (section.string("name", "A1, A2 or A3"), expected) {
-        (Some(name), Some(expected)) if name != *expected => {
-            section.fault("name", format!("is {name:?}, give \"{expected}\": the axes are A1, A2, A3 in this order"));
-        }
-        _ => {}
-    }
-    if let Some(name) = expected {
-        section.rename(format!("axis.{name}"));
-    }
+fn axis(section: Section<'_, '_>, kind: SensorKind, format: Option<u8>, lag_given: bool) -> Option<Sensor> {
     let max_rate = section.optional_number("max_rate");
     section.refuse("max_rate", max_rate.and_then(max_rate_fault));
-    let bias = bias(&section);
-    let positive = scale_factor(&section, "positive_scale_factor", positive_scale_factor_fault);
-    let negative = scale_factor(&section, "negative_scale_factor", negative_scale_factor_fault);
+    let bias = bias(&section, kind, format, lag_given);
+    let positive = scale_factor(&section, "positive_scale_factor", kind, positive_scale_factor_fault);
+    let negative = scale_factor(&section, "negative_scale_factor", kind, negative_scale_factor_fault);
+    let g_sensitivity = match kind {
+        SensorKind::Accelerometer => None,
+        SensorKind::Gyroscope => section.optional_section("g_sensitivity").map(g_sensitivity),
+    };
     section.finish();
-    let (bias_unit, bias) = bias?;
-    Some(Axis { bias_unit, bias, positive_scale_factor: positive?, negative_scale_factor: negative?, max_rate })
+    let (bias_unit, bias, transient) = bias?;
+    let axis = Axis {
+        bias_unit,
+        bias,
+        transient,
+        positive_scale_factor: positive?,
+        negative_scale_factor: negative?,
+        max_rate,
+    };
+    match g_sensitivity {
+        Some(coefficients) => Some((axis, Some(coefficients?))),
+        None => Some((axis, None)),
+    }
 }
 
-fn bias(axis: &Section<'_, '_>) -> Option<(BiasUnit, Polynomial)> {
-    let section = axis.section("bias", "{ unit = \"ug0\", range = [.., ..], c0 = .. }")?;
-    let unit = section.choice("unit", &BiasUnit::NAMES);
-    let polynomial = polynomial(section);
-    let (unit, polynomial) = (unit?, polynomial?);
-    axis.refuse("bias", bias_fault(&polynomial, unit));
-    Some((unit, polynomial))
+/// Unit, polynomial and transient of a bias.
+fn bias(
+    axis: &Section<'_, '_>,
+    kind: SensorKind,
+    format: Option<u8>,
+    lag_given: bool,
+) -> Option<(BiasUnit, Polynomial, f64)> {
+    let (_, example) = kind.bias_units().last()?;
+    let section = axis.section("bias", &format!("{{ unit = \"{example}\", range = [.., ..], c0 = .. }}"))?;
+    let unit = section.choice("unit", kind.bias_units());
+    let transient = section.optional_number("transient");
+    if transient.is_some() && format == Some(1) {
+        section.fault("transient", "is a part of format 2; give format = 2");
+    } else if transient.is_some_and(|transient| transient != 0.0) && !lag_given {
+        section.fault("transient", NO_LAG);
+    }
+    let transient = transient.unwrap_or(0.0);
+    let curve = unit.zip(polynomial(&section));
+    section.refuse("transient", curve.and_then(|(unit, curve)| transient_fault(kind, transient, &curve, unit)));
+    section.finish();
+    let (unit, polynomial) = curve?;
+    axis.refuse("bias", bias_fault(kind, &polynomial, unit));
+    Some((unit, polynomial, transient))
 }
 
 fn scale_factor(
     axis: &Section<'_, '_>,
     key: &'static str,
-    fault: fn(&Polynomial) -> Option<String>,
+    kind: SensorKind,
+    fault: fn(SensorKind, &Polynomial) -> Option<String>,
 ) -> Option<Polynomial> {
-    let section = axis.section(key, "{ unit = \"pulse/(s*g0)\", range = [.., ..], c0 = .. }")?;
-    let unit = section.choice("unit", &[((), SCALE_FACTOR_UNIT)]);
-    let polynomial = polynomial(section)?;
-    axis.refuse(key, fault(&polynomial));
+    let unit = kind.scale_factor_unit();
+    let section = axis.section(key, &format!("{{ unit = \"{unit}\", range = [.., ..], c0 = .. }}"))?;
+    let unit = section.choice("unit", &[((), unit)]);
+    let polynomial = polynomial(&section);
+    section.finish();
+    let polynomial = polynomial?;
+    axis.refuse(key, fault(kind, &polynomial));
     unit.map(|()| polynomial)
 }
 
-fn polynomial(section: Section<'_, '_>) -> Option<Polynomial> {
+fn g_sensitivity(section: Section<'_, '_>) -> Option<[f64; AXES]> {
+    let unit = section.choice("unit", &[((), G_SENSITIVITY_UNIT)]);
+    let coefficients = G_SENSITIVITY_KEYS.map(|key| {
+        let coefficient = section.number(key, "all three of a1, a2, a3, 0.0 where there is none");
+        section.refuse(key, coefficient.and_then(g_sensitivity_fault));
+        coefficient
+    });
+    section.finish();
+    let [a1, a2, a3] = coefficients;
+    unit.and(Some([a1?, a2?, a3?]))
+}
+
+fn polynomial(section: &Section<'_, '_>) -> Option<Polynomial> {
     const RANGE: &str = "range = [lowest, highest] calibrated telemetry, both finite numbers";
     let range = section.numbers("range", RANGE).and_then(|range| {
         let range = <[f64; 2]>::try_from(range).ok().filter(|range| range[0] < range[1]);
@@ -227,7 +360,6 @@ fn polynomial(section: Section<'_, '_>) -> Option<Polynomial> {
     for (power, _) in POWERS.iter().zip(0..=highest.unwrap_or(0)).filter(|(power, _)| !section.has(power)) {
         section.fault(power, format!("missing; give {power} = 0.0 if it is zero"));
     }
-    section.finish();
     if Some(coefficients.len()) != highest.map(|highest| highest + 1) {
         return None;
     }
@@ -249,7 +381,22 @@ fn alignment(section: Section<'_, '_>) -> Option<Matrix3<f64>> {
     matrix
 }
 
-fn inline(polynomial: &Polynomial, unit: &str) -> String {
+/// The lines of a sensor after its name.
+fn sensor(axis: &Axis, kind: SensorKind) -> String {
+    let rate = axis.max_rate.map(|rate| format!("max_rate = {rate:?}"));
+    let curves = axis.polynomials(kind).map(|(quantity, polynomial, unit)| {
+        let transient = if quantity == "bias" { axis.transient } else { 0.0 };
+        format!("{quantity} = {}", inline(polynomial, unit, transient))
+    });
+    rate.into_iter().chain(curves).collect::<Vec<_>>().join("\n")
+}
+
+fn rows(m: &Matrix3<f64>) -> String {
+    let row = |i| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+    format!("[{}, {}, {}]", row(0), row(1), row(2))
+}
+
+fn inline(polynomial: &Polynomial, unit: &str, transient: f64) -> String {
     let [low, high] = polynomial.range();
     let mut text = format!("{{ unit = \"{unit}\", range = [{low:?}, {high:?}]");
     if polynomial.center() != 0.0 || polynomial.scale() != 1.0 {
@@ -257,6 +404,9 @@ fn inline(polynomial: &Polynomial, unit: &str) -> String {
     }
     for (power, coefficient) in POWERS.iter().zip(polynomial.coefficients()) {
         let _ = write!(text, ", {power} = {coefficient:?}");
+    }
+    if transient != 0.0 {
+        let _ = write!(text, ", transient = {transient:?}");
     }
     text + " }"
 }

@@ -10,7 +10,7 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 #![expect(unsafe_code, reason = "an allocator is unsafe to implement")]
 
-use isotherm_client::{Acquisition, Options};
+use isotherm_client::{Acquisition, LagOption, Options, Sensor, TimeConstant};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use rustix::thread::{CapabilitySet, remove_capability_from_bounding_set};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -103,12 +103,17 @@ fn main() -> ExitCode {
 /// whether the service has been replaced, and that query of the transport allocates.
 fn send(imu: &str, samples: u64) {
     const UNINTERRUPTED: Duration = Duration::from_millis(4);
-    let mut acquisition = Acquisition::connect(&imu.parse().unwrap(), &Options::from_environment().unwrap()).unwrap();
+    let options = Options::from_environment().unwrap();
+    let lag = LagOption::Fixed(TimeConstant::from_seconds(10.0).unwrap());
+    let options = Options { serial: Some("SN 42".to_owned()), lag, ..options };
+    let mut acquisition = Acquisition::connect(&imu.parse().unwrap(), &options).unwrap();
     // The first part makes the connections and lets the queues grow to their final size.
     for part in [1000, samples] {
         let mut allocations = 0;
-        for _ in 0..part {
+        for number in 0..part {
             let (before, started) = (MINE.get(), Instant::now());
+            // Not part of the sending path, but while the time constant stays it costs no more than that.
+            acquisition.reading(Sensor::A1, number as f64, number);
             let mut loan = acquisition.loan().unwrap();
             loan.interval_ns = 1;
             acquisition.send(loan).unwrap();

@@ -12,6 +12,7 @@ use isotherm_benches::{BenchResult, Spin, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, CompensatedIncrement, Domain, RawSample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::Triad;
 use std::fs;
 use std::hint::{black_box, spin_loop};
 use std::io::{Read as _, Write as _};
@@ -229,6 +230,16 @@ impl ByteReader<'_> {
     fn f64s(&mut self) -> [f64; 3] {
         [(); 3].map(|()| f64::from_ne_bytes(self.word()))
     }
+
+    fn triad(&mut self) -> Triad {
+        Triad {
+            positive_pulses: self.u32s(),
+            negative_pulses: self.u32s(),
+            head_temperature: self.f64s(),
+            board_temperature: self.f64s(),
+            head_lagged: self.f64s(),
+        }
+    }
 }
 
 /// Writes numbers into consecutive bytes.
@@ -247,11 +258,15 @@ impl<const N: usize> ByteWriter<N> {
 
 fn raw_bytes(raw: &RawSample) -> [u8; RAW_BYTES] {
     let mut writer = ByteWriter::new();
-    for word in [raw.session, raw.sequence, raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns] {
+    let times = [raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns, raw.lag_ns];
+    for word in [raw.session, raw.sequence].iter().chain(&times).chain([&raw.device]) {
         writer.put(&word.to_ne_bytes());
     }
-    raw.positive_pulses.iter().chain(&raw.negative_pulses).for_each(|word| writer.put(&word.to_ne_bytes()));
-    raw.head_temperature.iter().chain(&raw.board_temperature).for_each(|word| writer.put(&word.to_ne_bytes()));
+    for triad in [&raw.accelerometers, &raw.gyroscopes] {
+        triad.positive_pulses.iter().chain(&triad.negative_pulses).for_each(|word| writer.put(&word.to_ne_bytes()));
+        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        telemetry.as_flattened().iter().for_each(|word| writer.put(&word.to_ne_bytes()));
+    }
     writer.0
 }
 
@@ -264,10 +279,10 @@ fn raw_of(bytes: &[u8; RAW_BYTES]) -> RawSample {
         interval_ns: reader.u64(),
         sent_ns: reader.u64(),
         telemetry_ns: reader.u64(),
-        positive_pulses: reader.u32s(),
-        negative_pulses: reader.u32s(),
-        head_temperature: reader.f64s(),
-        board_temperature: reader.f64s(),
+        lag_ns: reader.u64(),
+        device: reader.u64(),
+        accelerometers: reader.triad(),
+        gyroscopes: reader.triad(),
     }
 }
 
@@ -276,10 +291,11 @@ fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT_BYTES] {
     for word in [increment.session, increment.sequence, increment.timestamp_ns, increment.interval_ns] {
         writer.put(&word.to_ne_bytes());
     }
-    increment.velocity_increment.iter().for_each(|word| writer.put(&word.to_ne_bytes()));
-    writer.put(&increment.table.to_ne_bytes());
-    writer.put(&increment.flags.to_ne_bytes());
-    writer.put(&increment.latency_ns.to_ne_bytes());
+    let triads = [increment.velocity_increment, increment.angle_increment];
+    triads.as_flattened().iter().for_each(|word| writer.put(&word.to_ne_bytes()));
+    for word in [increment.table, increment.flags, increment.latency_ns] {
+        writer.put(&word.to_ne_bytes());
+    }
     writer.0
 }
 
@@ -291,9 +307,10 @@ fn increment_of(bytes: &[u8; INCREMENT_BYTES]) -> CompensatedIncrement {
         timestamp_ns: reader.u64(),
         interval_ns: reader.u64(),
         velocity_increment: reader.f64s(),
+        angle_increment: reader.f64s(),
         table: reader.u64(),
-        flags: u32::from_ne_bytes(reader.word()),
-        latency_ns: u32::from_ne_bytes(reader.word()),
+        flags: reader.u64(),
+        latency_ns: reader.u64(),
     }
 }
 
@@ -309,6 +326,7 @@ mod tests {
             timestamp_ns: 3,
             sent_ns: 5,
             telemetry_ns: 6,
+            device: 9,
             ..isotherm_benches::sample()
         };
         assert_eq!(raw_of(&raw_bytes(&raw)), raw);

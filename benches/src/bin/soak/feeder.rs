@@ -1,9 +1,10 @@
 //! An acquisition and a reader that know every correct answer, because each sample is a function of its sequence number.
 
-use isotherm_benches::{BenchResult, TABLE, TIMEOUT};
+use isotherm_benches::{BenchResult, IMU, LAG_NS, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, CompensatedIncrement, IncrementReader, Options, RawSample, monotonic_ns};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::Triad;
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::thread;
@@ -17,7 +18,7 @@ const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
 /// The text of table `number` for an IMU: each has a gravity of its own.
 pub fn table_text(imu: &str, number: u32) -> String {
     let gravity = format!("{:.4}", 9.8 + f64::from(number) * 1e-4);
-    TABLE.replace("9.8015", &gravity).replace("\"imu-paper\"", &format!("\"{imu}\""))
+    TABLE.replace("9.8015", &gravity).replace(&format!("\"{IMU}\""), &format!("\"{imu}\""))
 }
 
 /// Tables 0 to `count` - 1 of an IMU.
@@ -31,14 +32,23 @@ fn sample(sequence: u64) -> RawSample {
         (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40
     };
     let volts = |salt| 0.9 + mix(salt) as f64 * (3.3 / f64::from(1 << 24));
+    let triad = |first: u64| {
+        let salts = |part: u64| [0, 1, 2].map(|axis| first + 3 * part + axis);
+        Triad {
+            positive_pulses: salts(0).map(|salt| (mix(salt) % 100_000) as u32),
+            negative_pulses: salts(1).map(|salt| (mix(salt) % 100_000) as u32),
+            head_temperature: salts(2).map(volts),
+            board_temperature: salts(3).map(volts),
+            head_lagged: salts(4).map(volts),
+        }
+    };
     RawSample {
         sequence,
         timestamp_ns: sequence * 500_000,
         interval_ns: 500_000,
-        positive_pulses: [1, 2, 3].map(|salt| (mix(salt) % 100_000) as u32),
-        negative_pulses: [4, 5, 6].map(|salt| (mix(salt) % 100_000) as u32),
-        head_temperature: [7, 8, 9].map(volts),
-        board_temperature: [10, 11, 12].map(volts),
+        lag_ns: LAG_NS,
+        accelerometers: triad(1),
+        gyroscopes: triad(101),
         ..RawSample::default()
     }
 }
@@ -48,7 +58,9 @@ pub fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -
     let Some(table) = tables.iter().find(|table| table.id() == increment.table) else { return false };
     let raw = RawSample { session: increment.session, ..sample(increment.sequence) };
     let expected = answer(Some(table), &raw);
-    let bits = |increment: &CompensatedIncrement| increment.velocity_increment.map(f64::to_bits);
+    let bits = |increment: &CompensatedIncrement| {
+        [increment.velocity_increment, increment.angle_increment].map(|triad| triad.map(f64::to_bits))
+    };
     bits(increment) == bits(&expected) && increment.timestamp_ns == expected.timestamp_ns
 }
 

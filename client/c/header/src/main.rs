@@ -8,23 +8,30 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// Source files of the interface, relative to `client/c`.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     "../../shared/src/wire.rs",
     "src/acquisition.rs",
     "src/code.rs",
     "src/flags.rs",
+    "src/lag.rs",
     "src/reader.rs",
     "src/thread.rs",
     "src/values.rs",
 ];
 
 /// Replacements in the generated text: notation of rustdoc, and the layout of the file's beginning and end.
-const REPLACEMENTS: [(&str, &str); 8] = [
+const REPLACEMENTS: [(&str, &str); 13] = [
     ("\\[", "["),
     ("\\]", "]"),
     ("1..=[`MAX_INTERVAL_NS`]", "1 to ISOTHERM_MAX_INTERVAL_NS"),
     ("[`Flags::INTERVAL`]", "ISOTHERM_FLAG_INTERVAL"),
+    ("[`RawSample::lag_ns`]", "`lag_ns` of the sample"),
     ("[`RawSample`]", "isotherm_raw_sample"),
+    ("[`device`] of its serial number", "isotherm_device() of its serial number"),
+    ("[AXES]", "[3]"),
+    ("ISOTHERM_LAG_NONE -1.0", "ISOTHERM_LAG_NONE (-1.0)"),
+    // A shift of an int by 32 bits and more is undefined.
+    ("(1 << ", "(UINT64_C(1) << "),
     ("See [`Flags`].", "ISOTHERM_FLAG_.., joined by |; isotherm_flags_text names them."),
     // The introduction is one comment, directly before the include guard.
     ("*/\n\n\n#ifndef", "*/\n\n#ifndef"),

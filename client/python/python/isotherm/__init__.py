@@ -16,7 +16,19 @@ from ._errors import (
     TransportError,
     WrongThread,
 )
-from ._isotherm import Acquisition, Axis, Increment, IncrementReader, Loan, Polynomial, Stability, Table, __version__
+from ._isotherm import (
+    Acquisition,
+    Axis,
+    Increment,
+    IncrementReader,
+    Loan,
+    Polynomial,
+    Stability,
+    Table,
+    Triad,
+    __version__,
+    device,
+)
 from ._offline import (
     Calibration,
     calibrate,
@@ -28,12 +40,13 @@ from ._offline import (
     write_increments,
     write_recording,
 )
-from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, WINDOW, Flags, Records, flag_names
+from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, TRIAD, WINDOW, Flags, Records, flag_names
 
 __all__ = [
     "CAMPAIGN",
     "INCREMENT",
     "RAW_SAMPLE",
+    "TRIAD",
     "WINDOW",
     "Acquisition",
     "Axis",
@@ -59,9 +72,11 @@ __all__ = [
     "TableError",
     "Timeout",
     "TransportError",
+    "Triad",
     "WrongThread",
     "__version__",
     "calibrate",
+    "device",
     "flag_names",
     "read_increments",
     "read_recording",

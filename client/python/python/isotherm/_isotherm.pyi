@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from types import TracebackType
-from typing import Any, Final, Self, final, overload
+from typing import Any, Final, Literal, Self, final, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ _Path = str | os.PathLike[str]
 _Triple = tuple[float, float, float]
 _Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
 _Telemetry = Sequence[float] | npt.NDArray[np.floating[Any]]
+_Lagged = tuple[int, float, float]
 
 __all__ = [
     "FLAGS",
@@ -28,8 +29,10 @@ __all__ = [
     "Polynomial",
     "Stability",
     "Table",
+    "Triad",
     "__version__",
     "calibrate",
+    "device",
     "read_increments",
     "read_recording",
     "read_text",
@@ -49,9 +52,20 @@ class Acquisition:
     """The one acquisition process of an IMU. Only the thread that created it may use it.
 
     Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
+
+    `serial` is the serial number of the unit whose samples it sends. `lag` says which time constant their lagged telemetry has: "service" that
+    of the table in force, a number [s], or None: the library keeps no lag then.
     """
 
-    def __new__(cls, imu: str, domain: str | None = None, timeout: float = 5.0) -> Self: ...
+    def __new__(
+        cls,
+        imu: str,
+        domain: str | None = None,
+        timeout: float = 5.0,
+        *,
+        serial: str | None = None,
+        lag: Literal["service"] | float | None = "service",
+    ) -> Self: ...
     @property
     def imu(self) -> str:
         """The IMU."""
@@ -72,7 +86,22 @@ class Acquisition:
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def begin_session(self) -> None:
-        """Begins a new session: the next sample may have any sequence. Raises IsothermError if samples are unanswered."""
+        """Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless it is restored.
+
+        Raises IsothermError if samples are unanswered.
+        """
+    def reading(self, name: str, telemetry: float, time_ns: int) -> None:
+        """Takes a new reading of the head telemetry of a sensor, A1 to G3, measured at `time_ns` on the acquisition's clock.
+
+        Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged telemetry.
+        """
+    @property
+    def lag_ns(self) -> int:
+        """The time constant that samples are sent with [ns]; 0 while there is none."""
+    def lag_state(self) -> list[_Lagged | None]:
+        """The state of the lag, which `json` can keep: for each sensor None, or time, telemetry and lagged telemetry of its last reading."""
+    def restore_lag(self, state: Sequence[Sequence[float] | None]) -> None:
+        """Goes on with a state of `lag_state`, on the same clock, as if there had been no pause."""
     def loan(self) -> Loan:
         """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once."""
     def send(self, sample: Loan | Records | np.void) -> None:
@@ -96,6 +125,7 @@ class Acquisition:
         """Sends an array of RAW_SAMPLE, or a data frame, and returns the increments in the same order, as `isotherm feed` does.
 
         At most `window` samples are in flight; `rate` is in samples per second. Raises Timeout if no answer comes for `timeout` seconds.
+        If no sample has a `lag_ns`, their telemetry is followed: a value that differs from the last one is a reading.
         With `new_session` the run is a session of its own; without it, its sequences must rise above those sent before.
         """
 
@@ -126,25 +156,21 @@ class Loan:
     @telemetry_ns.setter
     def telemetry_ns(self, value: int) -> None: ...
     @property
-    def positive_pulses(self) -> tuple[int, int, int]:
-        """Pulses of the positive channels of A1, A2, A3 in the period."""
-    @positive_pulses.setter
-    def positive_pulses(self, values: _Pulses) -> None: ...
+    def lag_ns(self) -> int:
+        """Time constant of the lagged telemetry [ns]. 0 until it is sent, unless you fill it in."""
+    @lag_ns.setter
+    def lag_ns(self, value: int) -> None: ...
     @property
-    def negative_pulses(self) -> tuple[int, int, int]:
-        """Pulses of the negative channels in the period, counted upwards from 0."""
-    @negative_pulses.setter
-    def negative_pulses(self, values: _Pulses) -> None: ...
+    def device(self) -> int:
+        """Which unit this is: `device` of its serial number. 0 until it is sent, unless you fill it in."""
+    @device.setter
+    def device(self, value: int) -> None: ...
     @property
-    def head_temperature(self) -> _Triple:
-        """Telemetry of the sensor heads, in the table's unit."""
-    @head_temperature.setter
-    def head_temperature(self, values: _Telemetry) -> None: ...
+    def accelerometers(self) -> Triad:
+        """A1, A2, A3."""
     @property
-    def board_temperature(self) -> _Triple:
-        """Telemetry of the converter boards, in the table's unit."""
-    @board_temperature.setter
-    def board_temperature(self, values: _Telemetry) -> None: ...
+    def gyroscopes(self) -> Triad:
+        """G1, G2, G3; all zero where the IMU has none."""
     @property
     def sent(self) -> bool:
         """Whether it has been sent."""
@@ -159,8 +185,38 @@ class Loan:
         """A copy, as an array without dimensions."""
 
 @final
+class Triad:
+    """The accelerometers or the gyroscopes of a loan: three values each. It is part of the loan, and ends with it."""
+
+    @property
+    def positive_pulses(self) -> tuple[int, int, int]:
+        """Pulses of the positive channels in the period."""
+    @positive_pulses.setter
+    def positive_pulses(self, values: _Pulses) -> None: ...
+    @property
+    def negative_pulses(self) -> tuple[int, int, int]:
+        """Pulses of the negative channels in the period, counted upwards from 0."""
+    @negative_pulses.setter
+    def negative_pulses(self, values: _Pulses) -> None: ...
+    @property
+    def head_temperature(self) -> _Triple:
+        """Telemetry of the sensing elements, in the table's unit."""
+    @head_temperature.setter
+    def head_temperature(self, values: _Telemetry) -> None: ...
+    @property
+    def board_temperature(self) -> _Triple:
+        """Telemetry of the converter boards, in the table's unit."""
+    @board_temperature.setter
+    def board_temperature(self, values: _Telemetry) -> None: ...
+    @property
+    def head_lagged(self) -> _Triple:
+        """The head telemetry behind its lag. It is filled in when the sample is sent, if `lag_ns` is 0 then."""
+    @head_lagged.setter
+    def head_lagged(self, values: _Telemetry) -> None: ...
+
+@final
 class Increment:
-    """One velocity increment."""
+    """One increment."""
 
     @property
     def session(self) -> int: ...
@@ -173,6 +229,9 @@ class Increment:
     @property
     def velocity_increment(self) -> _Triple:
         """Along A1, A2, A3 [m/s]; NaN where it could not be computed."""
+    @property
+    def angle_increment(self) -> _Triple:
+        """About G1, G2, G3 [rad]; NaN where it could not be computed, and where the table has no gyroscopes."""
     @property
     def table(self) -> int:
         """The `Table.id` of the table that was used; 0 without one."""
@@ -256,18 +315,33 @@ class Table:
     @property
     def alignment(self) -> list[list[float]] | None:
         """Body-frame increment = matrix * sensor increment."""
+    @property
+    def gyroscopes(self) -> tuple[Axis, Axis, Axis] | None:
+        """G1, G2, G3, or None."""
+    @property
+    def gyroscope_alignment(self) -> list[list[float]] | None:
+        """Body-frame angle increment = matrix * sensor increment."""
+    @property
+    def lag_s(self) -> float | None:
+        """Time constant of the lagged telemetry [s]."""
+    @property
+    def device(self) -> int:
+        """The number of the unit that it belongs to: `device(serial)`; 0 without a serial number."""
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
 
 @final
 class Axis:
-    """The coefficients of one accelerometer."""
+    """The coefficients of one accelerometer or gyroscope."""
 
     @property
     def name(self) -> str: ...
     @property
     def bias(self) -> Polynomial:
         """Bias against head telemetry."""
+    @property
+    def transient(self) -> float:
+        """What the bias has in addition for each unit of (lagged - present) head telemetry, in `bias.unit`; 0 for none."""
     @property
     def positive_scale_factor(self) -> Polynomial:
         """K+ against board telemetry."""
@@ -277,6 +351,9 @@ class Axis:
     @property
     def max_rate(self) -> float | None:
         """Plausibility limit [pulse/s]."""
+    @property
+    def g_sensitivity(self) -> _Triple | None:
+        """Of a gyroscope: what it indicates for specific force along each of the IMU's axes [deg/h/g0]."""
 
 @final
 class Polynomial:
@@ -370,6 +447,9 @@ class Calibration:
     def residuals(self) -> _Doubles: ...
     def dwells(self) -> list[tuple[float, int, int, int, float]]: ...
     def html(self) -> str: ...
+
+def device(serial: str) -> int:
+    """The number of the unit with this serial number, which every sample carries; 0 for blanks."""
 
 def read_text(path: _Path) -> str: ...
 def samples_of(text: str, name: str) -> list[str]: ...

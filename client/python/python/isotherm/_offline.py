@@ -32,12 +32,13 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
     """The increments of raw samples, bit for bit those of the service; `latency_ns` is 0.
 
     An array gives an array of the same shape. A data frame with the columns of a recording gives one with the columns of
-    recorded increments and the same index. The order of the samples does not matter.
+    recorded increments and the same index. If the table has a lag and no sample has a `lag_ns`, the lagged telemetry is computed from
+    the samples, in their order; each session begins soaked. Otherwise the order of the samples does not matter.
     """
     array = records(samples, RAW_SAMPLE)
     increments = _isotherm.replay(table, as_bytes(array)).view(INCREMENT)
     if is_frame(samples):
-        return increments_frame(increments, samples.index)  # type: ignore[union-attr]
+        return increments_frame(increments, samples.index, table.gyroscopes is not None)  # type: ignore[union-attr]
     return increments.reshape(array.shape)
 
 
@@ -52,14 +53,18 @@ def read_increments(path: AnyPath) -> Records:
 
 
 def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
-    """Writes raw samples as a recording, without `session`, and without `telemetry_ns` if it is 0 in all samples."""
+    """Writes raw samples as a recording, without `session`, and without what is 0 in all samples: `telemetry_ns`, `device`, the lagged
+    telemetry and the gyroscopes.
+    """
     data = sample_bytes(samples)
     with staged(path) as name:
         _isotherm.write_recording(name, data)
 
 
 def write_increments(path: AnyPath, increments: Records, *, delivery: bool = False) -> None:
-    """Writes increments as `isotherm replay` does, or with `delivery` as `isotherm feed --delivery`."""
+    """Writes increments as `isotherm replay` does, or with `delivery` as `isotherm feed --delivery`. If all angles are NaN, they are left
+    out, as those of a table without gyroscopes.
+    """
     data = as_bytes(records(increments, INCREMENT))
     with staged(path) as name:
         _isotherm.write_increments(name, data, delivery)

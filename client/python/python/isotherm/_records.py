@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -15,6 +16,17 @@ if TYPE_CHECKING:
 
 Records: TypeAlias = npt.NDArray[np.void]
 
+TRIAD: np.dtype[np.void] = np.dtype(
+    [
+        ("positive_pulses", np.uint32, (3,)),
+        ("negative_pulses", np.uint32, (3,)),
+        ("head_temperature", np.float64, (3,)),
+        ("board_temperature", np.float64, (3,)),
+        ("head_lagged", np.float64, (3,)),
+    ]
+)
+"""What three sensors of one kind have measured: 96 bytes."""
+
 RAW_SAMPLE: np.dtype[np.void] = np.dtype(
     [
         ("session", np.uint64),
@@ -23,13 +35,13 @@ RAW_SAMPLE: np.dtype[np.void] = np.dtype(
         ("interval_ns", np.uint64),
         ("sent_ns", np.uint64),
         ("telemetry_ns", np.uint64),
-        ("positive_pulses", np.uint32, (3,)),
-        ("negative_pulses", np.uint32, (3,)),
-        ("head_temperature", np.float64, (3,)),
-        ("board_temperature", np.float64, (3,)),
+        ("lag_ns", np.uint64),
+        ("device", np.uint64),
+        ("accelerometers", TRIAD),
+        ("gyroscopes", TRIAD),
     ]
 )
-"""A raw sample with the layout of the stream: 120 bytes."""
+"""A raw sample with the layout of the stream: 256 bytes."""
 
 INCREMENT: np.dtype[np.void] = np.dtype(
     [
@@ -38,12 +50,13 @@ INCREMENT: np.dtype[np.void] = np.dtype(
         ("timestamp_ns", np.uint64),
         ("interval_ns", np.uint64),
         ("velocity_increment", np.float64, (3,)),
+        ("angle_increment", np.float64, (3,)),
         ("table", np.uint64),
-        ("flags", np.uint32),
-        ("latency_ns", np.uint32),
+        ("flags", np.uint64),
+        ("latency_ns", np.uint64),
     ]
 )
-"""A velocity increment with the layout of the stream: 72 bytes."""
+"""An increment with the layout of the stream: 104 bytes."""
 
 CAMPAIGN: np.dtype[np.void] = np.dtype([*RAW_SAMPLE.descr, ("set_point_c", np.float64), ("position", np.int64)])
 """A row of a campaign: a raw sample, the set point [degC], and the position's number, or -1 while the turntable moves."""
@@ -63,12 +76,30 @@ WINDOW: np.dtype[np.void] = np.dtype(
 )
 """Means over one window of a verification."""
 
-OPTIONAL = frozenset({"session", "sent_ns", "telemetry_ns"})
+OPTIONAL = frozenset({"session", "sent_ns", "telemetry_ns", "lag_ns", "device", "gyroscopes", "head_lagged"})
 """Fields that may be missing; they become 0 then."""
+
+Path: TypeAlias = tuple[str, ...]
+"""Where a value is in a record: the name of a field, or of a triad and its field."""
+
+
+def _paths(dtype: np.dtype[np.void]) -> list[Path]:
+    """The paths of all values of a record, in the order of its bytes."""
+    inner = {name: dtype[name] for name in dtype.names or ()}
+    return [path for name, field in inner.items() for path in ([(name, part) for part in field.names] if field.names else [(name,)])]
+
+
+def _at(array: Any, path: Path) -> Any:
+    for name in path:
+        array = array[name]
+    return array
 
 
 class Flags(enum.IntFlag):
-    """Flags of a sample (bits 0 to 20) and of its delivery (bits from 24 up)."""
+    """Flags of a sample (bits 0 to 23, and of the gyroscopes 32 to 49) and of its delivery (24 and 25).
+
+    They can be combined with integers and with arrays: `increments["flags"] & Flags.GAP`.
+    """
 
     A1_HEAD_BELOW = 1 << 0
     A2_HEAD_BELOW = 1 << 1
@@ -91,11 +122,37 @@ class Flags(enum.IntFlag):
     INTERVAL = 1 << 18
     NO_TABLE = 1 << 19
     TELEMETRY_STALE = 1 << 20
+    LAG_UNKNOWN = 1 << 21
+    OTHER_DEVICE = 1 << 22
+    G_UNKNOWN = 1 << 23
     GAP = 1 << 24
     LATE = 1 << 25
+    G1_HEAD_BELOW = 1 << 32
+    G2_HEAD_BELOW = 1 << 33
+    G3_HEAD_BELOW = 1 << 34
+    G1_HEAD_ABOVE = 1 << 35
+    G2_HEAD_ABOVE = 1 << 36
+    G3_HEAD_ABOVE = 1 << 37
+    G1_BOARD_BELOW = 1 << 38
+    G2_BOARD_BELOW = 1 << 39
+    G3_BOARD_BELOW = 1 << 40
+    G1_BOARD_ABOVE = 1 << 41
+    G2_BOARD_ABOVE = 1 << 42
+    G3_BOARD_ABOVE = 1 << 43
+    G1_NOT_FINITE = 1 << 44
+    G2_NOT_FINITE = 1 << 45
+    G3_NOT_FINITE = 1 << 46
+    G1_RATE = 1 << 47
+    G2_RATE = 1 << 48
+    G3_RATE = 1 << 49
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy would take a member for a signed integer, which has no type in common with the unsigned ones of an array."""
+        plain = [int(value) if isinstance(value, Flags) else value for value in inputs]
+        return getattr(ufunc, method)(*plain, **options)
 
 
-SAMPLE_FLAGS = (1 << 21) - 1
+SAMPLE_FLAGS = (1 << 24) - 1 | (1 << 18) - 1 << 32
 _NAMES = [(int(flag), name.lower().replace("_", "-")) for name, flag in Flags.__members__.items()]
 
 
@@ -110,22 +167,54 @@ def is_frame(values: object) -> bool:
     return pandas is not None and isinstance(values, pandas.DataFrame)
 
 
-def _columns(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[str, Any]:
-    """The columns of a recording by field: a list of three columns for a field with three values, else of one."""
+PARTS = {"positive_pulses": "positive", "negative_pulses": "negative", "head_temperature": "head", "board_temperature": "board"}
+"""The ends of a triad's columns in a recording, without those of the lagged telemetry."""
+
+
+def _wanted(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[Path, list[str]]:
+    """The columns of each value that a frame must have. What is optional is wanted if one of its columns is there."""
+    gyroscopes = any(f"g{axis}_{end}" in frame for axis in (1, 2, 3) for end in PARTS.values())
+    lag = "lag_ns" in frame or any(f"{letter}{axis}_head_lagged" in frame for letter in "ag" for axis in (1, 2, 3))
+    wanted: dict[Path, list[str]] = {}
+    for path in _paths(dtype):
+        if len(path) == 2:
+            letter = path[0][0]
+            if (letter == "a" or gyroscopes) and (path[1] in PARTS or lag):
+                wanted[path] = [f"{letter}{axis}_{PARTS.get(path[1], path[1])}" for axis in (1, 2, 3)]
+        elif path[0] not in OPTIONAL or path[0] in frame or (lag and path[0] == "lag_ns"):
+            wanted[path] = [path[0]]
+    return wanted
+
+
+def _devices(column: pd.Series[Any]) -> npt.NDArray[np.uint64]:
+    """Numbers of units from their 16 hexadecimal digits; a missing text is 0, unknown."""
+    import pandas as pd
+
+    rows, texts = pd.factorize(column)
+    for text in texts:
+        if not (isinstance(text, str) and re.fullmatch("[0-9a-fA-F]{16}|", text)):
+            message = f"device has {text!r}, give 16 hexadecimal digits; read the column as text, with dtype={{'device': str}}"
+            raise TypeError(message)
+    # A missing text has the number -1, so it takes the last value.
+    return np.array([*(int(text or "0", 16) for text in texts), 0], np.uint64)[rows]
+
+
+def _columns(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[Path, Any]:
+    """The columns of a recording by value: a list of three columns for a value of three sensors, else of one."""
     twice = frame.columns[frame.columns.duplicated()]
     if len(twice):
         raise ValueError(f"the column {twice[0]} is there twice")
-    of = {"positive_pulses": "positive", "negative_pulses": "negative", "head_temperature": "head", "board_temperature": "board"}
-    wanted = {name: [f"a{axis}_{of[name]}" for axis in (1, 2, 3)] if name in of else [name] for name in dtype.names or ()}
-    missing = [column for name, columns in wanted.items() if name not in OPTIONAL for column in columns if column not in frame]
+    wanted = _wanted(frame, dtype)
+    missing = [column for columns in wanted.values() for column in columns if column not in frame]
     if missing:
         raise ValueError(f"missing columns: {', '.join(missing)}; is this a recording of raw samples?")
-    found = {name: columns for name, columns in wanted.items() if all(column in frame for column in columns)}
-    parts: dict[str, Any] = {name: [frame[column].to_numpy() for column in columns] for name, columns in found.items()}
-    if "position" in parts:
+    parts: dict[Path, Any] = {path: [frame[column].to_numpy() for column in columns] for path, columns in wanted.items()}
+    if ("device",) in parts:
+        parts["device",] = [_devices(frame["device"])]
+    if ("position",) in parts:
         # While the turntable moves, the field is empty in a file and missing in a data frame.
         number = frame["position"].to_numpy(dtype=np.float64, na_value=np.nan)
-        parts["position"] = [np.where(np.isnan(number), -1.0, number)]
+        parts["position",] = [np.where(np.isnan(number), -1.0, number)]
     return parts
 
 
@@ -151,11 +240,11 @@ def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDA
     return values.astype(dtype)
 
 
-def _assembled(parts: Mapping[str, Any], count: int, dtype: np.dtype[np.void]) -> Records:
-    """Records assembled from fields, which are arrays or lists of columns."""
+def _assembled(parts: Mapping[Path, Any], count: int, dtype: np.dtype[np.void]) -> Records:
+    """Records assembled from values, which are arrays or lists of columns."""
     records = np.zeros(count, dtype)
-    for name, part in parts.items():
-        field = records[name]
+    for path, part in parts.items():
+        name, field = ".".join(path), _at(records, path)
         if isinstance(part, list):
             for axis, column in enumerate(part):
                 place = field if field.ndim == 1 else field[:, axis]
@@ -165,6 +254,24 @@ def _assembled(parts: Mapping[str, Any], count: int, dtype: np.dtype[np.void]) -
                 raise TypeError(f"{name} has the shape {part.shape[1:]} in each record, give {field.shape[1:]}")
             field[...] = _exact(name, part, field.dtype)
     return records
+
+
+def _given(array: Records, dtype: np.dtype[np.void]) -> dict[Path, Any]:
+    """The values of an array that has the fields of `dtype`, or all that are not optional. Of a triad that is there, all belong together."""
+    parts, missing = {}, []
+    for path in _paths(dtype):
+        inner: np.dtype[Any] = array.dtype
+        for name in path:
+            if inner.names is None or name not in inner.names:
+                if name not in OPTIONAL:
+                    missing.append(".".join(path))
+                break
+            inner = inner[name]
+        else:
+            parts[path] = _at(array, path)
+    if missing:
+        raise TypeError(f"missing fields: {', '.join(missing)}")
+    return parts
 
 
 def records(values: object, dtype: np.dtype[np.void]) -> Records:
@@ -177,15 +284,10 @@ def records(values: object, dtype: np.dtype[np.void]) -> Records:
     array = np.asarray(values)
     if array.dtype == dtype:
         return np.asarray(array, order="C")
-    names = array.dtype.names
-    if names is None:
+    if array.dtype.names is None:
         raise TypeError(f"give a structured array with the fields of {dtype.names}, not one of {array.dtype}")
-    missing = [name for name in dtype.names or () if name not in names and name not in OPTIONAL]
-    if missing:
-        raise TypeError(f"missing fields: {', '.join(missing)}")
     flat = array.reshape(-1)
-    parts = {name: flat[name] for name in dtype.names or () if name in names}
-    return _assembled(parts, flat.size, dtype).reshape(array.shape)
+    return _assembled(_given(flat, dtype), flat.size, dtype).reshape(array.shape)
 
 
 def as_bytes(array: Records) -> npt.NDArray[np.uint8]:
@@ -213,15 +315,16 @@ def flat_doubles(values: object) -> npt.NDArray[np.float64]:
     return np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
 
 
-def increments_frame(increments: Records, index: pd.Index[Any]) -> pd.DataFrame:
-    """Increments as a data frame with the columns of a recording."""
+def increments_frame(increments: Records, index: pd.Index[Any], gyroscopes: bool) -> pd.DataFrame:
+    """Increments as a data frame with the columns of a recording; those of the angles only for a table with gyroscopes."""
     import pandas as pd
 
-    dv = increments["velocity_increment"]
     data: dict[str, Any] = {name: increments[name] for name in ("sequence", "timestamp_ns", "interval_ns")}
-    data |= {f"a{axis + 1}_dv": dv[:, axis] for axis in range(3)}
+    data |= {f"a{axis + 1}_dv": increments["velocity_increment"][:, axis] for axis in range(3)}
+    if gyroscopes:
+        data |= {f"g{axis + 1}_da": increments["angle_increment"][:, axis] for axis in range(3)}
     tables, table = np.unique(increments["table"], return_inverse=True)
-    flags, flag = np.unique(increments["flags"] & np.uint32(SAMPLE_FLAGS), return_inverse=True)
+    flags, flag = np.unique(increments["flags"] & np.uint64(SAMPLE_FLAGS), return_inverse=True)
     names = [f"{value:016x}" for value in tables.tolist()]
     data["table"] = pd.Categorical.from_codes(table, dtype=pd.CategoricalDtype(names))
     names = ["|".join(flag_names(value)) or "-" for value in flags.tolist()]

@@ -24,9 +24,12 @@ fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
         sent_ns: clock.origin_ns + end_ns,
         // The telemetry is read when the sample ends.
         telemetry_ns: 1000 * SECOND + end_ns,
-        positive_pulses: [number as u32, 1, 2],
-        head_temperature: [number as f64, 1.0, 1.0],
-        board_temperature: [2.0; AXES],
+        accelerometers: Triad {
+            positive_pulses: [number as u32, 1, 2],
+            head_temperature: [number as f64, 1.0, 1.0],
+            board_temperature: [2.0; AXES],
+            ..Triad::default()
+        },
         ..RawSample::default()
     }
 }
@@ -122,10 +125,10 @@ fn what_calibrate_could_not_use_is_left_out_and_counted() {
     feed(&mut recorder, &clock, 3..5, SECOND);
     let good = sample(&clock, 5, SECOND);
     for bad in [
-        RawSample { head_temperature: [f64::NAN, 1.0, 1.0], ..good },
+        RawSample { accelerometers: Triad { head_temperature: [f64::NAN, 1.0, 1.0], ..good.accelerometers }, ..good },
         RawSample { interval_ns: 0, ..good },
         RawSample { interval_ns: u64::MAX, ..good },
-        RawSample { positive_pulses: [0, u32::MAX, 0], ..good },
+        RawSample { accelerometers: Triad { positive_pulses: [0, u32::MAX, 0], ..good.accelerometers }, ..good },
         RawSample { timestamp_ns: 1, ..good },
         sample(&clock, 3, SECOND),
     ] {

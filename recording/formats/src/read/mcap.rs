@@ -1,11 +1,11 @@
 //! The fields of messages in an MCAP file, as columns. The file is read from beginning to end, without its index, so that an
 //! unfinished file is read up to its last complete record.
 
+use super::fields::{FieldMap, decode, map_fields};
 use super::panics::catch_panic;
-use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
-use crate::protobuf::{self, FieldNumber, Value};
+use super::table::{ImuChoice, TableReader, WantedColumn};
+use crate::protobuf;
 use isotherm_recording::RecordingError;
-use isotherm_recording::csv::missing_columns;
 use isotherm_shared::stream::ImuId;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -18,11 +18,6 @@ use std::rc::Rc;
 const MAX_RECORD: usize = 64 << 20;
 /// Most bytes that are read at once.
 const BUFFER: usize = 1 << 20;
-/// Highest number of a field that is read.
-const MAX_FIELD: u64 = 4096;
-
-/// Field types that are read, as numbered in `google.protobuf.FieldDescriptorProto`: double, float, int64, uint64, int32, uint32.
-const READ_TYPES: [u64; 6] = [1, 2, 3, 4, 5, 13];
 
 /// Reads the wanted columns from the messages of one stream, which may have several channels.
 pub struct McapReader {
@@ -58,9 +53,6 @@ struct OpenChannel {
     /// Whether its messages are returned.
     selected: bool,
 }
-
-/// By field number: index of the wanted column, and the field's type in protobuf.
-struct FieldMap(Vec<Option<(usize, u64)>>);
 
 /// An event of the library's reader.
 enum McapEvent {
@@ -325,74 +317,4 @@ fn texts_fit(opcode: u8, record: &[u8]) -> bool {
         Some(())
     };
     fit().is_some()
-}
-
-/// Maps fields to wanted columns. An error if a column is missing or has an unsuitable type.
-fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
-    let (mut map, mut missing) = (Vec::new(), Vec::new());
-    for (wanted_index, column) in wanted.iter().enumerate() {
-        match fields.get(&column.name) {
-            Some(FieldNumber { kind, .. }) if !READ_TYPES.contains(kind) => {
-                return Err(format!("field {} is of a type that is not read", column.name));
-            }
-            Some(FieldNumber { number, kind }) if *number <= MAX_FIELD => {
-                let index = *number as usize;
-                if map.len() <= index {
-                    map.resize(index + 1, None);
-                }
-                map[index] = Some((wanted_index, *kind));
-            }
-            Some(_) => return Err(format!("the number of field {} is over {MAX_FIELD}", column.name)),
-            None if column.optional => {}
-            None => missing.push(column.name.as_str()),
-        }
-    }
-    if missing.is_empty() {
-        return Ok(FieldMap(map));
-    }
-    let mut found: Vec<_> = fields.keys().cloned().collect();
-    found.sort();
-    Err(missing_columns(&missing, found, ""))
-}
-
-/// Reads the values of a message. A missing field has the value 0, as defined by proto3; for [`Absence::Kept`] it has none.
-fn decode(
-    message: &[u8],
-    wanted: &[WantedColumn],
-    fields: &FieldMap,
-    values: &mut Vec<Option<u64>>,
-) -> Result<(), String> {
-    let absent = |column: &WantedColumn| (column.absence == Absence::Refused).then_some(0);
-    values.clear();
-    values.extend(wanted.iter().map(absent));
-    let mut wrong = None;
-    let valid = protobuf::decode(message, |number, value| {
-        let field = usize::try_from(number).ok().and_then(|number| fields.0.get(number).copied().flatten());
-        let Some((index, kind)) = field else { return };
-        match value_of(wanted[index].kind, kind, value) {
-            Some(bits) => values[index] = Some(bits),
-            None => wrong = Some(index),
-        }
-    });
-    match wrong {
-        None if valid => Ok(()),
-        None => Err("a message that is not valid protobuf".to_owned()),
-        Some(index) => Err(format!("{} is not of its type, or does not fit into 32 bits", wanted[index].name)),
-    }
-}
-
-/// Converts a field's value to the kind of the wanted column; `kind` is the field's declared type. `None` if it does not fit.
-fn value_of(wanted: ValueKind, kind: u64, value: Value<'_>) -> Option<u64> {
-    const SIGNED: [u64; 2] = [3, 5];
-    match (wanted, value) {
-        (ValueKind::U64, Value::Varint(value)) => Some(value),
-        (ValueKind::U32, Value::Varint(value)) => u32::try_from(value).ok().map(u64::from),
-        (ValueKind::Number, Value::Fixed64(bits)) => Some(bits),
-        (ValueKind::Number, Value::Fixed32(bits)) => Some(f64::from(f32::from_bits(bits)).to_bits()),
-        (ValueKind::Number, Value::Varint(value)) if SIGNED.contains(&kind) => {
-            Some((value.cast_signed() as f64).to_bits())
-        }
-        (ValueKind::Number, Value::Varint(value)) => Some((value as f64).to_bits()),
-        _ => None,
-    }
 }

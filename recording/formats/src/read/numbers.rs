@@ -8,7 +8,7 @@ use super::table::{ImuChoice, TableReader, WantedColumn};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::RecordingError;
-use isotherm_recording::columns::{RAW, RECORDED_NS, TIMESTAMP_NS};
+use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, TIMESTAMP_NS};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ pub fn read_numbers<T>(
     bar: &ProgressBar,
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
 ) -> Result<(Vec<NumberRow<T>>, Places), Failure> {
-    let times = [RECORDED_NS, RAW[TIMESTAMP_NS].name];
+    let times = [RECORDED_NS, TIMESTAMP_NS].map(|index| RAW[index].name);
     let wanted: Vec<_> = names.iter().map(|name| WantedColumn::number(name)).collect();
     let timed: Vec<_> = wanted.iter().cloned().chain(times.map(time_column)).collect();
     let first_times = |path: &Path| {
@@ -88,7 +88,7 @@ impl Numbers {
     fn csv(source: Box<dyn Read>, wanted: &[WantedColumn]) -> Result<Self, RecordingError> {
         let mut rows = Box::new(Rows::new(source));
         rows.next_row()?;
-        let required: Vec<_> = wanted.iter().filter(|column| !column.optional).map(|c| c.name.as_str()).collect();
+        let required: Vec<_> = wanted.iter().filter(|c| c.set == ColumnSet::Always).map(|c| c.name.as_str()).collect();
         rows.columns(&required, "is this comma-separated with a header row?")?;
         let columns = wanted.iter().map(|column| rows.optional_column(&column.name)).collect::<Result<_, _>>()?;
         let count = rows.len();

@@ -2,11 +2,10 @@
 
 use super::pages;
 use super::panics::catch_panic;
-use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn};
+use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn, refuse_missing};
 use indicatif::ProgressBar;
 use isotherm_recording::RecordingError;
-use isotherm_recording::columns::PARQUET_MAGIC;
-use isotherm_recording::csv::missing_columns;
+use isotherm_recording::columns::{PARQUET_MAGIC, hex};
 use parquet::basic::{Compression, ConvertedType, LogicalType, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
@@ -159,6 +158,9 @@ impl ParquetReader {
                 ColumnReader::DoubleColumnReader(reader) => {
                     batch(reader, found.absence, values, |value| Some(value.to_bits()))
                 }
+                ColumnReader::ByteArrayColumnReader(reader) => {
+                    batch(reader, found.absence, values, |value| hex(value.data()))
+                }
                 _ => Err(io::Error::other("not of its type")),
             });
             let decoded = decoded.unwrap_or_else(|| Err(io::Error::other("a page that cannot be read")));
@@ -257,15 +259,12 @@ fn located(error: io::Error, refuse: impl FnOnce(io::Error) -> RecordingError) -
 /// Finds the wanted columns in a file's schema.
 fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<Vec<FoundColumn>, String> {
     let schema = reader.metadata().file_metadata().schema_descr();
-    let (mut columns, mut missing) = (Vec::new(), Vec::new());
-    for (wanted_index, WantedColumn { name, kind, optional, absence }) in wanted.iter().enumerate() {
-        let mut found = (0..schema.num_columns()).filter(|&index| schema.column(index).path().string() == *name);
-        let Some(index) = found.next() else {
-            if !optional {
-                missing.push(name.as_str());
-            }
-            continue;
-        };
+    let names: Vec<_> = (0..schema.num_columns()).map(|index| schema.column(index).path().string()).collect();
+    refuse_missing(wanted, &names, "is this the recording?")?;
+    let mut columns = Vec::new();
+    for (wanted_index, WantedColumn { name, kind, absence, .. }) in wanted.iter().enumerate() {
+        let mut found = (0..names.len()).filter(|&index| names[index] == *name);
+        let Some(index) = found.next() else { continue };
         if found.next().is_some() {
             return Err(format!("the column {name} is there twice"));
         }
@@ -279,6 +278,7 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
                 let numbers = [Physical::INT32, Physical::INT64, Physical::FLOAT, Physical::DOUBLE];
                 (numbers.contains(&physical), "numbers")
             }
+            ValueKind::Hex => (physical == Physical::BYTE_ARRAY, "texts of 16 hexadecimal digits"),
         };
         if !fits || column.max_rep_level() > 0 {
             return Err(format!("{name} is of type {physical}, give {expected}"));
@@ -289,11 +289,7 @@ fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<
         };
         columns.push(FoundColumn { wanted: wanted_index, index, kind: *kind, absence: *absence, unsigned });
     }
-    if missing.is_empty() {
-        return Ok(columns);
-    }
-    let names = (0..schema.num_columns()).map(|index| schema.column(index).path().string());
-    Err(missing_columns(&missing, names, "is this the recording?"))
+    Ok(columns)
 }
 
 /// Checks that the compression of every wanted column is supported.
@@ -325,7 +321,11 @@ fn batch<T: DataType>(
     let (mut levels, mut values) = (Vec::new(), Vec::new());
     let read = reader.read_records(BATCH, Some(&mut levels), None, &mut values);
     let (rows, ..) = read.map_err(cause)?;
-    let is_float = matches!(T::get_physical_type(), Physical::DOUBLE | Physical::FLOAT);
+    let missing = match T::get_physical_type() {
+        Physical::DOUBLE | Physical::FLOAT => Some(f64::NAN.to_bits()),
+        Physical::BYTE_ARRAY => Some(0),
+        _ => None,
+    };
     let mut values = values.into_iter();
     for row in 0..rows {
         // A column that may lack values has a level for each row: 0 where the value is missing.
@@ -333,13 +333,13 @@ fn batch<T: DataType>(
         let next = match (present, absence) {
             (true, _) => Some(values.next().and_then(&value)),
             (false, Absence::Kept) => None,
-            (false, Absence::Refused) => Some(is_float.then(|| f64::NAN.to_bits())),
+            (false, Absence::Refused) => Some(missing),
         };
         decoded.push(match next {
             None => None,
             Some(Some(bits)) => Some(bits),
             Some(None) => {
-                return Err(io::Error::other(format!("no number, or one that does not fit, {row} rows further")));
+                return Err(io::Error::other(format!("no value, or one that does not fit, {row} rows further")));
             }
         });
     }

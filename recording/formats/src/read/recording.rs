@@ -9,8 +9,9 @@ use super::table::{ImuChoice, TableReader, WantedColumn, sample_columns};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::open_recording;
-use isotherm_recording::columns::{MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
+use isotherm_recording::columns::{ColumnSet, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RawCsvReader, RecordingError, SequenceRule};
+use isotherm_shared::lag::Lag;
 use isotherm_shared::wire::RawSample;
 use sha2::{Digest as _, Sha256};
 use std::cell::RefCell;
@@ -41,6 +42,9 @@ pub struct Recording {
     current: Piece,
     places: Places,
     hash: Option<SharedHash>,
+    /// The lagged telemetry, and the session that it is of.
+    lag: Lag,
+    session: Option<u64>,
     ended: bool,
 }
 
@@ -119,7 +123,25 @@ impl Recording {
         let current = Piece::open(&first, kind, &choice, bar, hash.as_ref())?;
         let mut places = Places::default();
         places.begin(&current.path, current.source.unit(), 0);
-        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, ended: false })
+        let lag = Lag::default();
+        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, session: None, ended: false })
+    }
+
+    /// Sets the time constant \[ns\] of the lagged telemetry of all further rows, 0 for none. It is computed for pieces that have no
+    /// lagged telemetry; those that have are read as they are. Each session begins soaked.
+    pub const fn set_lag(&mut self, lag_ns: u64) {
+        self.lag.lag_ns = lag_ns;
+    }
+
+    /// Computes the lagged telemetry of a sample, unless its piece has it. Its readings count in any case.
+    fn fill_lag(&mut self, sample: &mut RawSample) {
+        if self.session.replace(sample.session).is_some_and(|session| session != sample.session) {
+            self.lag.reset();
+        }
+        self.lag.follow(sample);
+        if !self.current.source.has_lag() {
+            self.lag.fill(sample);
+        }
     }
 
     /// The next row. At the end of a piece, opens the next one.
@@ -135,7 +157,8 @@ impl Recording {
                 }
                 (error, _) => error,
             });
-            if let Some(row) = row? {
+            if let Some(mut row) = row? {
+                self.fill_lag(&mut row.sample);
                 return Ok(Some(CampaignRow { line: self.places.before() + row.line, ..row }));
             }
             rule = self.current.source.sequence_rule();
@@ -217,6 +240,11 @@ impl Samples {
     /// As [`Recording::open`].
     pub fn open(paths: &[PathBuf], choice: ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
         Recording::open(paths, RowKind::Sample, choice, bar).map(Self)
+    }
+
+    /// As [`Recording::set_lag`].
+    pub const fn set_lag(&mut self, lag_ns: u64) {
+        self.0.set_lag(lag_ns);
     }
 }
 
@@ -345,6 +373,15 @@ impl PieceSource {
         }
     }
 
+    /// Whether the last row has lagged telemetry.
+    fn has_lag(&self) -> bool {
+        match self {
+            Self::Csv(reader) => reader.has_lag(),
+            Self::CampaignCsv(reader) => reader.has_lag(),
+            Self::Table(_, _, values) => values.get(LAG_NS).is_some_and(Option::is_some),
+        }
+    }
+
     /// A warning if the end of the piece is missing.
     fn truncation(&self) -> Option<String> {
         match self {
@@ -445,5 +482,5 @@ pub fn in_order<T>(
 
 /// An optional column with a time by which pieces are sorted.
 pub fn time_column(name: &str) -> WantedColumn {
-    WantedColumn { optional: true, ..WantedColumn::number(name) }
+    WantedColumn { set: ColumnSet::Recorder, ..WantedColumn::number(name) }
 }

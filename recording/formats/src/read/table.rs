@@ -1,7 +1,8 @@
 //! What the readers of binary formats have in common: the wanted columns, and their values row by row.
 
 use isotherm_recording::RecordingError;
-use isotherm_recording::columns::{CAMPAIGN, Column, ColumnKind, OPTIONAL, RAW};
+use isotherm_recording::columns::{CAMPAIGN, Column, ColumnKind, ColumnSet, INCOMPLETE_HINT, RAW, incomplete};
+use isotherm_recording::csv::missing_columns;
 use isotherm_shared::stream::ImuId;
 
 /// The IMU whose rows are read, if a recording has several.
@@ -24,12 +25,14 @@ pub enum ValueKind {
     U32,
     /// Any numbers, as doubles.
     Number,
+    /// Texts of 16 hexadecimal digits, or empty ones for 0.
+    Hex,
 }
 
 /// How a missing value in a row is handled.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Absence {
-    /// It is an error. But a missing floating-point value is NaN, since many programs store NaN that way.
+    /// It is an error. But a missing floating-point value is NaN, since many programs store NaN that way, and a missing text is 0.
     Refused,
     /// The value is `None`.
     Kept,
@@ -40,15 +43,15 @@ pub enum Absence {
 pub struct WantedColumn {
     pub name: String,
     pub kind: ValueKind,
-    /// Whether the column may be missing in a file.
-    pub optional: bool,
+    /// Which files have the column.
+    pub set: ColumnSet,
     pub absence: Absence,
 }
 
 impl WantedColumn {
     /// A column of any numbers.
     pub fn number(name: &str) -> Self {
-        Self { name: name.to_owned(), kind: ValueKind::Number, optional: false, absence: Absence::Refused }
+        Self { name: name.to_owned(), kind: ValueKind::Number, set: ColumnSet::Always, absence: Absence::Refused }
     }
 }
 
@@ -57,10 +60,10 @@ impl From<&Column> for WantedColumn {
         let kind = match column.kind {
             ColumnKind::U64 => ValueKind::U64,
             ColumnKind::U32 => ValueKind::U32,
-            ColumnKind::F64 | ColumnKind::Text => ValueKind::Number,
+            ColumnKind::F64 => ValueKind::Number,
+            ColumnKind::Hex | ColumnKind::Flags => ValueKind::Hex,
         };
-        let optional = OPTIONAL.contains(&column.name);
-        Self { name: column.name.to_owned(), kind, optional, absence: Absence::Refused }
+        Self { name: column.name.to_owned(), kind, set: column.set, absence: Absence::Refused }
     }
 }
 
@@ -71,9 +74,23 @@ pub fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
     RAW.iter().map(WantedColumn::from).chain(campaign_columns.into_iter().filter(|_| campaign)).collect()
 }
 
+/// The message about wanted columns that a file lacks, if any. `names` are the columns that it has; `hint` ends the message about columns
+/// that every file has.
+pub fn refuse_missing(wanted: &[WantedColumn], names: &[String], hint: &str) -> Result<(), String> {
+    let found = |name: &str| names.iter().any(|other| other == name);
+    let required = wanted.iter().filter(|column| column.set == ColumnSet::Always);
+    let missing: Vec<_> = required.map(|column| column.name.as_str()).filter(|name| !found(name)).collect();
+    let (missing, hint) = match missing[..] {
+        [] => (incomplete(wanted.iter().map(|column| (column.name.as_str(), column.set)), found), INCOMPLETE_HINT),
+        _ => (missing, hint),
+    };
+    if missing.is_empty() { Ok(()) } else { Err(missing_columns(&missing, names.iter().cloned(), hint)) }
+}
+
 /// Reads the wanted columns of one file, row by row.
 pub trait TableReader {
-    /// Reads a row into `values`, one for each wanted column: an integer, or the bits of a double. Returns false at the end.
+    /// Reads a row into `values`, one for each wanted column: an integer, the bits of a double, or `None` if the file does not have the
+    /// column. Returns false at the end.
     ///
     /// # Errors
     /// If the file is invalid, with the place.

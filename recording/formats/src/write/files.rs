@@ -3,6 +3,7 @@
 use super::growing::GrowingFile;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
+use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::{self, RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use std::fs;
@@ -55,14 +56,25 @@ pub struct Files {
     streams: Vec<(usize, StreamKind)>,
     number: u32,
     opened: Instant,
-    writers: Vec<(PathBuf, FormatWriter)>,
+    /// One for each of `streams`, or one MCAP file for all.
+    open: Vec<OpenFile>,
     unflushed: u64,
-    /// Whether the current files have a row.
+    /// Which columns the samples of each IMU need, as far as they have come.
+    layouts: Vec<Layout>,
+    /// The rows before the first flush of the current files. They decide which columns the files have.
+    held: Vec<RecordedRow>,
+    /// Whether the current files have rows.
     has_rows: bool,
 }
 
+/// A file that is being written.
+struct OpenFile {
+    path: PathBuf,
+    writer: FormatWriter,
+}
+
 enum FormatWriter {
-    Csv(GrowingFile),
+    Csv(GrowingFile, Layout),
     Mcap(Box<McapFile>),
     Parquet(Box<ParquetFile>),
 }
@@ -90,35 +102,89 @@ impl Files {
             streams: streams.to_vec(),
             number: 0,
             opened: Instant::now(),
-            writers: Vec::new(),
+            open: Vec::new(),
             unflushed: 0,
+            layouts: vec![Layout::default(); imus.len()],
+            held: Vec::new(),
             has_rows: false,
         };
         files.open_next()?;
         Ok(files)
     }
 
-    /// Adds a row to its file.
+    /// Adds a row to its file. The rows before the first flush decide which columns the files have. If a later row needs more, goes on in the
+    /// next files and returns their names; an MCAP file gets a channel more.
     ///
     /// # Errors
-    /// If it cannot be encoded.
-    pub fn write(&mut self, row: &RecordedRow) -> Result<(), FileError> {
+    /// If the row cannot be encoded, or the next files cannot be written.
+    pub fn write(&mut self, row: &RecordedRow) -> Result<Option<Vec<PathBuf>>, FileError> {
+        let known = self.layouts[row.imu];
+        let layout = known.with(Layout::of(&row.sample));
+        let has_columns = |(_, stream): &(_, StreamKind)| known.of_stream(*stream) == layout.of_stream(*stream);
+        let fits = !self.has_rows || self.format == Format::Mcap || self.streams.iter().all(has_columns);
+        self.layouts[row.imu] = layout;
+        let next = if fits { None } else { Some(self.go_on_in_next()?) };
+        self.unflushed += 1;
+        if self.has_rows {
+            self.encode(row)?;
+        } else {
+            self.held.push(*row);
+        }
+        Ok(next)
+    }
+
+    /// Encodes the rows before the first flush.
+    fn encode_held(&mut self) -> Result<(), FileError> {
+        if self.held.is_empty() {
+            return Ok(());
+        }
+        for (index, OpenFile { path, writer }) in self.open.iter_mut().enumerate() {
+            let (imu, stream) = self.streams[index];
+            let layout = self.layouts[imu].of_stream(stream);
+            let result = match writer {
+                FormatWriter::Csv(file, known) => {
+                    if *known != layout {
+                        file.restart(path, rows::header(&columns(stream, layout)));
+                        *known = layout;
+                    }
+                    Ok(())
+                }
+                FormatWriter::Mcap(file) => file.change_layouts(&self.layouts),
+                FormatWriter::Parquet(file) => file.change_layout(&self.imus[imu], stream, layout),
+            };
+            result.map_err(|error| FileError(path.clone(), error))?;
+        }
+        self.has_rows = true;
+        std::mem::take(&mut self.held).iter().try_for_each(|row| self.encode(row))
+    }
+
+    fn encode(&mut self, row: &RecordedRow) -> Result<(), FileError> {
         let index = match self.format {
             Format::Mcap => 0,
             _ => self.streams.iter().position(|(_, stream)| *stream == row.stream()).unwrap_or(0),
         };
-        self.unflushed += 1;
-        self.has_rows = true;
-        let (path, writer) = &mut self.writers[index];
+        let OpenFile { path, writer } = &mut self.open[index];
         let result = match writer {
-            FormatWriter::Csv(file) => {
-                rows::append(row, &mut file.pending);
+            FormatWriter::Csv(file, layout) => {
+                rows::append(row, *layout, &mut file.pending);
                 Ok(())
             }
-            FormatWriter::Mcap(file) => file.write(row),
+            FormatWriter::Mcap(file) => file.write(row, self.layouts[row.imu]),
             FormatWriter::Parquet(file) => file.write(row),
         };
         result.map_err(|error| FileError(path.clone(), error))
+    }
+
+    /// Opens the next files before it ends these: if that fails, these continue.
+    fn go_on_in_next(&mut self) -> Result<Vec<PathBuf>, FileError> {
+        if self.name == Path::new("-") {
+            let cause = "the samples now have more columns than the header; start the recorder anew";
+            return Err(FileError(self.name.clone(), io::Error::other(cause)));
+        }
+        self.flush_open()?;
+        let mut full = self.open_next()?;
+        finish(&mut full)?;
+        Ok(self.current_paths())
     }
 
     /// Whether the number of unflushed rows requires a flush now.
@@ -131,10 +197,16 @@ impl Files {
     /// # Errors
     /// If the disk is full, for example. Rows that were visible stay so, and the call can be repeated.
     pub fn flush(&mut self) -> Result<Option<Vec<PathBuf>>, FileError> {
+        self.flush_open()?;
+        if self.is_full() { self.go_on_in_next().map(Some) } else { Ok(None) }
+    }
+
+    fn flush_open(&mut self) -> Result<(), FileError> {
+        self.encode_held()?;
         if self.unflushed > 0 {
-            for (path, writer) in &mut self.writers {
+            for OpenFile { path, writer } in &mut self.open {
                 let result = match writer {
-                    FormatWriter::Csv(file) => file.flush(),
+                    FormatWriter::Csv(file, _) => file.flush(),
                     FormatWriter::Mcap(file) => file.flush(),
                     FormatWriter::Parquet(file) => file.flush(),
                 };
@@ -142,13 +214,7 @@ impl Files {
             }
             self.unflushed = 0;
         }
-        if !self.is_full() {
-            return Ok(None);
-        }
-        // Opens the next files before it ends these: if that fails, these continue.
-        let mut full = self.open_next()?;
-        finish(&mut full)?;
-        Ok(Some(self.current_paths()))
+        Ok(())
     }
 
     /// Number of rows that have not been flushed.
@@ -158,7 +224,7 @@ impl Files {
 
     /// The names of the current files.
     pub fn current_paths(&self) -> Vec<PathBuf> {
-        self.writers.iter().map(|(path, _)| path.clone()).collect()
+        self.open.iter().map(|file| file.path.clone()).collect()
     }
 
     /// Finishes the files.
@@ -166,40 +232,43 @@ impl Files {
     /// # Errors
     /// As [`flush`](Self::flush).
     pub fn finish(&mut self) -> Result<(), FileError> {
-        finish(&mut self.writers)?;
+        self.encode_held()?;
+        finish(&mut self.open)?;
         self.unflushed = 0;
         Ok(())
     }
 
     fn is_full(&self) -> bool {
-        let size = |writer: &FormatWriter| match writer {
-            FormatWriter::Csv(file) => file.size(),
+        let size = |file: &OpenFile| match &file.writer {
+            FormatWriter::Csv(file, _) => file.size(),
             FormatWriter::Mcap(file) => file.size(),
             FormatWriter::Parquet(file) => file.size(),
         };
         let old = self.rotation.time.is_some_and(|time| self.opened.elapsed() >= time);
-        let large = self.rotation.size.is_some_and(|most| self.writers.iter().any(|(_, writer)| size(writer) >= most));
+        let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| size(file) >= most));
         self.has_rows && (old || large)
     }
 
     /// Opens the next files and returns the previous ones.
-    fn open_next(&mut self) -> Result<Vec<(PathBuf, FormatWriter)>, FileError> {
+    fn open_next(&mut self) -> Result<Vec<OpenFile>, FileError> {
         let mut number = self.number;
         let paths = loop {
             number += 1;
             let paths = self.paths(number);
-            // With rotation, a restarted recorder continues the numbers of existing files.
-            if !self.rotation.is_enabled() || !paths.iter().any(|path| fs::symlink_metadata(path).is_ok()) {
+            // Only the first file without a number is not allowed to exist. A restarted recorder with rotation continues the numbers of
+            // existing files.
+            let is_named = number == 1 && !self.rotation.is_enabled();
+            if is_named || !paths.iter().any(|path| fs::symlink_metadata(path).is_ok()) {
                 break paths;
             }
         };
-        let mut writers = Vec::new();
+        let mut opened: Vec<OpenFile> = Vec::new();
         for (index, path) in paths.into_iter().enumerate() {
             match self.open(&path, index) {
-                Ok(writer) => writers.push((path, writer)),
+                Ok(writer) => opened.push(OpenFile { path, writer }),
                 Err(error) => {
                     // All files are created, or none.
-                    writers.iter().for_each(|(made, _)| drop(fs::remove_file(made)));
+                    opened.iter().for_each(|made| drop(fs::remove_file(&made.path)));
                     return Err(FileError(path, error));
                 }
             }
@@ -207,25 +276,30 @@ impl Files {
         self.number = number;
         self.opened = Instant::now();
         self.has_rows = false;
-        Ok(std::mem::replace(&mut self.writers, writers))
+        Ok(std::mem::replace(&mut self.open, opened))
     }
 
     fn open(&self, path: &Path, index: usize) -> io::Result<FormatWriter> {
         let (imu, stream) = self.streams[index];
+        let layout = self.layouts[imu].of_stream(stream);
+        let header = || rows::header(&columns(stream, layout));
         Ok(match self.format {
-            Format::Csv if path == Path::new("-") => {
-                FormatWriter::Csv(GrowingFile::stdout(rows::header(columns(stream))))
+            Format::Csv if path == Path::new("-") => FormatWriter::Csv(GrowingFile::stdout(header()), layout),
+            Format::Csv => FormatWriter::Csv(GrowingFile::create(path, &header())?, layout),
+            Format::Mcap => {
+                FormatWriter::Mcap(Box::new(McapFile::create(path, &self.imus, &self.streams, &self.layouts)?))
             }
-            Format::Csv => FormatWriter::Csv(GrowingFile::create(path, &rows::header(columns(stream)))?),
-            Format::Mcap => FormatWriter::Mcap(Box::new(McapFile::create(path, &self.imus, &self.streams)?)),
-            Format::Parquet => FormatWriter::Parquet(Box::new(ParquetFile::create(path, &self.imus[imu], stream)?)),
+            Format::Parquet => {
+                FormatWriter::Parquet(Box::new(ParquetFile::create(path, &self.imus[imu], stream, layout)?))
+            }
         })
     }
 
     /// The names of the files with this number: one per stream, for MCAP one for all.
     fn paths(&self, number: u32) -> Vec<PathBuf> {
         let (first, _) = self.streams[0];
-        let number = if self.rotation.is_enabled() { format!("-{number:04}") } else { String::new() };
+        let is_named = number == 1 && !self.rotation.is_enabled();
+        let number = if is_named { String::new() } else { format!("-{number:04}") };
         match self.format {
             Format::Mcap => vec![file_name(&self.name, &self.imus[first], &number)],
             _ if self.streams.len() == 1 => vec![file_name(&self.name, &self.imus[first], &number)],
@@ -236,10 +310,10 @@ impl Files {
     }
 }
 
-fn finish(writers: &mut [(PathBuf, FormatWriter)]) -> Result<(), FileError> {
-    for (path, writer) in writers {
+fn finish(files: &mut [OpenFile]) -> Result<(), FileError> {
+    for OpenFile { path, writer } in files {
         let result = match writer {
-            FormatWriter::Csv(file) => file.flush(),
+            FormatWriter::Csv(file, _) => file.flush(),
             FormatWriter::Mcap(file) => file.finish(),
             FormatWriter::Parquet(file) => file.flush(),
         };

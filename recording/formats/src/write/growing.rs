@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Creates `path` with these bytes. The file appears with its full content, and never replaces an existing one.
 ///
@@ -31,6 +31,8 @@ pub struct GrowingFile {
     length: u64,
     /// Bytes that are written at the next flush.
     pub pending: Vec<u8>,
+    /// Where the file is replaced at the next flush.
+    restarted: Option<PathBuf>,
 }
 
 enum GrowingSink {
@@ -46,12 +48,21 @@ impl GrowingFile {
     pub fn create(path: &Path, bytes: &[u8]) -> io::Result<Self> {
         let mut file = create(path, bytes)?;
         file.seek(SeekFrom::End(0))?;
-        Ok(Self { sink: GrowingSink::File(file), length: bytes.len() as u64, pending: Vec::new() })
+        Ok(Self { sink: GrowingSink::File(file), length: bytes.len() as u64, pending: Vec::new(), restarted: None })
     }
 
     /// The standard output; `bytes` are written first.
     pub fn stdout(bytes: Vec<u8>) -> Self {
-        Self { sink: GrowingSink::Stdout(io::stdout()), length: 0, pending: bytes }
+        Self { sink: GrowingSink::Stdout(io::stdout()), length: 0, pending: bytes, restarted: None }
+    }
+
+    /// Begins anew with these bytes: the next flush replaces the file `path`, in one step. For a file without rows.
+    pub fn restart(&mut self, path: &Path, bytes: Vec<u8>) {
+        self.pending = bytes;
+        if matches!(self.sink, GrowingSink::File(_)) {
+            self.restarted = Some(path.to_owned());
+            self.length = 0;
+        }
     }
 
     /// Appends the pending bytes. After an error they stay pending, and the file has its previous length.
@@ -60,6 +71,13 @@ impl GrowingFile {
     /// If the operating system cannot write all of them.
     pub fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
+            GrowingSink::File(file) if let Some(path) = &self.restarted => {
+                let mut staged = staged_file(path)?;
+                staged.write_all(&self.pending)?;
+                staged.as_file().sync_data()?;
+                *file = staged.persist(path).map_err(|error| error.error)?;
+                self.restarted = None;
+            }
             GrowingSink::File(file) => {
                 if let Err(error) = file.write_all(&self.pending).and_then(|()| file.sync_data()) {
                     file.set_len(self.length)?;

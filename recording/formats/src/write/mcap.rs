@@ -3,6 +3,7 @@
 
 use super::growing::GrowingFile;
 use crate::protobuf;
+use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::{RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use mcap::records::MessageHeader;
@@ -11,17 +12,29 @@ use mcap::{McapError, WriteOptions};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 /// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an unfinished file.
+///
+/// All channels come before the first message, so that a reader knows which IMUs there are before it chooses one.
 pub struct McapFile {
     writer: mcap::Writer<NoSeek<Memory>>,
     memory: Memory,
     file: GrowingFile,
-    /// Channel ids by IMU and stream.
-    channels: Vec<[Option<u16>; 2]>,
+    path: PathBuf,
+    streams: Vec<FileStream>,
     message: Vec<u8>,
+}
+
+/// A stream that is written into a file.
+struct FileStream {
+    /// Index into the recorder's list of IMUs, and name of the IMU.
+    imu: (usize, ImuId),
+    kind: StreamKind,
+    /// The channel, and the layout of its messages.
+    channel: u16,
+    layout: Layout,
 }
 
 /// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined state.
@@ -39,43 +52,65 @@ impl Write for Memory {
 }
 
 impl McapFile {
-    /// Creates a file with a channel for each of `streams`: index in the list `imus`, and kind of the stream.
+    /// Creates a file with a channel for each of `streams`: index in the lists `imus` and `layouts`, and kind of the stream.
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub fn create(path: &Path, imus: &[ImuId], streams: &[(usize, StreamKind)]) -> io::Result<Self> {
+    pub fn create(
+        path: &Path,
+        imus: &[ImuId],
+        streams: &[(usize, StreamKind)],
+        layouts: &[Layout],
+    ) -> io::Result<Self> {
         let memory = Memory::default();
-        let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
-        // Compression runs in this thread. The sink cannot seek.
-        let options = WriteOptions::new().library(library).disable_seeking(true);
-        let options = options.compression_level(1).compression_threads(0);
-        let mut writer = options.create(NoSeek::new(memory.clone())).map_err(io_error)?;
-        let mut channels = vec![[None; 2]; imus.len()];
-        for &(imu, stream) in streams {
-            let schema = protobuf::descriptor(stream);
-            let schema = writer.add_schema(protobuf::message(stream), "protobuf", &schema).map_err(io_error)?;
-            let units = columns(stream).iter().map(|column| (column.name.to_owned(), column.unit.to_owned()));
-            let mut metadata: BTreeMap<_, _> = units.collect();
-            metadata.insert("imu".to_owned(), imus[imu].to_string());
-            let topic = format!("isotherm/{}/{}", imus[imu], stream.name());
-            let channel = writer.add_channel(schema, &topic, "protobuf", &metadata).map_err(io_error)?;
-            channels[imu][stream as usize] = Some(channel);
-        }
+        let mut writer = begin(&memory)?;
+        let streams = streams.iter().map(|&(imu, kind)| {
+            let layout = layouts[imu].of_stream(kind);
+            let mut stream = FileStream { imu: (imu, imus[imu].clone()), kind, channel: 0, layout };
+            stream.add_channel(&mut writer)?;
+            Ok(stream)
+        });
+        let streams = streams.collect::<io::Result<_>>()?;
         writer.flush().map_err(io_error)?;
         let file = GrowingFile::create(path, &memory.0.take())?;
-        Ok(Self { writer, memory, file, channels, message: Vec::new() })
+        Ok(Self { writer, memory, file, path: path.to_owned(), streams, message: Vec::new() })
     }
 
-    /// Adds a message.
+    /// Gives the channels of a file without messages other layouts, at the next flush.
+    ///
+    /// # Errors
+    /// If the library refuses them.
+    pub fn change_layouts(&mut self, layouts: &[Layout]) -> io::Result<()> {
+        let layout_of = |stream: &FileStream| layouts[stream.imu.0].of_stream(stream.kind);
+        if self.streams.iter().all(|stream| stream.layout == layout_of(stream)) {
+            return Ok(());
+        }
+        self.memory = Memory::default();
+        self.writer = begin(&self.memory)?;
+        self.file.restart(&self.path, Vec::new());
+        for stream in &mut self.streams {
+            stream.layout = layout_of(stream);
+            stream.add_channel(&mut self.writer)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a message. If the stream's channel has another layout, it gets a second channel.
     ///
     /// # Errors
     /// If the library refuses it.
-    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
-        let Some(channel_id) = self.channels[row.imu][row.stream() as usize] else { return Ok(()) };
+    pub fn write(&mut self, row: &RecordedRow, layout: Layout) -> io::Result<()> {
+        let of_row = |stream: &&mut FileStream| (stream.imu.0, stream.kind) == (row.imu, row.stream());
+        let Some(stream) = self.streams.iter_mut().find(of_row) else { return Ok(()) };
+        let layout = layout.of_stream(stream.kind);
+        if stream.layout != layout {
+            stream.layout = layout;
+            stream.add_channel(&mut self.writer)?;
+        }
         self.message.clear();
-        protobuf::encode(row, &mut self.message);
+        protobuf::encode(row, layout, &mut self.message);
         let header = MessageHeader {
-            channel_id,
+            channel_id: stream.channel,
             sequence: row.key().1 as u32,
             log_time: row.recorded_ns,
             publish_time: row.timestamp_ns(),
@@ -109,6 +144,30 @@ impl McapFile {
     /// Size without the open chunk \[bytes\].
     pub fn size(&self) -> u64 {
         self.file.size() + self.memory.0.borrow().len() as u64
+    }
+}
+
+/// A file in memory.
+fn begin(memory: &Memory) -> io::Result<mcap::Writer<NoSeek<Memory>>> {
+    let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
+    // Compression runs in this thread. The sink cannot seek.
+    let options = WriteOptions::new().library(library).disable_seeking(true);
+    let options = options.compression_level(1).compression_threads(0);
+    options.create(NoSeek::new(memory.clone())).map_err(io_error)
+}
+
+impl FileStream {
+    /// Adds a channel for messages of the stream's layout.
+    fn add_channel(&mut self, writer: &mut mcap::Writer<NoSeek<Memory>>) -> io::Result<()> {
+        let (kind, imu, layout) = (self.kind, &self.imu.1, self.layout);
+        let schema = protobuf::descriptor(kind, layout);
+        let schema = writer.add_schema(protobuf::message(kind), "protobuf", &schema).map_err(io_error)?;
+        let units = columns(kind, layout).into_iter().map(|column| (column.name.to_owned(), column.unit.to_owned()));
+        let mut metadata: BTreeMap<_, _> = units.collect();
+        metadata.insert("imu".to_owned(), imu.to_string());
+        let topic = format!("isotherm/{imu}/{}", kind.name());
+        self.channel = writer.add_channel(schema, &topic, "protobuf", &metadata).map_err(io_error)?;
+        Ok(())
     }
 }
 

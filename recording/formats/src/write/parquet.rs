@@ -6,9 +6,8 @@
 //! flush.
 
 use super::growing::{create, staged_file};
-use core::fmt::Display;
-use isotherm_recording::columns::{Column, ColumnKind};
-use isotherm_recording::rows::{RecordedRow, ValueVisitor, columns};
+use isotherm_recording::columns::{Column, ColumnKind, Layout};
+use isotherm_recording::rows::{RecordedRow, append_value, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
 use parquet::basic::{Compression, ConvertedType, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
@@ -33,6 +32,7 @@ const MAGIC: &[u8] = b"PAR1";
 /// A Parquet file of one stream that is being written.
 pub struct ParquetFile {
     path: PathBuf,
+    layout: Layout,
     schema: TypePtr,
     properties: WriterPropertiesPtr,
     /// Length of the body: magic number and full row groups \[bytes\].
@@ -57,21 +57,20 @@ impl ParquetFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub fn create(path: &Path, imu: &ImuId, stream: StreamKind) -> io::Result<Self> {
-        let columns = columns(stream);
-        let schema = Arc::new(schema(columns).map_err(io_error)?);
-        let properties = Arc::new(properties(columns, imu, stream).map_err(io_error)?);
+    pub fn create(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+        let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
         let mut bytes = MAGIC.to_vec();
         bytes.append(&mut footer(&schema, &properties, &mut Vec::new(), None).map_err(io_error)?);
         let body = MAGIC.len() as u64;
         Ok(Self {
             path: path.to_owned(),
+            layout,
             schema,
             properties,
             body,
             recent: Vec::new(),
             groups: Vec::new(),
-            open: ParquetColumns::new(columns),
+            open,
             visible: (create(path, &bytes)?, body),
             hidden: None,
             tail: 0,
@@ -79,12 +78,25 @@ impl ParquetFile {
         })
     }
 
+    /// Gives a file without rows another layout, at the next flush.
+    ///
+    /// # Errors
+    /// If the library refuses it.
+    pub fn change_layout(&mut self, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<()> {
+        if layout == self.layout {
+            return Ok(());
+        }
+        let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
+        (self.layout, self.schema, self.properties, self.open) = (layout, schema, properties, open);
+        Ok(())
+    }
+
     /// Adds a row.
     ///
     /// # Errors
     /// If the library refuses it.
     pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
-        self.open.push(row);
+        self.open.push(row, self.layout);
         if self.open.rows < ROW_GROUP {
             return Ok(());
         }
@@ -164,6 +176,15 @@ impl ParquetFile {
     }
 }
 
+/// What a file begins with: schema and properties, and an open row group without rows.
+type Beginning = (TypePtr, WriterPropertiesPtr, ParquetColumns);
+
+fn begin(imu: &ImuId, stream: StreamKind, layout: Layout) -> Result<Beginning, ParquetError> {
+    let columns = columns(stream, layout);
+    let (schema, properties) = (schema(&columns)?, properties(&columns, imu, stream)?);
+    Ok((Arc::new(schema), Arc::new(properties), ParquetColumns::new(&columns)))
+}
+
 fn copy(from: &File, to: &File, begin: u64, end: u64) -> io::Result<()> {
     let mut buffer = vec![0; 1 << 20];
     let mut at = begin;
@@ -240,7 +261,7 @@ fn schema(columns: &[Column]) -> Result<Type, ParquetError> {
             ColumnKind::U64 => (Physical::INT64, Some(LogicalType::integer(64, false))),
             ColumnKind::U32 => (Physical::INT32, Some(LogicalType::integer(32, false))),
             ColumnKind::F64 => (Physical::DOUBLE, None),
-            ColumnKind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+            ColumnKind::Hex | ColumnKind::Flags => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
         };
         let field = Type::primitive_type_builder(column.name, physical).with_repetition(Repetition::REQUIRED);
         field.with_logical_type(logical).with_converted_type(ConvertedType::NONE).build().map(Arc::new)
@@ -264,7 +285,7 @@ fn properties(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Result<Wri
         let encoding = match column.kind {
             ColumnKind::U64 | ColumnKind::U32 => Some(Encoding::DELTA_BINARY_PACKED),
             ColumnKind::F64 => Some(Encoding::BYTE_STREAM_SPLIT),
-            ColumnKind::Text => None,
+            ColumnKind::Hex | ColumnKind::Flags => None,
         };
         if let Some(encoding) = encoding {
             properties = properties.set_column_dictionary_enabled(path.clone(), false);
@@ -281,8 +302,6 @@ fn properties(columns: &[Column], imu: &ImuId, stream: StreamKind) -> Result<Wri
 struct ParquetColumns {
     rows: usize,
     values: Vec<ColumnBuffer>,
-    /// Index of the column that gets the next value.
-    next: usize,
 }
 
 enum ColumnBuffer {
@@ -298,14 +317,24 @@ impl ParquetColumns {
             ColumnKind::U64 => ColumnBuffer::U64(Vec::new()),
             ColumnKind::U32 => ColumnBuffer::U32(Vec::new()),
             ColumnKind::F64 => ColumnBuffer::F64(Vec::new()),
-            ColumnKind::Text => ColumnBuffer::Text(Vec::new()),
+            ColumnKind::Hex | ColumnKind::Flags => ColumnBuffer::Text(Vec::new()),
         });
-        Self { rows: 0, values: values.collect(), next: 0 }
+        Self { rows: 0, values: values.collect() }
     }
 
-    fn push(&mut self, row: &RecordedRow) {
-        self.next = 0;
-        row.visit(self);
+    fn push(&mut self, row: &RecordedRow, layout: Layout) {
+        let mut buffers = self.values.iter_mut();
+        row.visit(layout, |column, value| match buffers.next() {
+            Some(ColumnBuffer::U64(values)) => values.push(value.cast_signed()),
+            Some(ColumnBuffer::U32(values)) => values.push((value as u32).cast_signed()),
+            Some(ColumnBuffer::F64(values)) => values.push(f64::from_bits(value)),
+            Some(ColumnBuffer::Text(values)) => {
+                let mut text = Vec::new();
+                append_value(column.kind, value, &mut text);
+                values.push(ByteArray::from(text));
+            }
+            None => {}
+        });
         self.rows += 1;
     }
 
@@ -318,36 +347,6 @@ impl ParquetColumns {
                 ColumnBuffer::F64(values) => values.clear(),
                 ColumnBuffer::Text(values) => values.clear(),
             }
-        }
-    }
-
-    fn next_column(&mut self) -> Option<&mut ColumnBuffer> {
-        self.next += 1;
-        self.values.get_mut(self.next - 1)
-    }
-}
-
-// A value of another kind than its column's would be dropped. `RecordedRow::visit` and columns.rs agree; a test reads a file
-// back.
-impl ValueVisitor for ParquetColumns {
-    fn u64(&mut self, value: u64) {
-        if let Some(ColumnBuffer::U64(values)) = self.next_column() {
-            values.push(value.cast_signed());
-        }
-    }
-    fn u32(&mut self, value: u32) {
-        if let Some(ColumnBuffer::U32(values)) = self.next_column() {
-            values.push(value.cast_signed());
-        }
-    }
-    fn f64(&mut self, value: f64) {
-        if let Some(ColumnBuffer::F64(values)) = self.next_column() {
-            values.push(value);
-        }
-    }
-    fn text(&mut self, value: impl Display) {
-        if let Some(ColumnBuffer::Text(values)) = self.next_column() {
-            values.push(ByteArray::from(value.to_string().into_bytes()));
         }
     }
 }
@@ -368,7 +367,8 @@ mod tests {
         for exchanges in [true, false] {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("r.parquet");
-            let mut file = ParquetFile::create(&path, &"imu-a".parse().unwrap(), StreamKind::Raw).unwrap();
+            let mut file =
+                ParquetFile::create(&path, &"imu-a".parse().unwrap(), StreamKind::Raw, Layout::default()).unwrap();
             file.exchanges = exchanges;
             let mut rows = 0;
             // Within a row group, beyond its end, two groups at once, exactly up to its end, and none.

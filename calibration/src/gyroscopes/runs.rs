@@ -1,0 +1,165 @@
+//! The rows of a campaign with gyroscopes: its dwells, and its turns row by row.
+
+use super::turn::Turn;
+use crate::campaign::{Campaign, Dwell, read as read_dwells};
+use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_shared::table::GYROSCOPE_NAMES;
+use isotherm_shared::wire::{AXES, RawSample, Triad};
+
+/// Rows of a turn that are shorter are added up to blocks of at least this length \[s\], so that memory does not grow with the sampling rate.
+const MIN_BLOCK: f64 = 0.02;
+
+/// What the rows of a campaign say about both triads.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measurements {
+    /// The dwells, of the accelerometers.
+    pub dwells: Vec<Dwell>,
+    /// The same dwells and the turns, of the gyroscopes.
+    pub gyroscopes: GyroscopeRuns,
+}
+
+/// The runs of the gyroscopes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GyroscopeRuns {
+    /// Whether any row has pulses or telemetry of a gyroscope.
+    pub present: bool,
+    /// The dwells; empty if the campaign file has no turns.
+    pub dwells: Vec<Dwell>,
+    /// The turns.
+    pub turns: Vec<TurnRun>,
+}
+
+/// The rows of one turn: an unbroken run with one set point and the turn's number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TurnRun {
+    /// Its sums, with the gyroscopes' pulses and telemetry; `position` is the index into the campaign's turns.
+    pub run: Dwell,
+    /// Its rows in order.
+    pub blocks: Vec<TurnBlock>,
+    /// Session and sequence of the last row.
+    last: (u64, u64),
+    /// Smallest and largest step of the sequence from row to row; a change of session is the largest step.
+    steps: Option<[u64; 2]>,
+}
+
+/// One row of a turn, or some that are shorter than 20 ms together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnBlock {
+    /// Line of its first row.
+    pub line: u64,
+    /// Time counted \[s\].
+    pub seconds: f64,
+    /// Pulses of the positive and of the negative channel, by gyroscope.
+    pub pulses: [[f64; 2]; AXES],
+}
+
+impl TurnRun {
+    fn new(row: &CampaignRow, turn: usize) -> Self {
+        let last = (row.sample.session, row.sample.sequence);
+        Self { run: Dwell::new(row, turn), blocks: Vec::new(), last, steps: None }
+    }
+
+    /// Whether rows are missing by their sequences. The rows may be sums, with the same step from each to the next.
+    #[must_use]
+    pub fn has_gap(&self) -> bool {
+        self.steps.is_some_and(|[least, most]| least != most)
+    }
+
+    fn add(&mut self, row: &CampaignRow) {
+        if self.run.rows > 0 {
+            let (session, sequence) = self.last;
+            let same_session = session == row.sample.session;
+            let step = if same_session { row.sample.sequence.wrapping_sub(sequence) } else { u64::MAX };
+            let [least, most] = self.steps.unwrap_or([step; 2]);
+            // A new session is a gap even if the turn has only two rows.
+            self.steps = Some([if same_session { least.min(step) } else { 0 }, most.max(step)]);
+        }
+        self.last = (row.sample.session, row.sample.sequence);
+        self.run.add(&of_gyroscopes(row));
+        let seconds = row.sample.interval_ns as f64 / 1e9;
+        let Triad { positive_pulses, negative_pulses, .. } = row.sample.gyroscopes;
+        let pulses = [0, 1, 2].map(|axis| [positive_pulses[axis], negative_pulses[axis]].map(f64::from));
+        match self.blocks.last_mut() {
+            Some(block) if block.seconds < MIN_BLOCK => {
+                block.seconds += seconds;
+                for (sum, more) in block.pulses.iter_mut().flatten().zip(pulses.iter().flatten()) {
+                    *sum += more;
+                }
+            }
+            _ => self.blocks.push(TurnBlock { line: row.line, seconds, pulses }),
+        }
+    }
+}
+
+/// The row with the gyroscopes in the place of the accelerometers, so that a [`Dwell`] adds them up.
+fn of_gyroscopes(row: &CampaignRow) -> CampaignRow {
+    CampaignRow { sample: RawSample { accelerometers: row.sample.gyroscopes, ..row.sample }, ..*row }
+}
+
+/// Makes dwells and turns of the samples of `campaign`; as [`campaign::read`](crate::campaign::read), with the gyroscopes.
+///
+/// # Errors
+/// As [`campaign::read`](crate::campaign::read). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
+pub fn read(
+    campaign: &Campaign,
+    rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
+) -> Result<Measurements, RecordingError> {
+    let mut runs = GyroscopeRuns::default();
+    let mut previous = None;
+    let rows = rows.into_iter().map(|row| {
+        let row = row?;
+        collect(campaign, &mut runs, &mut previous, &row)?;
+        Ok(row)
+    });
+    let dwells = read_dwells(campaign, rows)?;
+    Ok(Measurements { dwells, gyroscopes: runs })
+}
+
+/// Adds a row. `previous` has set point and number of the row before.
+fn collect(
+    campaign: &Campaign,
+    runs: &mut GyroscopeRuns,
+    previous: &mut Option<(f64, Option<u32>)>,
+    row: &CampaignRow,
+) -> Result<(), RecordingError> {
+    runs.present |= row.sample.gyroscopes != Triad::default();
+    let place = Some((row.set_point_c, row.position));
+    let goes_on = core::mem::replace(previous, place) == place;
+    let Some(number) = row.position else { return Ok(()) };
+    if campaign.turns.is_empty() {
+        return Ok(());
+    }
+    if let Some(wrong) = implausible(&row.sample.gyroscopes) {
+        let message = format!("set point {} degC, position {number}: {wrong}", row.set_point_c);
+        return Err(RecordingError::Data { line: row.line, message });
+    }
+    let is_turn = |turn: &Turn| turn.start.number == number;
+    if let Some(turn) = campaign.turns.iter().position(is_turn) {
+        if !goes_on {
+            runs.turns.push(TurnRun::new(row, turn));
+        }
+        runs.turns.last_mut().into_iter().for_each(|turn| turn.add(row));
+    } else if let Some(position) = campaign.positions.iter().position(|position| position.number == number) {
+        if !goes_on {
+            runs.dwells.push(Dwell::new(row, position));
+        }
+        runs.dwells.last_mut().into_iter().for_each(|dwell| dwell.add(&of_gyroscopes(row)));
+    }
+    Ok(())
+}
+
+/// The reason why the gyroscopes' part of a sample cannot be used; `None` if it can.
+#[must_use]
+pub fn implausible(triad: &Triad) -> Option<String> {
+    for (axis, gyroscope) in GYROSCOPE_NAMES.iter().enumerate() {
+        for (telemetry, name) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
+            if !telemetry.is_finite() {
+                return Some(format!("g{}_{name} is {telemetry}, which is no temperature", axis + 1));
+            }
+        }
+        if triad.positive_pulses[axis] == u32::MAX || triad.negative_pulses[axis] == u32::MAX {
+            return Some(format!("the counter of {gyroscope} is full: saturated"));
+        }
+    }
+    None
+}

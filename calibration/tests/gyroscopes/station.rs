@@ -1,0 +1,503 @@
+//! A station with a known truth: the rows that an IMU would give in dwells and turns, by integrating its motion.
+//!
+//! Nothing here is shared with the product: attitude, Earth's rate and gravity are followed in steps of a twentieth of a row, and a pulse leaves
+//! the charge balance when its angle is full.
+
+use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
+use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::gyroscopes::{self, GyroscopeCalibration};
+use isotherm_recording::CampaignRow;
+use isotherm_shared::wire::{RawSample, Triad};
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use std::fmt::Write as _;
+
+/// Earth's rate \[deg/h\].
+pub const EARTH: f64 = 7.292115e-5 * 180.0 / std::f64::consts::PI * 3600.0;
+const G0: f64 = 9.8015;
+
+/// A cubic of telemetry \[V\].
+pub type Cubic = [f64; 4];
+
+pub fn cubic(c: &Cubic, u: f64) -> f64 {
+    c[0] + u * (c[1] + u * (c[2] + u * c[3]))
+}
+
+/// One gyroscope.
+#[derive(Clone, Copy, Debug)]
+pub struct Gyroscope {
+    pub bias: Cubic,
+    pub kp: Cubic,
+    pub kn: Cubic,
+    pub s: [f64; 3],
+    /// Row of M.
+    pub m: [f64; 3],
+}
+
+/// A turn: number, axis in IMU coordinates, angle, and the angles at which it begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Turned {
+    pub number: u32,
+    pub axis: [f64; 3],
+    pub angle: f64,
+    pub outer: f64,
+    pub inner: f64,
+}
+
+/// The station and its IMU.
+#[derive(Clone, Debug)]
+pub struct Station {
+    pub gyroscopes: [Gyroscope; 3],
+    pub latitude: f64,
+    pub heading: f64,
+    pub tilt: [f64; 2],
+    pub gravity: f64,
+    /// IMU coordinates of the turntable's axes.
+    pub mount: Matrix3<f64>,
+    pub set_points: Vec<f64>,
+    /// Outer and inner angle.
+    pub positions: Vec<[f64; 2]>,
+    pub turns: Vec<Turned>,
+    /// deg/s, deg/s2 up and down.
+    pub profile: [f64; 3],
+    /// A turn is done in so many equal moves, with 2 s of rest between them.
+    pub moves: u32,
+    /// Rest before and after \[s\].
+    pub rest: f64,
+    pub dwell: f64,
+    pub dwell_row: f64,
+    pub turn_row: f64,
+    /// Change of the temperature over a set point \[degC\].
+    pub drift: f64,
+    /// arcsec/sqrt(s).
+    pub random_walk: f64,
+    /// deg/h, relative, arcsec: of a set point, of a set point, of a turn.
+    pub repeatability: [f64; 3],
+    pub seed: u64,
+    /// What the campaign file says instead, if it is wrong.
+    pub stated_latitude: Option<f64>,
+    /// Whether the campaign file has angles.
+    pub angles: bool,
+}
+
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.uniform()
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// Six faces in two headings.
+pub const S1: [[f64; 2]; 12] = [
+    [0.0, 0.0],
+    [0.0, 180.0],
+    [180.0, 0.0],
+    [180.0, 180.0],
+    [90.0, 90.0],
+    [270.0, 270.0],
+    [90.0, 270.0],
+    [270.0, 90.0],
+    [90.0, 0.0],
+    [270.0, 180.0],
+    [90.0, 180.0],
+    [270.0, 0.0],
+];
+
+/// The six turns of the data, numbered from 101.
+pub fn six_turns(angle: f64) -> Vec<Turned> {
+    let axes = [([1.0, 0.0, 0.0], 0.0), ([0.0, -1.0, 0.0], 90.0), ([0.0, 0.0, 1.0], 0.0)];
+    let turns = axes.into_iter().flat_map(|(axis, inner)| [angle, -angle].map(|angle| (axis, inner, angle)));
+    (101..).zip(turns).map(|(number, (axis, inner, angle))| Turned { number, axis, angle, outer: 0.0, inner }).collect()
+}
+
+impl Station {
+    /// Another IMU and station for each seed; no noise.
+    pub fn new(seed: u64) -> Self {
+        let mut random = Random(seed.wrapping_mul(77).wrapping_add(5));
+        let mut curve = |value: f64, change: f64| {
+            // A curve that changes by about `change` over 1.1 .. 3.9 V.
+            let [a, b, c] = [0, 1, 2].map(|_| random.between(-change, change));
+            let (x, y) = (-2.5 / 1.4, 1.0 / 1.4);
+            // a t + b t^2 + c t^3 with t = x + y u.
+            [
+                value + a * x + b * x * x + c * x * x * x,
+                y * (a + 2.0 * b * x + 3.0 * c * x * x),
+                y * y * (b + 3.0 * c * x),
+                c * y * y * y,
+            ]
+        };
+        let scales = [0.85, 1.2, 0.97];
+        let curves = scales.map(|k| [curve(-2.0, 3.0), curve(k, 60e-6 * k), curve(-k * 1.0007, 60e-6 * k)]);
+        let gyroscopes = [0, 1, 2].map(|axis| {
+            let [bias, kp, kn] = curves[axis];
+            let mut m = [0, 1, 2].map(|_| random.between(-5e-4, 5e-4));
+            m[axis] = 1.0;
+            Gyroscope { bias, kp, kn, s: [0, 1, 2].map(|_| random.between(-1.0, 1.0)), m }
+        });
+        Self {
+            gyroscopes,
+            latitude: random.between(-70.0, 70.0),
+            heading: random.between(0.0, 360.0),
+            tilt: [random.between(-8e-5, 8e-5), random.between(-8e-5, 8e-5)],
+            gravity: 9.80123,
+            mount: Matrix3::identity(),
+            set_points: (-5..=9).map(|step| 5.0 * f64::from(step)).collect(),
+            positions: S1.to_vec(),
+            turns: six_turns(360.0),
+            profile: [10.0, 10.0, 7.0],
+            moves: 1,
+            rest: 5.3,
+            dwell: 300.0,
+            dwell_row: 10.0,
+            turn_row: 1.0,
+            drift: 0.05,
+            random_walk: 0.0,
+            repeatability: [0.0; 3],
+            seed,
+            stated_latitude: None,
+            angles: true,
+        }
+    }
+
+    /// With the noise that the bounds are for.
+    pub fn noisy(self) -> Self {
+        Self { random_walk: 0.003 * 60.0, repeatability: [0.003, 0.5e-6, 0.2], ..self }
+    }
+
+    /// Finer pulses: what is left is the method's error, not that of a pulse more or less.
+    pub fn fine(mut self) -> Self {
+        for gyroscope in &mut self.gyroscopes {
+            (gyroscope.kp, gyroscope.kn) = (gyroscope.kp.map(|c| 50.0 * c), gyroscope.kn.map(|c| 50.0 * c));
+        }
+        self
+    }
+
+    /// Base to IMU at the angles.
+    fn attitude(&self, outer: f64, inner: f64) -> Matrix3<f64> {
+        let body = Rotation3::from_axis_angle(&Vector3::x_axis(), outer.to_radians())
+            * Rotation3::from_axis_angle(&Vector3::z_axis(), inner.to_radians());
+        self.mount * body.matrix().transpose()
+    }
+
+    fn up(&self) -> Vector3<f64> {
+        Vector3::new(-self.tilt[1], self.tilt[0], 1.0).normalize()
+    }
+
+    /// Earth's rate in the base \[deg/h\].
+    pub fn earth(&self) -> Vector3<f64> {
+        let (up, north) = (self.up(), self.heading.to_radians());
+        let level = Vector3::new(north.cos(), north.sin(), 0.0);
+        let level = (level - up * up.dot(&level)).normalize();
+        let latitude = self.latitude.to_radians();
+        (level * latitude.cos() + up * latitude.sin()) * EARTH
+    }
+
+    /// The campaign file.
+    pub fn file(&self) -> String {
+        let latitude = self.stated_latitude.unwrap_or(self.latitude);
+        let mut text = format!(
+            "format = 1\nimu = \"imu-g\"\nsamples = \"samples.csv\"\ngravity_reference = {G0}\ngravity_local = {:?}\n\
+             latitude_deg = {latitude:?}\ntemperature_unit = \"V\"\n",
+            self.gravity
+        );
+        let place = |number: u32, outer: f64, inner: f64| {
+            let f = self.attitude(outer, inner) * Vector3::z();
+            let angles =
+                if self.angles { format!("outer_deg = {outer:?}\ninner_deg = {inner:?}\n") } else { String::new() };
+            format!("number = {number}\n{angles}specific_force = [{:.12}, {:.12}, {:.12}]\n", f.x, f.y, f.z)
+        };
+        for (number, [outer, inner]) in (1..).zip(&self.positions) {
+            let _ = write!(text, "\n[[position]]\n{}", place(number, *outer, *inner));
+        }
+        for turn in &self.turns {
+            let (axis, angle) = (turn.axis, turn.angle);
+            let _ = write!(
+                text,
+                "\n[[turn]]\naxis = [{:?}, {:?}, {:?}]\nangle_deg = {angle:?}\n{}",
+                axis[0],
+                axis[1],
+                axis[2],
+                place(turn.number, turn.outer, turn.inner)
+            );
+        }
+        text
+    }
+
+    pub fn campaign(&self) -> Campaign {
+        Campaign::from_toml(&self.file()).unwrap_or_else(|faults| panic!("{faults}\n{}", self.file()))
+    }
+
+    /// The rows of the whole campaign.
+    pub fn rows(&self) -> Vec<CampaignRow> {
+        let mut recorder = Recorder {
+            station: self,
+            random: Random(self.seed ^ 0xABCD),
+            rows: Vec::new(),
+            now: 0.0,
+            balance: [0.0; 3],
+            charge: [0.0; 3],
+        };
+        for &set_point in &self.set_points {
+            recorder.set_point(set_point);
+        }
+        recorder.rows
+    }
+
+    /// Calibrates the rows with the campaign file.
+    pub fn calibrate_rows(
+        &self,
+        rows: Vec<CampaignRow>,
+        options: CalibrationOptions,
+    ) -> Result<Calibration, CalibrationError> {
+        let campaign = self.campaign();
+        let measurements = gyroscopes::read(&campaign, rows.into_iter().map(Ok)).unwrap();
+        gyroscopes::calibrate(&campaign, measurements, options)
+    }
+
+    pub fn calibrate(&self, options: CalibrationOptions) -> Result<Calibration, CalibrationError> {
+        self.calibrate_rows(self.rows(), options)
+    }
+
+    /// The worst errors over the range: D \[deg/h\], K \[ppm\], s \[deg/h/g0\], M \[rad\].
+    pub fn errors(&self, calibration: &Calibration) -> [f64; 4] {
+        let found: &GyroscopeCalibration = calibration.gyroscopes.as_ref().unwrap();
+        let mut worst = [0.0_f64; 4];
+        for (axis, truth) in self.gyroscopes.iter().enumerate() {
+            let part = &found.solution.gyroscopes[axis];
+            for (q, (right, curve)) in [truth.bias, truth.kp, truth.kn].iter().zip(&part.curves).enumerate() {
+                let [low, high] = curve.range();
+                for step in 0..=64 {
+                    let u = low + (high - low) * f64::from(step) / 64.0;
+                    let (right, place, factor) = (cubic(right, u), q.min(1), if q == 0 { 1.0 } else { 1e6 });
+                    let size = if q == 0 { 1.0 } else { right.abs() };
+                    worst[place] = worst[place].max((curve.at(u) - right).abs() / size * factor);
+                }
+            }
+            for j in 0..3 {
+                worst[2] = worst[2].max((part.g_sensitivity[j] - truth.s[j]).abs());
+                worst[3] = worst[3].max((found.misalignment()[(axis, j)] - truth.m[j]).abs());
+            }
+        }
+        worst
+    }
+}
+
+/// Telemetry of head and board of a sensor (0 to 5) at a temperature.
+pub fn telemetry(sensor: usize, temperature: f64) -> [f64; 2] {
+    let offset = sensor as f64 * 0.3;
+    [1.1 + 0.04 * (temperature + 25.0 + offset), 1.26 + 0.04 * (temperature + 25.0 - offset)]
+}
+
+struct Recorder<'a> {
+    station: &'a Station,
+    random: Random,
+    rows: Vec<CampaignRow>,
+    /// s.
+    now: f64,
+    /// What the gyroscopes' pulses have left over \[arcsec\].
+    balance: [f64; 3],
+    /// The same of the accelerometers \[g0 s\].
+    charge: [f64; 3],
+}
+
+impl Recorder<'_> {
+    fn set_point(&mut self, set_point: f64) {
+        let station = self.station;
+        self.now += 4200.0;
+        let [bias, scale, _] = station.repeatability;
+        let begin = self.now;
+        let whole = station.positions.len() as f64 * (station.dwell + 60.0) + station.turns.len() as f64 * 120.0;
+        let at = move |now: f64| set_point + station.drift * ((now - begin) / whole - 0.5);
+        let offsets = [0, 1, 2].map(|_| {
+            [bias * self.random.normal(), 1.0 + scale * self.random.normal(), 1.0 + scale * self.random.normal()]
+        });
+        for (number, &[outer, inner]) in (1..).zip(&station.positions) {
+            self.now += 60.0;
+            let to_imu = station.attitude(outer, inner);
+            let (w, f) = (to_imu * station.earth(), to_imu * station.up() * (station.gravity / G0));
+            self.settle(w, f, at(self.now), &offsets);
+            for _ in 0..(station.dwell / station.dwell_row).round() as usize {
+                let h = station.dwell_row;
+                let temperature = at(self.now + 0.5 * h);
+                let mut sample = self.sample(h, temperature);
+                self.accelerometers(&mut sample, f, h);
+                self.feel(&mut sample.gyroscopes, w * h, f * h, h, &offsets);
+                self.push(set_point, number, sample);
+            }
+        }
+        for turn in &station.turns {
+            self.now += 60.0;
+            self.turn(set_point, turn, &at, &offsets);
+        }
+    }
+
+    fn turn(&mut self, set_point: f64, turn: &Turned, at: &dyn Fn(f64) -> f64, offsets: &[[f64; 3]; 3]) {
+        let station = self.station;
+        let to_imu = station.attitude(turn.outer, turn.inner);
+        let (w0, f0) = (to_imu * station.earth(), to_imu * station.up() * (station.gravity / G0));
+        let axis = Unit::new_normalize(Vector3::from(turn.axis));
+        self.settle(w0, f0, at(self.now), offsets);
+        // Right-handed about the axis as it is in space, also in left-handed coordinates.
+        let hand = station.mount.determinant().signum();
+        let angle = turn.angle + station.repeatability[2] * self.random.normal() / 3600.0;
+        let one = Move::new(angle / f64::from(station.moves), station.profile);
+        let rows =
+            ((2.0 * station.rest + f64::from(station.moves) * one.seconds() + 2.0 * f64::from(station.moves - 1))
+                / station.turn_row)
+                .ceil() as usize;
+        let phi = |t: f64| {
+            let period = one.seconds() + 2.0;
+            (0..station.moves).map(|k| one.angle(t - station.rest - period * f64::from(k))).sum::<f64>().to_radians()
+        };
+        // What the base holds turns backwards in the IMU.
+        let turned = |v: Vector3<f64>, t: f64| Rotation3::from_axis_angle(&axis, -hand * phi(t)) * v;
+        const STEPS: u32 = 20;
+        for row in 0..rows {
+            let h = station.turn_row / f64::from(STEPS);
+            let temperature = at(self.now + 0.5 * station.turn_row);
+            let mut sample = self.sample(station.turn_row, temperature);
+            for step in 0..STEPS {
+                let t = row as f64 * station.turn_row + f64::from(step) * h;
+                let mean =
+                    |v: Vector3<f64>| (turned(v, t) + turned(v, t + 0.5 * h) * 4.0 + turned(v, t + h)) * (h / 6.0);
+                let own = axis.into_inner() * ((phi(t + h) - phi(t)).to_degrees() * 3600.0);
+                self.feel(&mut sample.gyroscopes, own + mean(w0), mean(f0), h, offsets);
+            }
+            self.push(set_point, turn.number, sample);
+        }
+    }
+
+    /// The table has moved there, and stands for half a minute before the first row: what the charge balance holds has the sign of the rate at rest.
+    fn settle(&mut self, w: Vector3<f64>, f: Vector3<f64>, temperature: f64, offsets: &[[f64; 3]; 3]) {
+        self.balance = [0, 1, 2].map(|_| self.random.between(-1.0, 1.0));
+        let mut sample = self.sample(30.0, temperature);
+        self.feel(&mut sample.gyroscopes, w * 30.0, f * 30.0, 30.0, offsets);
+    }
+
+    /// A sample without pulses.
+    fn sample(&self, seconds: f64, temperature: f64) -> RawSample {
+        let triad = |first: usize| {
+            let readings = [0, 1, 2].map(|axis| telemetry(first + axis, temperature));
+            Triad {
+                head_temperature: readings.map(|r| r[0]),
+                board_temperature: readings.map(|r| r[1]),
+                ..Triad::default()
+            }
+        };
+        RawSample {
+            sequence: self.rows.len() as u64,
+            timestamp_ns: ((self.now + seconds) * 1e9).round() as u64,
+            interval_ns: (seconds * 1e9).round() as u64,
+            accelerometers: triad(0),
+            gyroscopes: triad(3),
+            ..RawSample::default()
+        }
+    }
+
+    fn accelerometers(&mut self, sample: &mut RawSample, f: Vector3<f64>, seconds: f64) {
+        for axis in 0..3 {
+            let m = [[1.0, 2e-4, -1e-4], [3e-4, 1.0, 1e-4], [-2e-4, 1e-4, 1.0]][axis];
+            let [head, board] =
+                [sample.accelerometers.head_temperature[axis], sample.accelerometers.board_temperature[axis]];
+            self.charge[axis] += (Vector3::from(m).dot(&f) + 150e-6 + 80e-6 * (head - 2.5)) * seconds;
+            let [kp, kn] = [91_000.0 + 90.0 * (board - 2.5), 90_500.0 - 70.0 * (board - 2.5)];
+            let [positive, negative] = emitted(&mut self.charge[axis], kp, kn);
+            sample.accelerometers.positive_pulses[axis] += positive;
+            sample.accelerometers.negative_pulses[axis] += negative;
+        }
+    }
+
+    /// The gyroscopes turn by `angle` \[arcsec\] and feel `force` \[g0 s\].
+    fn feel(
+        &mut self,
+        triad: &mut Triad,
+        angle: Vector3<f64>,
+        force: Vector3<f64>,
+        seconds: f64,
+        offsets: &[[f64; 3]; 3],
+    ) {
+        for (axis, truth) in self.station.gyroscopes.iter().enumerate() {
+            let (head, board) = (triad.head_temperature[axis], triad.board_temperature[axis]);
+            let [bias, plus, minus] = offsets[axis];
+            let noise = if self.station.random_walk > 0.0 {
+                self.station.random_walk * seconds.sqrt() * self.random.normal()
+            } else {
+                0.0
+            };
+            self.balance[axis] += Vector3::from(truth.m).dot(&angle)
+                + Vector3::from(truth.s).dot(&force)
+                + (cubic(&truth.bias, head) + bias) * seconds
+                + noise;
+            let [kp, kn] = [cubic(&truth.kp, board) * plus, -cubic(&truth.kn, board) * minus];
+            let [positive, negative] = emitted(&mut self.balance[axis], kp, kn);
+            triad.positive_pulses[axis] += positive;
+            triad.negative_pulses[axis] += negative;
+        }
+    }
+
+    fn push(&mut self, set_point_c: f64, number: u32, sample: RawSample) {
+        self.now += sample.interval_ns as f64 / 1e9;
+        let line = self.rows.len() as u64 + 2;
+        self.rows.push(CampaignRow { line, set_point_c, position: Some(number), sample });
+    }
+}
+
+/// The pulses of a charge balance; they leave it.
+fn emitted(charge: &mut f64, kp: f64, kn: f64) -> [u32; 2] {
+    if *charge > 0.0 {
+        let n = (*charge * kp).floor();
+        *charge -= n / kp;
+        [n as u32, 0]
+    } else {
+        let n = (-*charge * kn).floor();
+        *charge += n / kn;
+        [0, n as u32]
+    }
+}
+
+/// From rest to rest at constant accelerations.
+struct Move {
+    angle: f64,
+    rate: f64,
+    up: f64,
+    down: f64,
+}
+
+impl Move {
+    fn new(angle: f64, [rate, up, down]: [f64; 3]) -> Self {
+        // A short move does not reach the full rate.
+        let most = (2.0 * angle.abs() / (1.0 / up + 1.0 / down)).sqrt();
+        Self { angle, rate: rate.min(most), up, down }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.angle.abs() / self.rate + 0.5 * self.rate * (1.0 / self.up + 1.0 / self.down)
+    }
+
+    /// The angle after `t` \[deg\].
+    fn angle(&self, t: f64) -> f64 {
+        let (begin, end) = (self.rate / self.up, self.seconds() - self.rate / self.down);
+        let size = if t <= 0.0 {
+            0.0
+        } else if t < begin {
+            0.5 * self.up * t * t
+        } else if t < end {
+            0.5 * self.rate * begin + self.rate * (t - begin)
+        } else {
+            self.angle.abs() - 0.5 * self.down * (self.seconds() - t).max(0.0).powi(2)
+        };
+        size * self.angle.signum()
+    }
+}

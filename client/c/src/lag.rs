@@ -1,0 +1,134 @@
+//! The lagged telemetry: readings, and the state for a successor of the process.
+#![allow(non_camel_case_types, reason = "the names of C")]
+
+use crate::acquisition::{isotherm_acquisition, with};
+use crate::code::isotherm_code::ISOTHERM_ERROR_VALUE;
+use crate::code::{CodedError, NULL, isotherm_code};
+use core::ptr::NonNull;
+use isotherm_client::{Lag, LagOption, LaggedReading, Sensor, TimeConstant};
+
+/// Number of sensors: A1, A2, A3, G1, G2, G3 have the numbers 0 to 5.
+pub const ISOTHERM_SENSORS: usize = 6;
+
+/// For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
+///
+/// It is read from the status of the service when the acquisition connects, and again when an increment is flagged
+/// ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
+/// waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
+pub const ISOTHERM_LAG_SERVICE: f64 = 0.0;
+/// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
+pub const ISOTHERM_LAG_NONE: f64 = -1.0;
+
+/// The state of one sensor's lag: its last reading, and the lagged telemetry at that time.
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct isotherm_lagged_reading {
+    /// When the telemetry was measured, on the acquisition's clock [ns].
+    pub time_ns: u64,
+    /// Head telemetry, in the table's unit.
+    pub telemetry: f64,
+    /// Lagged telemetry, in the table's unit; NaN before the first reading.
+    pub lagged: f64,
+}
+
+/// The state of an acquisition's lag. It may be saved as its bytes: it has no padding, and every bit pattern is valid.
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct isotherm_lag {
+    /// A1, A2, A3, G1, G2, G3.
+    pub sensors: [isotherm_lagged_reading; ISOTHERM_SENSORS],
+}
+
+/// The lag of an option: a time constant [s], [`ISOTHERM_LAG_SERVICE`] or [`ISOTHERM_LAG_NONE`].
+pub(crate) fn option(lag_s: f64) -> Result<LagOption, CodedError> {
+    if lag_s == ISOTHERM_LAG_SERVICE {
+        Ok(LagOption::Service)
+    } else if lag_s == ISOTHERM_LAG_NONE {
+        Ok(LagOption::None)
+    } else {
+        let fixed = TimeConstant::from_seconds(lag_s).map(LagOption::Fixed);
+        fixed.map_err(|error| CodedError::new(ISOTHERM_ERROR_VALUE, &error))
+    }
+}
+
+/// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every sample that is sent
+/// later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
+///
+/// `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new measurement, not for
+/// each sample. A value that is not finite, or has the time of the last reading, is no reading. docs/lag.md has the formula.
+///
+/// This is not part of the sending path. If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this
+/// call and the next one read the status, which allocates and makes system calls, but does not wait.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reading(
+    acquisition: *mut isotherm_acquisition,
+    sensor: u32,
+    telemetry: f64,
+    time_ns: u64,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        let (sensor, _) = Sensor::NAMES.get(sensor as usize).ok_or(NO_SENSOR)?;
+        content.acquisition.reading(*sensor, telemetry, time_ns);
+        Ok(())
+    })
+}
+
+const NO_SENSOR: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_VALUE, c"there is no such sensor; give 0 to 5 for A1, A2, A3, G1, G2, G3");
+
+/// The time constant that samples are sent with [ns]; 0 while there is none, and for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acquisition) -> u64 {
+    let mut lag_ns = 0;
+    with(acquisition, |content| {
+        lag_ns = content.acquisition.lag().lag_ns;
+        Ok(())
+    });
+    lag_ns
+}
+
+/// Writes the state of the lag to `*lag`. Save it after each reading if a successor of this process shall go on with it.
+///
+/// ISOTHERM_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_save_lag(
+    acquisition: *const isotherm_acquisition,
+    lag: *mut isotherm_lag,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        let output = NonNull::new(lag).ok_or(NULL)?;
+        let none = LaggedReading { time_ns: 0, telemetry: 0.0, lagged: f64::NAN };
+        let sensors = content.acquisition.lag().sensors.map(|reading| {
+            let LaggedReading { time_ns, telemetry, lagged } = reading.unwrap_or(none);
+            isotherm_lagged_reading { time_ns, telemetry, lagged }
+        });
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { output.write(isotherm_lag { sensors }) };
+        Ok(())
+    })
+}
+
+/// Goes on with a state that was saved, on the same clock, as if there had been no pause. Sensors whose telemetry or lagged telemetry is
+/// not finite have had no reading.
+///
+/// ISOTHERM_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_restore_lag(
+    acquisition: *mut isotherm_acquisition,
+    lag: *const isotherm_lag,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        if lag.is_null() {
+            return Err(NULL);
+        }
+        // SAFETY: not NULL, so it is readable, as the header requires.
+        let isotherm_lag { sensors } = unsafe { lag.read() };
+        let sensors = sensors.map(|isotherm_lagged_reading { time_ns, telemetry, lagged }| {
+            (telemetry.is_finite() && lagged.is_finite()).then_some(LaggedReading { time_ns, telemetry, lagged })
+        });
+        content.acquisition.restore_lag(&Lag { lag_ns: 0, sensors });
+        Ok(())
+    })
+}

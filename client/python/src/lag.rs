@@ -1,0 +1,84 @@
+//! The lag of an acquisition: its option, sensors by name, and its state as numbers that JSON can keep.
+
+use isotherm_client::{Lag, LagOption, LaggedReading, Sensor, TimeConstant};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// The argument `lag`: "service", None or a time constant \[s\].
+#[derive(Clone, Copy)]
+pub struct LagArgument(pub LagOption);
+
+impl<'py> FromPyObject<'_, 'py> for LagArgument {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if object.is_none() {
+            return Ok(Self(LagOption::None));
+        }
+        if object.extract::<&str>().is_ok_and(|name| name == "service") {
+            return Ok(Self(LagOption::Service));
+        }
+        let wrong = || PyValueError::new_err("lag: give \"service\", None or a time constant in s");
+        let seconds: f64 = object.extract().map_err(|_| wrong())?;
+        let constant = TimeConstant::from_seconds(seconds);
+        constant
+            .map(|constant| Self(LagOption::Fixed(constant)))
+            .map_err(|error| PyValueError::new_err(error.to_string()))
+    }
+}
+
+/// The sensor of a name.
+///
+/// # Errors
+/// If it is not the name of a sensor.
+pub fn sensor(name: &str) -> PyResult<Sensor> {
+    name.parse().map_err(|error: isotherm_client::UnknownSensor| PyValueError::new_err(error.to_string()))
+}
+
+/// The state of a lag: for each sensor None, or time \[ns\], telemetry and lagged telemetry of its last reading.
+#[derive(IntoPyObject)]
+#[pyo3(transparent)]
+pub struct LagState(Vec<Option<(u64, f64, f64)>>);
+
+impl LagState {
+    pub fn of(lag: &Lag) -> Self {
+        let numbers = |reading: LaggedReading| (reading.time_ns, reading.telemetry, reading.lagged);
+        Self(lag.sensors.iter().map(|reading| reading.map(numbers)).collect())
+    }
+
+    pub fn lag(&self) -> Lag {
+        let mut lag = Lag::new(0);
+        for (sensor, reading) in lag.sensors.iter_mut().zip(&self.0) {
+            *sensor = reading
+                .filter(|(_, telemetry, lagged)| telemetry.is_finite() && lagged.is_finite())
+                .map(|(time_ns, telemetry, lagged)| LaggedReading { time_ns, telemetry, lagged });
+        }
+        lag
+    }
+}
+
+/// Tuples, and the lists that JSON makes of them.
+impl<'py> FromPyObject<'_, 'py> for LagState {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let wrong =
+            || PyValueError::new_err("give what lag_state() returned: None, or three numbers, for each of six sensors");
+        let reading = |item: Bound<'py, PyAny>| -> PyResult<Option<(u64, f64, f64)>> {
+            if item.is_none() {
+                return Ok(None);
+            }
+            let [time_ns, telemetry, lagged] =
+                item.try_iter()?.collect::<PyResult<Vec<_>>>()?.try_into().map_err(|_| wrong())?;
+            Ok(Some((time_ns.extract()?, telemetry.extract()?, lagged.extract()?)))
+        };
+        let sensors = object.try_iter()?.map(|item| reading(item?)).collect::<PyResult<Vec<_>>>()?;
+        if sensors.len() == Sensor::NAMES.len() { Ok(Self(sensors)) } else { Err(wrong()) }
+    }
+}
+
+/// The number of the unit with this serial number.
+#[pyfunction]
+pub fn device(serial: &str) -> u64 {
+    isotherm_client::device(serial)
+}

@@ -1,0 +1,345 @@
+//! The lagged telemetry of live samples: an acquisition feeds its readings, and every sample that it sends carries the state.
+
+use crate::clock::monotonic_ns;
+use crate::status::StatusReader;
+use core::str::FromStr;
+use isotherm_shared::lag::{Lag, SENSORS};
+use isotherm_shared::stream::{Domain, ImuId, IpcNode};
+use isotherm_shared::table::LAG_RANGE;
+use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Connecting waits this long for the time constant, at most; a running service publishes its status ten times a second.
+const CONNECT_LIMIT: Duration = Duration::from_secs(1);
+/// Pause between two looks at the status while connecting.
+const PAUSE: Duration = Duration::from_millis(2);
+/// A service that has not answered for this long is asked anew, after as long a pause \[ns\].
+const RETRY_NS: u64 = 1_000_000_000;
+/// The bits of all sensors.
+const ALL: u8 = (1 << SENSORS) - 1;
+
+/// A sensor of an IMU.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[expect(missing_docs, reason = "the names of the sensors")]
+pub enum Sensor {
+    A1,
+    A2,
+    A3,
+    G1,
+    G2,
+    G3,
+}
+
+impl Sensor {
+    /// All sensors with their names, in the order of their numbers from 0.
+    pub const NAMES: [(Self, &'static str); SENSORS] =
+        [(Self::A1, "A1"), (Self::A2, "A2"), (Self::A3, "A3"), (Self::G1, "G1"), (Self::G2, "G2"), (Self::G3, "G3")];
+}
+
+/// A text that is not the name of a sensor.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+#[error("{0:?} is no sensor; give A1, A2, A3, G1, G2 or G3")]
+pub struct UnknownSensor(String);
+
+impl FromStr for Sensor {
+    type Err = UnknownSensor;
+    fn from_str(name: &str) -> Result<Self, UnknownSensor> {
+        let found = Self::NAMES.iter().find(|(_, known)| *known == name);
+        found.map(|(sensor, _)| *sensor).ok_or_else(|| UnknownSensor(name.to_owned()))
+    }
+}
+
+/// A valid time constant of the lagged telemetry: 0.1 s to one day.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct TimeConstant(u64);
+
+impl TimeConstant {
+    /// From seconds, to the nearest nanosecond.
+    ///
+    /// # Errors
+    /// If it is not 0.1 s to 86400 s.
+    pub fn from_seconds(seconds: f64) -> Result<Self, InvalidTimeConstant> {
+        let [low, high] = LAG_RANGE;
+        match (low..=high).contains(&seconds) {
+            true => Ok(Self((seconds * 1e9).round() as u64)),
+            false => Err(InvalidTimeConstant(seconds)),
+        }
+    }
+
+    /// In nanoseconds, as [`RawSample::lag_ns`].
+    #[must_use]
+    pub const fn ns(self) -> u64 {
+        self.0
+    }
+}
+
+/// A number that cannot be a time constant.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("{0} s cannot be the time constant of the lagged telemetry; give {low} to {high} s", low = LAG_RANGE[0], high = LAG_RANGE[1])]
+pub struct InvalidTimeConstant(f64);
+
+/// Which time constant the lagged telemetry has that an acquisition sends.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum LagOption {
+    /// That of the table in force, from the status of the service: as it is when the acquisition connects, and again when an increment is
+    /// flagged [`Flags::LAG_UNKNOWN`]. If the table has another one after a reload, a few samples are flagged, until the next readings.
+    /// Connecting waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
+    #[default]
+    Service,
+    /// This one, whatever the table's is.
+    Fixed(TimeConstant),
+    /// The library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
+    None,
+}
+
+/// The lag of an acquisition.
+#[derive(Debug)]
+pub(crate) struct AcquisitionLag {
+    option: LagOption,
+    lag: Lag,
+    /// The sensors that the application has fed, one bit each.
+    fed: u8,
+    /// The table of the last increment that was flagged [`Flags::LAG_UNKNOWN`]; 0 before.
+    flagged: u64,
+    /// The table for whose flag the service was asked last; 0 before.
+    settled: u64,
+    /// A question that is under way.
+    asking: Option<Asking>,
+    /// A question that failed is not repeated before this \[ns\].
+    retry_ns: u64,
+}
+
+/// The service has been asked for the time constant in force.
+#[derive(Debug)]
+struct Asking {
+    reader: StatusReader,
+    /// When it was asked \[ns\]; an older status is no answer.
+    since_ns: u64,
+    /// Because of increments of this table.
+    table: u64,
+}
+
+impl AcquisitionLag {
+    pub(crate) fn new(option: LagOption) -> Self {
+        let lag_ns = match option {
+            LagOption::Fixed(time_constant) => time_constant.ns(),
+            LagOption::Service | LagOption::None => 0,
+        };
+        Self { option, lag: Lag::new(lag_ns), fed: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
+    }
+
+    /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is asked again when its
+    /// increments are flagged.
+    pub(crate) fn connect(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
+        if self.option != LagOption::Service {
+            return;
+        }
+        let started = Instant::now();
+        self.ask(node, domain, imu);
+        while self.asking.is_some() && started.elapsed() < CONNECT_LIMIT {
+            thread::sleep(PAUSE);
+            self.ask(node, domain, imu);
+        }
+        self.asking = None;
+    }
+
+    /// Asks the service, or looks whether it has answered. Does not wait.
+    #[cold]
+    fn ask(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
+        let now = monotonic_ns();
+        let Some(asking) = &self.asking else {
+            if now >= self.retry_ns {
+                match StatusReader::with(node, domain) {
+                    Ok(reader) => self.asking = Some(Asking { reader, since_ns: now, table: self.flagged }),
+                    Err(_) => self.retry_ns = now + RETRY_NS,
+                }
+            }
+            return;
+        };
+        match asking.reader.latest() {
+            Ok(Some(status)) if status.taken_ns >= asking.since_ns => {
+                self.settled = asking.table;
+                let in_force = status.imus.iter().find(|known| known.id == imu.as_str()).and_then(|imu| imu.lag_s);
+                // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
+                if let Some(Ok(time_constant)) = in_force.map(TimeConstant::from_seconds) {
+                    self.lag.lag_ns = time_constant.ns();
+                }
+                self.asking = None;
+            }
+            // A reader that gets nothing may belong to a service that is gone. It would occupy a place for ever.
+            Ok(_) if now - asking.since_ns <= RETRY_NS => {}
+            Ok(_) | Err(_) => (self.asking, self.retry_ns) = (None, now + RETRY_NS),
+        }
+    }
+
+    /// Looks at the flags of an answer.
+    #[inline]
+    pub(crate) fn note(&mut self, answer: &CompensatedIncrement) {
+        if Flags(answer.flags).intersects(Flags::LAG_UNKNOWN) {
+            self.flagged = answer.table;
+        }
+    }
+
+    /// Asks for the time constant again if there are flagged increments of a table for which it was not asked yet.
+    pub(crate) fn renew(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
+        if self.flagged != self.settled && self.option == LagOption::Service {
+            self.ask(node, domain, imu);
+        }
+    }
+
+    pub(crate) fn read(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
+        if self.option != LagOption::None {
+            self.fed |= 1 << sensor as u8;
+            self.lag.read(sensor as usize, telemetry, time_ns);
+        }
+    }
+
+    pub(crate) fn follow(&mut self, raw: &RawSample) {
+        if self.option != LagOption::None {
+            self.fed = ALL;
+            self.lag.follow(raw);
+        }
+    }
+
+    /// A new session is soaked at its first telemetry.
+    pub(crate) const fn reset(&mut self) {
+        self.lag.reset();
+    }
+
+    pub(crate) const fn state(&self) -> &Lag {
+        &self.lag
+    }
+
+    pub(crate) fn restore(&mut self, kept: &Lag) {
+        self.lag.sensors = kept.sensors;
+        for (sensor, _) in kept.sensors.iter().enumerate().filter(|(_, reading)| reading.is_some()) {
+            self.fed |= 1 << sensor;
+        }
+    }
+
+    /// Fills time constant and lagged telemetry into a sample, unless the application has done so or feeds no readings.
+    #[inline]
+    pub(crate) fn fill(&self, raw: &mut RawSample) {
+        if raw.lag_ns == 0 && self.lag.lag_ns != 0 && self.fed != 0 {
+            self.lag.fill(raw);
+            if self.fed != ALL {
+                self.mark_unfed(raw);
+            }
+        }
+    }
+
+    /// Without readings of a sensor its lagged telemetry is unknown, not equal to its telemetry. So its increments will be flagged, except for
+    /// gyroscopes that the IMU does not have.
+    fn mark_unfed(&self, raw: &mut RawSample) {
+        for (triad, first) in [(&mut raw.accelerometers, 0), (&mut raw.gyroscopes, AXES)] {
+            if first == 0 || triad.head_temperature != [0.0; AXES] {
+                for (axis, lagged) in triad.head_lagged.iter_mut().enumerate() {
+                    if self.fed & 1 << (first + axis) == 0 {
+                        *lagged = f64::NAN;
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_shared::wire::Triad;
+
+    const TELEMETRY: f64 = 2.5;
+
+    fn sample(gyroscopes: f64) -> RawSample {
+        let triad = |head| Triad { head_temperature: [head; AXES], ..Triad::default() };
+        RawSample { accelerometers: triad(TELEMETRY), gyroscopes: triad(gyroscopes), ..RawSample::default() }
+    }
+
+    fn fixed() -> AcquisitionLag {
+        AcquisitionLag::new(LagOption::Fixed(TimeConstant::from_seconds(10.0).unwrap()))
+    }
+
+    fn filled(lag: &AcquisitionLag, sample: RawSample) -> RawSample {
+        let mut filled = sample;
+        lag.fill(&mut filled);
+        filled
+    }
+
+    #[test]
+    fn a_time_constant_is_rounded_to_the_nearest_nanosecond_and_kept_in_its_range() {
+        for (seconds, ns) in [(0.1, 100_000_000), (240.000_000_000_4, 240_000_000_000), (86_400.0, 86_400_000_000_000)]
+        {
+            assert_eq!(TimeConstant::from_seconds(seconds).unwrap().ns(), ns);
+        }
+        for seconds in [0.0, -1.0, 0.099, 86_401.0, f64::NAN, f64::INFINITY] {
+            let message = TimeConstant::from_seconds(seconds).unwrap_err().to_string();
+            assert!(message.contains("give 0.1 to 86400 s"), "{message}");
+        }
+    }
+
+    #[test]
+    fn sensors_are_numbered_in_the_order_of_the_wire() {
+        for (number, (sensor, name)) in Sensor::NAMES.into_iter().enumerate() {
+            assert_eq!((sensor as usize, name.parse()), (number, Ok(sensor)));
+        }
+        assert!("A4".parse::<Sensor>().is_err() && "a1".parse::<Sensor>().is_err());
+    }
+
+    #[test]
+    fn samples_carry_the_lag_of_the_readings() {
+        let mut lag = fixed();
+        for (sensor, _) in Sensor::NAMES {
+            lag.read(sensor, 2.0, 1_000_000_000);
+            lag.read(sensor, TELEMETRY, 2_000_000_000);
+        }
+        let sent = filled(&lag, sample(TELEMETRY));
+        assert_eq!(sent.lag_ns, 10_000_000_000);
+        // The telemetry rose by 0.5 in a tenth of the time constant: L = U - 0.5 * (1 - exp(-0.1)) / 0.1.
+        let expected = 2.5 - 0.5 * (1.0 - (-0.1_f64).exp()) / 0.1;
+        for lagged in [sent.accelerometers.head_lagged, sent.gyroscopes.head_lagged].as_flattened() {
+            assert!((lagged - expected).abs() < 1e-14, "{lagged} {expected}");
+        }
+    }
+
+    #[test]
+    fn what_the_application_fills_in_stays() {
+        let mut lag = fixed();
+        lag.read(Sensor::A1, TELEMETRY, 1);
+        let own = RawSample { lag_ns: 7, ..sample(0.0) };
+        assert_eq!(filled(&lag, own), own);
+        let mut none = AcquisitionLag::new(LagOption::None);
+        none.read(Sensor::A1, TELEMETRY, 1);
+        assert_eq!(filled(&none, sample(0.0)), sample(0.0));
+    }
+
+    #[test]
+    fn a_sensor_that_is_not_fed_is_unknown() {
+        let mut lag = fixed();
+        assert_eq!(filled(&lag, sample(TELEMETRY)), sample(TELEMETRY), "no reading: no lag");
+        for sensor in [Sensor::A1, Sensor::A2, Sensor::A3] {
+            lag.read(sensor, TELEMETRY, 1);
+        }
+        let known = |triad: Triad| triad.head_lagged.map(f64::is_finite);
+        let sent = filled(&lag, sample(TELEMETRY));
+        assert_eq!((known(sent.accelerometers), known(sent.gyroscopes)), ([true; 3], [false; 3]));
+        assert_eq!(filled(&lag, sample(0.0)).gyroscopes, Triad::default(), "an IMU without gyroscopes sends none");
+        lag.read(Sensor::G2, TELEMETRY, 1);
+        assert_eq!(known(filled(&lag, sample(TELEMETRY)).gyroscopes), [false, true, false]);
+    }
+
+    #[test]
+    fn a_new_session_is_soaked_and_a_kept_state_goes_on() {
+        let mut lag = fixed();
+        lag.follow(&RawSample { timestamp_ns: 1, ..sample(1.0) });
+        lag.follow(&RawSample { timestamp_ns: 1_000_000_001, ..sample(1.5) });
+        let (kept, now) = (*lag.state(), sample(1.5));
+        let sent = filled(&lag, now);
+        assert!(sent.gyroscopes.head_lagged[2] < 1.1);
+        lag.reset();
+        assert_eq!(filled(&lag, now).gyroscopes.head_lagged, [1.5; 3]);
+        let mut next = fixed();
+        next.restore(&kept);
+        assert_eq!(filled(&next, now), sent);
+    }
+}

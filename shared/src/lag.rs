@@ -1,0 +1,284 @@
+//! The lagged telemetry: the head telemetry of each sensor behind a first-order lag. The transient term of a bias needs it.
+//!
+//! The service has no state, so whoever makes the samples keeps this one: the acquisition for live samples, the offline tools for recordings
+//! that have no lagged telemetry.
+//!
+//! # Formula
+//! L follows the telemetry U by `dL/dt = (U - L) / tau`. With the first reading L = U: the sensor is taken to be soaked. For a later one, dt
+//! after the last,
+//!
+//! ```text
+//! a = exp(-dt / tau)
+//! k = (1 - a) * tau / dt
+//! L = U + (L_last - U_last) * a - (U - U_last) * k
+//! ```
+//! which is exact for telemetry that is linear between two readings. So L does not depend on how often the telemetry is read.
+//!
+//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the telemetry would be taken to rise in one
+//! sample what it rose since the last measurement.
+
+use crate::wire::{AXES, RawSample};
+use serde::{Deserialize, Serialize};
+
+/// Number of sensors: A1, A2, A3, G1, G2, G3, in this order.
+pub const SENSORS: usize = 2 * AXES;
+
+/// The state of one sensor: its last reading, and L at that time.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+pub struct LaggedReading {
+    /// When the telemetry was measured, on the acquisition's clock \[ns\].
+    pub time_ns: u64,
+    /// Head telemetry U, in the table's unit.
+    pub telemetry: f64,
+    /// Lagged telemetry L, in the table's unit.
+    pub lagged: f64,
+}
+
+/// The lag of an IMU: its time constant, and the state of each sensor.
+///
+/// Every field may have any value. An application that restarts saves a copy (it is `Copy`, and has serde's traits) and goes on with it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+pub struct Lag {
+    /// Time constant tau \[ns\]; 0 = there is no lag. It may be changed at any time: L is kept.
+    pub lag_ns: u64,
+    /// The state of each sensor; `None` before its first reading.
+    pub sensors: [Option<LaggedReading>; SENSORS],
+}
+
+impl Lag {
+    /// A lag without readings.
+    #[must_use]
+    pub const fn new(lag_ns: u64) -> Self {
+        Self { lag_ns, sensors: [None; SENSORS] }
+    }
+
+    /// Forgets all readings: each sensor is soaked at its next one.
+    pub const fn reset(&mut self) {
+        self.sensors = [None; SENSORS];
+    }
+
+    /// Takes a new reading of one of the [`SENSORS`]: the head telemetry, and when it was measured on the acquisition's clock \[ns\].
+    ///
+    /// A reading that is not finite is none. Neither is one of the same time as the last, nor one of a sensor that does not exist. One of an
+    /// earlier time is of a clock that was set back: L is kept, and the telemetry goes on from there.
+    pub fn read(&mut self, sensor: usize, telemetry: f64, time_ns: u64) {
+        let Some(state) = self.sensors.get_mut(sensor) else { return };
+        if !telemetry.is_finite() || state.is_some_and(|last| last.time_ns == time_ns) {
+            return;
+        }
+        let lagged = state.map_or(telemetry, |last| last.advance(telemetry, time_ns, self.lag_ns));
+        // Only with numbers near the largest double, or in a state that was handed over.
+        let lagged = if lagged.is_finite() { lagged } else { telemetry };
+        *state = Some(LaggedReading { time_ns, telemetry, lagged });
+    }
+
+    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording. Its time is `telemetry_ns`.
+    /// Where that is unknown, a value is a new measurement if it is not the last one of its sensor, at the sample's `timestamp_ns`.
+    pub fn follow(&mut self, raw: &RawSample) {
+        for (sensor, telemetry) in heads(raw).into_iter().enumerate() {
+            if raw.telemetry_ns != 0 {
+                self.read(sensor, telemetry, raw.telemetry_ns);
+            } else if self.sensors[sensor].is_none_or(|last| last.telemetry != telemetry) {
+                self.read(sensor, telemetry, raw.timestamp_ns);
+            }
+        }
+    }
+
+    /// Fills time constant and lagged telemetry of a sample in. A sensor without a reading is soaked at the sample's telemetry.
+    pub fn fill(&self, raw: &mut RawSample) {
+        let mut lagged = heads(raw);
+        for (lagged, state) in lagged.iter_mut().zip(&self.sensors) {
+            match state {
+                _ if self.lag_ns == 0 => *lagged = 0.0,
+                Some(state) => *lagged = state.lagged,
+                None => {}
+            }
+        }
+        raw.lag_ns = self.lag_ns;
+        let [a1, a2, a3, g1, g2, g3] = lagged;
+        raw.accelerometers.head_lagged = [a1, a2, a3];
+        raw.gyroscopes.head_lagged = [g1, g2, g3];
+    }
+}
+
+impl LaggedReading {
+    /// L at the next reading.
+    fn advance(&self, telemetry: f64, time_ns: u64, lag_ns: u64) -> f64 {
+        let Some(dt) = time_ns.checked_sub(self.time_ns) else { return self.lagged };
+        let ratio = dt as f64 / lag_ns as f64;
+        // 1 - a without cancellation.
+        let k = -(-ratio).exp_m1() / ratio;
+        telemetry + (self.lagged - self.telemetry) * (-ratio).exp() - (telemetry - self.telemetry) * k
+    }
+}
+
+/// Head telemetry of all sensors.
+const fn heads(raw: &RawSample) -> [f64; SENSORS] {
+    let ([a1, a2, a3], [g1, g2, g3]) = (raw.accelerometers.head_temperature, raw.gyroscopes.head_temperature);
+    [a1, a2, a3, g1, g2, g3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::Triad;
+    use proptest::prelude::*;
+
+    const TAU_NS: u64 = 240_000_000_000;
+
+    /// L of one sensor after readings of a line: telemetry at time 0 and its slope \[1/s\].
+    fn of_line(start: f64, slope: f64, times_ns: &[u64]) -> f64 {
+        let mut lag = Lag::new(TAU_NS);
+        for time_ns in times_ns {
+            lag.read(0, start + slope * (*time_ns as f64 / 1e9), *time_ns);
+        }
+        lag.sensors[0].unwrap().lagged
+    }
+
+    proptest! {
+        /// However often linear telemetry is read, L is the solution of the differential equation.
+        #[test]
+        fn linear_telemetry_is_exact_at_any_rate(
+            start in -5.0..5.0f64,
+            slope in -0.01..0.01f64,
+            steps_ns in prop::collection::vec(1_000_000..300_000_000_000u64, 1..60),
+        ) {
+            let times: Vec<_> = [0].into_iter().chain(steps_ns.iter().scan(0, |time, step| {
+                *time += step;
+                Some(*time)
+            })).collect();
+            let end = *times.last().unwrap();
+            let (tau, t) = (TAU_NS as f64 / 1e9, end as f64 / 1e9);
+            // L = U - slope tau (1 - exp(-t / tau)), with L = U at time 0.
+            let exact = start + slope * t + slope * tau * (-t / tau).exp_m1();
+            let size = start.abs() + slope.abs() * (t + tau);
+            for read in [&times[..], &[0, end]] {
+                let lagged = of_line(start, slope, read);
+                prop_assert!((lagged - exact).abs() <= 1e-13 * size, "{} for {}, {} readings", lagged, exact, read.len());
+            }
+        }
+
+        /// No reading, and no state that was handed over, makes L useless for good.
+        #[test]
+        fn any_numbers_give_finite_lagged_telemetry(
+            lag_ns in any::<u64>(),
+            state in any::<Option<(u64, f64, f64)>>(),
+            readings in prop::collection::vec((any::<u64>(), any::<u64>()), 1..20),
+        ) {
+            let mut lag = Lag::new(lag_ns);
+            lag.sensors[3] = state.map(|(time_ns, telemetry, lagged)| LaggedReading { time_ns, telemetry, lagged });
+            for (bits, time_ns) in readings {
+                let (telemetry, before) = (f64::from_bits(bits), lag);
+                lag.read(3, telemetry, time_ns);
+                let same_time = before.sensors[3].is_some_and(|last| last.time_ns == time_ns);
+                if telemetry.is_finite() && !same_time {
+                    let now = lag.sensors[3].unwrap();
+                    prop_assert_eq!((now.time_ns, now.telemetry), (time_ns, telemetry));
+                    prop_assert!(now.lagged.is_finite());
+                } else {
+                    prop_assert_eq!(format!("{lag:?}"), format!("{before:?}"));
+                }
+            }
+        }
+
+        /// L stays between the lowest and the highest reading, whatever the telemetry does.
+        #[test]
+        fn lagged_telemetry_stays_within_the_readings(
+            readings in prop::collection::vec((1_000_000..1_000_000_000_000u64, 0.9..4.2f64), 1..60),
+        ) {
+            let (mut lag, mut time_ns) = (Lag::new(TAU_NS), 0);
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            for (step_ns, telemetry) in readings {
+                time_ns += step_ns;
+                (low, high) = (low.min(telemetry), high.max(telemetry));
+                lag.read(5, telemetry, time_ns);
+                let lagged = lag.sensors[5].unwrap().lagged;
+                prop_assert!((low - 1e-12..=high + 1e-12).contains(&lagged), "{} of {}..{}", lagged, low, high);
+            }
+        }
+    }
+
+    fn sample(telemetry_ns: u64, timestamp_ns: u64, telemetry: f64) -> RawSample {
+        let triad = Triad { head_temperature: [telemetry; AXES], ..Triad::default() };
+        RawSample { telemetry_ns, timestamp_ns, accelerometers: triad, gyroscopes: triad, ..RawSample::default() }
+    }
+
+    /// A step of the telemetry by 1 in one second, two seconds after the first reading.
+    const STEP: [(u64, f64); 3] = [(1_000_000_000, 1.0), (2_000_000_000, 1.0), (3_000_000_000, 2.0)];
+
+    #[test]
+    fn a_value_that_is_only_repeated_is_no_reading() {
+        let exact = of_readings(&STEP);
+        let mut lag = Lag::new(TAU_NS);
+        for (time_ns, telemetry) in STEP {
+            // The samples between two readings repeat the last one.
+            for timestamp_ns in (time_ns..time_ns + 1_000_000_000).step_by(50_000_000) {
+                lag.follow(&sample(time_ns, timestamp_ns, telemetry));
+            }
+        }
+        assert_eq!(lag.sensors, [exact.sensors[0]; SENSORS]);
+        // Where the time of the telemetry is unknown, only a change shows that it was read.
+        let mut lag = Lag::new(TAU_NS);
+        for (time_ns, telemetry) in STEP {
+            for timestamp_ns in (time_ns..time_ns + 1_000_000_000).step_by(50_000_000) {
+                lag.follow(&sample(0, timestamp_ns, telemetry));
+            }
+        }
+        assert_eq!(lag.sensors, [of_readings(&[STEP[0], STEP[2]]).sensors[0]; SENSORS]);
+    }
+
+    fn of_readings(readings: &[(u64, f64)]) -> Lag {
+        let mut lag = Lag::new(TAU_NS);
+        readings.iter().for_each(|(time_ns, telemetry)| lag.read(0, *telemetry, *time_ns));
+        lag
+    }
+
+    #[test]
+    fn readings_that_are_not_finite_are_left_out() {
+        let mut lag = Lag::new(TAU_NS);
+        lag.read(0, f64::NAN, 0);
+        assert_eq!(lag, Lag::new(TAU_NS));
+        for (time_ns, telemetry) in STEP {
+            lag.read(0, telemetry, time_ns);
+            lag.read(0, f64::NAN, time_ns + 1);
+            lag.read(0, f64::INFINITY, time_ns + 2);
+        }
+        lag.read(SENSORS, 1.0, 5);
+        assert_eq!(lag, of_readings(&STEP));
+    }
+
+    #[test]
+    fn a_clock_that_is_set_back_keeps_the_lag() {
+        let mut lag = of_readings(&STEP);
+        let before = lag.sensors[0].unwrap();
+        lag.read(0, 2.5, 7);
+        assert_eq!(lag.sensors[0], Some(LaggedReading { time_ns: 7, telemetry: 2.5, lagged: before.lagged }));
+        lag.read(0, 2.5, 7 + 100 * TAU_NS);
+        assert!((lag.sensors[0].unwrap().lagged - 2.5).abs() < 1e-12, "soaked at last");
+    }
+
+    #[test]
+    fn a_sample_gets_the_lag_of_its_sensors() {
+        let mut lag = Lag::new(TAU_NS);
+        let mut raw = sample(0, 0, 3.0);
+        lag.fill(&mut raw);
+        assert_eq!(
+            (raw.lag_ns, raw.accelerometers.head_lagged, raw.gyroscopes.head_lagged),
+            (TAU_NS, [3.0; 3], [3.0; 3])
+        );
+        for sensor in 0..SENSORS {
+            lag.read(sensor, sensor as f64, 1);
+        }
+        lag.fill(&mut raw);
+        assert_eq!((raw.accelerometers.head_lagged, raw.gyroscopes.head_lagged), ([0.0, 1.0, 2.0], [3.0, 4.0, 5.0]));
+        // Another time constant keeps L; none clears what the sample had.
+        lag.lag_ns = 7;
+        lag.fill(&mut raw);
+        assert_eq!((raw.lag_ns, raw.gyroscopes.head_lagged), (7, [3.0, 4.0, 5.0]));
+        lag.lag_ns = 0;
+        lag.fill(&mut raw);
+        assert_eq!(raw, sample(0, 0, 3.0));
+        lag.reset();
+        assert_eq!(lag, Lag::new(0));
+    }
+}
