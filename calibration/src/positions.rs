@@ -48,9 +48,8 @@ impl Position {
     #[must_use]
     pub fn by_tilt(&self) -> Option<[[f64; 2]; AXES]> {
         let [outer, inner] = self.angles?;
-        let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
-        // Columns of R' for laboratory X and Y: (ci, -si, 0) and (si co, ci co, -so).
-        Some([[si * co, -ci], [ci * co, si], [-so, 0.0]])
+        let [x, y, _] = laboratory_axes(outer, inner);
+        Some(core::array::from_fn(|i| [y[i], -x[i]]))
     }
 }
 
@@ -60,9 +59,16 @@ pub const SAME_DIRECTION: f64 = 2e-3;
 /// Specific force along A1, A2, A3 at the angles \[deg\], in units of the local gravity.
 #[must_use]
 pub fn specific_force(outer: f64, inner: f64) -> [f64; AXES] {
-    let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
+    let [_, _, z] = laboratory_axes(outer, inner);
     // Adding 0 turns -0 into 0, which matters where it is printed.
-    [so * si, so * ci, co].map(|f| f + 0.0)
+    z.map(|f| f + 0.0)
+}
+
+/// The laboratory's X, Y and Z along A1, A2, A3 at the angles \[deg\]: the columns of R'.
+#[must_use]
+pub fn laboratory_axes(outer: f64, inner: f64) -> [[f64; AXES]; 3] {
+    let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
+    [[ci, -si, 0.0], [si * co, ci * co, -so], [so * si, so * ci, co]]
 }
 
 /// Sine and cosine of an angle in degrees, exact at multiples of 90.

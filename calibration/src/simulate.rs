@@ -19,7 +19,9 @@ mod campaign;
 mod chamber;
 mod imu;
 mod model;
+mod motion;
 mod random;
+mod triad;
 mod turntable;
 
 pub use campaign::{
@@ -27,8 +29,10 @@ pub use campaign::{
 };
 pub use chamber::SimulatedChamber;
 pub use imu::SimulatedImu;
-pub use model::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, worst_errors};
+pub use model::{Chain, HEADING_DEG, LATITUDE_DEG, MISALIGNMENT, Noise, TILT_RAD, Truth, worst_errors};
+pub use motion::Motion;
 pub use random::RandomGenerator;
+pub use triad::{SimulatedGyroscopes, SimulatedTriad};
 pub use turntable::{SimulatedTurntable, specific_force};
 
 #[cfg(test)]

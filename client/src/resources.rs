@@ -14,7 +14,7 @@ use std::fs;
 /// Shared memory that a client needs at most, for its streams and their connections \[bytes\].
 const ROOM_OF_A_CLIENT: u64 = 3 << 19;
 /// A single object of the transport is smaller \[bytes\].
-const LARGEST_OBJECT: u64 = 3 << 19;
+const LARGEST_OBJECT: u64 = 1408 << 10;
 /// Shared memory that a service without IMUs needs at most \[bytes\].
 const ROOM: u64 = 1 << 20;
 /// Shared memory that a service needs at most for each IMU, with its connections \[bytes\].

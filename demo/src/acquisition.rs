@@ -1,16 +1,19 @@
 //! The demonstration's acquisition process: sends the samples of the simulated IMU one at a time and evaluates the increments.
 
-use super::imu::{DemoImu, INTERVAL_NS, RampPhase, SPECIFIC_FORCE};
+use super::imu::{DemoImu, INTERVAL_NS, RampPhase};
 use isotherm_client::{Acquisition, ImuId, Options};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::{AXES, CompensatedIncrement};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write as _};
 use std::time::{Duration, Instant};
 
-/// The stability is calculated from means over 10 s.
+/// The stability of the accelerometers is calculated from means over 10 s.
 const SAMPLES_PER_MEAN: u32 = (10_000_000_000 / INTERVAL_NS) as u32;
+/// That of the gyroscopes is calculated from ten times longer means: in shorter ones their random walk hides the temperature.
+const LONGER: usize = 10;
 /// Longest time for one answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Longest time until the service uses the new table.
@@ -31,9 +34,9 @@ pub enum Message {
 #[derive(Debug, Default, Deserialize, Serialize)]
 pub struct RunOutcome {
     /// Stability while heating, with the first table.
-    pub before: [MeanStability; AXES],
+    pub before: ImuStability,
     /// Stability while cooling, with the second table.
-    pub after: [MeanStability; AXES],
+    pub after: ImuStability,
     /// Identifiers of the tables that the increments name, in order.
     pub tables: Vec<u64>,
     /// Samples sent.
@@ -52,14 +55,23 @@ pub struct RunOutcome {
     pub round_trips_ns: Vec<u32>,
 }
 
-/// Statistics of 10 s means of the output minus the specific force of the attitude.
+/// Stability of both triads.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
+pub struct ImuStability {
+    /// Output minus specific force \[g0\].
+    pub accelerometers: [MeanStability; AXES],
+    /// Output minus Earth's rate \[deg/h\].
+    pub gyroscopes: [MeanStability; AXES],
+}
+
+/// Statistics of means of an output minus its true value, in the unit of the triad.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
 pub struct MeanStability {
     /// Number of means.
     pub means: u32,
-    /// Standard deviation \[g0\].
+    /// Standard deviation.
     pub deviation: f64,
-    /// Root mean square about zero \[g0\].
+    /// Root mean square about zero.
     pub rms: f64,
 }
 
@@ -91,27 +103,40 @@ struct AcquisitionRun {
 impl AcquisitionRun {
     /// Sends samples while the chamber heats or cools, until the IMU has reached the end. `done` is the part of the run, 0 to 1,
     /// that was completed before.
-    fn ramp(&mut self, phase: RampPhase, done: f64) -> Result<[MeanStability; AXES], Failure> {
-        let mut means = [const { Vec::new() }; AXES];
+    fn ramp(&mut self, phase: RampPhase, done: f64) -> Result<ImuStability, Failure> {
+        let mut forces = [const { Vec::new() }; AXES];
+        let mut rates = [const { Vec::new() }; AXES];
+        let time = f64::from(SAMPLES_PER_MEAN) * INTERVAL_NS as f64 / 1e9;
+        let motion = *self.imu.motion();
         // Estimate: a ramp of one hour with 20 % for the lag of the head, in means of 10 s.
         let expected_means = 3600.0 * 1.2 / 10.0;
         while !self.imu.has_arrived(phase) {
-            let mut sum = [0.0; AXES];
+            let (mut velocity, mut angle) = ([0.0; AXES], [0.0; AXES]);
             for _ in 0..SAMPLES_PER_MEAN {
                 let increment = self.round_trip(phase)?;
-                for (sum, dv) in sum.iter_mut().zip(increment.velocity_increment) {
-                    *sum += dv;
+                for axis in 0..AXES {
+                    velocity[axis] += increment.velocity_increment[axis];
+                    angle[axis] += increment.angle_increment[axis];
                 }
             }
-            let time = f64::from(SAMPLES_PER_MEAN) * INTERVAL_NS as f64 / 1e9;
-            for ((means, sum), force) in means.iter_mut().zip(sum).zip(SPECIFIC_FORCE) {
-                means.push(sum / time / self.gravity - force);
+            for axis in 0..AXES {
+                forces[axis].push(velocity[axis] / time / self.gravity - motion.specific_force[axis]);
+                // 1 arcsec/s is 1 deg/h.
+                let earth_rate = motion.angle[axis] / (INTERVAL_NS as f64 / 1e9);
+                rates[axis].push(angle[axis] / ARCSEC / time - earth_rate);
             }
-            if means[0].len() % 8 == 0 {
-                send(&Message::Progress(done + 0.5 * (means[0].len() as f64 / expected_means).min(1.0)))?;
+            if forces[0].len() % 8 == 0 {
+                send(&Message::Progress(done + 0.5 * (forces[0].len() as f64 / expected_means).min(1.0)))?;
             }
         }
-        Ok(means.map(|means| MeanStability::of(&means)))
+        let longer = |means: &Vec<f64>| {
+            let sums = means.chunks_exact(LONGER).map(|means| means.iter().sum::<f64>());
+            sums.map(|sum| sum / LONGER as f64).collect::<Vec<_>>()
+        };
+        Ok(ImuStability {
+            accelerometers: forces.each_ref().map(|means| MeanStability::of(means)),
+            gyroscopes: rates.each_ref().map(|means| MeanStability::of(&longer(means))),
+        })
     }
 
     /// Holds the temperature and sends samples until the service uses another table.

@@ -1,6 +1,6 @@
 //! The demonstration's IMU: simulated, at rest, with the errors of a coefficient table plus noise.
 
-use isotherm_calibration::simulate::{self, Noise, Truth};
+use isotherm_calibration::simulate::{self, Motion, Noise, Truth};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
 
@@ -12,12 +12,13 @@ const HOT: f64 = 45.0;
 /// Rate of the ramp \[degC/s\]: the whole range in one hour.
 const RAMP: f64 = (HOT - COLD) / 3600.0;
 
-/// Specific force along A1, A2, A3 \[g0\]: at rest, tilted so that every axis carries a part of gravity, A2 a negative one.
-pub const SPECIFIC_FORCE: [f64; AXES] = [0.6, -0.48, 0.64];
+/// Outer and inner angle of the turntable that the IMU rests on \[deg\]: every accelerometer carries a part of gravity, A2 a negative one.
+const ANGLES_DEG: [f64; 2] = [50.0, 130.0];
 
 /// Description of the IMU in the report.
-pub const DESCRIPTION: &str = "simulated IMU at rest, specific force (0.60, -0.48, 0.64) g0 along A1, A2, A3; \
-     -25..45 degC at 70 degC/h; sensor noise 10 ug0 a sample at 10 Hz, telemetry noise 0.1 mV, 16 bits, pulses quantised";
+pub const DESCRIPTION: &str = "simulated IMU at rest, specific force (0.59, -0.49, 0.64) g0 along A1, A2, A3, latitude 39.9 deg; \
+     -25..45 degC at 70 degC/h; noise of an accelerometer 10 ug0 a sample at 10 Hz, of a gyroscope 0.003 deg/sqrt(h); telemetry noise 0.1 mV, \
+     16 bits, pulses quantised";
 
 /// The current part of the temperature run.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -28,21 +29,32 @@ pub enum RampPhase {
 }
 
 /// The simulated IMU in its chamber.
-pub struct DemoImu(simulate::SimulatedImu);
+pub struct DemoImu {
+    imu: simulate::SimulatedImu,
+    /// What it feels in a control period.
+    motion: Motion,
+}
 
 impl DemoImu {
     /// An IMU in equilibrium at the cold end of the run.
     pub fn new(truth: &CoefficientTable, seed: u64) -> Self {
         // 10 ug0 for a sample of 0.1 s; `sensor_g0` refers to 1 s.
         let noise = Noise { sensor_g0: 10e-6 * 0.1_f64.sqrt(), ..Noise::default() };
-        Self(simulate::SimulatedImu::new(&Truth::of(truth.clone()), &chain(), &noise, COLD, seed))
+        let truth = Truth::of(truth.clone());
+        let motion = Motion::at_rest(&truth, ANGLES_DEG, INTERVAL_NS as f64 / 1e9);
+        Self { imu: simulate::SimulatedImu::new(&truth, &chain(), &noise, COLD, seed), motion }
+    }
+
+    /// What the IMU feels in a control period: gravity and Earth's rate.
+    pub const fn motion(&self) -> &Motion {
+        &self.motion
     }
 
     /// Whether the sensor head is within 0.5 degC of the end temperature of `phase`.
     pub fn has_arrived(&self, phase: RampPhase) -> bool {
         match phase {
-            RampPhase::Heating => self.0.head_c() > HOT - 0.5,
-            RampPhase::Cooling => self.0.head_c() < COLD + 0.5,
+            RampPhase::Heating => self.imu.head_c() > HOT - 0.5,
+            RampPhase::Cooling => self.imu.head_c() < COLD + 0.5,
             RampPhase::Holding => true,
         }
     }
@@ -51,12 +63,12 @@ impl DemoImu {
     pub fn step(&mut self, phase: RampPhase, raw: &mut RawSample) {
         let target = match phase {
             RampPhase::Heating => HOT,
-            RampPhase::Holding => self.0.chamber_c(),
+            RampPhase::Holding => self.imu.chamber_c(),
             RampPhase::Cooling => COLD,
         };
-        self.0.go_to(target, RAMP);
+        self.imu.go_to(target, RAMP);
         let RawSample { session, sequence, sent_ns, .. } = *raw;
-        *raw = RawSample { session, sequence, sent_ns, ..self.0.step(&SPECIFIC_FORCE, INTERVAL_NS) };
+        *raw = RawSample { session, sequence, sent_ns, ..self.imu.step(&self.motion, INTERVAL_NS) };
     }
 }
 
@@ -68,6 +80,8 @@ fn chain() -> simulate::Chain {
         board_lag_s: 240.0,
         head_offset_c: [0.0; AXES],
         board_offset_c: [0.0; AXES],
+        gyroscope_head_offset_c: [0.0; AXES],
+        gyroscope_board_offset_c: [0.0; AXES],
         oscillation_c: 0.0,
         telemetry_s: 1.0,
         ..simulate::Chain::default()

@@ -13,9 +13,10 @@ use isotherm_files::{StagedText, print};
 use isotherm_service::clean::clean;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::status::ServiceStatus;
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
+use isotherm_shared::wire::AXES;
 use rustix::process::{Pid, Signal, kill_process};
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::fs::{self, File};
 use std::io::{self, BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -24,9 +25,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// The published tables of the source paper: the truth that the demonstration simulates.
+/// The published tables of the source paper.
 pub const TABLE: &str = include_str!("../../examples/tables/imu-paper.toml");
-const IMU: &str = "imu-paper";
+/// The same accelerometers with gyroscopes: what the demonstration simulates, except for the terms of temperature in motion.
+const WHOLE_TABLE: &str = include_str!("../../examples/tables/imu-whole.toml");
+const IMU: &str = "imu-whole";
 /// Longest time for the service to start, to answer and to stop.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -50,8 +53,7 @@ impl Demo {
     /// # Errors
     /// If a process fails (the message then contains the service's log), or if the increments are wrong.
     pub fn run(self, domain: Domain) -> Result<(), Failure> {
-        let truth = CoefficientTable::from_toml(TABLE, None);
-        let truth = truth.map_err(|faults| Failure::new(Exit::Failed, format!("the embedded table: {faults}")))?;
+        let truth = truth()?;
         let imu: ImuId = IMU.parse().map_err(|error| Failure::new(Exit::Failed, format!("{error}")))?;
         if self.acquisition {
             return acquisition::run(&imu, &truth, &Options::new(domain, SERVICE_TIMEOUT));
@@ -90,7 +92,9 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let (table, next, log) =
         (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
     let frozen = frozen(truth)?;
-    fs::write(&table, frozen.to_toml()).and_then(|()| fs::write(&next, TABLE)).map_err(io("writing the tables"))?;
+    fs::write(&table, frozen.to_toml())
+        .and_then(|()| fs::write(&next, truth.to_toml()))
+        .map_err(io("writing the tables"))?;
 
     let isotherm = |arguments: &[&str]| -> Result<Command, Failure> {
         let mut command = Command::new(std::env::current_exe().map_err(io("finding this program"))?);
@@ -106,8 +110,8 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let outcome =
         wait_for_outcome(&mut acquisition, || fs::rename(&next, &table).map_err(io("renaming the new table")));
     let outcome = outcome.map_err(|failure| with_log(failure, &log))?;
-    let status = fetch_status(&Options::new(domain.clone(), SERVICE_TIMEOUT))
-        .map_err(|error| with_log(error.into(), &log))?;
+    let status =
+        fetch_status(&Options::new(domain.clone(), SERVICE_TIMEOUT)).map_err(|error| with_log(error.into(), &log))?;
     service.terminate().map_err(|failure| with_log(failure, &log))?;
 
     let wrong = lost(&outcome, &status) + outcome.out_of_order + outcome.flagged;
@@ -131,6 +135,19 @@ fn lost(outcome: &RunOutcome, status: &ServiceStatus) -> u64 {
     outcome.sent - outcome.answered + status.imus.iter().map(|imu| imu.missing).sum::<u64>()
 }
 
+/// The embedded table without the terms of temperature in motion.
+fn truth() -> Result<CoefficientTable, Failure> {
+    let failed = |cause: &dyn Display| Failure::new(Exit::Failed, format!("the embedded table: {cause}"));
+    let table = CoefficientTable::from_toml(WHOLE_TABLE, None).map_err(|faults| failed(&faults))?;
+    let mut content = table.content().clone();
+    content.lag_s = None;
+    let gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
+    for axis in content.axes.iter_mut().chain(gyroscopes) {
+        axis.transient = 0.0;
+    }
+    CoefficientTable::new(content).map_err(|refusals| failed(&format!("{refusals:?}")))
+}
+
 /// The table without temperature dependence: every polynomial is frozen at its value in the middle of the run.
 fn frozen(truth: &CoefficientTable) -> Result<CoefficientTable, Failure> {
     let freeze = |polynomial: &mut Polynomial| {
@@ -138,7 +155,8 @@ fn frozen(truth: &CoefficientTable) -> Result<CoefficientTable, Failure> {
         constant.map(|constant| *polynomial = constant)
     };
     let mut content = truth.content().clone();
-    let frozen = content.axes.iter_mut().try_for_each(|axis| {
+    let gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
+    let frozen = content.axes.iter_mut().chain(gyroscopes).try_for_each(|axis| {
         freeze(&mut axis.bias)?;
         freeze(&mut axis.positive_scale_factor)?;
         freeze(&mut axis.negative_scale_factor)
@@ -231,30 +249,17 @@ fn write_report(
     elapsed: Duration,
 ) -> std::fmt::Result {
     writeln!(text, "Isotherm {}: {}.", status.version, imu::DESCRIPTION)?;
+    let RunOutcome { before, after, .. } = outcome;
     writeln!(text, "\nOutput stability: 10 s means of output minus specific force [1e-6 g0]")?;
-    writeln!(text, "        table frozen at mid temperature      full model")?;
+    write_stability(text, &AXIS_NAMES, [before.accelerometers, after.accelerometers], (1e6, 2))?;
+    writeln!(text, "\nOutput stability: 100 s means of output minus Earth's rate [deg/h]")?;
+    write_stability(text, &GYROSCOPE_NAMES, [before.gyroscopes, after.gyroscopes], (1.0, 3))?;
     writeln!(
         text,
-        "        std. deviation   rms about zero      std. deviation   rms about zero      factor (std. dev.)"
+        "  ({} and {} means of 10 s. This IMU follows its table except for the noise; a real one keeps what no",
+        before.accelerometers[0].means, after.accelerometers[0].means
     )?;
-    for (name, (before, after)) in AXIS_NAMES.iter().zip(outcome.before.iter().zip(&outcome.after)) {
-        let MeanStability { deviation, rms, .. } = before;
-        writeln!(
-            text,
-            "  {name}    {:>14.2}   {:>14.2}      {:>14.2}   {:>14.2}      {:>6.1}",
-            deviation * 1e6,
-            rms * 1e6,
-            after.deviation * 1e6,
-            after.rms * 1e6,
-            deviation / after.deviation
-        )?;
-    }
-    writeln!(
-        text,
-        "  ({} and {} means. This IMU follows its table except for the noise; a real one keeps what no",
-        outcome.before[0].means, outcome.after[0].means
-    )?;
-    writeln!(text, "  polynomial knows: the source paper reports factors of 10 to 16.)")?;
+    writeln!(text, "  polynomial knows: the source paper reports factors of 10 to 16 for accelerometers.)")?;
     let reloads = status.imus.first().map_or(0, |imu| imu.reloads);
     writeln!(text, "\nHot reload in flight: {} reload, table {:016x} -> {:016x}", reloads, frozen.id(), truth.id())?;
     writeln!(
@@ -303,4 +308,32 @@ fn write_report(
         "  (this machine, as it is; `cargo run --profile dist -p isotherm-benches --bin latency` compares)"
     )?;
     writeln!(text, "\nDone in {:.1} s.", elapsed.as_secs_f64())
+}
+
+/// The stability of a triad before and after, a line for each sensor, in a unit of which `unit` are one of the
+/// statistics, with this number of digits.
+fn write_stability(
+    text: &mut String,
+    names: &[&str; AXES],
+    [before, after]: [[MeanStability; AXES]; 2],
+    (unit, digits): (f64, usize),
+) -> std::fmt::Result {
+    writeln!(text, "        table frozen at mid temperature      full model")?;
+    writeln!(
+        text,
+        "        std. deviation   rms about zero      std. deviation   rms about zero      factor (std. dev.)"
+    )?;
+    for (name, (before, after)) in names.iter().zip(before.iter().zip(&after)) {
+        let MeanStability { deviation, rms, .. } = before;
+        writeln!(
+            text,
+            "  {name}    {:>14.digits$}   {:>14.digits$}      {:>14.digits$}   {:>14.digits$}      {:>6.1}",
+            deviation * unit,
+            rms * unit,
+            after.deviation * unit,
+            after.rms * unit,
+            deviation / after.deviation
+        )?;
+    }
+    Ok(())
 }

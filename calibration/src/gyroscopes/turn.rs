@@ -1,6 +1,6 @@
 //! The turns of a campaign file: `[[turn]]`, from rest to rest about one axis of the turntable.
 
-use crate::positions::{Position, SAME_DIRECTION, specific_force};
+use crate::positions::{Position, SAME_DIRECTION, laboratory_axes, specific_force};
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
@@ -186,9 +186,9 @@ fn on_the_table(
 /// Direction of the outer axis at the inner angle \[deg\], along the turntable's table: (cos, -sin, 0).
 #[must_use]
 pub fn outer_axis(inner: f64) -> Vector3<f64> {
-    // The specific force at outer 90 is (sin, cos, 0), exact at multiples of 90.
-    let [sine, cosine, _] = specific_force(90.0, inner);
-    Vector3::new(cosine, 0.0 - sine, 0.0)
+    let [x, _, _] = laboratory_axes(0.0, inner);
+    // Adding 0 turns -0 into 0, which matters where it is printed.
+    Vector3::from(x).map(|component| component + 0.0)
 }
 
 /// A vector as in a campaign file.

@@ -7,6 +7,7 @@
 
 use super::imu::SimulatedImu;
 use super::model::{Chain, Noise, Truth};
+use super::motion::Motion;
 use super::random::RandomGenerator;
 use super::turntable::specific_force;
 use crate::positions::{Position, Scheme};
@@ -161,7 +162,7 @@ impl Iterator for SimulatedCampaign<'_> {
             self.next_dwell()?;
         }
         self.rows_left -= 1;
-        let raw = self.imu.step(&self.specific_force, self.schedule.interval_ns);
+        let raw = self.imu.step(&Motion::of_force(self.specific_force), self.schedule.interval_ns);
         Some(SimulatedRow { set_point_c: self.set_point_c, position: self.position, raw })
     }
 }
@@ -251,7 +252,7 @@ impl Iterator for RunSamples<'_> {
             self.imu.go_to(self.run.to_c, self.run.ramp_c_per_s);
         }
         self.count += 1;
-        Some(self.imu.step(&self.specific_force, self.run.interval_ns))
+        Some(self.imu.step(&Motion::of_force(self.specific_force), self.run.interval_ns))
     }
 }
 

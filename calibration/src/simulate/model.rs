@@ -1,10 +1,12 @@
 //! What is simulated: the truth, the hardware and its random errors.
 
 use super::random::RandomGenerator;
+use crate::gyroscopes::earth::{horizontal, vertical};
 use isotherm_shared::polynomial::{Polynomial, Side};
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
+use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// The random stream of a seed from which a truth is drawn.
@@ -15,6 +17,12 @@ pub const MISALIGNMENT: Matrix3<f64> = Matrix3::new(1.0, 3e-4, -2e-4, -1.5e-4, 1
 
 /// A typical tilt of a turntable \[rad\]; see [`Truth::tilt_rad`].
 pub const TILT_RAD: [f64; 2] = [4e-5, -6e-5];
+
+/// Latitude of the turntable unless another is given \[deg\]; see [`Truth::latitude_deg`].
+pub const LATITUDE_DEG: f64 = 39.9;
+
+/// Heading of the turntable unless another is given \[deg\]; see [`Truth::heading_deg`].
+pub const HEADING_DEG: f64 = 30.0;
 
 /// The true values that the data are simulated from.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,10 +35,15 @@ pub struct Truth {
     pub tilt_rad: [f64; 2],
     /// Gravity at the location of the IMU \[m/s2\].
     pub gravity_local: f64,
+    /// Latitude of the turntable, north positive \[deg\]. Only gyroscopes feel it.
+    pub latitude_deg: f64,
+    /// Heading of the base's X, which is the outer axis: clockwise from north, seen from above \[deg\]. Only gyroscopes feel it.
+    pub heading_deg: f64,
 }
 
 impl Truth {
-    /// A truth from `content`. Its alignment is replaced by the inverse of `misalignment`.
+    /// A truth from `content`. Its alignment is replaced by the inverse of `misalignment`. The turntable is at [`LATITUDE_DEG`] and
+    /// [`HEADING_DEG`].
     ///
     /// # Errors
     /// If `misalignment` has no inverse; else every reason why the table is not valid.
@@ -42,17 +55,43 @@ impl Truth {
     ) -> Result<Self, Vec<Refusal>> {
         let singular = || vec![Refusal { key: "misalignment".to_owned(), message: "has no inverse".to_owned() }];
         content.alignment = Some(misalignment.try_inverse().ok_or_else(singular)?);
-        Ok(Self { table: CoefficientTable::new(content)?, misalignment, tilt_rad, gravity_local })
+        let table = CoefficientTable::new(content)?;
+        Ok(Self { table, misalignment, tilt_rad, gravity_local, latitude_deg: LATITUDE_DEG, heading_deg: HEADING_DEG })
     }
 
     /// A truth from `table` as it is. The misalignment is the inverse of its alignment, if it has one. No tilt; the local
-    /// gravity is 1 g0.
+    /// gravity is 1 g0. The turntable is at [`LATITUDE_DEG`] and [`HEADING_DEG`].
     #[must_use]
     pub fn of(table: CoefficientTable) -> Self {
-        // A table's alignment is never singular.
-        let inverse = table.content().alignment.and_then(|alignment| alignment.try_inverse());
+        let misalignment = inverse(table.content().alignment);
         let gravity_local = table.content().gravity;
-        Self { table, misalignment: inverse.unwrap_or_else(Matrix3::identity), tilt_rad: [0.0; 2], gravity_local }
+        Self {
+            table,
+            misalignment,
+            tilt_rad: [0.0; 2],
+            gravity_local,
+            latitude_deg: LATITUDE_DEG,
+            heading_deg: HEADING_DEG,
+        }
+    }
+
+    /// M of the gyroscopes, the inverse of the table's gyroscope alignment: indicated = M * rate + bias. One row for each gyroscope; columns along
+    /// A1, A2, A3. The identity without an alignment or without gyroscopes.
+    #[must_use]
+    pub fn gyroscope_misalignment(&self) -> Matrix3<f64> {
+        inverse(self.table.content().gyroscopes.as_ref().and_then(|gyroscopes| gyroscopes.alignment))
+    }
+
+    /// Earth's rate along the base's X, Y and Z \[deg/h\].
+    #[must_use]
+    pub fn earth_rate(&self) -> [f64; AXES] {
+        let [tx, ty] = self.tilt_rad;
+        let up = Vector3::new(-ty, tx, 1.0).normalize();
+        // Right-handed about Z the heading runs from X to north.
+        let (sine, cosine) = self.heading_deg.to_radians().sin_cos();
+        let north = Vector3::new(cosine, sine, 0.0);
+        let north = (north - up * up.dot(&north)).normalize();
+        (north * horizontal(self.latitude_deg) + up * vertical(self.latitude_deg)).into()
     }
 
     /// Another IMU of the same kind as `content`, in another laboratory, drawn from `seed`. Bias constants differ by up to
@@ -129,6 +168,11 @@ impl Truth {
     }
 }
 
+/// The inverse of a table's alignment, which is never singular; the identity without one.
+fn inverse(alignment: Option<Matrix3<f64>>) -> Matrix3<f64> {
+    alignment.and_then(|alignment| alignment.try_inverse()).unwrap_or_else(Matrix3::identity)
+}
+
 /// `polynomial` with another constant, and with its higher coefficients changed by up to 20 %.
 fn varied(polynomial: &Polynomial, constant: f64, random: &mut RandomGenerator) -> Polynomial {
     let mut coefficients = polynomial.coefficients().to_vec();
@@ -169,6 +213,12 @@ pub struct Chain {
     pub head_offset_c: [f64; AXES],
     /// Temperature of each board above the chamber's, by its own heat \[degC\].
     pub board_offset_c: [f64; AXES],
+    /// Temperature of each gyroscope's head above the chamber's \[degC\].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub gyroscope_head_offset_c: [f64; AXES],
+    /// Temperature of each gyroscope's board above the chamber's, by its own heat \[degC\].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub gyroscope_board_offset_c: [f64; AXES],
     /// Amplitude of the chamber's slow oscillation \[degC\]; 0 for none.
     pub oscillation_c: f64,
     /// Period of the oscillation \[s\], over 0. The seed determines its phase.
@@ -195,6 +245,8 @@ impl Default for Chain {
             board_lag_s: 420.0,
             head_offset_c: [0.0, 0.625, 1.25],
             board_offset_c: [4.0, 3.5, 3.0],
+            gyroscope_head_offset_c: [1.75, 2.25, 2.75],
+            gyroscope_board_offset_c: [2.5, 2.0, 1.5],
             oscillation_c: 0.05,
             oscillation_s: 3600.0,
             telemetry_zero: 2.1,
@@ -235,12 +287,30 @@ pub struct Noise {
     pub bias_g0: f64,
     /// Relative offsets of K+ and K- in each visit of a set point.
     pub scale_factor: f64,
-    /// Error of each angle of the turntable in each dwell \[rad\].
+    /// Error of each angle of the turntable in each dwell, and where a turn begins \[rad\].
     pub positioning_rad: f64,
+    /// Random walk of a gyroscope's angle \[deg/sqrt(h)\]: in an interval of Ts seconds it is `60 * sqrt(Ts)` arcsec times this.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub random_walk: f64,
+    /// Offset of a gyroscope's bias in each visit of a set point \[deg/h\].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub gyroscope_bias: f64,
+    /// Relative offsets of a gyroscope's K+ and K- in each visit of a set point.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub gyroscope_scale_factor: f64,
+    /// Error of the angle of each turn \[rad\].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub turn_rad: f64,
+}
+
+/// Whether a value says nothing, as those of the gyroscopes do where there are none.
+fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl Default for Noise {
-    /// Sensor 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec.
+    /// Accelerometers 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003 deg/sqrt(h), visits
+    /// 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec.
     fn default() -> Self {
         Self {
             sensor_g0: 5e-6,
@@ -248,12 +318,25 @@ impl Default for Noise {
             bias_g0: 0.2e-6,
             scale_factor: 0.3e-6,
             positioning_rad: (1.0_f64 / 3600.0).to_radians(),
+            random_walk: 0.003,
+            gyroscope_bias: 0.003,
+            gyroscope_scale_factor: 0.5e-6,
+            turn_rad: 0.2 * ARCSEC,
         }
     }
 }
 
 impl Noise {
     /// No noise: everything repeats exactly.
-    pub const NONE: Self =
-        Self { sensor_g0: 0.0, telemetry: 0.0, bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0 };
+    pub const NONE: Self = Self {
+        sensor_g0: 0.0,
+        telemetry: 0.0,
+        bias_g0: 0.0,
+        scale_factor: 0.0,
+        positioning_rad: 0.0,
+        random_walk: 0.0,
+        gyroscope_bias: 0.0,
+        gyroscope_scale_factor: 0.0,
+        turn_rad: 0.0,
+    };
 }

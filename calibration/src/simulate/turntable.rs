@@ -13,7 +13,7 @@
 //! ```
 
 use super::model::Truth;
-use crate::positions::Position;
+use crate::positions::laboratory_axes;
 use core::f64::consts::TAU;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
@@ -24,13 +24,12 @@ const SWING_HZ: f64 = 0.7;
 /// The specific force \[g0\] along the body's axes at rest at the given angles \[deg\].
 #[must_use]
 pub fn specific_force(truth: &Truth, outer_deg: f64, inner_deg: f64) -> [f64; AXES] {
-    let position = Position::at(0, outer_deg, inner_deg);
-    // The derivatives by (tx, ty) are the second row of R and the negative first row, so the sum is exact.
-    let by_tilt = position.by_tilt().unwrap_or_default();
+    let [x, y, z] = laboratory_axes(outer_deg, inner_deg);
+    // The derivatives by (tx, ty) are Y and -X, so the sum is exact.
     let [tx, ty] = truth.tilt_rad;
     let length = (1.0 + tx * tx + ty * ty).sqrt();
     let gravity = truth.gravity_local / truth.table.content().gravity;
-    core::array::from_fn(|i| (position.specific_force[i] + by_tilt[i][0] * tx + by_tilt[i][1] * ty) / length * gravity)
+    core::array::from_fn(|i| (z[i] + y[i] * tx - x[i] * ty) / length * gravity)
 }
 
 /// One axis of a turntable.
@@ -92,6 +91,13 @@ pub struct SimulatedTurntable {
 }
 
 impl SimulatedTurntable {
+    /// A turntable at rest at outer and inner angle \[deg\].
+    #[must_use]
+    pub fn at(angles_deg: [f64; 2]) -> Self {
+        let axes = angles_deg.map(|angle_deg| AxisMotion { angle_deg, target_deg: angle_deg, ..AxisMotion::default() });
+        Self { axes, ..Self::default() }
+    }
+
     /// Moves an axis to `target_deg` at up to `rate` \[deg/s\] with `acceleration` \[deg/s2\]; both must be over 0.
     pub fn go_to(&mut self, axis: usize, target_deg: f64, rate: f64, acceleration: f64) {
         self.axes[axis].go_to(target_deg, rate, acceleration);

@@ -1,19 +1,26 @@
-//! A station with a known truth: the rows that an IMU would give in dwells and turns, by integrating its motion.
+//! A station with a known truth: the rows that an IMU would give in dwells and turns.
 //!
-//! Nothing here is shared with the product: attitude, Earth's rate and gravity are followed in steps of a twentieth of a row, and a pulse leaves
-//! the charge balance when its angle is full.
+//! The physics is that of `isotherm_calibration::simulate`: Earth's rate, the integral of the motion, the charge balance. It shares nothing with
+//! the fit. The station here differs from a simulated campaign: any mounting, any axis, speed profiles that are not symmetric, a drift
+//! within a set point, wrong statements in the campaign file.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::gyroscopes::turn::outer_axis;
 use isotherm_calibration::gyroscopes::{self, GyroscopeCalibration};
+use isotherm_calibration::simulate::{Motion, SimulatedGyroscopes, SimulatedTriad, Truth};
 use isotherm_recording::CampaignRow;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange};
+use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::{RawSample, Triad};
-use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt::Write as _;
 
-/// Earth's rate \[deg/h\].
-pub const EARTH: f64 = 7.292115e-5 * 180.0 / std::f64::consts::PI * 3600.0;
 const G0: f64 = 9.8015;
+
+/// Misalignment of the accelerometers.
+const ACCELEROMETERS: Matrix3<f64> = Matrix3::new(1.0, 2e-4, -1e-4, 3e-4, 1.0, 1e-4, -2e-4, 1e-4, 1.0);
 
 /// A cubic of telemetry \[V\].
 pub type Cubic = [f64; 4];
@@ -191,17 +198,71 @@ impl Station {
         self.mount * body.matrix().transpose()
     }
 
-    fn up(&self) -> Vector3<f64> {
-        Vector3::new(-self.tilt[1], self.tilt[0], 1.0).normalize()
+    /// Mounting, angles at the start and direction of the angles, with which a turntable does this turn. About the vertical of the station that
+    /// is neither of its axes (by hand, on a rate table) it is the inner axis of another mounting.
+    fn on_the_turntable(&self, turn: &Turned) -> (Matrix3<f64>, [f64; 2], [f64; 2]) {
+        let start = [turn.outer, turn.inner];
+        let axis = self.mount.transpose() * Vector3::from(turn.axis);
+        let along = |direction: Vector3<f64>| Some(axis.dot(&direction)).filter(|cosine| cosine.abs() > 1.0 - 1e-5);
+        if let Some(cosine) = along(outer_axis(turn.inner)) {
+            return (self.mount, start, [cosine.signum(), 0.0]);
+        }
+        if let Some(cosine) = along(Vector3::z()) {
+            return (self.mount, start, [0.0, cosine.signum()]);
+        }
+        let to_imu = self.attitude(turn.outer, turn.inner);
+        let vertical = (to_imu.transpose() * Vector3::from(turn.axis)).z;
+        assert!(vertical.abs() > 1.0 - 1e-5, "{turn:?}");
+        (to_imu, [0.0; 2], [0.0, vertical.signum()])
+    }
+
+    /// The truth that the library simulates, on a turntable whose axes are those of the IMU.
+    pub fn truth(&self) -> Truth {
+        let polynomial = |c: &Cubic| Polynomial::new(c, 0.0, 1.0, [0.9, 4.2]).unwrap();
+        let axis = |bias_unit, bias: &Cubic, kp: &Cubic, kn: &Cubic| Axis {
+            bias_unit,
+            bias: polynomial(bias),
+            transient: 0.0,
+            positive_scale_factor: polynomial(kp),
+            negative_scale_factor: polynomial(kn),
+            max_rate: None,
+        };
+        let accelerometer = axis(
+            BiasUnit::MicroG0,
+            &[-50.0, 80.0, 0.0, 0.0],
+            &[90_775.0, 90.0, 0.0, 0.0],
+            &[-90_675.0, 70.0, 0.0, 0.0],
+        );
+        let misalignment = Matrix3::from_fn(|i, j| self.gyroscopes[i].m[j]);
+        let content = Content {
+            format: FORMAT,
+            imu: "imu-g".parse().unwrap(),
+            serial: None,
+            gravity: G0,
+            temperature_unit: "V".to_owned(),
+            out_of_range: OutOfRange::Clamp,
+            max_age_s: None,
+            lag_s: None,
+            axes: [(); 3].map(|()| accelerometer.clone()),
+            alignment: ACCELEROMETERS.try_inverse(),
+            gyroscopes: Some(Gyroscopes {
+                axes: self.gyroscopes.map(|g| axis(BiasUnit::DegreePerHour, &g.bias, &g.kp, &g.kn)),
+                g_sensitivity: self.gyroscopes.map(|g| Some(g.s)),
+                alignment: misalignment.try_inverse(),
+            }),
+        };
+        Truth {
+            tilt_rad: self.tilt,
+            gravity_local: self.gravity,
+            latitude_deg: self.latitude,
+            heading_deg: self.heading,
+            ..Truth::of(CoefficientTable::new(content).unwrap())
+        }
     }
 
     /// Earth's rate in the base \[deg/h\].
     pub fn earth(&self) -> Vector3<f64> {
-        let (up, north) = (self.up(), self.heading.to_radians());
-        let level = Vector3::new(north.cos(), north.sin(), 0.0);
-        let level = (level - up * up.dot(&level)).normalize();
-        let latitude = self.latitude.to_radians();
-        (level * latitude.cos() + up * latitude.sin()) * EARTH
+        self.truth().earth_rate().into()
     }
 
     /// The campaign file.
@@ -241,13 +302,15 @@ impl Station {
 
     /// The rows of the whole campaign.
     pub fn rows(&self) -> Vec<CampaignRow> {
+        let truth = self.truth();
         let mut recorder = Recorder {
             station: self,
+            accelerometers: SimulatedTriad::new(&truth.table.content().axes),
+            gyroscopes: SimulatedGyroscopes::of(&truth).unwrap(),
+            truth,
             random: Random(self.seed ^ 0xABCD),
             rows: Vec::new(),
             now: 0.0,
-            balance: [0.0; 3],
-            charge: [0.0; 3],
         };
         for &set_point in &self.set_points {
             recorder.set_point(set_point);
@@ -302,14 +365,13 @@ pub fn telemetry(sensor: usize, temperature: f64) -> [f64; 2] {
 
 struct Recorder<'a> {
     station: &'a Station,
+    truth: Truth,
+    accelerometers: SimulatedTriad,
+    gyroscopes: SimulatedGyroscopes,
     random: Random,
     rows: Vec<CampaignRow>,
     /// s.
     now: f64,
-    /// What the gyroscopes' pulses have left over \[arcsec\].
-    balance: [f64; 3],
-    /// The same of the accelerometers \[g0 s\].
-    charge: [f64; 3],
 }
 
 impl Recorder<'_> {
@@ -320,70 +382,69 @@ impl Recorder<'_> {
         let begin = self.now;
         let whole = station.positions.len() as f64 * (station.dwell + 60.0) + station.turns.len() as f64 * 120.0;
         let at = move |now: f64| set_point + station.drift * ((now - begin) / whole - 0.5);
-        let offsets = [0, 1, 2].map(|_| {
-            [bias * self.random.normal(), 1.0 + scale * self.random.normal(), 1.0 + scale * self.random.normal()]
-        });
-        for (number, &[outer, inner]) in (1..).zip(&station.positions) {
+        self.gyroscopes.visit(bias, scale, || self.random.normal());
+        for (number, &angles) in (1..).zip(&station.positions) {
             self.now += 60.0;
-            let to_imu = station.attitude(outer, inner);
-            let (w, f) = (to_imu * station.earth(), to_imu * station.up() * (station.gravity / G0));
-            self.settle(w, f, at(self.now), &offsets);
+            let at_rest = |seconds| mounted(&station.mount, Motion::at_rest(&self.truth, angles, seconds));
+            let (settling, row) = (at_rest(30.0), at_rest(station.dwell_row));
+            self.settle(&settling, at(self.now));
             for _ in 0..(station.dwell / station.dwell_row).round() as usize {
-                let h = station.dwell_row;
-                let temperature = at(self.now + 0.5 * h);
-                let mut sample = self.sample(h, temperature);
-                self.accelerometers(&mut sample, f, h);
-                self.feel(&mut sample.gyroscopes, w * h, f * h, h, &offsets);
-                self.push(set_point, number, sample);
+                self.row(set_point, number, &row, station.dwell_row, at(self.now + 0.5 * station.dwell_row));
             }
         }
         for turn in &station.turns {
             self.now += 60.0;
-            self.turn(set_point, turn, &at, &offsets);
+            self.turn(set_point, turn, &at);
         }
     }
 
-    fn turn(&mut self, set_point: f64, turn: &Turned, at: &dyn Fn(f64) -> f64, offsets: &[[f64; 3]; 3]) {
+    fn turn(&mut self, set_point: f64, turn: &Turned, at: &dyn Fn(f64) -> f64) {
         let station = self.station;
-        let to_imu = station.attitude(turn.outer, turn.inner);
-        let (w0, f0) = (to_imu * station.earth(), to_imu * station.up() * (station.gravity / G0));
-        let axis = Unit::new_normalize(Vector3::from(turn.axis));
-        self.settle(w0, f0, at(self.now), offsets);
-        // Right-handed about the axis as it is in space, also in left-handed coordinates.
-        let hand = station.mount.determinant().signum();
         let angle = turn.angle + station.repeatability[2] * self.random.normal() / 3600.0;
         let one = Move::new(angle / f64::from(station.moves), station.profile);
         let rows =
             ((2.0 * station.rest + f64::from(station.moves) * one.seconds() + 2.0 * f64::from(station.moves - 1))
                 / station.turn_row)
                 .ceil() as usize;
-        let phi = |t: f64| {
+        let (mount, start, direction) = station.on_the_turntable(turn);
+        let angles = |t: f64| {
             let period = one.seconds() + 2.0;
-            (0..station.moves).map(|k| one.angle(t - station.rest - period * f64::from(k))).sum::<f64>().to_radians()
+            let turned: f64 = (0..station.moves).map(|k| one.angle(t - station.rest - period * f64::from(k))).sum();
+            [0, 1].map(|k| start[k] + direction[k] * turned)
         };
-        // What the base holds turns backwards in the IMU.
-        let turned = |v: Vector3<f64>, t: f64| Rotation3::from_axis_angle(&axis, -hand * phi(t)) * v;
-        const STEPS: u32 = 20;
+        let settling = mounted(&mount, Motion::at_rest(&self.truth, start, 30.0));
+        self.settle(&settling, at(self.now));
         for row in 0..rows {
-            let h = station.turn_row / f64::from(STEPS);
+            let begin = row as f64 * station.turn_row;
+            let motion = Motion::over(&self.truth, station.turn_row, |t| angles(begin + t));
             let temperature = at(self.now + 0.5 * station.turn_row);
-            let mut sample = self.sample(station.turn_row, temperature);
-            for step in 0..STEPS {
-                let t = row as f64 * station.turn_row + f64::from(step) * h;
-                let mean =
-                    |v: Vector3<f64>| (turned(v, t) + turned(v, t + 0.5 * h) * 4.0 + turned(v, t + h)) * (h / 6.0);
-                let own = axis.into_inner() * ((phi(t + h) - phi(t)).to_degrees() * 3600.0);
-                self.feel(&mut sample.gyroscopes, own + mean(w0), mean(f0), h, offsets);
-            }
-            self.push(set_point, turn.number, sample);
+            self.row(set_point, turn.number, &mounted(&mount, motion), station.turn_row, temperature);
         }
     }
 
     /// The table has moved there, and stands for half a minute before the first row: what the charge balance holds has the sign of the rate at rest.
-    fn settle(&mut self, w: Vector3<f64>, f: Vector3<f64>, temperature: f64, offsets: &[[f64; 3]; 3]) {
-        self.balance = [0, 1, 2].map(|_| self.random.between(-1.0, 1.0));
+    fn settle(&mut self, motion: &Motion, temperature: f64) {
         let mut sample = self.sample(30.0, temperature);
-        self.feel(&mut sample.gyroscopes, w * 30.0, f * 30.0, 30.0, offsets);
+        self.feel(&mut sample.gyroscopes, motion, 30.0);
+    }
+
+    fn row(&mut self, set_point_c: f64, number: u32, motion: &Motion, seconds: f64, temperature: f64) {
+        let mut sample = self.sample(seconds, temperature);
+        let triad = &mut sample.accelerometers;
+        let force = ACCELEROMETERS * Vector3::from(motion.specific_force);
+        let indicated = [0, 1, 2]
+            .map(|axis| (force[axis] + self.accelerometers.bias(axis, triad.head_temperature[axis])) * seconds);
+        let scale_factors = self.accelerometers.scale_factors(triad.board_temperature);
+        self.accelerometers.convert(indicated, &scale_factors, triad);
+        self.feel(&mut sample.gyroscopes, motion, seconds);
+        self.now += seconds;
+        let line = self.rows.len() as u64 + 2;
+        self.rows.push(CampaignRow { line, set_point_c, position: Some(number), sample });
+    }
+
+    fn feel(&mut self, triad: &mut Triad, motion: &Motion, seconds: f64) {
+        let walk = [0, 1, 2].map(|_| self.station.random_walk * seconds.sqrt() * self.random.normal());
+        self.gyroscopes.feel(motion, seconds, [triad.head_temperature, triad.board_temperature], walk, triad);
     }
 
     /// A sample without pulses.
@@ -405,66 +466,13 @@ impl Recorder<'_> {
             ..RawSample::default()
         }
     }
-
-    fn accelerometers(&mut self, sample: &mut RawSample, f: Vector3<f64>, seconds: f64) {
-        for axis in 0..3 {
-            let m = [[1.0, 2e-4, -1e-4], [3e-4, 1.0, 1e-4], [-2e-4, 1e-4, 1.0]][axis];
-            let [head, board] =
-                [sample.accelerometers.head_temperature[axis], sample.accelerometers.board_temperature[axis]];
-            self.charge[axis] += (Vector3::from(m).dot(&f) + 150e-6 + 80e-6 * (head - 2.5)) * seconds;
-            let [kp, kn] = [91_000.0 + 90.0 * (board - 2.5), 90_500.0 - 70.0 * (board - 2.5)];
-            let [positive, negative] = emitted(&mut self.charge[axis], kp, kn);
-            sample.accelerometers.positive_pulses[axis] += positive;
-            sample.accelerometers.negative_pulses[axis] += negative;
-        }
-    }
-
-    /// The gyroscopes turn by `angle` \[arcsec\] and feel `force` \[g0 s\].
-    fn feel(
-        &mut self,
-        triad: &mut Triad,
-        angle: Vector3<f64>,
-        force: Vector3<f64>,
-        seconds: f64,
-        offsets: &[[f64; 3]; 3],
-    ) {
-        for (axis, truth) in self.station.gyroscopes.iter().enumerate() {
-            let (head, board) = (triad.head_temperature[axis], triad.board_temperature[axis]);
-            let [bias, plus, minus] = offsets[axis];
-            let noise = if self.station.random_walk > 0.0 {
-                self.station.random_walk * seconds.sqrt() * self.random.normal()
-            } else {
-                0.0
-            };
-            self.balance[axis] += Vector3::from(truth.m).dot(&angle)
-                + Vector3::from(truth.s).dot(&force)
-                + (cubic(&truth.bias, head) + bias) * seconds
-                + noise;
-            let [kp, kn] = [cubic(&truth.kp, board) * plus, -cubic(&truth.kn, board) * minus];
-            let [positive, negative] = emitted(&mut self.balance[axis], kp, kn);
-            triad.positive_pulses[axis] += positive;
-            triad.negative_pulses[axis] += negative;
-        }
-    }
-
-    fn push(&mut self, set_point_c: f64, number: u32, sample: RawSample) {
-        self.now += sample.interval_ns as f64 / 1e9;
-        let line = self.rows.len() as u64 + 2;
-        self.rows.push(CampaignRow { line, set_point_c, position: Some(number), sample });
-    }
 }
 
-/// The pulses of a charge balance; they leave it.
-fn emitted(charge: &mut f64, kp: f64, kn: f64) -> [u32; 2] {
-    if *charge > 0.0 {
-        let n = (*charge * kp).floor();
-        *charge -= n / kp;
-        [n as u32, 0]
-    } else {
-        let n = (-*charge * kn).floor();
-        *charge += n / kn;
-        [0, n as u32]
-    }
+/// What an IMU feels that is mounted so on the turntable. A left-handed one feels rates as it feels forces.
+fn mounted(mount: &Matrix3<f64>, motion: Motion) -> Motion {
+    let [angle, specific_force] =
+        [motion.angle, motion.specific_force].map(|vector| (mount * Vector3::from(vector)).into());
+    Motion { angle, specific_force }
 }
 
 /// From rest to rest at constant accelerations.

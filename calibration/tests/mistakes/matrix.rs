@@ -580,6 +580,7 @@ fn correct_of(seed: u64, imu: impl Fn(Truth) -> Truth) -> (Case, String) {
         bias_g0: [0.2e-6, 2e-6, 20e-6][pick(3) as usize],
         scale_factor: [0.3e-6, 5e-6][pick(2) as usize],
         positioning_rad: [1.0, 5.0, 60.0, 600.0][pick(4) as usize] * (1.0_f64 / 3600.0).to_radians(),
+        ..Noise::NONE
     };
     let mut truth = imu(truth_in(unit, zero, slope, seed));
     if !tilt {

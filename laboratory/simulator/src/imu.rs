@@ -2,7 +2,7 @@
 
 use super::link::{Answer, DeviceEvent, LinkClient};
 use super::station::SimulatedStation;
-use isotherm_calibration::simulate::{self, RandomGenerator, SimulatedTurntable, Truth, specific_force};
+use isotherm_calibration::simulate::{self, Motion, RandomGenerator, SimulatedTurntable, Truth, specific_force};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{WorldWritable, load_table};
@@ -137,7 +137,7 @@ impl<'a> MountedImu<'a> {
         }
         self.turntable.wait(end_s - now_s);
         self.periods += 1;
-        let raw = self.imu.step(&force, self.interval_ns);
+        let raw = self.imu.step(&Motion::of_force(force), self.interval_ns);
         if self.imu.chamber_c() != self.target_c {
             self.arrived_s = end_s;
         }
