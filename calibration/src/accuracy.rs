@@ -1,29 +1,33 @@
-//! How accurate the curves of a calibration are: one figure for the bias and one for the scale factors.
+//! How accurate the curves of a calibration are: one figure for the bias and one for the scale factors of a triad; of gyroscopes also one for the
+//! g-sensitivities and one for the misalignments.
 //!
 //! Each curve has a 95 % interval at every telemetry, from the covariance of its coefficients by Student's t with the curve's degrees of
 //! freedom. The figure is the largest half width over the range of the data. A constant error that all set points share (a wrong position, a
-//! wrong local gravity) is not in it; where a warning shows one, the line says that it is left out.
+//! wrong local gravity, an angle that every turn misses) is not in it; where a warning shows one, the line says that it is left out.
 
 use crate::calibrate::Calibration;
 use crate::campaign::range;
-use crate::checks::name;
+use crate::checks::{Finding, name};
 use crate::curve::{CONFIDENCE, Curve, student_quantile};
+use crate::gyroscopes::GyroscopeCalibration;
+use crate::triad::{CalibratedTriad, TriadUnits};
 use core::fmt;
 use isotherm_shared::wire::AXES;
-use serde::Serialize;
 
 /// The intervals are evaluated at the ends of this many equal steps over the range.
 const STEPS: u32 = 64;
 /// With fewer set points the errors are themselves so uncertain that a caution is printed.
 const FEW_SET_POINTS: usize = 8;
 
-/// The largest 95 % half widths over the range of the data.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// The largest 95 % half widths over the range of the data. A figure of a curve without degrees of freedom is `None`.
+#[derive(Clone, Debug)]
 pub struct Accuracy {
-    /// Bias of each accelerometer \[g0\]; `None` without degrees of freedom.
+    /// Bias of each sensor: of accelerometers \[g0\], of gyroscopes \[deg/h\].
     pub bias: [Option<f64>; AXES],
-    /// K+ and K- of each accelerometer, the larger one, relative; `None` without degrees of freedom.
+    /// K+ and K- of each sensor, the larger one, relative.
     pub scale_factor: [Option<f64>; AXES],
+    /// Of gyroscopes: what does not depend on temperature.
+    pub constants: Option<ConstantsAccuracy>,
     /// Lowest and highest telemetry of the data.
     pub range: [f64; 2],
     /// Unit of the telemetry.
@@ -34,43 +38,68 @@ pub struct Accuracy {
     pub freedom: usize,
     /// What warnings, or faults that were accepted, show beyond these figures; empty without such a warning.
     pub without: String,
+    units: &'static TriadUnits,
+}
+
+/// The largest 95 % half widths of what gyroscopes have beside curves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConstantsAccuracy {
+    /// The three g-sensitivities of each gyroscope \[deg/h/g0\].
+    pub g_sensitivity: [Option<f64>; AXES],
+    /// The two misalignments of each gyroscope \[rad\].
+    pub misalignment: [Option<f64>; AXES],
 }
 
 /// Warnings about errors that the intervals do not contain.
-const BEYOND: [&str; 3] = [name::INTERVAL, name::LEVEL, name::LACK_OF_FIT];
+const BEYOND: [&str; 5] = [name::INTERVAL, name::LEVEL, name::LACK_OF_FIT, name::LATITUDE, name::EARTH_RATE];
 
-/// What the intervals do not contain, in words.
-fn without(calibration: &Calibration) -> String {
+/// What the intervals do not contain, in words. `findings` are those of the triad.
+fn without(calibration: &Calibration, findings: &[Finding], suspect_position: Option<u32>) -> String {
     // The intervals contain the scatter of the set points. What a stated order is too low for is no scatter.
     let counts = |name: &str| name != name::LACK_OF_FIT || calibration.options.order.is_some();
-    let found = |name: &&str| counts(name) && calibration.findings.iter().any(|finding| finding.name == *name);
-    let mut names: Vec<&str> = BEYOND.into_iter().filter(found).collect();
-    names.extend(calibration.accepted.iter().filter(|name| !BEYOND.contains(name)));
+    let has = |name: &str| findings.iter().any(|finding| finding.name == name);
+    let mut names: Vec<&str> = BEYOND.into_iter().filter(|name| counts(name) && has(name)).collect();
+    names.extend(calibration.accepted.iter().filter(|name| !BEYOND.contains(name) && has(name)));
     let names: Vec<_> = names.into_iter().map(|name| format!("[{name}]")).collect();
     let warnings = match names.as_slice() {
         [] => String::new(),
         [one] => format!("the errors of warning {one}"),
         many => format!("the errors of warnings {}", many.join(", ")),
     };
-    let position = calibration.suspect_position.map(|number| format!("what position {number} adds"));
+    let position = suspect_position.map(|number| format!("what position {number} adds"));
     position.into_iter().chain(Some(warnings).filter(|text| !text.is_empty())).collect::<Vec<_>>().join(" and ")
 }
 
 impl Accuracy {
-    /// The accuracy of a calibration.
+    /// The accuracy of the accelerometers.
     #[must_use]
     pub fn of(calibration: &Calibration) -> Self {
-        let curves = |axis: usize| &calibration.solution.axes[axis].curves;
-        let half_width = |axis: usize, quantity: usize, relative| largest_interval(&curves(axis)[quantity], relative);
+        Self::of_triad(calibration, &CalibratedTriad::accelerometers(calibration))
+    }
+
+    /// The accuracy of the gyroscopes; `None` without any.
+    #[must_use]
+    pub fn of_gyroscopes(calibration: &Calibration) -> Option<Self> {
+        let found = calibration.gyroscopes.as_ref()?;
+        Some(Self::of_triad(calibration, &CalibratedTriad::gyroscopes(calibration, found)))
+    }
+
+    pub(crate) fn of_triad(calibration: &Calibration, triad: &CalibratedTriad<'_>) -> Self {
+        let half_width =
+            |axis: usize, quantity: usize, relative| largest_interval(&triad.curves[axis][quantity], relative);
         let scale_factor = |axis: usize| Some(half_width(axis, 1, true)?.max(half_width(axis, 2, true)?));
+        let curves = || triad.curves.into_iter().flatten();
+        let suspect_position = calibration.suspect_position.filter(|_| triad.gyroscopes.is_none());
         Self {
             bias: [0, 1, 2].map(|axis| half_width(axis, 0, false)),
             scale_factor: [0, 1, 2].map(scale_factor),
-            range: range((0..AXES).flat_map(|axis| curves(axis).iter().map(|curve| curve.range()))),
+            constants: triad.gyroscopes.map(|found| ConstantsAccuracy::of(found, triad)),
+            range: range(curves().map(|curve| curve.range())),
             unit: calibration.table.content().temperature_unit.clone(),
             set_points: calibration.set_points.len(),
-            freedom: (0..AXES).flat_map(|axis| curves(axis).iter().map(Curve::freedom)).min().unwrap_or_default(),
-            without: without(calibration),
+            freedom: curves().map(Curve::freedom).min().unwrap_or_default(),
+            without: without(calibration, triad.findings, suspect_position),
+            units: triad.units,
         }
     }
 
@@ -87,12 +116,23 @@ impl Accuracy {
                     (if self.freedom == 1 { "degree" } else { "degrees" }, student_quantile(CONFIDENCE, self.freedom));
                 Some(format!(
                     "from {few} set points these figures are themselves uncertain: with {} {noun} of freedom intervals are +- {quantile:.1} \
-                     standard errors, and a curve that does not fit widens those of the accelerometer's other curves; {FEW_SET_POINTS} or more \
+                     standard errors, and a curve that does not fit widens those of the {}'s other curves; {FEW_SET_POINTS} or more \
                      set points make them firm",
-                    self.freedom
+                    self.freedom, self.units.sensor
                 ))
             }
             _ => None,
+        }
+    }
+}
+
+impl ConstantsAccuracy {
+    fn of(found: &GyroscopeCalibration, triad: &CalibratedTriad<'_>) -> Self {
+        let largest = |intervals: &[f64]| intervals.iter().copied().fold(0.0, f64::max);
+        let g_sensitivity = |axis: usize| found.solution.gyroscopes[axis].g_sensitivity_interval(CONFIDENCE);
+        Self {
+            g_sensitivity: [0, 1, 2].map(|axis| g_sensitivity(axis).map(|intervals| largest(&intervals))),
+            misalignment: triad.misalignment_interval.map(|intervals| intervals.map(|both| largest(&both))),
         }
     }
 }
@@ -110,25 +150,30 @@ pub fn largest_interval(curve: &Curve, relative: bool) -> Option<f64> {
 /// The bottom line.
 impl fmt::Display for Accuracy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let most = |values: &[Option<f64>; AXES], digits: usize| {
+        let figure = |values: &[Option<f64>; AXES], factor: f64, decimals: usize, unit: &str| {
             let all = values.iter().copied().collect::<Option<Vec<_>>>();
-            let most = all.map(|values| values.into_iter().fold(0.0, f64::max) * 1e6);
-            most.map(|most| format!("+- {most:.digits$}"))
+            let most = all.map(|values| values.into_iter().fold(0.0, f64::max) * factor);
+            most.map_or_else(
+                || "not known (no degrees of freedom)".to_owned(),
+                |most| format!("+- {most:.decimals$}{unit}"),
+            )
         };
-        let figure = |values: &[Option<f64>; AXES], unit: &str| {
-            most(values, 2)
-                .map_or_else(|| "not known (no degrees of freedom)".to_owned(), |most| format!("{most} {unit}"))
-        };
+        let TriadUnits { bias, bias_factor, accuracy_decimals, .. } = *self.units;
         write!(
             f,
-            "bias {}, scale factor {} over {:.4}..{:.4} {}, 95 %, from {} set points",
-            figure(&self.bias, "ug0"),
-            figure(&self.scale_factor, "ppm"),
+            "bias {}, scale factor {} over {:.4}..{:.4} {}, ",
+            figure(&self.bias, bias_factor, accuracy_decimals, &format!(" {bias}")),
+            figure(&self.scale_factor, 1e6, 2, " ppm"),
             self.range[0],
             self.range[1],
             self.unit,
-            self.set_points
         )?;
+        if let Some(constants) = &self.constants {
+            let s = figure(&constants.g_sensitivity, 1.0, 4, " deg/h/g0");
+            let m = figure(&constants.misalignment, 1e6, 2, "e-6 rad");
+            write!(f, "g-sensitivity {s}, misalignment {m}, ")?;
+        }
+        write!(f, "95 %, from {} set points", self.set_points)?;
         if self.without.is_empty() { Ok(()) } else { write!(f, ", without {}", self.without) }
     }
 }

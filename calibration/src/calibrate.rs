@@ -4,10 +4,10 @@
 
 use crate::alignment::{AlignmentChoice, is_needed, misalignment};
 use crate::campaign::{Campaign, Dwell, range};
-use crate::checks::{Finding, SetPoint, Severity, check, name, set_points};
+use crate::checks::{Finding, RunNumber, SetPoint, Severity, check, name, set_points};
 use crate::curve::Curve;
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
-use crate::gyroscopes::GyroscopeCalibration;
+use crate::gyroscopes::result::GyroscopeCalibration;
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
 use crate::order::{BIAS_EFFECT, Choice, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT, choose};
 use crate::positions::{Observability, Position, specific_force};
@@ -71,8 +71,8 @@ pub enum CalibrationError {
         /// All other findings.
         findings: Vec<Finding>,
     },
-    /// A dwell to leave out does not exist.
-    #[error("there is no dwell at set point {0} degC in position {1} to leave out")]
+    /// A dwell or turn to leave out does not exist.
+    #[error("there is no dwell or turn at set point {0} degC with the number {1} to leave out")]
     NothingToExclude(f64, u32),
     /// The remaining dwells of a set point do not determine its parameters.
     #[error("set point {set_point_c} degC: {deficiency}")]
@@ -397,7 +397,7 @@ pub fn calibrate(
             severity: Severity::Warning,
             name: name::OUTLIER,
             line: Some(place.lines[0]),
-            place: Some((place.set_point_c, Some(campaign.positions[place.position].number))),
+            place: Some((place.set_point_c, Some(RunNumber::Position(campaign.positions[place.position].number)))),
             message: format!(
                 "{} is {:.2}e-6 g0 off the fit, far more than the other dwells; kept, leave it out with \
                  --exclude {}/{} if it is known to be bad",

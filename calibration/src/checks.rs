@@ -55,6 +55,35 @@ pub enum Severity {
     Warning,
 }
 
+/// The number of a position or of a turn, as the samples carry it in the column `position`.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum RunNumber {
+    /// Of a position.
+    Position(u32),
+    /// Of a turn.
+    Turn(u32),
+}
+
+impl RunNumber {
+    /// The number alone.
+    #[must_use]
+    pub const fn value(self) -> u32 {
+        match self {
+            Self::Position(number) | Self::Turn(number) => number,
+        }
+    }
+}
+
+/// `position 3` or `turn 15`.
+impl fmt::Display for RunNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Position(number) => write!(f, "position {number}"),
+            Self::Turn(number) => write!(f, "turn {number}"),
+        }
+    }
+}
+
 /// A fault or a warning about the campaign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
@@ -64,8 +93,8 @@ pub struct Finding {
     pub name: &'static str,
     /// Line of the samples, if the finding concerns one.
     pub line: Option<u64>,
-    /// Set point \[degC\] and number of the position, if the finding concerns one.
-    pub place: Option<(f64, Option<u32>)>,
+    /// Set point \[degC\], and the position or turn, if the finding concerns one.
+    pub place: Option<(f64, Option<RunNumber>)>,
     /// The cause and the remedy.
     pub message: String,
 }
@@ -98,7 +127,7 @@ impl Finding {
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.place {
-            Some((set_point, Some(position))) => write!(f, "set point {set_point} degC, position {position}: ")?,
+            Some((set_point, Some(number))) => write!(f, "set point {set_point} degC, {number}: ")?,
             Some((set_point, None)) => write!(f, "set point {set_point} degC: ")?,
             None => {}
         }
@@ -235,7 +264,8 @@ impl Checker<'_> {
 
     fn report_dwell(&mut self, severity: Severity, name: &'static str, dwell: usize, line: u64, message: String) {
         let dwell = &self.dwells[dwell];
-        let place = Some((dwell.set_point_c, Some(self.campaign.positions[dwell.position].number)));
+        let number = RunNumber::Position(self.campaign.positions[dwell.position].number);
+        let place = Some((dwell.set_point_c, Some(number)));
         self.findings.push(Finding { severity, name, line: Some(line), place, message });
     }
 

@@ -21,7 +21,7 @@
 mod words;
 
 use crate::campaign::{Campaign, Dwell};
-use crate::checks::{Finding, SetPoint, Severity, name};
+use crate::checks::{Finding, RunNumber, SetPoint, Severity, name};
 use crate::positions::{Observability, PARAMETERS, Position, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -560,7 +560,7 @@ impl<'a> Trials<'a> {
         };
         for (_, hypothesis, scope) in &found {
             let Hypothesis::Off(position) = hypothesis else { continue };
-            let number = self.campaign.positions[*position].number;
+            let number = RunNumber::Position(self.campaign.positions[*position].number);
             let moved = |i: &usize| {
                 let place = Some((self.set_points[*i].set_point_c, Some(number)));
                 findings.iter().position(|finding| finding.name == name::NOT_STILL && finding.place == place)

@@ -8,6 +8,7 @@
 //! 3. `checks`: turns that were not as the campaign file says.
 //! 4. [`fit`]: each set point by itself, then all together.
 //! 5. [`earth`]: Earth's rate in IMU coordinates; the check of the latitude; stations without angles.
+//! 6. [`result`]: what was found.
 //!
 //! Over 400 lines: the steps in their order, with what they hand on.
 
@@ -16,10 +17,12 @@ pub mod earth;
 pub mod fit;
 pub mod observability;
 mod quality;
+pub mod result;
 pub mod runs;
 pub mod turn;
 
-pub use runs::{Measurements, read};
+pub use result::{GyroscopeCalibration, is_alignment_needed};
+pub use runs::{FittedRun, Measurements, OtherDevice, Place, read};
 
 use crate::alignment::{AlignmentChoice, is_needed as accelerometers_need_alignment};
 use crate::calibrate::{
@@ -52,113 +55,8 @@ pub const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
 const LEAST_ORDER: usize = 3;
 /// Probability of choosing a term without effect, over the orders of a curve: 1 % over the nine curves of the triad.
 const SIGNIFICANCE: f64 = 0.01 / 9.0;
-/// A smaller misalignment does not matter \[rad\].
-const SMALL_MISALIGNMENT: f64 = 1e-6;
-/// Confidence at which a misalignment must differ from 0.
-const NEEDED_CONFIDENCE: f64 = 0.99;
 
-/// Where a run was: in a position, or in a turn.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Place {
-    /// Index into the campaign's positions.
-    Position(usize),
-    /// Index into the campaign's turns.
-    Turn(usize),
-}
-
-impl Place {
-    /// Its number in the samples.
-    #[must_use]
-    pub fn number(self, campaign: &Campaign) -> u32 {
-        match self {
-            Self::Position(index) => campaign.positions[index].number,
-            Self::Turn(index) => campaign.turns[index].start.number,
-        }
-    }
-
-    /// `position 3` or `turn 15`.
-    #[must_use]
-    pub fn text(self, campaign: &Campaign) -> String {
-        match self {
-            Self::Position(_) => format!("position {}", self.number(campaign)),
-            Self::Turn(_) => format!("turn {}", self.number(campaign)),
-        }
-    }
-}
-
-/// A dwell or a turn in the fit.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FittedRun {
-    /// Index of its set point.
-    pub set_point: usize,
-    /// Where it was.
-    pub place: Place,
-    /// Lines of its first and last row.
-    pub lines: [u64; 2],
-    /// Sum of its intervals \[s\].
-    pub seconds: f64,
-    /// Residual of each gyroscope \[arcsec\].
-    pub residual: [f64; AXES],
-}
-
-/// What the calibration of the gyroscopes found.
-#[derive(Clone, Debug)]
-pub struct GyroscopeCalibration {
-    /// The dwells, then the turns.
-    pub runs: Vec<FittedRun>,
-    /// What positions and turns determine.
-    pub observability: TriadObservability,
-    /// Each set point reduced by itself.
-    pub reduced: Vec<ReducedSetPoint>,
-    /// The order tables, by gyroscope and quantity, with leave-one-set-point-out errors.
-    pub orders: [[OrderTable; 3]; AXES],
-    /// The estimate that the table is made of.
-    pub solution: TriadSolution,
-    /// Earth's horizontal rate beside that of the latitude; `None` without angles.
-    pub earth: Option<EarthCheck>,
-    /// Without angles: what Earth's rate leaves in the estimate, if it does not cancel.
-    pub left_over: Option<LeftOver>,
-    /// Outlying runs, which were kept in the fit: index into `runs` and gyroscope.
-    pub outliers: Vec<(usize, usize)>,
-}
-
-impl GyroscopeCalibration {
-    /// The misalignment matrix M. Row i: sensitivity of gyroscope i to the rate about each axis; 1 on the diagonal.
-    #[must_use]
-    pub fn misalignment(&self) -> Matrix3<f64> {
-        misalignment(&self.solution)
-    }
-
-    /// Residual standard deviation of gyroscope `axis` over all runs, as a random walk of the angle \[deg/sqrt(h)\].
-    #[must_use]
-    pub fn random_walk(&self, axis: usize) -> f64 {
-        let sum: f64 = self.solution.residuals.iter().map(|residual| residual[axis].powi(2)).sum();
-        // 1 arcsec/sqrt(s) is 60/3600 deg/sqrt(h).
-        (sum / self.solution.residuals.len() as f64).sqrt() / 60.0
-    }
-}
-
-fn misalignment(solution: &TriadSolution) -> Matrix3<f64> {
-    let mut matrix = Matrix3::identity();
-    for (axis, part) in solution.gyroscopes.iter().enumerate() {
-        for (k, m) in part.misalignment.into_iter().enumerate() {
-            matrix[(axis, (axis + 1 + k) % AXES)] = m;
-        }
-    }
-    matrix
-}
-
-/// Whether a misalignment of a gyroscope exceeds its 99 % interval and 1e-6 rad.
-#[must_use]
-pub fn is_alignment_needed(solution: &TriadSolution) -> bool {
-    solution.gyroscopes.iter().any(|gyroscope| {
-        let intervals = gyroscope.misalignment_interval(NEEDED_CONFIDENCE).unwrap_or([f64::INFINITY; 2]);
-        let pairs = gyroscope.misalignment.iter().zip(intervals);
-        pairs.into_iter().any(|(m, interval)| m.abs() > interval.max(SMALL_MISALIGNMENT))
-    })
-}
-
-/// Checks that positions and turns determine all parameters of both triads.
+/// Checks that positions and turns determine all parameters of both triads; of the accelerometers only, if the campaign file has no turns.
 ///
 /// # Errors
 /// Each deficiency, with a position or turn that would help.
@@ -168,7 +66,9 @@ pub fn observable(campaign: &Campaign) -> Result<TriadObservability, Calibration
         Err(CalibrationError::Positions(deficiencies)) => deficiencies,
         _ => Vec::new(),
     };
-    deficiencies.extend(found.deficiencies.iter().cloned());
+    if !campaign.turns.is_empty() {
+        deficiencies.extend(found.deficiencies.iter().cloned());
+    }
     if deficiencies.is_empty() { Ok(found) } else { Err(CalibrationError::Positions(deficiencies)) }
 }
 
@@ -181,9 +81,15 @@ pub fn calibrate(
     measurements: Measurements,
     options: CalibrationOptions,
 ) -> Result<Calibration, CalibrationError> {
-    let Measurements { dwells, gyroscopes } = measurements;
+    let Measurements { dwells, gyroscopes, other_device } = measurements;
+    let devices: Vec<_> = other_device.map(|other| other.finding(campaign)).into_iter().collect();
+    // Before anything is said about samples of another unit.
+    if !devices.is_empty() && !options.accept.contains(&name::OTHER_DEVICE) {
+        return Err(CalibrationError::Faults { diagnosis: None, findings: devices });
+    }
     if campaign.turns.is_empty() {
         let mut calibration = calibrate_accelerometers(campaign, dwells, options)?;
+        add_findings(&mut calibration, devices)?;
         if gyroscopes.present {
             let message = "the samples have gyroscopes, but the campaign file has no [[turn]]: only the accelerometers are calibrated";
             let finding = Finding::whole(Severity::Warning, name::NO_TURNS, message.to_owned());
@@ -200,10 +106,12 @@ pub fn calibrate(
     let for_accelerometers = CalibrationOptions { exclude: excluded_dwells, ..options.clone() };
     let mut calibration = calibrate_accelerometers(campaign, dwells, for_accelerometers)?;
     calibration.options = options;
+    add_findings(&mut calibration, devices)?;
+    let first_finding = calibration.findings.len();
     let data = Data::new(campaign, &calibration, &gyroscopes, &excluded_turns)?;
     let findings = checks::check(&data, &excluded_turns, gyroscopes.present);
     add_findings(&mut calibration, findings)?;
-    let (found, findings) = estimate(&data, &calibration, observability)?;
+    let (found, findings) = estimate(&data, &calibration, observability, first_finding)?;
     calibration.table = table(&calibration, &found.solution)?;
     calibration.gyroscopes = Some(found);
     add_findings(&mut calibration, findings)?;
@@ -296,6 +204,7 @@ impl<'a> Data<'a> {
                 set_point,
                 place,
                 lines: run.lines,
+                start_ns: run.time_ns[0],
                 seconds: run.sums.seconds,
                 residual: [0.0; AXES],
             });
@@ -334,6 +243,7 @@ fn estimate(
     data: &Data<'_>,
     calibration: &Calibration,
     observability: TriadObservability,
+    first_finding: usize,
 ) -> Result<(GyroscopeCalibration, Vec<Finding>), CalibrationError> {
     let options = &calibration.options;
     let (mut runs, mut places) = data.runs();
@@ -409,8 +319,17 @@ fn estimate(
     findings
         .extend(outliers.iter().map(|outlier| quality::outlier(data.campaign, &data.set_points_c, &places, outlier)));
     findings.extend(quality::order_findings(&orders));
-    let found =
-        GyroscopeCalibration { runs: places, observability, reduced, orders, solution, earth, left_over, outliers };
+    let found = GyroscopeCalibration {
+        runs: places,
+        observability,
+        reduced,
+        orders,
+        solution,
+        earth,
+        left_over,
+        outliers,
+        first_finding,
+    };
     Ok((found, findings))
 }
 
@@ -498,7 +417,7 @@ fn table(calibration: &Calibration, solution: &TriadSolution) -> Result<Coeffici
     content.gyroscopes = Some(Gyroscopes {
         axes: [axis(0)?, axis(1)?, axis(2)?],
         g_sensitivity: [0, 1, 2].map(|axis| Some(solution.gyroscopes[axis].g_sensitivity)),
-        alignment: alignment(misalignment(solution)),
+        alignment: alignment(result::misalignment(solution)),
     });
     let gravity_local = calibration.table.gravity_local();
     CoefficientTable::new(content).map(|table| table.measured_at(gravity_local)).map_err(CalibrationError::Table)

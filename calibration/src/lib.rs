@@ -25,5 +25,6 @@ pub mod report;
 pub mod requirement;
 pub mod simulate;
 pub mod stability;
+mod triad;
 pub mod verdict;
 pub mod window;

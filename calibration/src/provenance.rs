@@ -1,12 +1,16 @@
 //! The `[provenance]` section that `calibrate` writes below a table: the origin of the table and its uncertainty. It is not
-//! part of the digest. It is for people and scripts; of it, programs read only `gravity_local`, which `verify` takes if the user states
-//! none: an edited value passes unnoticed.
+//! part of the digest. It is for people and scripts; of it, programs read only `gravity_local` and Earth's rate, which `verify` takes if the user
+//! states none: an edited value passes unnoticed.
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
 use crate::campaign::Campaign;
+use crate::gyroscopes::earth::{EarthCheck, LeftOver};
+use crate::gyroscopes::GyroscopeCalibration;
 use crate::order::QUANTITIES;
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use crate::triad::{CalibratedTriad, beside_diagonal};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
+use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
@@ -142,8 +146,67 @@ struct Provenance<'a> {
     /// Names of the faults that were accepted; they are among the warnings.
     accepted: Vec<&'static str>,
     warnings: Vec<String>,
+    #[serde(flatten)]
+    gyroscopes: Option<GyroscopeProvenance>,
     curve: Vec<CurveRecord<'a>>,
     two_stage: Vec<SetPointRecord>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    gyroscope_two_stage: Vec<GyroscopeSetPointRecord>,
+}
+
+/// What a table with gyroscopes has more.
+#[derive(Serialize)]
+struct GyroscopeProvenance {
+    /// Turns in the fit.
+    turns: usize,
+    /// Outlying dwells and turns that were kept in the fit.
+    gyroscope_outliers: Vec<String>,
+    gyroscope_accuracy: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gyroscope_bias_interval_deg_h: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gyroscope_scale_factor_interval_ppm: Option<[f64; 3]>,
+    /// Of the residuals.
+    random_walk_deg_sqrt_h: [f64; 3],
+    /// Row i: of gyroscope i to the specific force along each axis.
+    g_sensitivity_deg_h_g0: [[f64; 3]; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    g_sensitivity_standard_error: Option<[[f64; 3]; 3]>,
+    /// See [`GyroscopeCalibration::misalignment`].
+    gyroscope_misalignment: [[f64; 3]; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gyroscope_misalignment_standard_error: Option<[[f64; 3]; 3]>,
+    #[serde(flatten)]
+    earth: Option<EarthProvenance>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    earth_rate_left_over: Option<LeftOverRecord>,
+}
+
+/// Earth's rate, of a campaign with angles.
+#[derive(Serialize)]
+struct EarthProvenance {
+    latitude_deg: f64,
+    /// Along X, Y and Z of the base: X along the outer axis, Z up at outer angle 0. Z is that of the latitude.
+    earth_rate_deg_h: [f64; 3],
+    /// Of the components along X and Y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    earth_rate_standard_error: Option<[f64; 2]>,
+    earth_horizontal_rate_deg_h: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    earth_horizontal_rate_standard_error: Option<f64>,
+    earth_horizontal_rate_of_latitude_deg_h: f64,
+    /// The rotation from the direction that the angles give to `specific_force`, if it is not the identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mounting: Option<[[f64; 3]; 3]>,
+}
+
+/// What Earth's horizontal rate leaves in the estimate without angles, at most.
+#[derive(Serialize)]
+struct LeftOverRecord {
+    bias_deg_h: f64,
+    scale_factor_ppm: f64,
+    g_sensitivity_deg_h_g0: f64,
+    misalignment_rad: f64,
 }
 
 #[derive(Serialize)]
@@ -180,8 +243,32 @@ struct SetPointRecord {
     misalignment_rad: [f64; 2],
 }
 
+/// A set point of a gyroscope, reduced by itself.
+#[derive(Serialize)]
+struct GyroscopeSetPointRecord {
+    set_point_c: f64,
+    axis: &'static str,
+    head: f64,
+    board: f64,
+    bias_deg_h: f64,
+    positive_scale_factor: f64,
+    negative_scale_factor: f64,
+    misalignment_rad: [f64; 2],
+    g_sensitivity_deg_h_g0: [f64; 3],
+}
+
 fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
+}
+
+/// The three values, if each is known.
+fn known<T>([a, b, c]: [Option<T>; AXES]) -> Option<[T; AXES]> {
+    Some([a?, b?, c?])
+}
+
+/// `-25/3`, as `--exclude` takes it.
+fn place(set_point: f64, number: u32) -> String {
+    format!("{set_point}/{number}")
 }
 
 /// The text of the `[provenance]` section.
@@ -193,18 +280,13 @@ pub fn provenance(
     calibration: &Calibration,
     source: &CampaignSource,
 ) -> Result<String, toml::ser::Error> {
-    let place = |set_point: f64, number: u32| format!("{set_point}/{number}");
-    let errors = || {
-        let mut matrix = Matrix3::zeros();
-        for (axis, part) in calibration.solution.axes.iter().enumerate() {
-            for (k, error) in part.misalignment_error?.into_iter().enumerate() {
-                matrix[(axis, (axis + 1 + k) % 3)] = error;
-            }
-        }
-        Some(rows(&matrix))
-    };
+    let accelerometers = CalibratedTriad::accelerometers(calibration);
+    let gyroscopes = calibration.gyroscopes.as_ref();
+    let gyroscopes = gyroscopes.map(|found| (found, CalibratedTriad::gyroscopes(calibration, found)));
     let accuracy = Accuracy::of(calibration);
-    let millionths = |[a1, a2, a3]: [Option<f64>; 3]| Some([a1? * 1e6, a2? * 1e6, a3? * 1e6]);
+    let millionths = |values| known(values).map(|values| values.map(|value: f64| value * 1e6));
+    let curves = |triad| (0..9).map(move |index| curve(triad, index / 3, index % 3));
+    let of_gyroscopes = gyroscopes.iter().flat_map(|(_, triad)| curves(triad));
     let document = ProvenanceFile {
         provenance: Provenance {
             tool: &source.tool,
@@ -233,10 +315,11 @@ pub fn provenance(
             tilt_rad: calibration.solution.tilt,
             tilt_standard_error: calibration.solution.tilt_error,
             misalignment: rows(&calibration.misalignment()),
-            misalignment_standard_error: errors(),
+            misalignment_standard_error: misalignment_error(&accelerometers),
             accepted: calibration.accepted.clone(),
             warnings: calibration.findings.iter().map(ToString::to_string).collect(),
-            curve: (0..9).map(|index| curve(calibration, index / 3, index % 3)).collect(),
+            gyroscopes: gyroscopes.as_ref().map(|(found, triad)| of_triad(campaign, calibration, found, triad)),
+            curve: curves(&accelerometers).chain(of_gyroscopes).collect(),
             two_stage: calibration
                 .set_points
                 .iter()
@@ -254,22 +337,96 @@ pub fn provenance(
                     })
                 })
                 .collect(),
+            gyroscope_two_stage: gyroscopes.iter().flat_map(|(found, _)| reduced(calibration, found)).collect(),
         },
     };
     toml::to_string(&document)
 }
 
-fn curve(calibration: &Calibration, axis: usize, quantity: usize) -> CurveRecord<'_> {
-    let orders = &calibration.orders[axis][quantity];
+fn misalignment_error(triad: &CalibratedTriad<'_>) -> Option<[[f64; 3]; 3]> {
+    Some(beside_diagonal(0.0, known(triad.misalignment_error)?))
+}
+
+fn of_triad(
+    campaign: &Campaign,
+    calibration: &Calibration,
+    found: &GyroscopeCalibration,
+    triad: &CalibratedTriad<'_>,
+) -> GyroscopeProvenance {
+    let accuracy = Accuracy::of_triad(calibration, triad);
+    let outlier = |&(run, axis): &(usize, usize)| {
+        let run = &found.runs[run];
+        let set_point_c = calibration.set_points[run.set_point].set_point_c;
+        format!("{} {}", place(set_point_c, run.place.number(campaign).value()), GYROSCOPE_NAMES[axis])
+    };
+    let axes = &found.solution.gyroscopes;
+    GyroscopeProvenance {
+        turns: found.turns(),
+        gyroscope_outliers: found.outliers.iter().map(outlier).collect(),
+        gyroscope_accuracy: accuracy.to_string(),
+        gyroscope_bias_interval_deg_h: known(accuracy.bias),
+        gyroscope_scale_factor_interval_ppm: known(accuracy.scale_factor).map(|all| all.map(|part| part * 1e6)),
+        random_walk_deg_sqrt_h: [0, 1, 2].map(|axis| found.random_walk(axis)),
+        g_sensitivity_deg_h_g0: axes.each_ref().map(|axis| axis.g_sensitivity),
+        g_sensitivity_standard_error: known(axes.each_ref().map(|axis| axis.g_sensitivity_error)),
+        gyroscope_misalignment: rows(&found.misalignment()),
+        gyroscope_misalignment_standard_error: misalignment_error(triad),
+        earth: found.earth.as_ref().and_then(|earth| of_earth(campaign, found, earth)),
+        earth_rate_left_over: found.left_over.as_ref().map(|left: &LeftOver| LeftOverRecord {
+            bias_deg_h: left.bias,
+            scale_factor_ppm: left.scale_factor * 1e6,
+            g_sensitivity_deg_h_g0: left.g_sensitivity,
+            misalignment_rad: left.misalignment,
+        }),
+    }
+}
+
+fn reduced(
+    calibration: &Calibration,
+    found: &GyroscopeCalibration,
+) -> impl Iterator<Item = GyroscopeSetPointRecord> {
+    let set_points = calibration.set_points.iter().zip(&found.reduced);
+    set_points.flat_map(|(set_point, reduced)| {
+        (0..AXES).map(|axis| {
+            let [bias_deg_h, positive_scale_factor, negative_scale_factor, m1, m2, s1, s2, s3] = reduced.values[axis];
+            GyroscopeSetPointRecord {
+                set_point_c: set_point.set_point_c,
+                axis: GYROSCOPE_NAMES[axis],
+                head: reduced.telemetry[axis][0],
+                board: reduced.telemetry[axis][1],
+                bias_deg_h,
+                positive_scale_factor,
+                negative_scale_factor,
+                misalignment_rad: [m1, m2],
+                g_sensitivity_deg_h_g0: [s1, s2, s3],
+            }
+        })
+    })
+}
+
+fn of_earth(campaign: &Campaign, found: &GyroscopeCalibration, earth: &EarthCheck) -> Option<EarthProvenance> {
+    let [x, y] = found.solution.earth?;
+    Some(EarthProvenance {
+        latitude_deg: campaign.latitude_deg?,
+        earth_rate_deg_h: [x, y, earth.along_z],
+        earth_rate_standard_error: found.solution.earth_error,
+        earth_horizontal_rate_deg_h: earth.found,
+        earth_horizontal_rate_standard_error: earth.error,
+        earth_horizontal_rate_of_latitude_deg_h: earth.expected,
+        mounting: campaign.mount.filter(|mount| *mount != Matrix3::identity()).map(|mount| rows(&mount)),
+    })
+}
+
+fn curve<'a>(triad: &CalibratedTriad<'a>, axis: usize, quantity: usize) -> CurveRecord<'a> {
+    let orders = &triad.orders[axis][quantity];
     let fit = &orders.regression.fits()[orders.choice.order];
-    let curve = &calibration.solution.axes[axis].curves[quantity];
-    // The table has the bias in ug0.
-    let (factor, unit) = if quantity == 0 { (1e6, "ug0") } else { (1.0, "pulse/(s*g0)") };
+    let curve = &triad.curves[axis][quantity];
+    let factor = triad.units.factor(quantity);
     let covariance = curve.table_covariance().map(|covariance| covariance * (factor * factor));
     CurveRecord {
-        axis: AXIS_NAMES[axis],
+        axis: triad.names[axis],
         quantity: QUANTITIES[quantity],
-        unit,
+        unit: triad.units.in_table(quantity),
         order: curve.order(),
         reason: &orders.choice.reason,
         r_squared: fit.r_squared,

@@ -2,36 +2,43 @@
 //!
 //! # Chain
 //! ```text
-//! chamber -> head, board          first-order lags; the board is warmer by its own heat                   [degC]
-//!         -> telemetry            U = U0 + s T, plus noise, quantised, read at an interval                [V]
-//! table   -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
-//!         -> indicated x          M f + A(U_head), plus an offset for each visit of a set point and noise [g0]
-//!         -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the remainder is kept     [pulse]
+//! chamber   -> head, board          first-order lags; the board is warmer by its own heat                   [degC]
+//!           -> telemetry            U = U0 + s T, plus noise, quantised, read at an interval                [V]
+//! turntable -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
+//!           -> angle                its motion, and Earth's rate along the input axes                       [arcsec]
+//!           -> indicated x          accelerometers: M f + A(U_head); gyroscopes: M angle + D(U_head) T + s f T; plus an offset for
+//!                                   each visit of a set point and noise                                     [g0, arcsec]
+//!           -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the remainder is kept     [pulse]
 //! ```
-//! The truth is a [`CoefficientTable`] with a misalignment M. Compensation with this table gives f, except for noise and
-//! the charge that has not made a pulse yet. [`SimulatedImu`] is heads, boards and converters. [`campaign`] and [`run`]
-//! drive it through a schedule. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the turntable alone.
-//! The same seed gives the same data, on the same machine to the byte.
+//! The truth is a [`CoefficientTable`] with misalignments M, in a laboratory with a latitude. Compensation with this table gives specific force
+//! and angle, except for noise and the charge that has not made a pulse yet. [`SimulatedImu`] is heads, boards and converters; it feels a
+//! [`Motion`]. [`campaign`] and [`run`] drive it through a schedule. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the
+//! turntable alone. Transient terms of the truth are left out. The same seed gives the same data, on the same machine to the byte.
 //!
 //! [`CoefficientTable`]: isotherm_shared::table::CoefficientTable
 
 mod campaign;
+mod chain;
 mod chamber;
 mod imu;
 mod model;
 mod motion;
 mod random;
+mod run;
 mod triad;
 mod turntable;
 
-pub use campaign::{
-    CampaignSchedule, RunSamples, RunSchedule, SimulatedCampaign, SimulatedRow, campaign, campaign_toml, run,
-};
+pub use campaign::{CampaignSchedule, SimulatedCampaign, SimulatedRow, TurnSchedule, campaign, campaign_toml};
+pub use chain::{Chain, Noise};
 pub use chamber::SimulatedChamber;
 pub use imu::SimulatedImu;
-pub use model::{Chain, HEADING_DEG, LATITUDE_DEG, MISALIGNMENT, Noise, TILT_RAD, Truth, worst_errors};
+pub use model::{
+    GYROSCOPE_MISALIGNMENT, HEADING_DEG, LATITUDE_DEG, MISALIGNMENT, TILT_RAD, Truth, typical_gyroscopes, worst_errors,
+    worst_gyroscope_errors,
+};
 pub use motion::Motion;
 pub use random::RandomGenerator;
+pub use run::{RunSamples, RunSchedule, run};
 pub use triad::{SimulatedGyroscopes, SimulatedTriad};
 pub use turntable::{SimulatedTurntable, specific_force};
 

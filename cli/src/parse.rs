@@ -99,6 +99,14 @@ pub fn gravity(text: &str) -> Result<f64, String> {
     if (low..=high).contains(&gravity) { Ok(gravity) } else { Err(format!("give a gravity from {low} to {high} m/s2")) }
 }
 
+/// Latitude, north positive \[deg\].
+pub fn latitude(text: &str) -> Result<f64, String> {
+    list(text, ',')
+        .map(|[latitude]| latitude)
+        .filter(|latitude: &f64| latitude.abs() <= 90.0)
+        .ok_or_else(|| "give a number from -90 to 90, north positive".to_owned())
+}
+
 pub fn interval(text: &str) -> Result<Duration, String> {
     let interval = seconds(text)?;
     if (1_000..=u128::from(MAX_INTERVAL_NS)).contains(&interval.as_nanos()) {

@@ -3,45 +3,19 @@
 //! Over 400 lines: one command's output is the next one's input.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+mod common;
+
+use common::{assert_self_contained, folder, isotherm, run};
 use serde_json::Value;
 use std::fs;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/tests/data");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
-
-fn isotherm(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_isotherm")).args(arguments).current_dir(folder).output().unwrap()
-}
-
-/// Runs a command that must end with `code`. Returns what it printed on stdout and stderr.
-fn run(folder: &Path, code: i32, arguments: &[&str]) -> (String, String) {
-    let output = isotherm(folder, arguments);
-    let texts = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{}\n{}", texts.0, texts.1);
-    texts
-}
-
-fn folder() -> TempDir {
-    tempfile::Builder::new().prefix("iso-").tempdir().unwrap()
-}
-
-/// Checks that a report loads nothing from elsewhere, and has these texts.
-fn assert_self_contained(path: &Path, contains: &[&str]) {
-    let html = fs::read_to_string(path).unwrap();
-    for word in ["http://", "https://", "<script", "<link", "src=", "NaN", "inf<"] {
-        assert!(!html.contains(word), "{}: {word}", path.display());
-    }
-    for word in contains {
-        assert!(html.contains(word), "{}: {word}", path.display());
-    }
-    assert!(html.matches("<svg").count() > 6 && html.matches("<svg").count() == html.matches("</svg>").count());
-}
 
 /// A row without pulses.
 fn dead(header: &str, line: &str) -> String {

@@ -84,8 +84,11 @@ pub const EARTH_RATE: &str = "earth-rate";
 /// The samples have gyroscopes, but the campaign file has no turns.
 pub const NO_TURNS: &str = "no-turns";
 
+/// Rows are of another unit than the campaign file says, or of two units.
+pub const OTHER_DEVICE: &str = "other-device";
+
 /// Every name, and whether a fault of this name can be accepted: those that cannot leave nothing to fit.
-pub const ALL: [(&str, bool); 41] = [
+pub const ALL: [(&str, bool); 42] = [
     (MISSING_POSITION, false),
     (SET_POINTS, false),
     (NO_PULSES, false),
@@ -127,6 +130,7 @@ pub const ALL: [(&str, bool); 41] = [
     (LATITUDE, true),
     (EARTH_RATE, true),
     (NO_TURNS, true),
+    (OTHER_DEVICE, true),
 ];
 
 /// The name of a finding that the user accepts.

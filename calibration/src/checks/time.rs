@@ -1,6 +1,6 @@
 //! The checks of time: soak, intervals, missing rows, and motions and ramps that are too fast to be true.
 
-use super::{Checker, Finding, SetPoint, Severity, name};
+use super::{Checker, Finding, RunNumber, SetPoint, Severity, name};
 use crate::campaign::{Dwell, UNIT_FACTORS, UNIT_TOLERANCE};
 use crate::diagnostics::{median, robust_sd};
 use crate::positions::Position;
@@ -181,7 +181,7 @@ impl Checker<'_> {
                 severity: Severity::Fault,
                 name: name::IMPOSSIBLE_MOTION,
                 line: here.map(|dwell| dwell.lines[0]),
-                place: here.map(|dwell| (dwell.set_point_c, Some(position(dwell).number))),
+                place: here.map(|dwell| (dwell.set_point_c, Some(RunNumber::Position(position(dwell).number)))),
                 message,
             });
         }

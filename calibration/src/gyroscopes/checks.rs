@@ -2,14 +2,13 @@
 
 use super::Data;
 use super::runs::{TurnBlock, TurnRun};
+use super::turn::LEAST_TURN;
 use crate::campaign::Dwell;
-use crate::checks::{Finding, Severity, name};
+use crate::checks::{Finding, RunNumber, Severity, name};
 use crate::diagnostics::median;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
 
-/// A gyroscope counts for K+ or K- in turns of at least this about its own axis \[arcsec\]: 90 deg.
-pub(super) const LEAST_TURN: f64 = 90.0 * 3600.0;
 /// Largest relative difference between the pulses for an angle in a turn and in the gyroscope's other turns.
 const ANGLE_TOLERANCE: f64 = 0.02;
 /// A turn begins and ends at rest if its rates differ by less than this from those of the dwells \[arcsec/s\]: 0.02 deg/s.
@@ -60,7 +59,7 @@ pub(super) fn check(data: &Data<'_>, excluded: &[(f64, u32)], present: bool) -> 
     checker.rows(usual);
     checker.still(usual);
     checker.telemetry();
-    checker.findings
+    checker.gathered()
 }
 
 struct Checker<'a> {
@@ -75,19 +74,58 @@ impl Checker<'_> {
             severity: Severity::Fault,
             name,
             line: Some(line),
-            place: Some((turn.run.set_point_c, None)),
-            message: format!("turn {number}: {message}"),
+            place: Some((turn.run.set_point_c, Some(RunNumber::Turn(number)))),
+            message: message.to_owned(),
         });
     }
 
+    /// The findings; what is wrong with a turn at every set point, such as its angle in the campaign file, is one finding.
+    fn gathered(self) -> Vec<Finding> {
+        let Self { data, findings } = self;
+        let turn = |finding: &Finding| match finding.place {
+            Some((_, Some(RunNumber::Turn(number)))) => Some((finding.name, number)),
+            _ => None,
+        };
+        let everywhere = |(_, number): (&str, u32), count: usize| {
+            let taken = |(_, turn): &&(usize, &TurnRun)| data.campaign.turns[turn.run.position].start.number == number;
+            count > 1 && count == data.turns.iter().filter(taken).count()
+        };
+        let counts: Vec<_> = findings.iter().map(turn).collect();
+        let mut gathered: Vec<(Option<(&str, u32)>, Finding)> = Vec::new();
+        for mut finding in findings {
+            let key = turn(&finding).filter(|key| everywhere(*key, counts.iter().filter(|it| **it == Some(*key)).count()));
+            if key.is_some() && gathered.iter().any(|(known, _)| *known == key) {
+                continue;
+            }
+            if let Some((_, number)) = key {
+                finding.place = None;
+                finding.message = format!("turn {number}, at every set point: {}", finding.message);
+            }
+            gathered.push((key, finding));
+        }
+        gathered.into_iter().map(|(_, finding)| finding).collect()
+    }
+
     fn missing(&mut self, excluded: &[(f64, u32)]) {
+        let taken = |turn: usize| self.data.turns.iter().any(|(_, run)| run.run.position == turn);
+        let number = |turn: usize| self.data.campaign.turns[turn].start.number;
+        let nowhere: Vec<_> = (0..self.data.campaign.turns.len()).filter(|turn| !taken(*turn)).map(number).collect();
+        if !nowhere.is_empty() {
+            let names: Vec<_> = nowhere.iter().map(ToString::to_string).collect();
+            let (noun, verb, it) = if names.len() == 1 { ("turn", "is", "it") } else { ("turns", "are", "them") };
+            let message = format!(
+                "{noun} {} of the campaign file {verb} missing at every set point; take {it}, or take {it} out of the campaign file",
+                names.join(", ")
+            );
+            self.findings.push(Finding::whole(Severity::Fault, name::MISSING_TURN, message));
+        }
         for (index, &set_point_c) in self.data.set_points_c.iter().enumerate() {
             let has =
                 |turn: usize| self.data.turns.iter().any(|(place, run)| *place == index && run.run.position == turn);
             let missing: Vec<_> = (0..self.data.campaign.turns.len())
                 .filter(|turn| !has(*turn))
                 .map(|turn| self.data.campaign.turns[turn].start.number)
-                .filter(|number| !excluded.contains(&(set_point_c, *number)))
+                .filter(|number| !excluded.contains(&(set_point_c, *number)) && !nowhere.contains(number))
                 .map(|number| number.to_string())
                 .collect();
             if !missing.is_empty() {
@@ -258,7 +296,7 @@ impl Checker<'_> {
                     severity: Severity::Fault,
                     name: name::NOT_STILL,
                     line: Some(line),
-                    place: Some((dwell.set_point_c, Some(number))),
+                    place: Some((dwell.set_point_c, Some(RunNumber::Position(number)))),
                     message,
                 });
             }
@@ -283,14 +321,12 @@ impl Checker<'_> {
                     self.findings.push(Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message));
                     continue;
                 }
-                let runs =
-                    self.data.dwells.iter().map(|(_, dwell)| (*dwell, &self.data.campaign.positions[dwell.position]));
-                let turns = self
-                    .data
-                    .turns
-                    .iter()
-                    .map(|(_, turn)| (&turn.run, &self.data.campaign.turns[turn.run.position].start));
-                for (run, start) in runs.chain(turns) {
+                let campaign = self.data.campaign;
+                let position = |run: &Dwell| RunNumber::Position(campaign.positions[run.position].number);
+                let turn = |run: &Dwell| RunNumber::Turn(campaign.turns[run.position].start.number);
+                let dwells = self.data.dwells.iter().map(|(_, dwell)| (*dwell, position(dwell)));
+                let turns = self.data.turns.iter().map(|(_, turned)| (&turned.run, turn(&turned.run)));
+                for (run, number) in dwells.chain(turns) {
                     let [low, high] = of(run, axis);
                     if high - low > DRIFT * step {
                         let message = format!(
@@ -301,7 +337,7 @@ impl Checker<'_> {
                             severity: Severity::Fault,
                             name: name::TELEMETRY_DRIFT,
                             line: Some(run.lines[0]),
-                            place: Some((run.set_point_c, Some(start.number))),
+                            place: Some((run.set_point_c, Some(number))),
                             message,
                         });
                     }

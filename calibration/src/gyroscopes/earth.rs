@@ -1,7 +1,7 @@
 //! Earth's rate: where it is known, how it is checked, and what becomes of it at a station without angles.
 
 use super::fit::{RateInput, Run, TriadSolution, effects};
-use super::{FittedRun, Place};
+use super::runs::{FittedRun, Place};
 use crate::campaign::Campaign;
 use crate::checks::{Finding, Severity, name};
 use crate::positions::{Position, SAME_DIRECTION};
@@ -167,7 +167,8 @@ impl LeftOver {
             return None;
         }
         let name = |(is_turn, index): &(bool, usize)| {
-            if *is_turn { Place::Turn(*index).text(campaign) } else { Place::Position(*index).text(campaign) }
+            let place = if *is_turn { Place::Turn(*index) } else { Place::Position(*index) };
+            place.number(campaign).to_string()
         };
         let from = sources.keys().map(name).collect();
         let flat: Vec<_> = sources.into_values().flatten().collect();

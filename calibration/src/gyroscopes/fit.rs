@@ -673,6 +673,8 @@ pub struct ReducedSetPoint {
     pub earth: Option<[f64; 2]>,
     /// Residual standard deviation \[arcsec/sqrt(s)\].
     pub residual_sd: f64,
+    /// Its degrees of freedom.
+    pub freedom: usize,
     /// Condition number of the equations.
     pub condition: f64,
 }
@@ -686,8 +688,8 @@ pub(super) fn reduce(runs: &[Run<'_>], start: &GyroscopeCurves) -> Result<Reduce
             (model.offsets[axis], model.misalignments[axis], model.g_sensitivities[axis]);
         [d, k_plus, k_minus, m, m + 1, s, s + 1, s + 2]
     };
-    let freedom = step.residual.len() as f64 - model.unknowns() as f64;
-    let residual_sd = (step.residual.norm_squared() / freedom).sqrt();
+    let freedom = step.residual.len().saturating_sub(model.unknowns());
+    let residual_sd = (step.residual.norm_squared() / freedom as f64).sqrt();
     let weights = &step.inverse * step.jacobian.transpose();
     let effective = |axis: usize, quantity: usize| -> f64 {
         let j = unknown(axis)[quantity];
@@ -704,6 +706,7 @@ pub(super) fn reduce(runs: &[Run<'_>], start: &GyroscopeCurves) -> Result<Reduce
         telemetry: [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| effective(axis, quantity))),
         earth: model.with_earth.then(|| [model.unknown[model.earth], model.unknown[model.earth + 1]]),
         residual_sd,
+        freedom,
         condition: step.condition,
     })
 }

@@ -6,9 +6,8 @@
 
 use super::earth::{Start, eliminate_horizontal};
 use super::fit::{PARAMETERS, Run, RunTurn, design};
-use super::runs::TurnBlock;
-use super::turn::{Turn, list, outer_axis};
-use super::{FittedRun, Place, checks::LEAST_TURN};
+use super::runs::{FittedRun, Place, TurnBlock};
+use super::turn::{LEAST_TURN, Turn, list, outer_axis};
 use crate::campaign::Campaign;
 use crate::positions::{MAX_CONDITION, Position, specific_force};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
@@ -129,7 +128,7 @@ fn matrix(campaign: &Campaign) -> DMatrix<f64> {
                 turn.map_or(0.0, |(_, blocks)| blocks.iter().map(|block| block.pulses[axis][channel]).sum())
             })
         });
-        places.push(FittedRun { set_point: 0, place, lines: [0; 2], seconds, residual: [0.0; AXES] });
+        places.push(FittedRun { set_point: 0, place, lines: [0; 2], start_ns: 0, seconds, residual: [0.0; AXES] });
         runs.push(Run {
             set_point: 0,
             seconds,

@@ -1,6 +1,6 @@
 //! The quality of the gyroscopes' calibration beyond its standard errors: lack of fit, outlying runs.
 
-use super::FittedRun;
+use super::runs::FittedRun;
 use super::fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, solve};
 use super::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::campaign::Campaign;
@@ -128,17 +128,17 @@ pub(super) fn outlier(
 ) -> Finding {
     let FittedRun { set_point, place, lines, residual, .. } = &places[run];
     let set_point_c = set_points_c[*set_point];
+    let number = place.number(campaign);
     Finding {
         severity: Severity::Warning,
         name: name::OUTLIER,
         line: Some(lines[0]),
-        place: Some((set_point_c, None)),
+        place: Some((set_point_c, Some(number))),
         message: format!(
-            "{}: {} is {:.2} arcsec off the fit, far more than elsewhere; kept, leave it out with --exclude {set_point_c}/{} if it is known to be bad",
-            place.text(campaign),
+            "{} is {:.2} arcsec off the fit, far more than elsewhere; kept, leave it out with --exclude {set_point_c}/{} if it is known to be bad",
             GYROSCOPE_NAMES[axis],
             residual[axis],
-            place.number(campaign)
+            number.value()
         ),
     }
 }

@@ -2,9 +2,10 @@
 
 use super::turn::Turn;
 use crate::campaign::{Campaign, Dwell, read as read_dwells};
+use crate::checks::{Finding, RunNumber, Severity, name};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::GYROSCOPE_NAMES;
-use isotherm_shared::wire::{AXES, RawSample, Triad};
+use isotherm_shared::wire::{AXES, RawSample, Triad, device};
 
 /// Rows of a turn that are shorter are added up to blocks of at least this length \[s\], so that memory does not grow with the sampling rate.
 const MIN_BLOCK: f64 = 0.02;
@@ -16,6 +17,19 @@ pub struct Measurements {
     pub dwells: Vec<Dwell>,
     /// The same dwells and the turns, of the gyroscopes.
     pub gyroscopes: GyroscopeRuns,
+    /// The first row that another unit took.
+    pub other_device: Option<OtherDevice>,
+}
+
+/// A row of another unit than that of the campaign file's serial number or, without one, than that of the rows before.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct OtherDevice {
+    /// The line of the row.
+    pub line: u64,
+    /// The unit that took it, as [`device`](isotherm_shared::wire::device) numbers it.
+    pub device: u64,
+    /// The unit that was expected.
+    pub expected: u64,
 }
 
 /// The runs of the gyroscopes.
@@ -51,6 +65,24 @@ pub struct TurnBlock {
     pub seconds: f64,
     /// Pulses of the positive and of the negative channel, by gyroscope.
     pub pulses: [[f64; 2]; AXES],
+}
+
+impl OtherDevice {
+    /// The fault that the row is.
+    pub(super) fn finding(self, campaign: &Campaign) -> Finding {
+        let Self { line, device, expected } = self;
+        let message = match &campaign.serial {
+            Some(serial) => format!(
+                "the unit {device:016x} took the row, but {serial:?}, the serial number of the campaign file, is the unit {expected:016x}; give the samples of \
+                 that IMU, or correct serial or the acquisition's serial number (--other-device makes the table all the same)"
+            ),
+            None => format!(
+                "the unit {device:016x} took the row, and the unit {expected:016x} those before; a campaign is of one IMU: take out the rows of the other \
+                 (--other-device makes the table all the same)"
+            ),
+        };
+        Finding { severity: Severity::Fault, name: name::OTHER_DEVICE, line: Some(line), place: None, message }
+    }
 }
 
 impl TurnRun {
@@ -96,6 +128,43 @@ fn of_gyroscopes(row: &CampaignRow) -> CampaignRow {
     CampaignRow { sample: RawSample { accelerometers: row.sample.gyroscopes, ..row.sample }, ..*row }
 }
 
+/// Where a run was: in a position, or in a turn.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Place {
+    /// Index into the campaign's positions.
+    Position(usize),
+    /// Index into the campaign's turns.
+    Turn(usize),
+}
+
+impl Place {
+    /// Its number in the samples.
+    #[must_use]
+    pub fn number(self, campaign: &Campaign) -> RunNumber {
+        match self {
+            Self::Position(index) => RunNumber::Position(campaign.positions[index].number),
+            Self::Turn(index) => RunNumber::Turn(campaign.turns[index].start.number),
+        }
+    }
+}
+
+/// A dwell or a turn in the fit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedRun {
+    /// Index of its set point.
+    pub set_point: usize,
+    /// Where it was.
+    pub place: Place,
+    /// Lines of its first and last row.
+    pub lines: [u64; 2],
+    /// When its first row was taken \[ns\].
+    pub start_ns: u64,
+    /// Sum of its intervals \[s\].
+    pub seconds: f64,
+    /// Residual of each gyroscope \[arcsec\].
+    pub residual: [f64; AXES],
+}
+
 /// Makes dwells and turns of the samples of `campaign`; as [`campaign::read`](crate::campaign::read), with the gyroscopes.
 ///
 /// # Errors
@@ -106,13 +175,21 @@ pub fn read(
 ) -> Result<Measurements, RecordingError> {
     let mut runs = GyroscopeRuns::default();
     let mut previous = None;
+    let (mut expected, mut other_device) = (campaign.serial.as_deref().map_or(0, device), None);
     let rows = rows.into_iter().map(|row| {
         let row = row?;
+        // 0 is a unit that nobody has named.
+        let CampaignRow { line, sample: RawSample { device, .. }, .. } = row;
+        if expected == 0 {
+            expected = device;
+        } else if device != 0 && device != expected && other_device.is_none() {
+            other_device = Some(OtherDevice { line, device, expected });
+        }
         collect(campaign, &mut runs, &mut previous, &row)?;
         Ok(row)
     });
     let dwells = read_dwells(campaign, rows)?;
-    Ok(Measurements { dwells, gyroscopes: runs })
+    Ok(Measurements { dwells, gyroscopes: runs, other_device })
 }
 
 /// Adds a row. `previous` has set point and number of the row before.

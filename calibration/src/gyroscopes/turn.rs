@@ -33,8 +33,25 @@ impl Turn {
     pub fn turned(&self) -> Vector3<f64> {
         Vector3::from(self.axis) * (self.angle_deg * 3600.0)
     }
+
+    /// The `[[turn]]` of a campaign file, with the angles where it begins; without angles the specific force there.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        let Self { start: Position { number, angles, specific_force, .. }, axis, angle_deg, .. } = self;
+        let vector = |vector: &[f64; AXES]| format!("[{}, {}, {}]", vector[0] + 0.0, vector[1] + 0.0, vector[2] + 0.0);
+        let begin = match angles {
+            Some([outer, inner]) => format!("outer_deg = {outer}   # where it begins\ninner_deg = {inner}"),
+            None => format!("specific_force = {}   # where it begins", vector(specific_force)),
+        };
+        format!(
+            "[[turn]]\nnumber = {number}\naxis = {}   # in IMU coordinates\nangle_deg = {angle_deg}   # right-handed about axis\n{begin}\n",
+            vector(axis)
+        )
+    }
 }
 
+/// A gyroscope counts for K+ or K- in turns of at least this about its own axis \[arcsec\]: 90 deg.
+pub(super) const LEAST_TURN: f64 = 90.0 * 3600.0;
 /// Most turns, and most positions beside them: a list by hand has some tens, and the equations grow with the square.
 const MOST: usize = 100;
 /// Largest angle \[deg\].

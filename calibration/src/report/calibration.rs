@@ -1,47 +1,58 @@
-//! The report of a calibration.
+//! The report of a calibration: the page, and the sections that only accelerometers have.
 //!
-//! Over 400 lines: one function for each section of the page, in the order of the page. Only the order tables are a module of
-//! their own.
+//! 1. `triad`, `orders`: the sections that are the same for accelerometers and gyroscopes.
+//! 2. `gyroscopes`: those that only gyroscopes have.
+//!
+//! Over 400 lines: one function for each section of the page, in the order of the page.
 
+mod gyroscopes;
 mod orders;
+mod triad;
 
 use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::accuracy::Accuracy;
-use crate::calibrate::{Calibration, Method};
+use crate::calibrate::Calibration;
 use crate::campaign::{Campaign, Dwell};
-use crate::curve::{CONFIDENCE, student_quantile};
-use crate::positions::PARAMETERS;
+use crate::checks::RunNumber;
 use crate::provenance::CampaignSource;
+use crate::triad::CalibratedTriad;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 
 /// Intervals between the points of a drawn curve.
 const CURVE_INTERVALS: usize = 120;
-/// Name and unit of the three quantities; [`factor`] converts a value to its unit.
-const QUANTITY_NAMES: [(&str, &str); 3] = [("Bias", "1e-6 g0"), ("K+", "pulse/(s g0)"), ("K-", "pulse/(s g0)")];
-
-/// Factor from a value to the unit in [`QUANTITY_NAMES`]: the bias is calculated in g0 and shown in 1e-6 g0.
-const fn factor(quantity: usize) -> f64 {
-    if quantity == 0 { 1e6 } else { 1.0 }
-}
+/// The three quantities of a sensor.
+const QUANTITY_NAMES: [&str; 3] = ["Bias", "K+", "K-"];
 
 /// The page as HTML.
 #[must_use]
 pub fn html(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> String {
-    let report = Report { campaign, calibration, source };
+    let report = Report { campaign, calibration, source, triads: CalibratedTriad::all(calibration).collect() };
     let title = format!("Calibration of {}", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.campaign, source.time, source.tool));
     report.result(&mut page);
-    report.curves(&mut page);
-    report.residuals(&mut page);
-    report.orders(&mut page);
-    report.misalignments(&mut page);
-    report.before_after(&mut page);
-    report.budget(&mut page);
-    report.set_points(&mut page);
+    for triad in &report.triads {
+        report.curves(&mut page, triad);
+        report.set_point_residuals(&mut page, triad);
+        match triad.gyroscopes {
+            None => report.dwell_residuals(&mut page),
+            Some(found) => report.run_residuals(&mut page, found),
+        }
+        report.orders(&mut page, triad);
+        report.misalignments(&mut page, triad);
+        match triad.gyroscopes {
+            None => {
+                report.before_after(&mut page);
+                report.budget(&mut page);
+            }
+            Some(found) => report.g_sensitivities(&mut page, found),
+        }
+        report.set_points(&mut page, triad);
+    }
     report.dwells(&mut page);
+    report.turns(&mut page);
     report.positions(&mut page);
     report.provenance(&mut page);
     page.finish()
@@ -51,15 +62,13 @@ struct Report<'a> {
     campaign: &'a Campaign,
     calibration: &'a Calibration,
     source: &'a CampaignSource,
+    /// The accelerometers, and the gyroscopes if there are any.
+    triads: Vec<CalibratedTriad<'a>>,
 }
 
 impl Report<'_> {
     fn unit(&self) -> &str {
         &self.campaign.temperature_unit
-    }
-
-    fn telemetry(&self, quantity: usize) -> String {
-        format!("{} telemetry / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
     }
 
     fn position_number(&self, dwell: &Dwell) -> u32 {
@@ -70,8 +79,11 @@ impl Report<'_> {
         let calibration = self.calibration;
         page.heading(2, "result", "Result");
         if calibration.findings.is_empty() {
-            let text = "Positions, time, soak, stillness, telemetry, saturation, fit and outliers were looked at without a remark.";
-            page.note(NoteKind::Good, "Nothing found", text);
+            let turns = if calibration.gyroscopes.is_some() { "turns, Earth's rate, " } else { "" };
+            let text = format!(
+                "Positions, {turns}time, soak, stillness, telemetry, saturation, fit and outliers were looked at without a remark."
+            );
+            page.note(NoteKind::Good, "Nothing found", &text);
         }
         for finding in &calibration.findings {
             let line = finding
@@ -80,10 +92,12 @@ impl Report<'_> {
             page.note(NoteKind::Warning, "Look at this", &format!("{line}{finding}"));
         }
         let conditions = calibration.observability.iter().map(|o| format!("{:.1}", o.condition));
-        let accuracy = Accuracy::of(calibration);
-        page.paragraph(&format!("{accuracy}."));
-        if let Some(caution) = accuracy.caution() {
-            page.note(NoteKind::Warning, "Caution", &caution);
+        for triad in &self.triads {
+            let accuracy = Accuracy::of_triad(calibration, triad);
+            page.paragraph(&format!("{}{accuracy}.", self.whose(triad)));
+            if let Some(caution) = accuracy.caution() {
+                page.note(NoteKind::Warning, "Caution", &caution);
+            }
         }
         let mut rows = vec![
             ("Table", calibration.table.digest().to_string()),
@@ -106,6 +120,7 @@ impl Report<'_> {
         }
         let residuals = (0..AXES).map(|axis| format!("{:.3}", calibration.residual_sd(axis) * 1e6));
         rows.push(("Residuals, rms", format!("{} [1e-6 g0]", residuals.collect::<Vec<_>>().join(", "))));
+        rows.extend(self.gyroscope_facts());
         page.key_values(&rows);
     }
 
@@ -114,89 +129,8 @@ impl Report<'_> {
         Some(places.collect::<Vec<_>>().join(", ")).filter(|t| !t.is_empty()).unwrap_or_else(|| "nothing".to_owned())
     }
 
-    /// Telemetry and value of a quantity at each set point, in the unit of the plots.
-    fn points(&self, axis: usize, quantity: usize) -> Vec<(f64, f64)> {
-        let points = self.calibration.orders[axis][quantity].regression.points();
-        points.iter().map(|point| (point.x.value(), point.y.value() * factor(quantity))).collect()
-    }
-
-    /// Half length of the error bar of each set point's own value, in the unit of the value; NaN without degrees of freedom.
-    fn errors(&self, axis: usize, quantity: usize) -> Vec<f64> {
-        let of_set_points = self.calibration.set_points.iter().zip(&self.calibration.reduced);
-        of_set_points
-            .map(|(stay, reduced)| half_length(reduced[axis].standard_errors[quantity], stay.dwells.len()))
-            .collect()
-    }
-
-    /// A figure over the telemetry of a quantity, with the temperatures of the chamber as its second scale.
-    fn plot_over_telemetry(&self, title: &str, y_label: &str, axis: usize, quantity: usize) -> Plot {
-        let of_set_points = self.calibration.set_points.iter().zip(&self.calibration.reduced);
-        let pairs = of_set_points.map(|(stay, reduced)| (reduced[axis].telemetry[quantity], stay.set_point_c));
-        Plot::new(title, &self.telemetry(quantity), y_label).second_scale("Set point / degC", pairs)
-    }
-
-    /// Figure 5 of the paper.
-    fn curves(&self, page: &mut Page) {
-        page.heading(2, "curves", "Bias and scale factors over temperature");
-        page.paragraph(
-            "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table. Bars: 95 % \
-             of each set point's own value, by Student's t from the scatter of its dwells, drift and tilt included: where the points are freed of \
-             the drift, they scatter less than the bars say. Band: 95 % of the table's curve. What is too small to be seen here is in the \
-             residuals below. Upper scale: the chamber's set points, with straight lines between them.",
-        );
-        for (quantity, (name, unit)) in QUANTITY_NAMES.iter().enumerate() {
-            let figure = |axis: usize| {
-                let curve = &self.calibration.solution.axes[axis].curves[quantity];
-                let factor = factor(quantity);
-                let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor));
-                let band = grid(curve.range()).filter_map(|u| {
-                    let half = curve.interval(u, CONFIDENCE)?;
-                    Some((u, (curve.at(u) - half) * factor, (curve.at(u) + half) * factor))
-                });
-                let title = format!("{name} of {}", AXIS_NAMES[axis]);
-                let plot = self
-                    .plot_over_telemetry(&title, &format!("{name} / {unit}"), axis, quantity)
-                    .series(&format!("Table, order {}, 95 %", curve.order()), Style::Line, line)
-                    .band(band)
-                    .series("Set points, 95 %", Style::Points, self.points(axis, quantity))
-                    .errors(self.errors(axis, quantity).into_iter().map(|half| half * factor));
-                (plot.svg(), String::new())
-            };
-            page.figures(&[figure(0), figure(1), figure(2)]);
-        }
-    }
-
-    fn residuals(&self, page: &mut Page) {
-        page.heading(2, "residuals", "Residuals");
-        page.heading(3, "residuals-set-points", "Set points");
-        page.paragraph(
-            "Bars: 95 % of each set point's own value, as above. Band: 95 % of the table's curve. By chance at most one bar in twenty misses the \
-             true curve; more of them are a sign of an order that is too low, or of an error that changes between set points.",
-        );
-        for (quantity, (name, _)) in QUANTITY_NAMES.iter().enumerate() {
-            let figure = |axis: usize| {
-                let curve = &self.calibration.solution.axes[axis].curves[quantity];
-                let [low, high] = curve.range();
-                let size = if quantity == 0 { 1e6 } else { 1e6 / curve.at(0.5 * (low + high)).abs() };
-                let unit = if quantity == 0 { "1e-6 g0" } else { "ppm" };
-                let band = grid([low, high]).filter_map(|u| {
-                    let half = curve.interval(u, CONFIDENCE)? * size;
-                    Some((u, -half, half))
-                });
-                let points = &self.calibration.orders[axis][quantity].regression;
-                let points = points.points().iter().map(|point| (point.x.value(), point.y.value()));
-                let points = points.map(|(x, y)| (x, (y - curve.at(x)) * size));
-                let title = format!("{name} of {}: set point less table", AXIS_NAMES[axis]);
-                let plot = self
-                    .plot_over_telemetry(&title, &format!("Residual / {unit}"), axis, quantity)
-                    .series("Table, 95 %", Style::Line, grid([low, high]).map(|u| (u, 0.0)))
-                    .band(band)
-                    .series("Set points, 95 %", Style::Points, points)
-                    .errors(self.errors(axis, quantity).into_iter().map(|half| half * size));
-                (plot.svg(), String::new())
-            };
-            page.figures(&[figure(0), figure(1), figure(2)]);
-        }
+    /// Residuals of the accelerometers in each dwell.
+    fn dwell_residuals(&self, page: &mut Page) {
         page.heading(3, "residuals-dwells", "Dwells");
         let start = self.calibration.dwells.first().map_or(0, |dwell| dwell.time_ns[0]);
         let hours = |dwell: &Dwell| dwell.time_ns[0].saturating_sub(start) as f64 / 3.6e12;
@@ -218,42 +152,9 @@ impl Report<'_> {
         );
     }
 
-    fn misalignments(&self, page: &mut Page) {
-        page.heading(2, "misalignments", "Misalignments");
-        let mut rows = Vec::new();
-        for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
-            for (k, m) in part.misalignment.iter().enumerate() {
-                let error = part.misalignment_error.map_or(f64::NAN, |errors| errors[k]);
-                let interval = part.misalignment_interval(CONFIDENCE).map_or(f64::NAN, |half| half[k]);
-                rows.push(vec![
-                    Cell::text(format!("{} onto {}", AXIS_NAMES[axis], AXIS_NAMES[(axis + 1 + k) % AXES])),
-                    Cell::number(m * 1e6, 3),
-                    Cell::number(error * 1e6, 3),
-                    Cell::number(interval * 1e6, 3),
-                ]);
-            }
-        }
-        let header = ["Misalignment", "Value", "Standard error", "95 % interval +-"];
-        page.table("Misalignments [1e-6 rad]", &header, &rows);
-        page.paragraph(match (self.calibration.table.content().alignment, self.calibration.left_without_alignment()) {
-            (Some(_), _) => {
-                "The table has the alignment matrix that undoes them. It turns the axes of the output onto those of the turntable: how the IMU sat on \
-                 the fixture is part of it."
-            }
-            (None, Some(_)) => {
-                "The table has no alignment matrix: outputs stay along the sensors' input axes, and the misalignments are part of the error. This IMU \
-                 needs one (calibrate --alignment)."
-            }
-            (None, None) => {
-                "The table has no alignment matrix, and needs none: no misalignment exceeds its 99 % interval and 1e-6 rad. Outputs stay along the \
-                 sensors' input axes."
-            }
-        });
-    }
-
     /// Errors of the campaign's own dwells. Figure 6 of the paper, over a separate run, is in the report of a verification.
     fn before_after(&self, page: &mut Page) {
-        page.heading(2, "before-after", "Before and after, on the campaign's own dwells");
+        self.heading(page, &self.triads[0], "before-after", "Before and after, on the campaign's own dwells");
         page.paragraph(
             "Output less the specific force that the position asks for. Before: coefficients frozen at mid temperature. These dwells made the \
              table, so this is a check of the fit, not of the table: run verify on another recording.",
@@ -281,8 +182,10 @@ impl Report<'_> {
         let head = |dwell: &Dwell, axis: usize| dwell.head(axis);
         const ERROR: &str = "Error / 1e-6 g0";
         let over_time = |axis: usize| Plot::new(&format!("{} over time", AXIS_NAMES[axis]), "Time / h", ERROR);
-        let over_head =
-            |axis: usize| self.plot_over_telemetry(&format!("{} over temperature", AXIS_NAMES[axis]), ERROR, axis, 0);
+        let over_head = |axis: usize| {
+            let title = format!("{} over temperature", AXIS_NAMES[axis]);
+            self.plot_over_telemetry(&self.triads[0], &title, ERROR, axis, 0)
+        };
         type DwellView<'a> = (&'a dyn Fn(usize) -> Plot, &'a dyn Fn(&Dwell, usize) -> f64);
         let views: [DwellView<'_>; 2] = [(&over_time, &hours), (&over_head, &head)];
         let errors = [0, 1, 2].map(|axis| {
@@ -318,7 +221,7 @@ impl Report<'_> {
     }
 
     fn budget(&self, page: &mut Page) {
-        page.heading(2, "budget", "Error budget in navigation units");
+        self.heading(page, &self.triads[0], "budget", "Error budget in navigation units");
         page.paragraph(
             "Standard errors are means over the range. At 1 g0 an error of the scale factor counts fully. An error of 1e-6 g0 tilts a level by 0.206 arc \
              seconds; in 60 s it grows to the velocity and position given.",
@@ -371,55 +274,6 @@ impl Report<'_> {
         page.table("Errors and what they cost", &super::NAVIGATION, &rows);
     }
 
-    fn set_points(&self, page: &mut Page) {
-        page.heading(2, "set-points", "Set points reduced by themselves");
-        page.paragraph(match self.calibration.options.method {
-            Method::OneStage => {
-                "The paper's two-stage values, for comparison; the table comes from all dwells at once."
-            }
-            Method::TwoStage => "The values that the polynomials go through.",
-        });
-        for (axis, name) in AXIS_NAMES.iter().enumerate() {
-            let rows: Vec<_> = self
-                .calibration
-                .set_points
-                .iter()
-                .zip(&self.calibration.reduced)
-                .map(|(stay, reduced)| {
-                    let reduced = &reduced[axis];
-                    vec![
-                        Cell::text(format!("{} degC", stay.set_point_c)),
-                        Cell::number(reduced.telemetry[0], 5),
-                        Cell::number(reduced.telemetry[1], 5),
-                        Cell::number(reduced.values[0] * 1e6, 3),
-                        Cell::number(reduced.standard_errors[0] * 1e6, 3),
-                        Cell::number(reduced.values[1], 3),
-                        Cell::number(reduced.standard_errors[1], 3),
-                        Cell::number(reduced.values[2], 3),
-                        Cell::number(reduced.standard_errors[2], 3),
-                        Cell::number(reduced.values[3] * 1e6, 2),
-                        Cell::number(reduced.values[4] * 1e6, 2),
-                    ]
-                })
-                .collect();
-            let (m, o) = (AXIS_NAMES[(axis + 1) % AXES], AXIS_NAMES[(axis + 2) % AXES]);
-            let header = [
-                "Set point",
-                "Head",
-                "Board",
-                "A / 1e-6 g0",
-                "+-",
-                "K+",
-                "+-",
-                "K-",
-                "+-",
-                &format!("onto {m} / 1e-6"),
-                &format!("onto {o} / 1e-6"),
-            ];
-            page.table(&format!("{name}: errors from the scatter within the set point, tilt included"), &header, &rows);
-        }
-    }
-
     fn dwells(&self, page: &mut Page) {
         page.heading(2, "dwells", "Dwell check list");
         let rows: Vec<_> = self
@@ -429,13 +283,8 @@ impl Report<'_> {
             .enumerate()
             .map(|(index, dwell)| {
                 let residual = self.calibration.solution.residuals[index];
-                let place = Some((dwell.set_point_c, Some(self.position_number(dwell))));
-                let verdict = if self.calibration.findings.iter().any(|finding| finding.place == place) {
-                    Cell::Verdict(NoteKind::Warning, "see result".to_owned())
-                } else {
-                    Cell::Verdict(NoteKind::Good, "good".to_owned())
-                };
-                vec![
+                let number = RunNumber::Position(self.position_number(dwell));
+                let mut row = vec![
                     Cell::text(format!("{} / {}", dwell.set_point_c, self.position_number(dwell))),
                     Cell::Number(format!("{} to {}", dwell.lines[0], dwell.lines[1])),
                     Cell::Number(dwell.rows.to_string()),
@@ -445,23 +294,28 @@ impl Report<'_> {
                     Cell::number(residual[0] * 1e6, 2),
                     Cell::number(residual[1] * 1e6, 2),
                     Cell::number(residual[2] * 1e6, 2),
-                    verdict,
-                ]
+                ];
+                row.extend(self.gyroscope_residuals(dwell.lines[0]).into_iter().flatten());
+                row.push(self.verdict(dwell.set_point_c, number));
+                row
             })
             .collect();
-        let header = [
-            "Set point / position",
-            "Lines",
-            "Rows",
-            "Time / s",
-            &format!("A1 head / {}", self.unit()),
-            &format!("drift / ({}/h)", self.unit()),
-            "A1 / 1e-6 g0",
-            "A2 / 1e-6 g0",
-            "A3 / 1e-6 g0",
-            "Check",
-        ];
+        let (head, drift) = (format!("A1 head / {}", self.unit()), format!("drift / ({}/h)", self.unit()));
+        let header = ["Set point / position", "Lines", "Rows", "Time / s", &head, &drift];
+        let residuals = ["A1 / 1e-6 g0", "A2 / 1e-6 g0", "A3 / 1e-6 g0"];
+        let gyroscopes = self.calibration.gyroscopes.iter().flat_map(|_| gyroscopes::RESIDUALS);
+        let header: Vec<_> = header.into_iter().chain(residuals).chain(gyroscopes).chain(["Check"]).collect();
         page.table("Dwells with their residuals", &header, &rows);
+    }
+
+    /// Whether there is a finding about a dwell or turn.
+    fn verdict(&self, set_point_c: f64, number: RunNumber) -> Cell {
+        let place = Some((set_point_c, Some(number)));
+        if self.calibration.findings.iter().any(|finding| finding.place == place) {
+            Cell::Verdict(NoteKind::Warning, "see result".to_owned())
+        } else {
+            Cell::Verdict(NoteKind::Good, "good".to_owned())
+        }
     }
 
     fn positions(&self, page: &mut Page) {
@@ -480,13 +334,12 @@ impl Report<'_> {
             .collect();
         let header = ["Number", "Name", "Outer / deg", "Inner / deg", "A1", "A2", "A3"];
         page.table("Specific force in units of the local gravity", &header, &rows);
+        self.turn_list(page);
         let range = |[low, high]: [f64; 2]| format!("{low} to {high} {}", self.unit());
-        let rows: Vec<_> = AXIS_NAMES
-            .iter()
-            .zip(&self.calibration.solution.axes)
-            .map(|(name, part)| {
-                let [bias, plus, _] = &part.curves;
-                vec![Cell::text(*name), Cell::Number(range(bias.range())), Cell::Number(range(plus.range()))]
+        let sensors = self.triads.iter().flat_map(|triad| triad.names.into_iter().zip(triad.curves));
+        let rows: Vec<_> = sensors
+            .map(|(name, [bias, plus, _])| {
+                vec![Cell::text(name), Cell::Number(range(bias.range())), Cell::Number(range(plus.range()))]
             })
             .collect();
         page.table("Ranges of the table", &["Axis", "Head telemetry", "Board telemetry"], &rows);
@@ -506,29 +359,7 @@ impl Report<'_> {
     }
 }
 
-/// Half length of the error bar of a value that is reduced from this number of dwells; NaN without degrees of freedom.
-fn half_length(standard_error: f64, dwells: usize) -> f64 {
-    match dwells.saturating_sub(PARAMETERS) {
-        0 => f64::NAN,
-        freedom => standard_error * student_quantile(CONFIDENCE, freedom),
-    }
-}
-
 /// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
 fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
     (0..=CURVE_INTERVALS).map(move |i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn error_bars_widen_with_few_dwells_and_need_one_more_than_there_are_parameters() {
-        assert!(half_length(1.0, PARAMETERS).is_nan() && half_length(1.0, 2).is_nan());
-        assert!(half_length(f64::NAN, 12).is_nan());
-        // Student's t with 1 and 7 degrees of freedom.
-        assert!((half_length(2.0, PARAMETERS + 1) - 2.0 * 12.7062).abs() < 1e-3);
-        assert!((half_length(2.0, 12) - 2.0 * 2.36462).abs() < 1e-4);
-    }
 }

@@ -4,47 +4,37 @@
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::alignment::is_needed;
 use crate::calibrate::{Calibration, CalibrationError};
-use crate::checks::{Finding, Severity};
+use crate::checks::{Finding, RunNumber, Severity};
 use crate::curve::CONFIDENCE;
+use crate::gyroscopes::observability::TriadObservability;
+use crate::gyroscopes::{GyroscopeCalibration, is_alignment_needed};
 use crate::order::QUANTITIES;
 use crate::requirement::Requirement;
 use crate::stability::{Coverage, Stability};
+use crate::triad::CalibratedTriad;
 use crate::verdict::Errors;
 use isotherm_failure::Failure;
 use isotherm_shared::table::AXIS_NAMES;
 use serde_json::{Value, json};
 
-/// A calibration: digest, bottom line, curves, misalignments and findings. `locate` gives file and line of a row.
+/// A calibration: digest, bottom line, curves, misalignments and findings; of an IMU with gyroscopes also theirs. `locate` gives file and line
+/// of a row.
 #[must_use]
 pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) -> Value {
-    let accuracy = Accuracy::of(calibration);
+    let triad = CalibratedTriad::accelerometers(calibration);
+    let accuracy = Accuracy::of_triad(calibration, &triad);
     let (content, solution) = (calibration.table.content(), &calibration.solution);
-    let curve = |axis: usize, quantity: usize| {
-        let orders = &calibration.orders[axis][quantity];
-        let fit = &orders.regression.fits()[orders.choice.order];
-        json!({
-            "axis": AXIS_NAMES[axis],
-            "quantity": QUANTITIES[quantity],
-            "unit": if quantity == 0 { "g0" } else { "pulse/(s*g0)" },
-            "order": orders.choice.order,
-            "reason": orders.choice.reason,
-            "leave_one_set_point_out_rms_in_unit": fit.leave_one_out_rms,
-            "residual_sd_in_unit": fit.residual_sd,
-            "largest_interval_in_unit": largest_interval(&solution.axes[axis].curves[quantity], false),
-        })
-    };
     let axis = |axis: usize| {
-        let part = &solution.axes[axis];
         json!({
             "axis": AXIS_NAMES[axis],
             "bias_interval_g0": accuracy.bias[axis],
             "scale_factor_interval_ppm": accuracy.scale_factor[axis].map(|part| part * 1e6),
-            "misalignment_rad": part.misalignment,
-            "misalignment_interval_rad": part.misalignment_interval(CONFIDENCE),
+            "misalignment_rad": triad.misalignment[axis],
+            "misalignment_interval_rad": triad.misalignment_interval[axis],
             "residual_sd_g0": calibration.residual_sd(axis),
         })
     };
-    json!({
+    let mut document = json!({
         "imu": content.imu.to_string(),
         "digest": calibration.table.digest().to_string(),
         "method": calibration.options.method.name(),
@@ -55,13 +45,87 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
         "range_in_unit": accuracy.range,
         "unit": accuracy.unit,
         "axes": [axis(0), axis(1), axis(2)],
-        "curves": (0..9).map(|index| curve(index / 3, index % 3)).collect::<Vec<_>>(),
+        "curves": curves(&triad),
         "tilt_rad": solution.tilt,
         "alignment": content.alignment.is_some(),
         "alignment_needed": is_needed(solution),
         "left_without_alignment_g0": calibration.left_without_alignment(),
         "accepted": calibration.accepted,
         "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
+    });
+    if let Some(found) = &calibration.gyroscopes {
+        document["gyroscopes"] = gyroscopes(calibration, found);
+    }
+    document
+}
+
+/// The curves of a triad, in the units of the fit.
+fn curves(triad: &CalibratedTriad<'_>) -> Vec<Value> {
+    let curve = |axis: usize, quantity: usize| {
+        let orders = &triad.orders[axis][quantity];
+        let fit = &orders.regression.fits()[orders.choice.order];
+        json!({
+            "axis": triad.names[axis],
+            "quantity": QUANTITIES[quantity],
+            "unit": triad.units.in_fit(quantity),
+            "order": orders.choice.order,
+            "reason": orders.choice.reason,
+            "leave_one_set_point_out_rms_in_unit": fit.leave_one_out_rms,
+            "residual_sd_in_unit": fit.residual_sd,
+            "largest_interval_in_unit": largest_interval(&triad.curves[axis][quantity], false),
+        })
+    };
+    (0..9).map(|index| curve(index / 3, index % 3)).collect()
+}
+
+/// The part of a calibration that the gyroscopes are.
+fn gyroscopes(calibration: &Calibration, found: &GyroscopeCalibration) -> Value {
+    let triad = CalibratedTriad::gyroscopes(calibration, found);
+    let accuracy = Accuracy::of_triad(calibration, &triad);
+    let axis = |axis: usize| {
+        let part = &found.solution.gyroscopes[axis];
+        json!({
+            "axis": triad.names[axis],
+            "bias_interval_deg_h": accuracy.bias[axis],
+            "scale_factor_interval_ppm": accuracy.scale_factor[axis].map(|part| part * 1e6),
+            "misalignment_rad": triad.misalignment[axis],
+            "misalignment_interval_rad": triad.misalignment_interval[axis],
+            "g_sensitivity_deg_h_g0": part.g_sensitivity,
+            "g_sensitivity_interval_deg_h_g0": part.g_sensitivity_interval(CONFIDENCE),
+            "random_walk_deg_sqrt_h": found.random_walk(axis),
+        })
+    };
+    let earth = found.earth.as_ref().map(|earth| {
+        json!({
+            "rate_deg_h": found.solution.earth.map(|[x, y]| [x, y, earth.along_z]),
+            "rate_standard_error_deg_h": found.solution.earth_error,
+            "horizontal_rate_deg_h": earth.found,
+            "horizontal_rate_interval_deg_h": found.horizontal_rate_interval(CONFIDENCE),
+            "horizontal_rate_of_latitude_deg_h": earth.expected,
+        })
+    });
+    let left_over = found.left_over.as_ref().map(|left| {
+        json!({
+            "bias_deg_h": left.bias,
+            "scale_factor_ppm": left.scale_factor * 1e6,
+            "g_sensitivity_deg_h_g0": left.g_sensitivity,
+            "misalignment_rad": left.misalignment,
+            "from": left.from,
+        })
+    });
+    let TriadObservability { rank, unknowns, condition, .. } = found.observability;
+    json!({
+        "turns": found.turns(),
+        "accuracy": accuracy.to_string(),
+        "caution": accuracy.caution(),
+        "range_in_unit": accuracy.range,
+        "axes": [axis(0), axis(1), axis(2)],
+        "curves": curves(&triad),
+        "earth": earth,
+        "left_over": left_over,
+        "alignment_needed": is_alignment_needed(&found.solution),
+        "left_without_alignment_rad": found.left_without_alignment(&calibration.table),
+        "observability": { "rank": rank, "unknowns": unknowns, "condition": condition },
     })
 }
 
@@ -92,15 +156,24 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
 }
 
 fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> Value {
-    json!({
+    let (position, turn) = match finding.place {
+        Some((_, Some(RunNumber::Position(number)))) => (Some(number), None),
+        Some((_, Some(RunNumber::Turn(number)))) => (None, Some(number)),
+        _ => (None, None),
+    };
+    let mut document = json!({
         "name": finding.name,
         "severity": if finding.severity == Severity::Fault { "fault" } else { "warning" },
         "line": finding.line,
         "place": finding.line.map(locate),
         "set_point_c": finding.place.map(|(set_point, _)| set_point),
-        "position": finding.place.and_then(|(_, position)| position),
+        "position": position,
         "message": finding.message,
-    })
+    });
+    if turn.is_some() {
+        document["turn"] = json!(turn);
+    }
+    document
 }
 
 /// A verification: table 4, the verdict and the judgement of what is required. `window_s` is the length of the windows \[s\].

@@ -3,82 +3,154 @@
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
 use crate::curve::CONFIDENCE;
+use crate::gyroscopes::GyroscopeCalibration;
 use crate::order::QUANTITIES;
 use crate::requirement::Judgement;
 use crate::stability::{Force, Stability};
+use crate::triad::CalibratedTriad;
 use crate::verdict::Estimate;
-use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
+use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
 
-/// A calibration in a few lines: orders, errors, misalignments, tilt.
+/// A calibration in a few lines: orders, errors, misalignments, tilt; of gyroscopes also g-sensitivities and Earth's rate.
 #[must_use]
 pub fn calibration(calibration: &Calibration) -> String {
+    let triads: Vec<_> = CalibratedTriad::all(calibration).collect();
+    let gyroscopes = calibration.gyroscopes.as_ref();
+    let turns = gyroscopes.map_or_else(String::new, |found| format!(" and {} turns", found.turns()));
     let mut text = format!(
-        "{} dwells at {} set points, {} fit, digest {}\n\n  curve                       order   95 % interval  leave-one-set-point-out rms    residual sd  why\n",
+        "{} dwells{turns} at {} set points, {} fit, digest {}\n\n  curve                       order   95 % interval  leave-one-set-point-out rms    residual sd  why\n",
         calibration.dwells.len(),
         calibration.set_points.len(),
         calibration.options.method.name(),
         calibration.table.digest(),
     );
+    text.extend(triads.iter().map(curves));
     // Writing to a String cannot fail.
-    for (axis, tables) in calibration.orders.iter().enumerate() {
-        for (quantity, orders) in tables.iter().enumerate() {
-            let fit = &orders.regression.fits()[orders.choice.order];
-            let size = fit.coefficients.first().map_or(1.0, |c| c.abs());
-            let (factor, unit) = if quantity == 0 { (1e6, "ug0") } else { (1e6 / size, "ppm") };
-            let _ = writeln!(
-                text,
-                "  {} {:22}  {:5}  {:>14}  {:>27}  {:>13}  {}",
-                AXIS_NAMES[axis],
-                QUANTITIES[quantity],
-                orders.choice.order,
-                figure(
-                    largest_interval(&calibration.solution.axes[axis].curves[quantity], quantity > 0),
-                    &|interval| format!("+- {:>7.3} {unit}", interval * 1e6)
-                ),
-                figure(fit.leave_one_out_rms, &|rms| format!("{:.3} {unit}", rms * factor)),
-                figure(fit.residual_sd, &|sd| format!("{:.3} {unit}", sd * factor)),
-                orders.choice.reason.split(';').next().unwrap_or_default()
-            );
-        }
+    for (axis, line) in misalignments(&triads[0]).into_iter().enumerate() {
+        let _ = writeln!(text, "{line}; residuals {:.3}e-6 g0 rms", calibration.residual_sd(axis) * 1e6);
     }
-    for (axis, part) in calibration.solution.axes.iter().enumerate() {
-        let error = part.misalignment_interval(CONFIDENCE).unwrap_or([f64::NAN; 2]);
-        let _ = writeln!(
-            text,
-            "  {} misalignment onto {} {:.3} +- {:.3}, onto {} {:.3} +- {:.3} [1e-6 rad, 95 %]; residuals {:.3}e-6 g0 rms",
-            AXIS_NAMES[axis],
-            AXIS_NAMES[(axis + 1) % 3],
-            part.misalignment[0] * 1e6,
-            error[0] * 1e6,
-            AXIS_NAMES[(axis + 2) % 3],
-            part.misalignment[1] * 1e6,
-            error[1] * 1e6,
-            calibration.residual_sd(axis) * 1e6
-        );
+    if let (Some(found), Some(triad)) = (gyroscopes, triads.get(1)) {
+        for (axis, line) in misalignments(triad).into_iter().enumerate() {
+            let _ = writeln!(text, "{line}; random walk {:.5} deg/sqrt(h)", found.random_walk(axis));
+        }
+        text += &g_sensitivities(found);
     }
     if let Some([x, y]) = calibration.solution.tilt {
         let _ = writeln!(text, "  base tilted by {:.2} and {:.2} [1e-6 rad] about X and Y", x * 1e6, y * 1e6);
     }
-    let _ = match (calibration.table.content().alignment, calibration.left_without_alignment()) {
-        (Some(_), _) => writeln!(text, "  with an alignment matrix; how the IMU sat on the fixture is part of it"),
-        (None, Some(left)) => {
-            let left = left * 1e6;
-            writeln!(
-                text,
-                "  without an alignment matrix, which this IMU needs: misalignments leave up to {left:.2}e-6 g0 (--alignment)"
-            )
+    text.extend(gyroscopes.and_then(earth));
+    text += &alignment(calibration);
+    text.push('\n');
+    for triad in &triads {
+        let accuracy = Accuracy::of_triad(calibration, triad);
+        // Of one triad it is clear what is meant.
+        let whose = if triads.len() > 1 { format!("{}s: ", triad.units.sensor) } else { String::new() };
+        let _ = writeln!(text, "{whose}{accuracy}");
+        if let Some(caution) = accuracy.caution() {
+            let _ = writeln!(text, "  caution: {caution}");
         }
-        (None, None) => {
-            writeln!(text, "  without an alignment matrix: no misalignment exceeds its 99 % interval and 1e-6 rad")
-        }
-    };
-    let accuracy = Accuracy::of(calibration);
-    let _ = writeln!(text, "\n{accuracy}");
-    if let Some(caution) = accuracy.caution() {
-        let _ = writeln!(text, "  caution: {caution}");
     }
     text
+}
+
+/// The curves of a triad, a line each.
+fn curves(triad: &CalibratedTriad<'_>) -> String {
+    let mut text = String::new();
+    for (axis, tables) in triad.orders.iter().enumerate() {
+        for (quantity, orders) in tables.iter().enumerate() {
+            let fit = &orders.regression.fits()[orders.choice.order];
+            let size = fit.coefficients.first().map_or(1.0, |c| c.abs());
+            // An interval of K is relative already.
+            let (factor, of_interval, decimals, unit) = match quantity {
+                0 => {
+                    (triad.units.bias_factor, triad.units.bias_factor, triad.units.bias_decimals, triad.units.in_table(0))
+                }
+                _ => (1e6 / size, 1e6, 3, "ppm"),
+            };
+            let shown = |value: f64| format!("{value:.decimals$} {unit}");
+            let _ = writeln!(
+                text,
+                "  {} {:22}  {:5}  {:>14}  {:>27}  {:>13}  {}",
+                triad.names[axis],
+                QUANTITIES[quantity],
+                orders.choice.order,
+                figure(largest_interval(&triad.curves[axis][quantity], quantity > 0), &|interval| format!(
+                    "+- {:>7.decimals$} {unit}",
+                    interval * of_interval
+                )),
+                figure(fit.leave_one_out_rms, &|rms| shown(rms * factor)),
+                figure(fit.residual_sd, &|sd| shown(sd * factor)),
+                orders.choice.reason.split(';').next().unwrap_or_default()
+            );
+        }
+    }
+    text
+}
+
+/// The misalignments of each sensor of a triad, without the end of the line.
+fn misalignments(triad: &CalibratedTriad<'_>) -> [String; AXES] {
+    [0, 1, 2].map(|axis| {
+        let ([next, after], errors) = (triad.misalignment[axis], triad.misalignment_interval[axis]);
+        let error = errors.unwrap_or([f64::NAN; 2]);
+        format!(
+            "  {} misalignment onto {} {:.3} +- {:.3}, onto {} {:.3} +- {:.3} [1e-6 rad, 95 %]",
+            triad.names[axis],
+            triad.names[(axis + 1) % AXES],
+            next * 1e6,
+            error[0] * 1e6,
+            triad.names[(axis + 2) % AXES],
+            after * 1e6,
+            error[1] * 1e6,
+        )
+    })
+}
+
+fn g_sensitivities(found: &GyroscopeCalibration) -> String {
+    let mut text = String::new();
+    for (name, part) in GYROSCOPE_NAMES.iter().zip(&found.solution.gyroscopes) {
+        let errors = part.g_sensitivity_interval(CONFIDENCE).unwrap_or([f64::NAN; AXES]);
+        let values = part.g_sensitivity.iter().zip(errors).zip(AXIS_NAMES);
+        let values = values.map(|((s, error), along)| format!("along {along} {s:.4} +- {error:.4}"));
+        let _ = writeln!(
+            text,
+            "  {name} g-sensitivity {} [deg/h/g0, 95 %]",
+            values.collect::<Vec<_>>().join(", ")
+        );
+    }
+    text
+}
+
+/// Earth's horizontal rate beside that of the latitude, if there are angles.
+fn earth(found: &GyroscopeCalibration) -> Option<String> {
+    let earth = found.earth?;
+    let interval = found.horizontal_rate_interval(CONFIDENCE).unwrap_or(f64::NAN);
+    Some(format!(
+        "  Earth's horizontal rate {:.4} +- {interval:.4} [deg/h, 95 %], at the stated latitude {:.4}\n",
+        earth.found, earth.expected
+    ))
+}
+
+/// Whether the table has alignment matrices, and what it leaves without.
+fn alignment(calibration: &Calibration) -> String {
+    let of_gyroscopes =
+        calibration.gyroscopes.as_ref().map(|found| found.left_without_alignment(&calibration.table));
+    let aligned = calibration.table.content().alignment.is_some();
+    let lacks = |left: String| {
+        format!("  without an alignment matrix, which this IMU needs: misalignments leave up to {left} (--alignment)\n")
+    };
+    let of_rate = |left: f64| format!("{:.2}e-6 of the rate", left * 1e6);
+    match (calibration.left_without_alignment().map(|left| format!("{:.2}e-6 g0", left * 1e6)), of_gyroscopes) {
+        _ if aligned && of_gyroscopes.is_some() => {
+            "  with alignment matrices of both triads; how the IMU sat on the fixture is part of them\n".to_owned()
+        }
+        _ if aligned => "  with an alignment matrix; how the IMU sat on the fixture is part of it\n".to_owned(),
+        (Some(left), Some(Some(rate))) => lacks(format!("{left} and {}", of_rate(rate))),
+        (Some(left), _) => lacks(left),
+        (None, Some(Some(rate))) => lacks(of_rate(rate)),
+        (None, _) => "  without an alignment matrix: no misalignment exceeds its 99 % interval and 1e-6 rad\n".to_owned(),
+    }
 }
 
 /// A figure that does not exist without degrees of freedom.

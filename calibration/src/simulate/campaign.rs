@@ -1,23 +1,27 @@
-//! Schedules: the campaign on the turntable, and a temperature run at rest.
+//! The schedule of the campaign on the turntable.
 //!
-//! # The campaign
 //! It begins in equilibrium at the first set point. At each set point the chamber ramps, then soaks; `soak_s` includes the
 //! ramp. Each position then takes `move_s` for the motion and `dwell_s` at rest. Only the rest gives rows, as many whole
-//! periods as fit into it. Each angle of each dwell has a random error.
+//! periods as fit into it. Each angle of each dwell has a random error. The turns follow, each after another `move_s`, in rows from rest to rest.
 
+use super::chain::{Chain, Noise};
 use super::imu::SimulatedImu;
-use super::model::{Chain, Noise, Truth};
+use super::model::Truth;
 use super::motion::Motion;
 use super::random::RandomGenerator;
-use super::turntable::specific_force;
+use super::turntable::SimulatedTurntable;
+use crate::gyroscopes::turn::{TableAxis, Turn, outer_axis};
 use crate::positions::{Position, Scheme};
 use core::fmt::Write as _;
-use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_shared::wire::RawSample;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Random stream of the errors of the turntable's angles.
+/// Random stream of the errors of the turntable's angles in dwells.
 const TURNTABLE_STREAM: u64 = 3;
+
+/// Random stream of the errors of the turns' angles.
+const TURN_STREAM: u64 = 7;
 
 /// The schedule of a simulated campaign.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -35,13 +39,68 @@ pub struct CampaignSchedule {
     /// Period of a row \[ns\].
     pub interval_ns: u64,
     /// Positions at each set point, in order. In a position without angles the specific force is the stated one, without tilt
-    /// and angle errors.
+    /// and angle errors, and Earth's rate is left out.
     #[serde(skip)]
     pub positions: Vec<Position>,
+    /// The turns after the positions of each set point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turns: Option<TurnSchedule>,
     /// The simulated hardware.
     pub chain: Chain,
     /// Random deviations.
     pub noise: Noise,
+}
+
+/// The turns at each set point, from rest to rest.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TurnSchedule {
+    /// Rate of the axis, over 0 \[deg/s\].
+    pub rate_deg_s: f64,
+    /// Acceleration and deceleration, over 0 \[deg/s2\].
+    pub acceleration_deg_s2: f64,
+    /// Rest before the motion, and least rest after it \[s\].
+    pub rest_s: f64,
+    /// Period of a row, over 0 \[ns\].
+    pub interval_ns: u64,
+    /// The turns, in order. One without angles or about no axis of the turntable gives no rows.
+    #[serde(skip)]
+    pub turns: Vec<Turn>,
+}
+
+impl TurnSchedule {
+    /// Six whole turns: about the outer axis at inner angle 0 and 90, then about the inner axis at outer angle 0, each forwards and back by
+    /// `angle_deg`. They are numbered from `first`. 10 deg/s, 10 deg/s2, 5 s of rest, rows of 1 s.
+    #[must_use]
+    pub fn six_turns(first: u32, angle_deg: f64) -> Self {
+        let outer = |inner| (TableAxis::Outer, inner, outer_axis(inner));
+        let axes = [outer(0.0), outer(90.0), (TableAxis::Inner, 0.0, Vector3::z())];
+        let signed = axes.into_iter().flat_map(|axis| [(axis, angle_deg), (axis, -angle_deg)]);
+        let turn = |(number, ((table_axis, inner, axis), angle_deg)): (u32, ((_, f64, Vector3<f64>), f64))| Turn {
+            start: Position::at(number, 0.0, inner),
+            axis: axis.into(),
+            angle_deg,
+            about: Some((table_axis, 1.0)),
+        };
+        Self {
+            rate_deg_s: 10.0,
+            acceleration_deg_s2: 10.0,
+            rest_s: 5.0,
+            interval_ns: 1_000_000_000,
+            turns: (first..).zip(signed).map(turn).collect(),
+        }
+    }
+
+    /// Number of rows of a turn: as many as it takes from rest to rest.
+    fn rows(&self, turn: &Turn) -> u64 {
+        if turn.about.is_none() || turn.start.angles.is_none() {
+            return 0;
+        }
+        let (size, rate) = (turn.angle_deg.abs(), self.rate_deg_s);
+        // A short turn does not reach the rate.
+        let peak = rate.min((self.acceleration_deg_s2 * size).sqrt());
+        let motion_s = if size > 0.0 { size / peak + peak / self.acceleration_deg_s2 } else { 0.0 };
+        nanoseconds(2.0 * self.rest_s + motion_s).div_ceil(self.interval_ns.max(1))
+    }
 }
 
 impl Default for CampaignSchedule {
@@ -56,6 +115,7 @@ impl Default for CampaignSchedule {
             dwell_s: 300.0,
             interval_ns: 10_000_000_000,
             positions: Scheme::SixFacesTwoHeadings.positions(),
+            turns: None,
             chain: Chain::default(),
             noise: Noise::default(),
         }
@@ -68,10 +128,32 @@ impl CampaignSchedule {
         nanoseconds(self.dwell_s).checked_div(self.interval_ns).unwrap_or(0)
     }
 
+    /// The turns at each set point.
+    fn turns(&self) -> &[Turn] {
+        self.turns.as_ref().map_or(&[], |schedule| &schedule.turns)
+    }
+
     /// Number of rows of the campaign.
     #[must_use]
     pub fn rows(&self) -> u64 {
-        self.set_points_c.len() as u64 * self.positions.len() as u64 * self.rows_per_dwell()
+        let turns = self.turns.iter().flat_map(|schedule| schedule.turns.iter().map(|turn| schedule.rows(turn)));
+        match self.rows_per_dwell() {
+            0 => 0,
+            rows => self.set_points_c.len() as u64 * (self.positions.len() as u64 * rows + turns.sum::<u64>()),
+        }
+    }
+
+    /// The text of the campaign file, whose samples are in `samples` beside it.
+    #[must_use]
+    pub fn campaign_toml(&self, truth: &Truth, samples: &str) -> String {
+        let content = truth.table.content();
+        let (imu, unit) = (content.imu.as_str(), &content.temperature_unit);
+        let text = campaign_toml(imu, samples, content.gravity, truth.gravity_local, unit, &self.positions);
+        if self.turns().is_empty() {
+            return text;
+        }
+        let latitude = format!("latitude_deg = {}   # north positive\n", truth.latitude_deg);
+        self.turns().iter().fold(latitude + &text, |text, turn| text + "\n" + &turn.to_toml())
     }
 }
 
@@ -80,7 +162,7 @@ impl CampaignSchedule {
 pub struct SimulatedRow {
     /// Set point of the chamber \[degC\].
     pub set_point_c: f64,
-    /// Number of the position.
+    /// Number of the position or turn.
     pub position: u32,
     /// The sample that the acquisition latched. Its sequence counts the rows from 0; its time is 0 when the campaign begins.
     pub raw: RawSample,
@@ -92,14 +174,23 @@ pub struct SimulatedCampaign<'a> {
     schedule: &'a CampaignSchedule,
     imu: SimulatedImu,
     angle_noise: RandomGenerator,
+    turn_noise: RandomGenerator,
     truth: Truth,
-    /// Number of dwells that have begun.
-    dwells: usize,
-    /// Remaining rows of the current dwell.
+    /// Number of dwells and turns that have begun.
+    begun: usize,
+    /// Remaining rows of the current dwell or turn.
     rows_left: u64,
     set_point_c: f64,
     position: u32,
-    specific_force: [f64; AXES],
+    state: TableState,
+}
+
+/// What the turntable does.
+#[derive(Clone, Debug)]
+enum TableState {
+    /// It is at rest; every row feels the same.
+    Dwell(Motion),
+    Turn(TurnInProgress),
 }
 
 /// Simulates `schedule` with the IMU that `truth` describes.
@@ -110,47 +201,80 @@ pub fn campaign<'a>(truth: &Truth, schedule: &'a CampaignSchedule, seed: u64) ->
         schedule,
         imu: SimulatedImu::new(truth, &schedule.chain, &schedule.noise, first, seed),
         angle_noise: RandomGenerator::new(seed, TURNTABLE_STREAM),
+        turn_noise: RandomGenerator::new(seed, TURN_STREAM),
         truth: truth.clone(),
-        dwells: 0,
+        begun: 0,
         rows_left: 0,
         set_point_c: first,
         position: 0,
-        specific_force: [0.0; AXES],
+        state: TableState::Dwell(Motion::default()),
     }
 }
 
 impl SimulatedCampaign<'_> {
-    /// Begins the next dwell; `None` after the last one.
-    fn next_dwell(&mut self) -> Option<()> {
+    /// Begins the next dwell or turn; `None` after the last one.
+    fn next_place(&mut self) -> Option<()> {
         let (schedule, rows) = (self.schedule, self.schedule.rows_per_dwell());
-        let visit = self.dwells.checked_div(schedule.positions.len()).filter(|_| rows > 0)?;
-        let position = &schedule.positions[self.dwells % schedule.positions.len()];
+        let places = schedule.positions.len() + schedule.turns().len();
+        let visit = self.begun.checked_div(places).filter(|_| rows > 0)?;
+        let place = self.begun % places;
         self.set_point_c = *schedule.set_points_c.get(visit)?;
-        if self.dwells > 0 {
+        if self.begun > 0 && matches!(self.state, TableState::Dwell(_)) {
             self.imu.wait(nanoseconds(schedule.dwell_s) - rows * schedule.interval_ns);
         }
-        if self.dwells.is_multiple_of(schedule.positions.len()) {
+        if place == 0 {
             self.imu.visit();
             self.imu.go_to(self.set_point_c, schedule.ramp_c_per_s);
             self.imu.wait(nanoseconds(schedule.soak_s));
         }
         self.imu.wait(nanoseconds(schedule.move_s));
-        self.position = position.number;
-        self.specific_force = self.specific_force_at(position);
-        self.dwells += 1;
-        self.rows_left = rows;
+        self.begun += 1;
+        if let Some(position) = schedule.positions.get(place) {
+            self.position = position.number;
+            self.state = TableState::Dwell(self.dwell(position));
+            self.rows_left = rows;
+        } else if let Some(turns) = &schedule.turns {
+            let turn = &turns.turns[place - schedule.positions.len()];
+            self.position = turn.start.number;
+            self.rows_left = turns.rows(turn);
+            self.state = TableState::Turn(self.turn(turns, turn));
+        }
         Some(())
     }
 
-    /// The specific force \[g0\] at the angles where the turntable comes to rest, their errors included.
-    fn specific_force_at(&mut self, position: &Position) -> [f64; AXES] {
-        let Some([outer, inner]) = position.angles else {
+    /// What a row feels in `position`, at the angles where the turntable comes to rest, their errors included.
+    fn dwell(&mut self, position: &Position) -> Motion {
+        let Some(angles) = position.angles else {
             let gravity = self.truth.gravity_local / self.truth.table.content().gravity;
-            return position.specific_force.map(|f| f * gravity);
+            return Motion::of_force(position.specific_force.map(|f| f * gravity));
         };
-        let mut error_deg = || (self.schedule.noise.positioning_rad * self.angle_noise.normal()).to_degrees();
-        let (outer, inner) = (outer + error_deg(), inner + error_deg());
-        specific_force(&self.truth, outer, inner)
+        let noise = self.schedule.noise.positioning_rad;
+        let angles = angles.map(|angle| angle + (noise * self.angle_noise.normal()).to_degrees());
+        Motion::at_rest(&self.truth, angles, self.schedule.interval_ns as f64 / 1e9)
+    }
+
+    /// The turntable before `turn`, whose angle has an error.
+    fn turn(&mut self, schedule: &TurnSchedule, turn: &Turn) -> TurnInProgress {
+        let error_deg = (self.schedule.noise.turn_rad * self.turn_noise.normal()).to_degrees();
+        let start = turn.start.angles.unwrap_or_default();
+        let (axis, sign) = match turn.about {
+            Some((TableAxis::Inner, sign)) => (1, sign),
+            Some((TableAxis::Outer, sign)) => (0, sign),
+            None => (0, 0.0),
+        };
+        let target_deg = start[axis] + sign * (turn.angle_deg + error_deg);
+        TurnInProgress {
+            turntable: SimulatedTurntable::at(start),
+            now_s: 0.0,
+            command: Some(MoveCommand {
+                at_s: schedule.rest_s,
+                axis,
+                target_deg,
+                rate: schedule.rate_deg_s,
+                acceleration: schedule.acceleration_deg_s2,
+            }),
+            interval_ns: schedule.interval_ns,
+        }
     }
 }
 
@@ -158,101 +282,59 @@ impl Iterator for SimulatedCampaign<'_> {
     type Item = SimulatedRow;
 
     fn next(&mut self) -> Option<SimulatedRow> {
-        if self.rows_left == 0 {
-            self.next_dwell()?;
+        while self.rows_left == 0 {
+            self.next_place()?;
         }
         self.rows_left -= 1;
-        let raw = self.imu.step(&Motion::of_force(self.specific_force), self.schedule.interval_ns);
+        let (motion, interval_ns) = match &mut self.state {
+            TableState::Dwell(motion) => (*motion, self.schedule.interval_ns),
+            TableState::Turn(turn) => (turn.row(&self.truth), turn.interval_ns),
+        };
+        let raw = self.imu.step(&motion, interval_ns);
         Some(SimulatedRow { set_point_c: self.set_point_c, position: self.position, raw })
     }
 }
 
-/// The schedule of a temperature run at rest: hold, ramp, hold.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct RunSchedule {
-    /// Direction of the specific force along A1, A2, A3; its length has no effect. The magnitude is the local gravity.
-    pub direction: [f64; AXES],
-    /// Chamber temperature at the beginning, in equilibrium \[degC\].
-    pub from_c: f64,
-    /// Chamber temperature at the end \[degC\].
-    pub to_c: f64,
-    /// Magnitude of the ramp between them, over 0 \[degC/s\].
-    pub ramp_c_per_s: f64,
-    /// Duration of the hold before the ramp, and of the hold after it \[s\].
-    pub hold_s: f64,
-    /// Control period \[ns\].
-    pub interval_ns: u64,
-    /// The simulated hardware.
-    pub chain: Chain,
-    /// Random deviations; the whole run is one visit of a set point.
-    pub noise: Noise,
-}
-
-impl Default for RunSchedule {
-    /// -25 to 45 degC at 20 degC/h, holds of half an hour, 10 samples a second. Every axis measures a part of gravity, A2 a
-    /// negative one.
-    fn default() -> Self {
-        Self {
-            direction: [0.6, -0.48, 0.64],
-            from_c: -25.0,
-            to_c: 45.0,
-            ramp_c_per_s: 20.0 / 3600.0,
-            hold_s: 1800.0,
-            interval_ns: 100_000_000,
-            chain: Chain::default(),
-            noise: Noise::default(),
-        }
-    }
-}
-
-impl RunSchedule {
-    /// Number of samples of the run; 0 if the period is 0.
-    #[must_use]
-    pub fn samples(&self) -> u64 {
-        let ramp_s = if self.from_c == self.to_c { 0.0 } else { (self.to_c - self.from_c).abs() / self.ramp_c_per_s };
-        nanoseconds(2.0 * self.hold_s + ramp_s).checked_div(self.interval_ns).unwrap_or(0)
-    }
-
-    /// The specific force along the input axes \[g0\], with the local gravity of `truth`.
-    #[must_use]
-    pub fn specific_force(&self, truth: &Truth) -> [f64; AXES] {
-        let direction = Vector3::from(self.direction);
-        (direction * (truth.gravity_local / truth.table.content().gravity / direction.norm())).into()
-    }
-}
-
-/// A simulated temperature run: an iterator over its samples.
+/// A turn: the turntable at the end of the last row.
 #[derive(Clone, Debug)]
-pub struct RunSamples<'a> {
-    run: &'a RunSchedule,
-    imu: SimulatedImu,
-    specific_force: [f64; AXES],
-    count: u64,
-    /// Index of the sample at whose beginning the ramp starts.
-    ramp_start: u64,
+struct TurnInProgress {
+    turntable: SimulatedTurntable,
+    /// Time since the first row began \[s\].
+    now_s: f64,
+    /// `None` once it has been given.
+    command: Option<MoveCommand>,
+    interval_ns: u64,
 }
 
-/// Simulates `run` with the IMU that `truth` describes.
-#[must_use]
-pub fn run<'a>(truth: &Truth, run: &'a RunSchedule, seed: u64) -> RunSamples<'a> {
-    let mut imu = SimulatedImu::new(truth, &run.chain, &run.noise, run.from_c, seed);
-    imu.visit();
-    let ramp_start = nanoseconds(run.hold_s).checked_div(run.interval_ns).unwrap_or(0);
-    RunSamples { run, imu, specific_force: run.specific_force(truth), count: 0, ramp_start }
+/// The command for the motion of a turn.
+#[derive(Clone, Copy, Debug)]
+struct MoveCommand {
+    at_s: f64,
+    axis: usize,
+    target_deg: f64,
+    /// deg/s.
+    rate: f64,
+    /// deg/s2.
+    acceleration: f64,
 }
 
-impl Iterator for RunSamples<'_> {
-    type Item = RawSample;
+impl TurnInProgress {
+    /// What the IMU feels in the next row.
+    fn row(&mut self, truth: &Truth) -> Motion {
+        let begin_s = self.now_s;
+        Motion::over(truth, self.interval_ns as f64 / 1e9, |time_s| self.angles_deg(begin_s + time_s))
+    }
 
-    fn next(&mut self) -> Option<RawSample> {
-        if self.count == self.run.samples() {
-            return None;
+    /// Advances to `time_s` and gives outer and inner angle there \[deg\].
+    fn angles_deg(&mut self, time_s: f64) -> [f64; 2] {
+        if let Some(command) = self.command.take_if(|command| command.at_s <= time_s) {
+            self.turntable.wait(command.at_s - self.now_s);
+            self.now_s = command.at_s;
+            self.turntable.go_to(command.axis, command.target_deg, command.rate, command.acceleration);
         }
-        if self.count == self.ramp_start {
-            self.imu.go_to(self.run.to_c, self.run.ramp_c_per_s);
-        }
-        self.count += 1;
-        Some(self.imu.step(&Motion::of_force(self.specific_force), self.run.interval_ns))
+        self.turntable.wait(time_s - self.now_s);
+        self.now_s = time_s;
+        self.turntable.angles_deg()
     }
 }
 
@@ -292,6 +374,6 @@ pub fn campaign_toml(
 }
 
 /// Seconds as whole nanoseconds; negative seconds give 0.
-fn nanoseconds(seconds: f64) -> u64 {
+pub(super) fn nanoseconds(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
 }

@@ -10,7 +10,7 @@
 //! oscillation:  a / sqrt(1 + (w tau)^2) * sin(w t + phi - atan(w tau))                 (steady state)
 //! ```
 
-use super::model::Chain;
+use super::chain::Chain;
 use super::random::RandomGenerator;
 use core::f64::consts::TAU;
 

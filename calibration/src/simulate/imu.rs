@@ -10,8 +10,9 @@
 //! of each converter becomes pulses as in [`SimulatedTriad`]. The gyroscopes have random streams of their own, so that the accelerometers' output
 //! does not depend on whether there are gyroscopes.
 
+use super::chain::{Chain, Noise};
 use super::chamber::{SLOW_STREAM, SimulatedChamber};
-use super::model::{Chain, Noise, Truth};
+use super::model::Truth;
 use super::motion::Motion;
 use super::random::RandomGenerator;
 use super::triad::{SimulatedGyroscopes, SimulatedTriad};

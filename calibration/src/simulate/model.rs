@@ -1,19 +1,27 @@
-//! What is simulated: the truth, the hardware and its random errors.
+//! The truth: the true values that data are simulated from.
 
+use super::chain::Chain;
 use super::random::RandomGenerator;
 use crate::gyroscopes::earth::{horizontal, vertical};
 use isotherm_shared::polynomial::{Polynomial, Side};
-use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
-use isotherm_shared::units::ARCSEC;
+use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, Refusal};
+use isotherm_shared::units::{BiasUnit, SensorKind};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// The random stream of a seed from which a truth is drawn.
 const TRUTH: u64 = 4;
 
+/// That of the gyroscopes and of the place, so that the rest does not depend on whether there are gyroscopes.
+const GYROSCOPE_TRUTH: u64 = 8;
+
 /// A typical misalignment of an IMU; see [`Truth::misalignment`].
 pub const MISALIGNMENT: Matrix3<f64> = Matrix3::new(1.0, 3e-4, -2e-4, -1.5e-4, 1.0, 2.5e-4, 1e-4, -3e-4, 1.0);
+
+/// A typical misalignment of the gyroscopes; see [`Truth::gyroscope_misalignment`].
+pub const GYROSCOPE_MISALIGNMENT: Matrix3<f64> =
+    Matrix3::new(1.0, -2.5e-4, 1.5e-4, 3.5e-4, 1.0, -1e-4, -2e-4, 3e-4, 1.0);
 
 /// A typical tilt of a turntable \[rad\]; see [`Truth::tilt_rad`].
 pub const TILT_RAD: [f64; 2] = [4e-5, -6e-5];
@@ -95,8 +103,9 @@ impl Truth {
     }
 
     /// Another IMU of the same kind as `content`, in another laboratory, drawn from `seed`. Bias constants differ by up to
-    /// 300 ug0, scale factor constants by up to 2 %, all higher coefficients by up to 20 %. The standard deviation is 3e-4
-    /// for misalignments and 5e-5 rad for tilts. The local gravity is 9.78 to 9.83 m/s2.
+    /// 300 ug0 or 3 deg/h, scale factor constants by up to 2 % or 0.5 %, all higher coefficients by up to 20 %, g-sensitivities by up to 1 deg/h/g0. The
+    /// standard deviation is 3e-4 for misalignments and 5e-5 rad for tilts. The local gravity is 9.78 to 9.83 m/s2, the latitude -70 to 70
+    /// deg, the heading any.
     ///
     /// # Errors
     /// If the drawn values are not a valid table, which may happen if `content` is close to the limits.
@@ -104,17 +113,21 @@ impl Truth {
         let mut random = RandomGenerator::new(seed, TRUTH);
         let mut content = content.clone();
         for axis in &mut content.axes {
-            let unit = axis.bias_unit.factor();
-            let constant = axis.bias.coefficients().first().copied().unwrap_or_default();
-            axis.bias = varied(&axis.bias, constant + random.between(-300e-6, 300e-6) / unit, &mut random);
-            for scale_factor in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
-                let constant = scale_factor.coefficients().first().copied().unwrap_or_default();
-                *scale_factor = varied(scale_factor, constant * random.between(0.98, 1.02), &mut random);
-            }
+            vary(axis, 300e-6, 0.02, &mut random);
         }
-        let misalignment = Matrix3::from_fn(|i, j| if i == j { 1.0 } else { 3e-4 * random.normal() });
+        let misalignment = varied_misalignment(&mut random);
         let tilt_rad = [5e-5 * random.normal(), 5e-5 * random.normal()];
-        Self::new(content, misalignment, tilt_rad, random.between(9.78, 9.83))
+        let gravity_local = random.between(9.78, 9.83);
+        let mut random = RandomGenerator::new(seed, GYROSCOPE_TRUTH);
+        if let Some(gyroscopes) = &mut content.gyroscopes {
+            for (axis, g_sensitivity) in gyroscopes.axes.iter_mut().zip(&mut gyroscopes.g_sensitivity) {
+                vary(axis, 3.0, 0.005, &mut random);
+                *g_sensitivity = Some(g_sensitivity.unwrap_or_default().map(|s| s + random.between(-1.0, 1.0)));
+            }
+            gyroscopes.alignment = varied_misalignment(&mut random).try_inverse();
+        }
+        let truth = Self::new(content, misalignment, tilt_rad, gravity_local)?;
+        Ok(Self { latitude_deg: random.between(-70.0, 70.0), heading_deg: random.between(0.0, 360.0), ..truth })
     }
 
     /// A message about the first telemetry that leaves a range of the table while the chamber is between `low_c` and
@@ -123,9 +136,19 @@ impl Truth {
     #[must_use]
     pub fn outside(&self, chain: &Chain, low_c: f64, high_c: f64) -> Option<String> {
         let margin_c = chain.oscillation_c.abs();
-        AXIS_NAMES.iter().zip(&self.table.content().axes).enumerate().find_map(|(index, (name, axis))| {
+        let content = self.table.content();
+        let accelerometers =
+            (SensorKind::Accelerometer, "axis", &content.axes, [chain.head_offset_c, chain.board_offset_c]);
+        let gyroscopes = content.gyroscopes.as_ref().map(|gyroscopes| {
+            let offsets_c = [chain.gyroscope_head_offset_c, chain.gyroscope_board_offset_c];
+            (SensorKind::Gyroscope, "gyroscope", &gyroscopes.axes, offsets_c)
+        });
+        let sensors =
+            [accelerometers].into_iter().chain(gyroscopes).flat_map(|(kind, section, axes, [head_c, board_c])| {
+                (0..AXES).map(move |i| (section, kind.names()[i], &axes[i], head_c[i], board_c[i]))
+            });
+        sensors.into_iter().find_map(|(section, name, axis, head_c, board_c)| {
             let Axis { bias, positive_scale_factor, negative_scale_factor, .. } = axis;
-            let (head_c, board_c) = (chain.head_offset_c[index], chain.board_offset_c[index]);
             let quantities = [
                 ("bias", bias, head_c),
                 ("positive_scale_factor", positive_scale_factor, board_c),
@@ -135,13 +158,16 @@ impl Truth {
                 let ends = [low_c - margin_c, high_c + margin_c].map(|end_c| chain.telemetry(end_c + offset_c));
                 let outside = ends.into_iter().find(|&end| polynomial.side(end) != Side::Inside)?;
                 let [low, high] = polynomial.range();
-                Some(format!("telemetry {outside:.4} is outside the range {low} to {high} of axis.{name}.{quantity}"))
+                Some(format!(
+                    "telemetry {outside:.4} is outside the range {low} to {high} of {section}.{name}.{quantity}"
+                ))
             })
         })
     }
 
-    /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the truth,
-    /// the `tool`, the `seed`, and all parameters of the schedule, a [`CampaignSchedule`](super::CampaignSchedule) or a
+    /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the truth (with gyroscopes
+    /// also their misalignment, latitude, heading and Earth's rate along the base's X, Y and Z), the `tool`, the `seed`, and all parameters of
+    /// the schedule, a [`CampaignSchedule`](super::CampaignSchedule) or a
     /// [`RunSchedule`](super::RunSchedule).
     ///
     /// # Errors
@@ -155,15 +181,31 @@ impl Truth {
             tilt_rad: [f64; 2],
             misalignment: [[f64; AXES]; AXES],
             #[serde(flatten)]
+            gyroscopes: Option<GyroscopeProvenance>,
+            #[serde(flatten)]
             schedule: &'a T,
+        }
+        #[derive(Serialize)]
+        struct GyroscopeProvenance {
+            gyroscope_misalignment: [[f64; AXES]; AXES],
+            latitude_deg: f64,
+            heading_deg: f64,
+            earth_rate_deg_h: [f64; AXES],
         }
         #[derive(Serialize)]
         struct TruthFile<'a, T> {
             provenance: TruthProvenance<'a, T>,
         }
-        let misalignment = self.misalignment.transpose().into();
-        let Self { gravity_local, tilt_rad, .. } = *self;
-        let provenance = TruthProvenance { tool, seed, gravity_local, tilt_rad, misalignment, schedule };
+        let rows = |matrix: Matrix3<f64>| matrix.transpose().into();
+        let Self { gravity_local, tilt_rad, latitude_deg, heading_deg, .. } = *self;
+        let gyroscopes = self.table.content().gyroscopes.is_some().then(|| GyroscopeProvenance {
+            gyroscope_misalignment: rows(self.gyroscope_misalignment()),
+            latitude_deg,
+            heading_deg,
+            earth_rate_deg_h: self.earth_rate(),
+        });
+        let misalignment = rows(self.misalignment);
+        let provenance = TruthProvenance { tool, seed, gravity_local, tilt_rad, misalignment, gyroscopes, schedule };
         Ok(format!("{}\n{}", self.table.to_toml(), toml::to_string(&TruthFile { provenance })?))
     }
 }
@@ -171,6 +213,23 @@ impl Truth {
 /// The inverse of a table's alignment, which is never singular; the identity without one.
 fn inverse(alignment: Option<Matrix3<f64>>) -> Matrix3<f64> {
     alignment.and_then(|alignment| alignment.try_inverse()).unwrap_or_else(Matrix3::identity)
+}
+
+/// Draws another sensor of the same kind; its bias constant differs by up to `bias` \[g0 or deg/h\], its scale factor constants relatively by up
+/// to `scale_factor`.
+fn vary(axis: &mut Axis, bias: f64, scale_factor: f64, random: &mut RandomGenerator) {
+    let unit = axis.bias_unit.factor();
+    let constant = axis.bias.coefficients().first().copied().unwrap_or_default();
+    axis.bias = varied(&axis.bias, constant + random.between(-bias, bias) / unit, random);
+    for polynomial in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
+        let constant = polynomial.coefficients().first().copied().unwrap_or_default();
+        *polynomial = varied(polynomial, constant * random.between(1.0 - scale_factor, 1.0 + scale_factor), random);
+    }
+}
+
+/// A misalignment M with 1 on its diagonal and a standard deviation of 3e-4 beside it.
+fn varied_misalignment(random: &mut RandomGenerator) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, j| if i == j { 1.0 } else { 3e-4 * random.normal() })
 }
 
 /// `polynomial` with another constant, and with its higher coefficients changed by up to 20 %.
@@ -184,16 +243,38 @@ fn varied(polynomial: &Polynomial, constant: f64, random: &mut RandomGenerator) 
     Polynomial::new(&coefficients, polynomial.center(), polynomial.scale(), polynomial.range()).unwrap_or(*polynomial)
 }
 
-/// Largest error of the bias \[1e-6 g0\] and of the scale factors \[ppm\] of `table` against `truth`, over the ranges of
-/// `table`.
+/// Largest error of the accelerometers' bias \[1e-6 g0\] and scale factors \[ppm\] of `table` against `truth`, over the ranges of `table`.
 #[must_use]
 pub fn worst_errors(table: &CoefficientTable, truth: &CoefficientTable) -> [f64; 2] {
+    let [bias, scale_factor] = worst_of_triad(&table.content().axes, &truth.content().axes);
+    [bias * 1e6, scale_factor]
+}
+
+/// Largest error of the gyroscopes' bias \[deg/h\], scale factors \[ppm\], g-sensitivities \[deg/h/g0\] and misalignments \[rad\] of `table`
+/// against `truth`, over the ranges of `table`; `None` if one of them has no gyroscopes.
+#[must_use]
+pub fn worst_gyroscope_errors(table: &CoefficientTable, truth: &CoefficientTable) -> Option<[f64; 4]> {
+    let (found, right) = (table.content().gyroscopes.as_ref()?, truth.content().gyroscopes.as_ref()?);
+    let [bias, scale_factor] = worst_of_triad(&found.axes, &right.axes);
+    let g_sensitivity = |gyroscopes: &Gyroscopes| gyroscopes.g_sensitivity.map(Option::unwrap_or_default);
+    let pairs = g_sensitivity(found).into_iter().flatten().zip(g_sensitivity(right).into_iter().flatten());
+    let misalignment = inverse(found.alignment) - inverse(right.alignment);
+    Some([
+        bias,
+        scale_factor,
+        pairs.map(|(found, right)| (found - right).abs()).fold(0.0, f64::max),
+        misalignment.amax(),
+    ])
+}
+
+/// Largest error of the bias \[g0 or deg/h\] and of the scale factors \[ppm\] of three sensors.
+fn worst_of_triad(axes: &[Axis; AXES], truth: &[Axis; AXES]) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
-    for (axis, right) in table.content().axes.iter().zip(&truth.content().axes) {
+    for (axis, right) in axes.iter().zip(truth) {
         for i in 0..=400 {
             let at = |[low, high]: [f64; 2]| low + (high - low) * f64::from(i) / 400.0;
             let (head, board) = (at(axis.bias.range()), at(axis.positive_scale_factor.range()));
-            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs() * 1e6);
+            worst[0] = worst[0].max((axis.bias_at(head).0 - right.bias_at(head).0).abs());
             let plus = axis.positive_scale_factor_at(board).0 / right.positive_scale_factor_at(board).0 - 1.0;
             let minus = axis.negative_scale_factor_at(board).0 / right.negative_scale_factor_at(board).0 - 1.0;
             worst[1] = worst[1].max(plus.abs() * 1e6).max(minus.abs() * 1e6);
@@ -202,141 +283,34 @@ pub fn worst_errors(table: &CoefficientTable, truth: &CoefficientTable) -> [f64;
     worst
 }
 
-/// The hardware: properties that are the same in every simulation.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Chain {
-    /// Time constant of the sensor heads after the chamber's air \[s\], over 0.
-    pub head_lag_s: f64,
-    /// Time constant of the converter boards after the chamber's air \[s\], over 0.
-    pub board_lag_s: f64,
-    /// Temperature of each head above the chamber's \[degC\].
-    pub head_offset_c: [f64; AXES],
-    /// Temperature of each board above the chamber's, by its own heat \[degC\].
-    pub board_offset_c: [f64; AXES],
-    /// Temperature of each gyroscope's head above the chamber's \[degC\].
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub gyroscope_head_offset_c: [f64; AXES],
-    /// Temperature of each gyroscope's board above the chamber's, by its own heat \[degC\].
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub gyroscope_board_offset_c: [f64; AXES],
-    /// Amplitude of the chamber's slow oscillation \[degC\]; 0 for none.
-    pub oscillation_c: f64,
-    /// Period of the oscillation \[s\], over 0. The seed determines its phase.
-    pub oscillation_s: f64,
-    /// Telemetry at 0 degC, in the table's unit.
-    pub telemetry_zero: f64,
-    /// Telemetry per degC, in the table's unit.
-    pub telemetry_slope: f64,
-    /// Resolution of the telemetry in 1e-6 of the table's unit; 0 for none.
-    pub telemetry_lsb_micro: u32,
-    /// Interval between two readings of the telemetry \[s\]; 0 for a reading in every sample.
-    pub telemetry_s: f64,
-    /// Amplitude of a vibration along all input axes, in phase \[g0\]; 0 for none.
-    pub vibration_g0: f64,
-    /// Frequency of the vibration \[Hz\].
-    pub vibration_hz: f64,
-}
-
-impl Default for Chain {
-    /// Telemetry in volts, 1.1 V at -25 degC and 3.9 V at 45 degC, 16 bits over 5 V, read every sample; no vibration.
-    fn default() -> Self {
-        Self {
-            head_lag_s: 300.0,
-            board_lag_s: 420.0,
-            head_offset_c: [0.0, 0.625, 1.25],
-            board_offset_c: [4.0, 3.5, 3.0],
-            gyroscope_head_offset_c: [1.75, 2.25, 2.75],
-            gyroscope_board_offset_c: [2.5, 2.0, 1.5],
-            oscillation_c: 0.05,
-            oscillation_s: 3600.0,
-            telemetry_zero: 2.1,
-            telemetry_slope: 0.04,
-            telemetry_lsb_micro: 76,
-            telemetry_s: 0.0,
-            vibration_g0: 0.0,
-            vibration_hz: 0.0,
-        }
-    }
-}
-
-impl Chain {
-    /// Telemetry at `temperature_c` \[degC\], without noise and resolution.
-    #[must_use]
-    pub fn telemetry(&self, temperature_c: f64) -> f64 {
-        self.telemetry_zero + self.telemetry_slope * temperature_c
-    }
-
-    /// The nearest multiple of the resolution, as a double that prints with at most six decimals.
-    pub(super) fn quantised(&self, telemetry: f64) -> f64 {
-        match f64::from(self.telemetry_lsb_micro) {
-            0.0 => telemetry,
-            // Adding 0 turns -0 into 0.
-            lsb => (telemetry * 1e6 / lsb).round() * lsb / 1e6 + 0.0,
-        }
-    }
-}
-
-/// Random differences: standard deviations of Gaussian numbers, 0 for none.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Noise {
-    /// White noise of a sensor in a mean over 1 s \[g0\]; in a mean over Ts it is 1/sqrt(Ts) times as large.
-    pub sensor_g0: f64,
-    /// Noise of a telemetry reading, in the table's unit.
-    pub telemetry: f64,
-    /// Offset of the bias in each visit of a set point \[g0\].
-    pub bias_g0: f64,
-    /// Relative offsets of K+ and K- in each visit of a set point.
-    pub scale_factor: f64,
-    /// Error of each angle of the turntable in each dwell, and where a turn begins \[rad\].
-    pub positioning_rad: f64,
-    /// Random walk of a gyroscope's angle \[deg/sqrt(h)\]: in an interval of Ts seconds it is `60 * sqrt(Ts)` arcsec times this.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub random_walk: f64,
-    /// Offset of a gyroscope's bias in each visit of a set point \[deg/h\].
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub gyroscope_bias: f64,
-    /// Relative offsets of a gyroscope's K+ and K- in each visit of a set point.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub gyroscope_scale_factor: f64,
-    /// Error of the angle of each turn \[rad\].
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub turn_rad: f64,
-}
-
-/// Whether a value says nothing, as those of the gyroscopes do where there are none.
-fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
-}
-
-impl Default for Noise {
-    /// Accelerometers 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003 deg/sqrt(h), visits
-    /// 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec.
-    fn default() -> Self {
-        Self {
-            sensor_g0: 5e-6,
-            telemetry: 1e-4,
-            bias_g0: 0.2e-6,
-            scale_factor: 0.3e-6,
-            positioning_rad: (1.0_f64 / 3600.0).to_radians(),
-            random_walk: 0.003,
-            gyroscope_bias: 0.003,
-            gyroscope_scale_factor: 0.5e-6,
-            turn_rad: 0.2 * ARCSEC,
-        }
-    }
-}
-
-impl Noise {
-    /// No noise: everything repeats exactly.
-    pub const NONE: Self = Self {
-        sensor_g0: 0.0,
-        telemetry: 0.0,
-        bias_g0: 0.0,
-        scale_factor: 0.0,
-        positioning_rad: 0.0,
-        random_walk: 0.0,
-        gyroscope_bias: 0.0,
-        gyroscope_scale_factor: 0.0,
-        turn_rad: 0.0,
+/// Typical gyroscopes, with the telemetry of `chain`, for a truth that has none: some deg/h of bias and some 1e-4 of scale factor over -25 to
+/// 45 degC, K+ and K- about 1 pulse/arcsec, with g-sensitivity and misalignment. Defined from -55 to 85 degC. `None` if the telemetry of the
+/// chain does not change with the temperature.
+#[must_use]
+pub fn typical_gyroscopes(chain: &Chain) -> Option<Gyroscopes> {
+    let [low, high] = [-55.0, 85.0].map(|temperature_c| chain.telemetry(temperature_c));
+    let range = [low.min(high), low.max(high)];
+    // Of t = (U - U(10 degC)) / (U(45 degC) - U(10 degC)).
+    let (center, scale) = (chain.telemetry(10.0), 35.0 * chain.telemetry_slope);
+    let curve = |coefficients: [f64; 4]| Polynomial::new(&coefficients, center, scale, range);
+    let gyroscope = |bias, k: f64, positive: [f64; 3], negative: [f64; 3]| {
+        let scale_factor = |k: f64, [c1, c2, c3]: [f64; 3]| curve([k, k * c1, k * c2, k * c3]);
+        Some(Axis {
+            bias_unit: BiasUnit::DegreePerHour,
+            bias: curve(bias)?,
+            transient: 0.0,
+            positive_scale_factor: scale_factor(k, positive)?,
+            negative_scale_factor: scale_factor(-1.0007 * k, negative)?,
+            max_rate: None,
+        })
     };
+    Some(Gyroscopes {
+        axes: [
+            gyroscope([2.4, -1.9, 0.8, -0.4], 1.0512, [4e-4, -1.5e-4, 6e-5], [-3e-4, -1e-4, 5e-5])?,
+            gyroscope([-1.3, 0.6, 0.5, 0.3], 0.9871, [-2e-4, 1e-4, -4e-5], [1.5e-4, 8e-5, -3e-5])?,
+            gyroscope([0.7, 1.1, -0.6, 0.2], 1.1189, [-5e-4, 2e-4, 7e-5], [-4e-4, 1.5e-4, -5e-5])?,
+        ],
+        g_sensitivity: [Some([0.62, -0.18, 0.09]), Some([0.31, -0.74, -0.22]), Some([-0.11, 0.27, -0.83])],
+        alignment: GYROSCOPE_MISALIGNMENT.try_inverse(),
+    })
 }

@@ -280,6 +280,12 @@ fn a_chamber_outside_the_range_of_the_truth_is_reported() {
     // 4.2 V is 52.5 degC, and the board of A1 is 4 degC warmer than the chamber.
     assert!(truth.outside(&chain, -25.0, 48.6).unwrap().contains("axis.A1.positive_scale_factor"));
     assert!(truth.outside(&chain, -30.1, 45.0).unwrap().contains("axis.A1.bias"));
+    // Typical gyroscopes are defined up to 85 degC.
+    let whole = Content { format: 2, gyroscopes: typical_gyroscopes(&chain), ..content() };
+    let whole = Truth::of(CoefficientTable::new(whole).unwrap());
+    assert_eq!(whole.outside(&chain, -25.0, 45.0), None);
+    let hot = Chain { gyroscope_head_offset_c: [0.0, 50.0, 0.0], ..chain };
+    assert!(whole.outside(&hot, -25.0, 45.0).unwrap().contains("gyroscope.G2.bias"));
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn a_missing_position_is_named_and_can_be_left_out() {
         "{text}"
     );
     let (has_table, text) = findings(|_| {}, |_| {}, &[(20.0, 99)]);
-    assert!(!has_table && text.contains("no dwell at set point 20 degC in position 99"), "{text}");
+    assert!(!has_table && text.contains("no dwell or turn at set point 20 degC with the number 99"), "{text}");
 }
 
 #[test]

@@ -5,5 +5,6 @@ mod by_hand;
 mod coverage;
 mod data;
 mod refused;
+mod simulated;
 mod station;
 mod traps;

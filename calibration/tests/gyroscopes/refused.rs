@@ -171,7 +171,7 @@ fn turns_that_were_disturbed_are_refused_by_name() {
         (
             "no pulses",
             |rows| rows.iter_mut().for_each(|row| row.sample.gyroscopes.negative_pulses[1] = 0),
-            &["turn 103: G2 gives no pulses"],
+            &["turn 103, at every set point: G2 gives no pulses"],
         ),
         (
             "no columns",
@@ -208,7 +208,7 @@ fn rows_that_are_too_long_are_refused() {
     let refused =
         station.calibrate(CalibrationOptions { order: Some(1), ..CalibrationOptions::default() }).unwrap_err();
     assert!(
-        refused.to_string().contains("turn 101: it turns by 100 deg in a row of 10.00 s; at most 30 deg"),
+        refused.to_string().contains("turn 101, at every set point: it turns by 100 deg in a row of 10.00 s; at most 30 deg"),
         "{refused}"
     );
 }
@@ -351,8 +351,8 @@ fn a_disturbed_dwell_or_turn_is_named_and_kept() {
     assert_eq!(disturbed(3, 2, 0), "");
     let text = disturbed(3, 2, 60);
     println!("{text}");
-    assert!(text.contains("set point 0 degC: position 3: G3 is 5") && text.contains("--exclude 0/3"), "{text}");
+    assert!(text.contains("set point 0 degC, position 3: G3 is 5") && text.contains("--exclude 0/3"), "{text}");
     let text = disturbed(101, 1, 70);
     println!("{text}");
-    assert!(text.contains("set point 0 degC: turn 101: G2 is ") && text.contains("--exclude 0/101"), "{text}");
+    assert!(text.contains("set point 0 degC, turn 101: G2 is ") && text.contains("--exclude 0/101"), "{text}");
 }

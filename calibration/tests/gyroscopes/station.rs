@@ -6,9 +6,8 @@
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::gyroscopes::turn::outer_axis;
-use isotherm_calibration::gyroscopes::{self, GyroscopeCalibration};
-use isotherm_calibration::simulate::{Motion, SimulatedGyroscopes, SimulatedTriad, Truth};
+use isotherm_calibration::gyroscopes::{self, turn::outer_axis};
+use isotherm_calibration::simulate::{Motion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors};
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange};
@@ -335,25 +334,7 @@ impl Station {
 
     /// The worst errors over the range: D \[deg/h\], K \[ppm\], s \[deg/h/g0\], M \[rad\].
     pub fn errors(&self, calibration: &Calibration) -> [f64; 4] {
-        let found: &GyroscopeCalibration = calibration.gyroscopes.as_ref().unwrap();
-        let mut worst = [0.0_f64; 4];
-        for (axis, truth) in self.gyroscopes.iter().enumerate() {
-            let part = &found.solution.gyroscopes[axis];
-            for (q, (right, curve)) in [truth.bias, truth.kp, truth.kn].iter().zip(&part.curves).enumerate() {
-                let [low, high] = curve.range();
-                for step in 0..=64 {
-                    let u = low + (high - low) * f64::from(step) / 64.0;
-                    let (right, place, factor) = (cubic(right, u), q.min(1), if q == 0 { 1.0 } else { 1e6 });
-                    let size = if q == 0 { 1.0 } else { right.abs() };
-                    worst[place] = worst[place].max((curve.at(u) - right).abs() / size * factor);
-                }
-            }
-            for j in 0..3 {
-                worst[2] = worst[2].max((part.g_sensitivity[j] - truth.s[j]).abs());
-                worst[3] = worst[3].max((found.misalignment()[(axis, j)] - truth.m[j]).abs());
-            }
-        }
-        worst
+        worst_gyroscope_errors(&calibration.table, &self.truth().table).unwrap()
     }
 }
 

@@ -4,9 +4,10 @@ use super::common::{Refused, inputs, or_document};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
-use isotherm_calibration::campaign::{Campaign, Dwell, read};
+use isotherm_calibration::calibrate::{CalibrationOptions, Method};
+use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::checks::name;
+use isotherm_calibration::gyroscopes::{Measurements, calibrate, observable, read};
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_table, sha256, tool};
 use isotherm_calibration::report;
 use isotherm_failure::{Exit, Failure, printable, tell};
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Make a coefficient table from a campaign in the temperature chamber
 ///
 /// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
-/// the positions cannot observe is refused, never guessed.
+/// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3"
@@ -45,7 +46,8 @@ pub struct Calibrate {
     method: Method,
     /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]
     ///
-    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it
+    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it. With gyroscopes both triads
+    /// get one, or neither
     #[arg(long, conflicts_with = "no_alignment")]
     alignment: bool,
     /// Give the table no alignment matrix: outputs stay along the sensors' input axes
@@ -54,13 +56,16 @@ pub struct Calibrate {
     /// Print one JSON document to stdout instead of the text to stderr, also of a failure
     #[arg(long)]
     json: bool,
-    /// Leave a dwell out: set point in degC and number of the position; may be repeated
-    #[arg(long, value_name = "SET_POINT/POSITION", allow_hyphen_values = true, value_parser = place)]
+    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated
+    #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = place)]
     exclude: Vec<(f64, u32)>,
     /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or repeated. The
     /// names are written into the provenance
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
     accept: Vec<&'static str>,
+    /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept other-device
+    #[arg(long)]
+    other_device: bool,
     /// Make no table if there is a warning that is not accepted
     #[arg(long)]
     strict: bool,
@@ -89,11 +94,11 @@ fn method(text: &str) -> Result<Method, String> {
 }
 
 fn place(text: &str) -> Result<(f64, u32), String> {
-    let place = text.split_once('/').and_then(|(set_point, position)| {
+    let place = text.split_once('/').and_then(|(set_point, number)| {
         let set_point: f64 = set_point.trim().parse().ok()?;
-        Some((set_point, position.trim().parse().ok()?)).filter(|_| set_point.is_finite())
+        Some((set_point, number.trim().parse().ok()?)).filter(|_| set_point.is_finite())
     });
-    place.ok_or_else(|| "give SET_POINT/POSITION, for example -25/3".to_owned())
+    place.ok_or_else(|| "give SET_POINT/NUMBER, for example -25/3".to_owned())
 }
 
 impl Calibrate {
@@ -123,8 +128,10 @@ impl Calibrate {
         // Both files are created before the fit, so that either both are written or none.
         let table = StagedText::create(Some(&self.output))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
-        let (dwells, places, samples_sha256) = read_samples(&campaign, &samples)?;
+        let (measurements, places, samples_sha256) = read_samples(&campaign, &samples)?;
         let locate = |line| places.locate(line);
+        let accept: Vec<_> =
+            self.accept.into_iter().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect();
         let options = CalibrationOptions {
             method: self.method,
             order: match self.order {
@@ -133,17 +140,17 @@ impl Calibrate {
             },
             alignment: AlignmentChoice::of(self.alignment, self.no_alignment),
             exclude: self.exclude,
-            accept: self.accept.clone(),
+            accept: accept.clone(),
             strict: self.strict,
         };
         let spinner = spinner("fitting");
-        let calibration = calibrate(&campaign, dwells, options);
+        let calibration = calibrate(&campaign, measurements, options);
         spinner.finish_and_clear();
         let calibration = calibration.map_err(|error| {
             let mut failure = error.failure_with(&self.campaign, first, locate, self.verbose);
             let left = error.acceptable();
-            if !self.accept.is_empty() && !left.is_empty() {
-                let all: Vec<_> = self.accept.iter().chain(&left).copied().collect();
+            if !accept.is_empty() && !left.is_empty() {
+                let all: Vec<_> = accept.iter().chain(&left).copied().collect();
                 let _ = write!(
                     failure.message,
                     "\nthese faults must be accepted too, for a table in spite of all: --accept {}",
@@ -178,14 +185,14 @@ impl Calibrate {
     }
 }
 
-/// Reads the samples. Returns their dwells, the places of their rows, and the SHA-256 of the files.
-fn read_samples(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Vec<Dwell>, Places, String), Failure> {
+/// Reads the samples. Returns their dwells and turns, the places of their rows, and the SHA-256 of the files.
+fn read_samples(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Measurements, Places, String), Failure> {
     let bar = bytes_bar(paths, "reading");
     let choice = ImuChoice::Prefer(campaign.imu.clone());
     let mut rows = Recording::open_hashed(paths, RowKind::Campaign, choice, &bar)?;
-    let dwells = read(campaign, &mut rows);
+    let measurements = read(campaign, &mut rows);
     bar.finish_and_clear();
-    let dwells = dwells.map_err(|error| rows.failure(&error))?;
+    let measurements = measurements.map_err(|error| rows.failure(&error))?;
     let places = rows.places().clone();
-    Ok((dwells, places, rows.sha256()?))
+    Ok((measurements, places, rows.sha256()?))
 }

@@ -1,7 +1,7 @@
 //! The laboratory's kinds of files, which `check` knows besides tables and configurations.
 
-use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::gyroscopes::observable;
 use isotherm_campaign::plan::Plan;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
@@ -34,5 +34,10 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
     let campaign = Campaign::from_toml(text);
     let campaign = campaign.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     observable(&campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
-    Ok(format!("campaign of {}, {} positions that observe everything", campaign.imu, campaign.positions.len()))
+    let turns = match campaign.turns.len() {
+        0 => String::new(),
+        turns => format!(" and {turns} turns"),
+    };
+    let positions = campaign.positions.len();
+    Ok(format!("campaign of {}, {positions} positions{turns} that observe everything", campaign.imu))
 }

@@ -8,11 +8,11 @@ use crate::progress::rows_bar;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
 use isotherm_calibration::positions::Scheme;
-use isotherm_calibration::simulate::{self as simulation, CampaignSchedule, Chain, RunSchedule, Truth, campaign_toml};
+use isotherm_calibration::simulate::{self as simulation, CampaignSchedule, Chain, RunSchedule, Truth, TurnSchedule};
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
 use isotherm_files::{check_stdout, check_written};
-use isotherm_recording::RawCsvWriter;
+use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{AXES, RawSample};
 use options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml, usage};
 use serde::Serialize;
@@ -23,6 +23,10 @@ use std::time::Duration;
 
 /// Most rows of a file: a hundred hours at 1 kHz, some 50 GB.
 const MAX_ROWS: u64 = 360_000_000;
+/// Number of the first turn: behind those of the positions.
+const FIRST_TURN: u32 = 13;
+/// Angle of a turn unless another is given: twice around \[deg\].
+const WHOLE_TURNS_DEG: f64 = 720.0;
 /// Rows between two updates of the progress bar.
 const BAR_ROWS: u64 = 4096;
 
@@ -51,7 +55,7 @@ enum Simulation {
 /// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35"
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9"
 )]
 struct SimulateCampaign {
     #[command(flatten)]
@@ -77,6 +81,9 @@ struct SimulateCampaign {
     /// Error of the turntable's angles in each dwell, one sigma [arcsec]
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
+    /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes
+    #[arg(long, value_name = "DEG", value_parser = PossibleValuesParser::new(["360", "720"]).map(|angle| if angle == "360" { 360.0 } else { 720.0 }))]
+    turn_angle: Option<f64>,
     /// Time between two telemetry readings [s]; 0 for a reading in every row
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
@@ -85,7 +92,7 @@ struct SimulateCampaign {
 /// A temperature run at rest, ramped from cold to hot: run.csv, truth.toml
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60"
+    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes"
 )]
 struct SimulateRun {
     #[command(flatten)]
@@ -132,6 +139,10 @@ impl SimulateCampaign {
         if let Some(tilt) = self.tilt {
             truth.tilt_rad = tilt.map(arcsec);
         }
+        let gyroscopes = truth.table.content().gyroscopes.is_some();
+        if self.turn_angle.is_some() && !gyroscopes {
+            return Err(usage("--turn-angle: without gyroscopes there are no turns; give --gyroscopes too"));
+        }
         let (chain, mut noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
         noise.positioning_rad = arcsec(self.positioning);
         let schedule = CampaignSchedule {
@@ -139,6 +150,7 @@ impl SimulateCampaign {
             soak_s: self.soak.as_secs_f64(),
             dwell_s: self.dwell.as_secs_f64(),
             interval_ns: self.interval.as_nanos() as u64,
+            turns: gyroscopes.then(|| TurnSchedule::six_turns(FIRST_TURN, self.turn_angle.unwrap_or(WHOLE_TURNS_DEG))),
             positions: self.positions.positions(),
             chain,
             noise,
@@ -155,20 +167,11 @@ impl SimulateCampaign {
         let SimulatedImuOptions { output, seed, .. } = &self.imu;
         let rows = simulation::campaign(&truth, &schedule, *seed)
             .map(|row| (format!("{},{}", row.set_point_c, row.position), row.raw));
-        let telemetry_ns = chain.telemetry_s > 0.0;
-        let mut files = write_rows(output, "samples.csv", "set_point_c,position", telemetry_ns, schedule.rows(), rows)?;
+        let columns = Columns { leading: "set_point_c,position", ..Columns::of(&truth, &chain) };
+        let mut files = write_rows(output, "samples.csv", columns, schedule.rows(), rows)?;
         let text = truth_toml(&truth, "isotherm simulate campaign", *seed, &schedule)?;
         files.add(output.join("truth.toml"), &text)?;
-        let content = truth.table.content();
-        let unit = &content.temperature_unit;
-        let text = campaign_toml(
-            content.imu.as_str(),
-            "samples.csv",
-            content.gravity,
-            truth.gravity_local,
-            unit,
-            &schedule.positions,
-        );
+        let text = schedule.campaign_toml(&truth, "samples.csv");
         files.add(output.join("campaign.toml"), &text)?;
         files.finish()
     }
@@ -194,13 +197,24 @@ impl SimulateRun {
         struct RunScheduleDocument<'a> {
             /// \[g0\]
             specific_force: [f64; AXES],
+            /// \[deg\]
+            #[serde(flatten)]
+            angles: Option<Angles>,
             #[serde(flatten)]
             run: &'a RunSchedule,
         }
-        let schedule = RunScheduleDocument { specific_force: run.specific_force(&truth), run: &run };
+        #[derive(Serialize)]
+        struct Angles {
+            outer_deg: f64,
+            inner_deg: f64,
+        }
+        let columns = Columns::of(&truth, &chain);
+        let [outer_deg, inner_deg] = run.angles_deg(&truth);
+        let angles = columns.layout.gyroscopes.then_some(Angles { outer_deg, inner_deg });
+        let schedule = RunScheduleDocument { specific_force: run.specific_force(&truth), angles, run: &run };
         let SimulatedImuOptions { output, seed, .. } = &self.imu;
         let rows = simulation::run(&truth, &run, *seed).map(|raw| ("", raw));
-        let mut files = write_rows(output, "run.csv", "", chain.telemetry_s > 0.0, run.samples(), rows)?;
+        let mut files = write_rows(output, "run.csv", columns, run.samples(), rows)?;
         let text = truth_toml(&truth, "isotherm simulate run", *seed, &schedule)?;
         files.add(output.join("truth.toml"), &text)?;
         files.finish()
@@ -217,12 +231,27 @@ fn reachable(truth: &Truth, chain: &Chain, temperatures_c: &[f64]) -> Result<(),
     }
 }
 
+/// The columns of a file.
+struct Columns {
+    /// Those before the sample's, with commas.
+    leading: &'static str,
+    telemetry_ns: bool,
+    layout: Layout,
+}
+
+impl Columns {
+    /// Those of the simulated samples.
+    fn of(truth: &Truth, chain: &Chain) -> Self {
+        let layout = Layout { gyroscopes: truth.table.content().gyroscopes.is_some(), ..Layout::default() };
+        Self { leading: "", telemetry_ns: chain.telemetry_s > 0.0, layout }
+    }
+}
+
 /// Writes `rows` into `name`, with a progress bar on a terminal. Returns the file, which is not visible yet.
 fn write_rows(
     folder: &Path,
     name: &str,
-    leading: &str,
-    telemetry_ns: bool,
+    columns: Columns,
     count: u64,
     rows: impl Iterator<Item = (impl Display, RawSample)>,
 ) -> Result<SimulatedFiles, Failure> {
@@ -234,7 +263,7 @@ fn write_rows(
     let bar = rows_bar(count);
     let mut files = SimulatedFiles::default();
     files.add_with(folder.join(name), |sink| {
-        let mut writer = RawCsvWriter::new(sink, leading, telemetry_ns)?;
+        let mut writer = RawCsvWriter::with_layout(sink, columns.leading, columns.telemetry_ns, columns.layout)?;
         for (index, (leading, raw)) in (0u64..).zip(rows) {
             if index.is_multiple_of(BAR_ROWS) {
                 bar.set_position(index);

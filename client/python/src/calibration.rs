@@ -6,11 +6,10 @@ use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{
-    Calibration as Figures, CalibrationOptions, Method, calibrate as fit, observable,
-};
-use isotherm_calibration::campaign::{Campaign, Dwell, read};
+use isotherm_calibration::calibrate::{Calibration as Figures, CalibrationOptions, Method};
+use isotherm_calibration::campaign::{Campaign, Dwell};
 use isotherm_calibration::checks::{Finding, Severity, name};
+use isotherm_calibration::gyroscopes::{FittedRun, Measurements, calibrate as fit, observable, read};
 use isotherm_calibration::order::OrderTable;
 use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_table, sha256};
 use isotherm_calibration::report::calibration::html;
@@ -67,6 +66,7 @@ pub fn calibrate(
     exclude: Vec<(f64, u32)>,
     accept: Vec<String>,
     strict: bool,
+    other_device: bool,
 ) -> PyResult<Calibration> {
     let campaign = Campaign::from_toml(text).map_err(|all| faults(&name, &all))?;
     let found = Method::NAMES.iter().find(|(_, known)| *known == method);
@@ -76,12 +76,13 @@ pub fn calibrate(
     if let Some(order) = order.filter(|order| *order > 7) {
         return Err(PyValueError::new_err(format!("order is {order}, give None or 0 to 7")));
     }
-    let accept = accept.iter().map(|text| name::acceptable(text)).collect::<Result<_, _>>();
-    let accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
+    let accept = accept.iter().map(|text| name::acceptable(text)).collect::<Result<Vec<_>, _>>();
+    let mut accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
+    accept.extend(other_device.then_some(name::OTHER_DEVICE));
     let alignment = AlignmentChoice::of(alignment == Some(true), alignment == Some(false));
     let options = CalibrationOptions { method: *method, order, alignment, exclude, accept, strict };
     observable(&campaign).map_err(|error| failed("", &error))?;
-    let (place, (dwells, samples_sha256)) = match samples.extract::<PathBuf>() {
+    let (place, (measurements, samples_sha256)) = match samples.extract::<PathBuf>() {
         Ok(path) => {
             (path.display().to_string(), py.detach(|| of_file(&campaign, &path)).map_err(|e| recording(&path, &e))?)
         }
@@ -92,7 +93,7 @@ pub fn calibrate(
             ("samples".to_owned(), read.map_err(|error| recording(Path::new("samples"), &error))?)
         }
     };
-    let figures = py.detach(|| fit(&campaign, dwells, options)).map_err(|error| failed(&place, &error))?;
+    let figures = py.detach(|| fit(&campaign, measurements, options)).map_err(|error| failed(&place, &error))?;
     let source = CampaignSource {
         tool: tool(),
         time: python(py, "_files", "now")?.call0()?.extract()?,
@@ -104,14 +105,14 @@ pub fn calibrate(
     Ok(Calibration { campaign, figures, source, place, text })
 }
 
-fn of_file(campaign: &Campaign, path: &Path) -> Result<(Vec<Dwell>, String), RecordingError> {
+fn of_file(campaign: &Campaign, path: &Path) -> Result<(Measurements, String), RecordingError> {
     let mut hashed = Hashed::new(File::open(path)?);
-    let dwells = read(campaign, CampaignCsvReader::new(&mut hashed)?)?;
-    Ok((dwells, hashed.finish().1))
+    let measurements = read(campaign, CampaignCsvReader::new(&mut hashed)?)?;
+    Ok((measurements, hashed.finish().1))
 }
 
-/// The dwells of an array's rows. Messages count the rows from 0, as in the array.
-fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), RecordingError> {
+/// The dwells and turns of an array's rows. Messages count the rows from 0, as in the array.
+fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Measurements, String), RecordingError> {
     let mut rule = SequenceRule::default();
     let row = |(line, bytes): (usize, &[u8])| {
         let mut fields = Fields(bytes);
@@ -137,8 +138,8 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Vec<Dwell>, String), Rec
         }
         Ok(CampaignRow { line, set_point_c, position, sample })
     };
-    let dwells = read(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
-    Ok((dwells, sha256(rows)))
+    let measurements = read(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
+    Ok((measurements, sha256(rows)))
 }
 
 /// Severity, line and the rest of the line that the command prints: `[name]: message`.
@@ -167,6 +168,13 @@ fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError
     }
 }
 
+impl Calibration {
+    /// The dwells and turns of the gyroscopes.
+    fn runs(&self) -> &[FittedRun] {
+        self.figures.gyroscopes.as_ref().map_or(&[], |found| &found.runs)
+    }
+}
+
 #[pymethods]
 impl Calibration {
     #[getter]
@@ -184,10 +192,16 @@ impl Calibration {
         self.figures.findings.iter().map(|each| finding("", each)).collect()
     }
 
-    /// The bottom line.
+    /// The bottom line of the accelerometers.
     #[getter]
     fn accuracy(&self) -> String {
         Accuracy::of(&self.figures).to_string()
+    }
+
+    /// The bottom line of the gyroscopes.
+    #[getter]
+    fn gyroscope_accuracy(&self) -> Option<String> {
+        Accuracy::of_gyroscopes(&self.figures).map(|accuracy| accuracy.to_string())
     }
 
     /// The document of `isotherm calibrate --json`.
@@ -196,9 +210,11 @@ impl Calibration {
         document(py, &json::calibration(&self.figures, |line| format!("{}:{line}", self.place)))
     }
 
-    /// The order tables by axis and quantity, as JSON.
+    /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
     fn orders(&self) -> String {
-        let tables = self.figures.orders.iter().map(|axis| axis.iter().map(OrderTable::json).collect());
+        let gyroscopes = self.figures.gyroscopes.iter().flat_map(|found| &found.orders);
+        let sensors = self.figures.orders.iter().chain(gyroscopes);
+        let tables = sensors.map(|sensor| sensor.iter().map(OrderTable::json).collect());
         Value::Array(tables.collect()).to_string()
     }
 
@@ -216,6 +232,22 @@ impl Calibration {
             (dwell.set_point_c, number, first, last, dwell.sums.seconds)
         };
         self.figures.dwells.iter().map(one).collect()
+    }
+
+    /// The residuals of the gyroscopes by dwell or turn \[arcsec\]; no row without gyroscopes.
+    fn gyroscope_residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let all: Vec<f64> = self.runs().iter().flat_map(|run| run.residual).collect();
+        PyArray1::from_vec(py, all).reshape([self.runs().len(), 3])
+    }
+
+    /// For each dwell and then each turn of the gyroscopes: set point, number, first and last row, seconds.
+    fn gyroscope_runs(&self) -> Vec<(f64, u32, u64, u64, f64)> {
+        let one = |run: &FittedRun| {
+            let set_point_c = self.figures.set_points[run.set_point].set_point_c;
+            let [first, last] = run.lines;
+            (set_point_c, run.place.number(&self.campaign).value(), first, last, run.seconds)
+        };
+        self.runs().iter().map(one).collect()
     }
 
     fn html(&self) -> String {

@@ -29,6 +29,8 @@ WHOLE_TABLE = REPOSITORY / "tests/data/imu-g.toml"
 WHOLE_RUN = REPOSITORY / "tests/data/run-g.csv"
 RUN = REPOSITORY / "tests/data/run.csv"
 CAMPAIGN = REPOSITORY / "examples/campaign/campaign.toml"
+# A campaign of imu-g with turns.
+WHOLE_CAMPAIGN = REPOSITORY / "calibration/tests/data/gyro/campaign.toml"
 EXAMPLES = REPOSITORY / "examples/python"
 # Time limit of every wait [s]. It is generous: it only bounds a failing test.
 TIMEOUT = 20.0

@@ -16,7 +16,7 @@ import isotherm
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE, WHOLE_TABLE
+from conftest import BINARY, CAMPAIGN, REPOSITORY, RUN, TABLE, WHOLE_CAMPAIGN, WHOLE_TABLE
 from isotherm import _files, _isotherm, _offline
 
 
@@ -296,6 +296,46 @@ def test_calibrate_is_the_command(tmp_path: Path) -> None:
     settings = tomllib.loads(CAMPAIGN.read_text())
     for other in (isotherm.calibrate(CAMPAIGN, samples), isotherm.calibrate(settings, samples)):
         assert other.table.digest == calibration.table.digest
+
+
+def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
+    summary = json.loads(command("calibrate", WHOLE_CAMPAIGN, "-o", tmp_path / "command.toml", "--json"))
+    calibration = isotherm.calibrate(WHOLE_CAMPAIGN)
+    assert without_what_differs(calibration.text) == without_what_differs((tmp_path / "command.toml").read_text())
+    assert calibration.summary == summary and calibration.gyroscope_accuracy == summary["gyroscopes"]["accuracy"]
+    assert re.match(r"bias \+- [\d.]+ deg/h, scale factor \+- [\d.]+ ppm over ", summary["gyroscopes"]["accuracy"])
+    # The object's figures are those of the file.
+    provenance, runs = calibration.provenance, calibration.gyroscope_runs
+    assert len(runs) == len(calibration.gyroscope_residuals) == provenance["dwells"] + provenance["turns"] == 180 + 90
+    assert {number for _, number, *_ in runs[180:]} == set(range(13, 19))
+    walk = calibration.gyroscope_residuals / np.sqrt([[seconds] for *_, seconds in runs]) / 60.0
+    assert np.allclose(np.sqrt((walk**2).mean(axis=0)), provenance["random_walk_deg_sqrt_h"], rtol=1e-9, atol=0.0)
+    assert list(calibration.orders) == ["A1", "A2", "A3", "G1", "G2", "G3"]
+    for curve in provenance["curve"]:
+        assert calibration.orders[curve["axis"]][curve["quantity"]]["selected"] == curve["order"]
+    # A data frame and a mapping give the same table; a campaign without turns has none of this.
+    samples = pd.read_csv(WHOLE_CAMPAIGN.with_name("samples.csv"))
+    settings = tomllib.loads(WHOLE_CAMPAIGN.read_text())
+    assert isotherm.calibrate(settings, samples).table.digest == calibration.table.digest
+    plain = {key: value for key, value in settings.items() if key not in ("turn", "latitude_deg")}
+    alone = isotherm.calibrate(plain, samples[samples["position"] <= 12])
+    assert (alone.gyroscope_accuracy, alone.gyroscope_runs, alone.gyroscope_residuals.shape) == (None, [], (0, 3))
+    assert [message[:10] for _, _, message in alone.findings] == ["[no-turns]"] and list(alone.orders) == ["A1", "A2", "A3"]
+    # Faults of turns.
+    lost = samples.drop(samples.index[(samples["position"] == 13) & (samples["set_point_c"] == 20)][20])
+    with pytest.raises(isotherm.CalibrationError, match=r"\[turn-gap\]: row \d+: set point 20 degC, turn 13: rows are missing"):
+        isotherm.calibrate(settings, lost)
+    with pytest.raises(isotherm.CalibrationError, match="K\\+ of G1: no turn drives it positive"):
+        isotherm.calibrate(settings, samples, exclude=[(20.0, 13)])
+    with pytest.raises(isotherm.TableError, match="latitude_deg"):
+        isotherm.calibrate({key: value for key, value in settings.items() if key != "latitude_deg"}, samples)
+    # Samples of another unit.
+    marked = samples.assign(device=f"{isotherm.device('S/N 7'):016x}")
+    assert isotherm.calibrate(settings | {"serial": "S/N 7"}, marked).findings == []
+    with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: row 0: "):
+        isotherm.calibrate(settings | {"serial": "S/N 8"}, marked)
+    other = isotherm.calibrate(settings | {"serial": "S/N 8"}, marked, other_device=True)
+    assert other.provenance["accepted"] == ["other-device"]
 
 
 # Kills itself instead of the rename with this number.
@@ -582,7 +622,9 @@ def test_a_campaign_mapping_becomes_toml() -> None:
         "n": 3,
         "f": np.float64(1e-7),
         "position": [{"number": 1, "specific_force": np.array([0.0, 0.0, 1.0])}],
+        "turn": [{"number": 2, "axis": [0, 0, 1]}, {"number": 3, "label": None}],
     }
     assert tomllib.loads(_offline.campaign_toml(settings)) == {
         "samples": "samples", "imu": 'a"\n\x7f\u00e9', "n": 3, "f": 1e-7, "position": [{"number": 1, "specific_force": [0.0, 0.0, 1.0]}],
+        "turn": [{"number": 2, "axis": [0, 0, 1]}, {"number": 3}],
     }  # fmt: skip

@@ -1,31 +1,33 @@
 //! The order tables of a calibration's report.
 
-use super::{QUANTITY_NAMES, Report, factor};
+use super::{QUANTITY_NAMES, Report};
 use crate::diagnostics::Test;
 use crate::regression::Partial;
 use crate::report::page::{Cell, NoteKind, Page};
-use isotherm_shared::table::AXIS_NAMES;
+use crate::triad::CalibratedTriad;
 use isotherm_shared::wire::AXES;
 
 impl Report<'_> {
-    pub(super) fn orders(&self, page: &mut Page) {
-        page.heading(2, "orders", "Order tables");
-        page.paragraph(
+    pub(super) fn orders(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
+        self.heading(page, triad, "orders", "Order tables");
+        page.paragraph(if triad.gyroscopes.is_some() {
+            "As above. The order is 3 at least, the order of the model."
+        } else {
             "Equations (9) to (16) of the source paper. The F of the last term is the partial F of the highest power; the terms' partial \
              sums of squares are in the basis centred on the telemetry's range, on which those of the lower terms depend. \
-             Leave-one-out: errors at a set point of the fit without it.",
-        );
+             Leave-one-out: errors at a set point of the fit without it."
+        });
         for axis in 0..AXES {
-            for (quantity, (name, unit)) in QUANTITY_NAMES.iter().enumerate() {
-                self.order_table(page, axis, quantity, name, unit);
+            for quantity in 0..QUANTITY_NAMES.len() {
+                self.order_table(page, triad, axis, quantity);
             }
         }
     }
 
-    fn order_table(&self, page: &mut Page, axis: usize, quantity: usize, name: &str, unit: &str) {
-        let orders = &self.calibration.orders[axis][quantity];
-        let factor = factor(quantity);
-        let title = format!("{} {name}", AXIS_NAMES[axis]);
+    fn order_table(&self, page: &mut Page, triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) {
+        let orders = &triad.orders[axis][quantity];
+        let (factor, unit) = (triad.units.factor(quantity), triad.units.on_page(quantity));
+        let title = format!("{} {}", triad.names[axis], QUANTITY_NAMES[quantity]);
         page.heading(3, &format!("orders-{axis}-{quantity}"), &title);
         let number_cell = |value: Option<f64>| Cell::Number(value.map_or("-".to_owned(), short));
         let rows: Vec<_> = orders.regression.fits()[1..]
@@ -67,7 +69,7 @@ impl Report<'_> {
         ];
         page.table(&format!("{title}: orders, in {unit}"), &header, &rows);
         page.paragraph(&format!("Order {}: {}.", orders.choice.order, orders.choice.reason));
-        let curve = &self.calibration.solution.axes[axis].curves[quantity];
+        let curve = &triad.curves[axis][quantity];
         let fit = &orders.regression.fits()[orders.choice.order];
         let errors = curve.table_covariance().map(|c| c.diagonal().map(|v| v.max(0.0).sqrt()));
         let missing = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };

@@ -1,12 +1,13 @@
 //! Options of the simulated IMU, which all simulations share, and functions that write their files.
 
-use crate::parse::{gravity, size, sizes, vibration};
+use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
-use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth};
+use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Output, StagedText, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{CoefficientTable, Refusal};
+use isotherm_shared::table::{CoefficientTable, FORMAT, Refusal};
+use isotherm_shared::wire::AXES;
 use serde::Serialize;
 use std::io;
 use std::path::PathBuf;
@@ -23,6 +24,12 @@ pub struct SimulatedImuOptions {
     /// Coefficients of the IMU, with its alignment; those of the source paper unless given
     #[arg(long, value_name = "TABLE")]
     truth: Option<PathBuf>,
+    /// Simulate gyroscopes too; a TABLE that has some implies this, to one that has none typical ones are added
+    #[arg(long)]
+    gyroscopes: bool,
+    /// Latitude of the laboratory, north positive [deg]; 39.9 unless given or drawn; only with gyroscopes
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = latitude)]
+    latitude: Option<f64>,
     /// Draw another IMU of this kind, and another laboratory, from the seed
     #[arg(long)]
     vary: bool,
@@ -32,10 +39,10 @@ pub struct SimulatedImuOptions {
     /// Local gravity [m/s2]; as the table's 1 g0 unless given or drawn
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
-    /// White noise of a sensor in a mean over 1 s, one sigma [1e-6 g0]
+    /// White noise of an accelerometer in a mean over 1 s, one sigma [1e-6 g0]
     #[arg(long, value_name = "UG0", default_value_t = 5.0, value_parser = size)]
     sensor_noise: f64,
-    /// Random deviation of bias and scale factors at each visit of a set point, one sigma [1e-6 g0, 1e-6]
+    /// Random deviation of the accelerometers' bias and scale factors at each visit of a set point, one sigma [1e-6 g0, 1e-6]
     #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
     repeatability: [f64; 2],
     /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given
@@ -66,6 +73,13 @@ impl SimulatedImuOptions {
         if let Some(imu) = &self.imu {
             content.imu = imu.clone();
         }
+        if self.gyroscopes && content.gyroscopes.is_none() {
+            content.gyroscopes = typical_gyroscopes(&chain_in(&content.temperature_unit)?.0);
+            content.format = FORMAT;
+        }
+        if self.latitude.is_some() && content.gyroscopes.is_none() {
+            return Err(usage("--latitude: only gyroscopes feel it; give --gyroscopes too"));
+        }
         let truth = if self.vary {
             Truth::varied(&content, self.seed)
         } else if self.truth.is_none() {
@@ -75,22 +89,17 @@ impl SimulatedImuOptions {
             CoefficientTable::new(content).map(|table| Truth { tilt_rad: TILT_RAD, ..Truth::of(table) })
         };
         let truth = truth.map_err(refused)?;
-        Ok(Truth { gravity_local: self.gravity_local.unwrap_or(truth.gravity_local), ..truth })
+        Ok(Truth {
+            gravity_local: self.gravity_local.unwrap_or(truth.gravity_local),
+            latitude_deg: self.latitude.unwrap_or(truth.latitude_deg),
+            ..truth
+        })
     }
 
     /// Signal chain and noise, with the telemetry in the truth's unit. The positioning error is 0; a run has none, and a campaign
     /// sets its own.
     pub fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
-        let volts = Chain::default();
-        let (mut chain, telemetry_noise) = match truth.table.content().temperature_unit.as_str() {
-            "V" => (volts, Noise::default().telemetry),
-            "degC" => {
-                let lsb = (f64::from(volts.telemetry_lsb_micro) / volts.telemetry_slope) as u32;
-                let degrees = Chain { telemetry_zero: 0.0, telemetry_slope: 1.0, telemetry_lsb_micro: lsb, ..volts };
-                (degrees, Noise::default().telemetry / volts.telemetry_slope)
-            }
-            unit => return Err(usage(format!("the truth's telemetry is in {unit}; V and degC can be simulated"))),
-        };
+        let (mut chain, telemetry_noise) = chain_in(&truth.table.content().temperature_unit)?;
         chain.telemetry_lsb_micro = self.telemetry_lsb.unwrap_or(chain.telemetry_lsb_micro);
         chain.telemetry_s = telemetry_every;
         [chain.vibration_g0, chain.vibration_hz] = self.vibration;
@@ -100,9 +109,30 @@ impl SimulatedImuOptions {
             telemetry: self.telemetry_noise.unwrap_or(telemetry_noise),
             bias_g0: bias_ug0 / 1e6,
             scale_factor: scale_factor_ppm / 1e6,
-            ..Noise::NONE
+            positioning_rad: 0.0,
+            ..Noise::default()
         };
-        Ok((chain, noise))
+        if truth.table.content().gyroscopes.is_some() {
+            return Ok((chain, noise));
+        }
+        // Without gyroscopes, truth.toml does not mention them.
+        let chain = Chain { gyroscope_head_offset_c: [0.0; AXES], gyroscope_board_offset_c: [0.0; AXES], ..chain };
+        let Noise { sensor_g0, telemetry, bias_g0, scale_factor, .. } = noise;
+        Ok((chain, Noise { sensor_g0, telemetry, bias_g0, scale_factor, ..Noise::NONE }))
+    }
+}
+
+/// The signal chain with telemetry in `unit`, and the noise of a reading in that unit.
+fn chain_in(unit: &str) -> Result<(Chain, f64), Failure> {
+    let (volts, noise) = (Chain::default(), Noise::default().telemetry);
+    match unit {
+        "V" => Ok((volts, noise)),
+        "degC" => {
+            let lsb = (f64::from(volts.telemetry_lsb_micro) / volts.telemetry_slope) as u32;
+            let degrees = Chain { telemetry_zero: 0.0, telemetry_slope: 1.0, telemetry_lsb_micro: lsb, ..volts };
+            Ok((degrees, noise / volts.telemetry_slope))
+        }
+        unit => Err(usage(format!("the truth's telemetry is in {unit}; V and degC can be simulated"))),
     }
 }
 

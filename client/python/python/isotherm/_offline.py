@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 QUANTITIES = ("bias", "positive_scale_factor", "negative_scale_factor")
+SENSORS = ("A1", "A2", "A3", "G1", "G2", "G3")
+# The sections of a campaign file of which there may be several.
+LISTS = ("position", "turn")
 
 
 @overload
@@ -149,11 +152,17 @@ class Calibration:
         return self._native.accuracy
 
     @property
+    def gyroscope_accuracy(self) -> str | None:
+        """The bottom line of the gyroscopes, as "bias +- 0.0071 deg/h, scale factor +- 3.28 ppm over ..."; None without turns."""
+        return self._native.gyroscope_accuracy
+
+    @property
     def summary(self) -> dict[str, Any]:
         """The figures: the document of `isotherm calibrate --json`. Keys have their unit at the end; what is not known is None.
 
         By axis `bias_interval_g0`, `scale_factor_interval_ppm`, `misalignment_rad` and their 95 % half widths; then the orders of
-        the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings.
+        the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings. Under
+        `gyroscopes`, of a campaign with turns, the same of them, with g-sensitivities, random walk and Earth's rate.
         """
         return self._native.summary
 
@@ -164,9 +173,12 @@ class Calibration:
 
     @property
     def orders(self) -> dict[str, dict[str, dict[str, Any]]]:
-        """The order tables, for example ["A1"]["bias"], as of `regress`. They fit the set points' values, in g0 and pulse/(s*g0)."""
+        """The order tables, for example ["A1"]["bias"], as of `regress`. They fit the set points' values, in g0 and pulse/(s*g0).
+
+        Those of gyroscopes ("G1") are in deg/h and pulse/arcsec.
+        """
         tables = json.loads(self._native.orders())
-        return {f"A{axis + 1}": dict(zip(QUANTITIES, tables[axis], strict=True)) for axis in range(3)}
+        return {sensor: dict(zip(QUANTITIES, table, strict=True)) for sensor, table in zip(SENSORS, tables, strict=False)}
 
     @property
     def residuals(self) -> npt.NDArray[np.float64]:
@@ -177,6 +189,16 @@ class Calibration:
     def dwells(self) -> list[tuple[float, int, int, int, float]]:
         """(set point [degC], position, first and last line or row, seconds) of each dwell that was used."""
         return self._native.dwells()
+
+    @property
+    def gyroscope_residuals(self) -> npt.NDArray[np.float64]:
+        """Residuals by dwell or turn and gyroscope [arcsec]; one row for each of `gyroscope_runs`."""
+        return self._native.gyroscope_residuals()
+
+    @property
+    def gyroscope_runs(self) -> list[tuple[float, int, int, int, float]]:
+        """(set point [degC], number, first and last line or row, seconds) of each dwell, then of each turn; empty without gyroscopes."""
+        return self._native.gyroscope_runs()
 
     def save(self, path: AnyPath, *, report: AnyPath | None = None) -> None:
         """Writes the sealed table file, and with `report` the report (HTML) beside it: both or none."""
@@ -203,18 +225,20 @@ def calibrate(
     exclude: Iterable[tuple[float, int]] = (),
     accept: Iterable[str] = (),
     strict: bool = False,
+    other_device: bool = False,
 ) -> Calibration:
     """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
 
     `campaign` is the path of a campaign file, or a mapping with the same keys. `samples` are its rows: an array of CAMPAIGN, a data
     frame with the columns of a campaign's samples, or the path of a file. Without `samples` the file that the campaign names is
-    read. `exclude` lists dwells to leave out: (set point [degC], position).
+    read. `exclude` lists dwells and turns to leave out: (set point [degC], number). A campaign with turns gives the gyroscopes too.
 
     The table gets an alignment matrix with `alignment=True`, none with False. With None it gets one if a misalignment exceeds its 99 %
     interval and 1e-6 rad. The matrix turns the axes of the output: a vehicle must keep the choice that it was boresighted with.
 
     `accept` lists names of findings: a fault of this name is only a warning, and the provenance has the name. With `strict` every
-    warning that is not accepted is a fault. Faults raise CalibrationError.
+    warning that is not accepted is a fault. Faults raise CalibrationError. Samples of another unit than the campaign's serial number says,
+    or of two units, are a fault unless `other_device`.
     """
     if isinstance(campaign, Mapping):
         text, name, folder = campaign_toml(campaign), "campaign", Path()
@@ -233,16 +257,17 @@ def calibrate(
     fixed = None if order == "auto" else order
     # Of one name alone, `list` would make its letters.
     names = [accept] if isinstance(accept, str) else list(accept)
-    return Calibration(_isotherm.calibrate(text, name, given, fixed, method, alignment, list(exclude), names, strict))
+    return Calibration(_isotherm.calibrate(text, name, given, fixed, method, alignment, list(exclude), names, strict, other_device))
 
 
 def campaign_toml(campaign: Mapping[str, Any]) -> str:
     """A campaign's settings as the text of a campaign file."""
-    plain = {"samples": "samples"} | {key: value for key, value in campaign.items() if key != "position" and value is not None}
+    plain = {"samples": "samples"} | {key: value for key, value in campaign.items() if key not in LISTS and value is not None}
     lines = [f"{json.dumps(key)} = {_toml(value)}" for key, value in plain.items()]
-    for position in campaign.get("position", ()):
-        lines += ["", "[[position]]"]
-        lines += [f"{json.dumps(key)} = {_toml(value)}" for key, value in position.items() if value is not None]
+    for name in LISTS:
+        for section in campaign.get(name) or ():
+            lines += ["", f"[[{name}]]"]
+            lines += [f"{json.dumps(key)} = {_toml(value)}" for key, value in section.items() if value is not None]
     return "\n".join(lines) + "\n"
 
 

@@ -1,0 +1,98 @@
+//! What the calibration of the gyroscopes found.
+
+use super::earth::{EarthCheck, LeftOver};
+use super::fit::{ReducedSetPoint, TriadSolution};
+use super::observability::TriadObservability;
+use super::runs::{FittedRun, Place};
+use crate::curve::student_quantile;
+use crate::order::OrderTable;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::AXES;
+use nalgebra::Matrix3;
+
+/// A smaller misalignment does not matter \[rad\].
+const SMALL_MISALIGNMENT: f64 = 1e-6;
+/// Confidence at which a misalignment must differ from 0.
+const NEEDED_CONFIDENCE: f64 = 0.99;
+
+/// What the calibration of the gyroscopes found.
+#[derive(Clone, Debug)]
+pub struct GyroscopeCalibration {
+    /// The dwells, then the turns.
+    pub runs: Vec<FittedRun>,
+    /// What positions and turns determine.
+    pub observability: TriadObservability,
+    /// Each set point reduced by itself.
+    pub reduced: Vec<ReducedSetPoint>,
+    /// The order tables, by gyroscope and quantity, with leave-one-set-point-out errors.
+    pub orders: [[OrderTable; 3]; AXES],
+    /// The estimate that the table is made of.
+    pub solution: TriadSolution,
+    /// Earth's horizontal rate beside that of the latitude; `None` without angles.
+    pub earth: Option<EarthCheck>,
+    /// Without angles: what Earth's rate leaves in the estimate, if it does not cancel.
+    pub left_over: Option<LeftOver>,
+    /// Outlying runs, which were kept in the fit: index into `runs` and gyroscope.
+    pub outliers: Vec<(usize, usize)>,
+    /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::calibrate::Calibration::findings); those before it are not of the gyroscopes alone.
+    pub first_finding: usize,
+}
+
+impl GyroscopeCalibration {
+    /// The misalignment matrix M. Row i: sensitivity of gyroscope i to the rate about each axis; 1 on the diagonal.
+    #[must_use]
+    pub fn misalignment(&self) -> Matrix3<f64> {
+        misalignment(&self.solution)
+    }
+
+    /// Number of turns in the fit.
+    #[must_use]
+    pub fn turns(&self) -> usize {
+        self.runs.iter().filter(|run| matches!(run.place, Place::Turn(_))).count()
+    }
+
+    /// What `table` without alignment matrices leaves, if the gyroscopes need one: the largest error for a rate about any axis, in parts of the
+    /// rate \[rad\].
+    #[must_use]
+    pub fn left_without_alignment(&self, table: &CoefficientTable) -> Option<f64> {
+        let aligned = table.content().gyroscopes.as_ref().is_some_and(|gyroscopes| gyroscopes.alignment.is_some());
+        let across = self.solution.gyroscopes.iter().map(|axis| axis.misalignment[0].hypot(axis.misalignment[1]));
+        (!aligned && is_alignment_needed(&self.solution)).then(|| across.fold(0.0, f64::max))
+    }
+
+    /// Half width of the confidence interval of Earth's horizontal rate \[deg/h\].
+    #[must_use]
+    pub fn horizontal_rate_interval(&self, confidence: f64) -> Option<f64> {
+        let freedom = self.reduced.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
+        Some(self.earth?.error? * student_quantile(confidence, freedom))
+    }
+
+    /// Residual standard deviation of gyroscope `axis` over all runs, as a random walk of the angle \[deg/sqrt(h)\].
+    #[must_use]
+    pub fn random_walk(&self, axis: usize) -> f64 {
+        let sum: f64 = self.solution.residuals.iter().map(|residual| residual[axis].powi(2)).sum();
+        // 1 arcsec/sqrt(s) is 60/3600 deg/sqrt(h).
+        (sum / self.solution.residuals.len() as f64).sqrt() / 60.0
+    }
+}
+
+/// See [`GyroscopeCalibration::misalignment`].
+pub(super) fn misalignment(solution: &TriadSolution) -> Matrix3<f64> {
+    let mut matrix = Matrix3::identity();
+    for (axis, part) in solution.gyroscopes.iter().enumerate() {
+        for (k, m) in part.misalignment.into_iter().enumerate() {
+            matrix[(axis, (axis + 1 + k) % AXES)] = m;
+        }
+    }
+    matrix
+}
+
+/// Whether a misalignment of a gyroscope exceeds its 99 % interval and 1e-6 rad.
+#[must_use]
+pub fn is_alignment_needed(solution: &TriadSolution) -> bool {
+    solution.gyroscopes.iter().any(|gyroscope| {
+        let intervals = gyroscope.misalignment_interval(NEEDED_CONFIDENCE).unwrap_or([f64::INFINITY; 2]);
+        let pairs = gyroscope.misalignment.iter().zip(intervals);
+        pairs.into_iter().any(|(m, interval)| m.abs() > interval.max(SMALL_MISALIGNMENT))
+    })
+}
