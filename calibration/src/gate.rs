@@ -9,46 +9,29 @@
 //!    can judge are compared.
 //! 5. **All runs together.** They cover half of the table's range at least, and a channel that none of them drives agrees with the table in
 //!    force, see [`exercised`].
+//! 6. **The gyroscopes**, see [`gyroscopes`]: all of this holds for them too, and a table that has lost them does not replace one that has them.
 
+mod allowed;
+mod comparison;
 pub mod exercised;
+pub mod gyroscopes;
+
+pub use allowed::{GATE_ACCEPTED, GATE_FLOOR, GATE_LEFT, GATE_MOST, Refusal};
 
 use crate::accuracy::Accuracy;
 use crate::calibrate::Calibration;
-use crate::campaign::{Block, Dwell};
-use crate::checks::{Finding, name};
 use crate::curve::CONFIDENCE;
-use crate::diagnostics::robust_sd;
+use crate::noise;
 use crate::requirement::Requirement;
-use crate::stability::{MIN_WINDOWS, Stability, Window};
-use crate::verdict::{MIN_GROUP, group_interval, groups, mean, noise};
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use crate::stability::{Stability, Window};
+use allowed::{GROUP_S, is_unexplained};
+use comparison::{Worse, common_windows, errors_along, worst_of};
+use gyroscopes::GyroscopeBounds;
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 
-/// What a gate allows in any case \[g0\]: dynamic effects of a temperature that moves, which a campaign of settled set points does not show.
-pub const GATE_FLOOR: f64 = 10e-6;
-/// Largest bound of a gate that nobody has stated \[g0\]: 20 arcsec of level, five times what one expects of such an IMU. Whoever has a
-/// turntable or an IMU that is worse knows it, and states a bound.
-pub const GATE_MOST: f64 = 100e-6;
-/// The same for a fit that does not explain its data: with accepted faults, or with a warning that says so \[g0\].
-pub const GATE_ACCEPTED: f64 = 20e-6;
-/// Warnings that the model does not explain the data, or not all of it. What they tell of is in the residuals, and so in the bound.
-const UNEXPLAINED: [&str; 4] = [name::LEVEL, name::LACK_OF_FIT, name::RESIDUALS, name::OUTLIER];
-/// What a table without alignment matrix may leave, if nobody has stated a bound \[g0\]: a fit of few set points has a wide bound, but this
-/// is an error that it has seen.
-pub const GATE_LEFT: f64 = 20e-6;
-/// Shortest group of a run \[s\]: windows of 10 s.
-const GROUP_S: f64 = 10.0 * MIN_GROUP as f64;
 /// A range may end earlier than that of the table in force by this part of it: no two campaigns have the same ends.
 const RANGE_TOLERANCE: f64 = 0.05;
-
-/// Why a table must not be installed.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Refusal {
-    /// `no alignment`, `range`, `channel`, `runs`, `table in force`, or the name of the judgement that is not met.
-    pub by: &'static str,
-    /// In words.
-    pub cause: String,
-}
 
 /// What is required of one fitted table.
 #[derive(Clone, Copy, Debug)]
@@ -59,6 +42,8 @@ pub struct Gate {
     granted: f64,
     /// What a table without alignment matrix may leave \[g0\].
     pub left: f64,
+    /// What is granted to the gyroscopes, if the new table has any.
+    gyroscopes: Option<GyroscopeBounds>,
 }
 
 impl Requirement {
@@ -71,6 +56,8 @@ impl Requirement {
     /// of the campaign show it. With accepted faults the bounds are at most [`GATE_ACCEPTED`] in any case; if a single position explains the
     /// residuals ([`Calibration::suspect_position`]) at most [`GATE_FLOOR`], because that position pulls the fit more at other attitudes than at
     /// that of the run. Who knows better states bounds.
+    ///
+    /// The bound of the gyroscopes: [`gyroscopes::rate`].
     #[must_use]
     pub fn of_fit(calibration: &Calibration, force: [f64; AXES]) -> Self {
         let accuracy = Accuracy::of(calibration);
@@ -83,11 +70,7 @@ impl Requirement {
             Some(3.0 * (half_widths + calibration.residual_sd(axis)) + GATE_FLOOR)
         };
         let most = [axis(0), axis(1), axis(2)].into_iter().collect::<Option<Vec<_>>>();
-        // Without the angles a level error is the base's tilt, which nobody has estimated, as well as a mistake.
-        let tilt = calibration.solution.tilt.is_some();
-        let unexplained =
-            |finding: &Finding| UNEXPLAINED.contains(&finding.name) && (tilt || finding.name != name::LEVEL);
-        let unexplained = calibration.findings.iter().any(unexplained);
+        let unexplained = is_unexplained(calibration);
         let noise = 3.0 * group_noise(calibration);
         let highest = match calibration.suspect_position {
             Some(_) => GATE_FLOOR,
@@ -96,38 +79,27 @@ impl Requirement {
             None => GATE_MOST + noise,
         };
         let most = most.map(|axes| axes.into_iter().fold(0.0, f64::max).min(highest));
-        Self { factor: None, bias: most, scale: most, level: most.map(|most| most * 2.0_f64.sqrt()) }
+        Self {
+            factor: None,
+            bias: most,
+            scale: most,
+            level: most.map(|most| most * 2.0_f64.sqrt()),
+            rate: gyroscopes::rate(calibration, force),
+        }
     }
 }
 
-/// What the noise of the rows leaves in the mean of a group of a run \[g0\], of the noisiest axis: from the differences of successive blocks
-/// of the dwells, which a wrong position or a wrong curve does not change. 0 if dwells have a single block.
+/// What the noise of the rows leaves in the mean of a group of a run \[g0\], of the noisiest axis.
 fn group_noise(calibration: &Calibration) -> f64 {
-    let axis = |axis: usize| {
-        let differences = |dwell: &Dwell| -> Vec<f64> {
-            let (content, board) = (&calibration.table.content().axes[axis], dwell.board(axis));
-            let scale_factors = [content.positive_scale_factor_at(board).0, content.negative_scale_factor_at(board).0];
-            let indicated = |block: &Block| {
-                let [positive, negative] = block.sums.rates(axis);
-                positive / scale_factors[0] + negative / scale_factors[1]
-            };
-            let difference = |pair: &[Block]| {
-                let variance = pair.iter().map(|block| GROUP_S / block.sums.seconds).sum::<f64>();
-                (indicated(&pair[1]) - indicated(&pair[0])) / variance.sqrt()
-            };
-            dwell.blocks.windows(2).map(difference).collect()
-        };
-        let found = robust_sd(&calibration.dwells.iter().flat_map(differences).collect::<Vec<_>>());
-        if found.is_nan() { 0.0 } else { found }
-    };
-    (0..AXES).map(axis).fold(0.0, f64::max)
+    let found = noise::of_dwells(calibration.dwells.iter(), &calibration.table.content().axes);
+    found.into_iter().fold(0.0, f64::max) / GROUP_S.sqrt()
 }
 
 impl Gate {
     /// The gate for a fit, with the bounds that the user gives in `require`, for runs at the direction `force`.
     ///
     /// # Errors
-    /// If neither the user nor the fit gives a bound for the axes.
+    /// If neither the user nor the fit gives a bound for the axes, or for the gyroscopes.
     pub fn new(require: Requirement, calibration: &Calibration, force: [f64; AXES]) -> Result<Self, String> {
         let of_fit = Requirement::of_fit(calibration, force);
         let bounds = require.or(of_fit);
@@ -139,7 +111,13 @@ impl Gate {
         // See `of_fit`: three times the errors, and the floor. A poor fit must not excuse itself with more than the floor.
         let granted = of_fit.bias.map_or(0.0, |bias| (bias - GATE_FLOOR) / 3.0).clamp(0.0, GATE_FLOOR);
         let left = require.bias.unwrap_or_else(|| bias.min(GATE_LEFT));
-        Ok(Self { require: bounds, granted, left })
+        let gyroscopes = GyroscopeBounds::of(require, calibration, force);
+        if gyroscopes.is_some() && bounds.rate.is_none() {
+            return Err("the fit gives no bound for the gyroscopes: a curve has no degrees of freedom, so that its error is not known; measure \
+                        more set points, or state a bound as in --require rate=0.1deg/h"
+                .to_owned());
+        }
+        Ok(Self { require: bounds, granted, left, gyroscopes })
     }
 
     /// Why the table must not be installed, as far as no run is needed to see it.
@@ -155,7 +133,8 @@ impl Gate {
             ),
         });
         let narrower = in_force.and_then(|old| narrower(&calibration.table, old));
-        left.into_iter().chain(narrower.map(|cause| Refusal { by: "range", cause })).collect()
+        let lost = in_force.and_then(|old| gyroscopes::lost(&calibration.table, old));
+        left.into_iter().chain(narrower.map(|cause| Refusal { by: "range", cause })).chain(lost).collect()
     }
 
     /// Why the table must not be installed, as a run shows it. `present` is the same run under the table in force, if that can judge it.
@@ -164,7 +143,9 @@ impl Gate {
         // Without a remedy: not judged, and another judgement says why.
         let missed = self.require.judge(stability).into_iter().filter(|judgement| judgement.remedy.is_some());
         let missed = missed.map(|judgement| Refusal { by: judgement.bound, cause: judgement.message });
-        let worse = present.and_then(|present| worse(stability, present, self.granted));
+        let of_gyroscopes = |present| gyroscopes::worse(stability, present, self.gyroscopes?.granted);
+        let worse = present.and_then(|present| worse(stability, present, self.granted)).into_iter();
+        let worse = worse.chain(present.and_then(of_gyroscopes));
         let worse = worse.map(|cause| format!("worse than the table in force: {cause}"));
         missed.chain(worse.map(|cause| Refusal { by: "table in force", cause })).collect()
     }
@@ -178,13 +159,8 @@ impl Gate {
 /// counts only between tables that differ by more: of two that are off by as much on opposite sides, it makes one look worse. If the noise of a
 /// group's mean is as large as `granted`, the new one is then refused in 6 % of the runs, below a third of it in none.
 fn worse(new: &Stability, old: &Stability, granted: f64) -> Option<String> {
-    let judged = |window: &Window| window.counts && !window.flagged;
-    let pairs = new.windows.iter().zip(&old.windows).filter(|(window, other)| judged(window) && judged(other));
-    let pairs: Vec<_> = pairs.collect();
-    let axis = |axis: usize| -> Vec<[f64; 2]> {
-        let error = |window: &Window, run: &Stability| window.after[axis] - run.specific_force[axis];
-        pairs.iter().map(|(window, other)| [error(window, new), error(other, old)]).collect()
-    };
+    let pairs = common_windows(&new.windows, &old.windows);
+    let axis = |axis: usize| errors_along(&pairs, axis, [new.specific_force[axis], old.specific_force[axis]]);
     let length = || -> Vec<[f64; 2]> {
         let error = |window: &Window, run: &Stability| window.length() - run.gravity;
         let still = pairs.iter().filter(|(window, other)| window.still && other.still);
@@ -192,18 +168,7 @@ fn worse(new: &Stability, old: &Stability, granted: f64) -> Option<String> {
     };
     let known = new.verdict.gravity_known && old.verdict.gravity_known;
     let found = (0..AXES).map(|index| (AXIS_NAMES[index], axis(index))).chain(known.then(|| ("the length", length())));
-    let found = found.filter(|(_, errors)| errors.len() >= MIN_WINDOWS).map(|(name, errors)| {
-        let of = |table: usize| errors.iter().map(|pair| pair[table]).collect::<Vec<_>>();
-        let worst =
-            |table: usize| groups(&of(table), mean).into_iter().fold(0.0, |most: f64, mean| most.max(mean.abs()));
-        let differences: Vec<_> = errors.iter().map(|[new, old]| new - old).collect();
-        let allowed = granted.hypot(group_interval(noise(&differences), differences.len()));
-        (name, worst(0), worst(1), allowed)
-    });
-    let beyond = |new: f64, old: f64, allowed: f64| new - old - allowed;
-    let (name, new, old, allowed) = found
-        .max_by(|a, b| beyond(a.1, a.2, a.3).total_cmp(&beyond(b.1, b.2, b.3)))
-        .filter(|f| beyond(f.1, f.2, f.3) > 0.0)?;
+    let Worse { name, new, old, allowed } = worst_of(found, granted)?;
     Some(format!(
         "{name} is off by {:.3}e-6 g0, with the table in force by {:.3}e-6 g0 in the same windows; {:.3}e-6 g0 more is granted",
         new * 1e6,
@@ -215,8 +180,9 @@ fn worse(new: &Stability, old: &Stability, granted: f64) -> Option<String> {
 /// The first curve whose range is smaller than in the table in force.
 fn narrower(new: &CoefficientTable, old: &CoefficientTable) -> Option<String> {
     let curves = |table: &CoefficientTable| {
-        let axes = AXIS_NAMES.iter().zip(&table.content().axes);
-        axes.flat_map(|(name, axis)| {
+        let gyroscopes = table.content().gyroscopes.iter().flat_map(|it| GYROSCOPE_NAMES.iter().zip(&it.axes));
+        let axes = AXIS_NAMES.iter().zip(&table.content().axes).chain(gyroscopes);
+        axes.flat_map(|(name, axis): (&&str, &Axis)| {
             let curves =
                 [("bias", &axis.bias), ("K+", &axis.positive_scale_factor), ("K-", &axis.negative_scale_factor)];
             curves.map(|(curve, polynomial)| (format!("{curve} of {name}"), polynomial.range()))

@@ -32,6 +32,7 @@ use crate::calibrate::{
 use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, Severity, name};
 use crate::curve::Curve;
+use crate::noise;
 use crate::order::{Choice, OrderTable, QUANTITIES, Rule, choose};
 use crate::regression::{DataPoint, Regression};
 use earth::{EarthCheck, LeftOver};
@@ -111,8 +112,12 @@ pub fn calibrate(
     let data = Data::new(campaign, &calibration, &gyroscopes, &excluded_turns)?;
     let findings = checks::check(&data, &excluded_turns, gyroscopes.present);
     add_findings(&mut calibration, findings)?;
-    let (found, findings) = estimate(&data, &calibration, observability, first_finding)?;
-    calibration.table = table(&calibration, &found.solution)?;
+    let (mut found, findings) = estimate(&data, &calibration, observability, first_finding)?;
+    let table = table(&calibration, &found.solution)?;
+    if let Some(gyroscopes) = &table.content().gyroscopes {
+        found.noise = noise::of_dwells(data.dwells.iter().map(|(_, dwell)| *dwell), &gyroscopes.axes);
+    }
+    calibration.table = table.measured_on(found.turntable(calibration.solution.tilt, campaign.mount));
     calibration.gyroscopes = Some(found);
     add_findings(&mut calibration, findings)?;
     Ok(calibration)
@@ -329,6 +334,7 @@ fn estimate(
         left_over,
         outliers,
         first_finding,
+        noise: [0.0; AXES],
     };
     Ok((found, findings))
 }

@@ -17,7 +17,7 @@ pub use mount::{contradiction, mount, other_zero};
 
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Matrix3};
 
 /// One position of the turntable.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +69,13 @@ pub fn specific_force(outer: f64, inner: f64) -> [f64; AXES] {
 pub fn laboratory_axes(outer: f64, inner: f64) -> [[f64; AXES]; 3] {
     let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
     [[ci, -si, 0.0], [si * co, ci * co, -so], [so * si, so * ci, co]]
+}
+
+/// The base's X, Y and Z in IMU coordinates at the angles \[deg\], as columns: R' of the module's convention.
+#[must_use]
+pub fn base_axes(outer: f64, inner: f64) -> Matrix3<f64> {
+    let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
+    Matrix3::new(ci, si * co, so * si, -si, ci * co, so * ci, 0.0, -so, co)
 }
 
 /// Sine and cosine of an angle in degrees, exact at multiples of 90.
@@ -268,6 +275,21 @@ mod tests {
         assert_eq!(Position::at(7, 90.0, 270.0).label, "-x");
         let edge = specific_force(45.0, 90.0);
         assert!((edge[0] - 0.5_f64.sqrt()).abs() < 1e-15 && (edge[2] - 0.5_f64.sqrt()).abs() < 1e-15, "{edge:?}");
+    }
+
+    #[test]
+    fn the_axes_of_the_base_give_the_specific_force_and_its_change_with_the_tilt() {
+        for position in Scheme::SixFacesSixEdges.positions() {
+            let [outer, inner] = position.angles.unwrap();
+            let (axes, by_tilt) = (base_axes(outer, inner), position.by_tilt().unwrap());
+            assert!((axes.determinant() - 1.0).abs() < 1e-15);
+            for i in 0..AXES {
+                assert_eq!(
+                    [-axes[(i, 0)], axes[(i, 1)], axes[(i, 2)]],
+                    [by_tilt[i][1], by_tilt[i][0], position.specific_force[i]]
+                );
+            }
+        }
     }
 
     #[test]

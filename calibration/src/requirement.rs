@@ -1,11 +1,12 @@
 //! What is required of a table, and whether a recording at rest shows it.
 //!
 //! At one attitude the errors of bias, scale factor and misalignment cannot be told apart; so the bound `bias` judges the whole error of an
-//! axis, and `scale` the error of the length relative to gravity. A bound is met only if the whole interval is within it.
+//! axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error of a gyroscope at rest. A bound is met only if the
+//! whole interval is within it.
 
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
-use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
@@ -13,7 +14,7 @@ use std::str::FromStr;
 /// What a table must reach: a factor of stability, absolute bounds, or both. All bounds are for the upper end of the interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Requirement {
-    /// Least factor of stability of every axis.
+    /// Least factor of stability of every accelerometer, and of every gyroscope if they are judged.
     pub factor: Option<f64>,
     /// Largest error of every axis \[g0\].
     pub bias: Option<f64>,
@@ -21,6 +22,8 @@ pub struct Requirement {
     pub scale: Option<f64>,
     /// Largest error of the level \[rad\].
     pub level: Option<f64>,
+    /// Largest error of every gyroscope \[deg/h\].
+    pub rate: Option<f64>,
 }
 
 /// Units of each bound, with their size in the bound's own unit.
@@ -35,15 +38,17 @@ const LEVEL_UNITS: Units = &[
     ("mrad", 1e-3),
     ("rad", 1.0),
 ];
+const RATE_UNITS: Units = &[("deg/h", 1.0), ("deg/s", 3600.0), ("arcsec/s", 1.0)];
 /// The rule, for messages.
 const REQUIREMENT_RULE: &str =
-    "give a factor, or bounds such as bias=20ug0,scale=50ppm,level=5arcsec; factor=10 may be among them";
+    "give a factor, or bounds such as bias=20ug0,scale=50ppm,level=5arcsec,rate=0.02deg/h; factor=10 may be among them";
 
 /// Smallest and largest value of a bound that makes sense, in its own unit and in words. No smaller one has digits where it is printed.
 const FACTORS: ([f64; 2], &str) = ([1e-9, 1e9], "1e-9 to 1e9");
 const BIASES: ([f64; 2], &str) = ([1e-9, 1.0], "0.001 ug0 to 1 g0");
 const SCALES: ([f64; 2], &str) = ([1e-9, 1.0], "0.001 ppm to 100 %");
 const LEVELS: ([f64; 2], &str) = ([0.001 * LEVEL_UNITS[0].1, 90.0 * LEVEL_UNITS[2].1], "0.001 arcsec to 90 deg");
+const RATES: ([f64; 2], &str) = ([1e-6, 36_000.0], "1e-6 deg/h to 10 deg/s");
 
 impl FromStr for Requirement {
     type Err = String;
@@ -68,6 +73,7 @@ fn bound(part: &str) -> Result<Requirement, String> {
         "bias" => (&mut found.bias, BIAS_UNITS, BIASES),
         "scale" => (&mut found.scale, SCALE_UNITS, SCALES),
         "level" => (&mut found.level, LEVEL_UNITS, LEVELS),
+        "rate" => (&mut found.rate, RATE_UNITS, RATES),
         _ => return Err(format!("{name:?} is no bound; {REQUIREMENT_RULE}")),
     };
     // Both characters for micro: the sign, and the Greek letter.
@@ -104,6 +110,7 @@ impl fmt::Display for Requirement {
             self.bias.map(|bias| format!("bias={:.4}ug0", bias * 1e6)),
             self.scale.map(|scale| format!("scale={:.4}ppm", scale * 1e6)),
             self.level.map(|level| format!("level={:.4}arcsec", arcsec(level))),
+            self.rate.map(|rate| format!("rate={rate:.6}deg/h")),
         ];
         f.write_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(","))
     }
@@ -112,7 +119,7 @@ impl fmt::Display for Requirement {
 /// One bound of a requirement, judged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judgement {
-    /// The bound: factor, bias, scale or level; or why no bound is judged: `at rest`, if the output is not as long as gravity, `whole run`, if
+    /// The bound: factor, bias, scale, level or rate; or why no bound is judged: `at rest`, if the output is not as long as gravity, `whole run`, if
     /// too many windows are left out, `length of the run`, if it is too short.
     pub bound: &'static str,
     /// Whether the data show that it is met.
@@ -121,6 +128,27 @@ pub struct Judgement {
     pub message: String,
     /// What to do if it is not met.
     pub remedy: Option<&'static str>,
+}
+
+/// Why a bound is not judged, and what to do.
+type Unjudged = (String, &'static str);
+
+fn unjudged([why, remedy]: [&'static str; 2]) -> Unjudged {
+    (why.to_owned(), remedy)
+}
+
+/// The largest error of a gyroscope, with its name.
+fn worst_rate(stability: &Stability) -> Result<(&'static str, Estimate), Unjudged> {
+    const WHOLE: &str = "take a table and a recording of a whole IMU";
+    match &stability.gyroscopes {
+        None => Err(unjudged(["neither the table nor the recording has gyroscopes", WHOLE])),
+        Some(Err(reason)) => Err((reason.clone(), WHOLE)),
+        Some(Ok(found)) => match (found.unjudged(), found.missing()) {
+            (Some(reason), _) => Err((reason, "hold the IMU still, within the table's range")),
+            (None, Some(missing)) => Err(unjudged(missing)),
+            (None, None) => Ok(found.largest()),
+        },
+    }
 }
 
 const ANEW: &str = "calibrate anew, or look at the report";
@@ -137,6 +165,7 @@ impl Requirement {
             ("bias", self.bias, other.bias),
             ("scale", self.scale, other.scale),
             ("level", self.level, other.level),
+            ("rate", self.rate, other.rate),
         ];
         match pairs.into_iter().find(|(_, a, b)| a.is_some() && b.is_some()) {
             Some((name, ..)) => Err(format!("{name} is given twice")),
@@ -152,6 +181,7 @@ impl Requirement {
             bias: self.bias.or(defaults.bias),
             scale: self.scale.or(defaults.scale),
             level: self.level.or(defaults.level),
+            rate: self.rate.or(defaults.rate),
         }
     }
 
@@ -183,7 +213,10 @@ impl Requirement {
             });
         };
         if let Some(factor) = self.factor {
-            let least = AXIS_NAMES.iter().zip(&stability.axes).map(|(name, axis)| (*name, axis.factor()));
+            let gyroscopes = stability.judged_gyroscopes().filter(|found| found.unjudged().is_none());
+            let gyroscopes = gyroscopes.into_iter().flat_map(|found| GYROSCOPE_NAMES.iter().zip(&found.axes));
+            let all = AXIS_NAMES.iter().zip(&stability.axes).chain(gyroscopes);
+            let least = all.map(|(name, axis)| (*name, axis.factor()));
             // An axis whose factor is not a number is the worst one.
             let least = least.map(|(name, factor)| (name, if factor.is_nan() { f64::NEG_INFINITY } else { factor }));
             let (name, least) = least.min_by(|(_, a), (_, b)| a.total_cmp(b)).unwrap_or(("", f64::NAN));
@@ -191,32 +224,35 @@ impl Requirement {
             let (word, remedy) = if least >= factor { ("met", None) } else { ("missed", Some(ANEW)) };
             push("factor", message, word.to_owned(), remedy);
         }
-        let mut judge =
-            |bound, name: &str, error: Result<Estimate, [&'static str; 2]>, most: f64, unit: &str, factor: f64| {
-                let limit = format!("at most {:.3} {unit} is required", most * factor);
-                match error {
-                    Err([why, remedy]) => {
-                        push(bound, format!("{bound}: {limit}"), format!("not judged, {why}"), Some(remedy));
-                    }
-                    Ok(error) => {
-                        let shown = error.times(factor);
-                        let message =
-                            format!("{bound}: {name} {:.3} +- {:.3} {unit}, {limit}", shown.value, shown.interval);
-                        let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
-                            (true, _) => ("met", None),
-                            (false, true) => ("the interval reaches over it", Some(LONGER)),
-                            (false, false) => ("missed", Some(ANEW)),
-                        };
-                        push(bound, message, word.to_owned(), remedy);
-                    }
+        let mut judge = |bound, name: &str, error: Result<Estimate, Unjudged>, most: f64, unit: &str, factor: f64| {
+            // 1e-6 g0, ppm and arcsec have 3 decimals; a good gyroscope needs more.
+            let places = if bound == "rate" { 4 } else { 3 };
+            let limit = format!("at most {:.places$} {unit} is required", most * factor);
+            match error {
+                Err((why, remedy)) => {
+                    push(bound, format!("{bound}: {limit}"), format!("not judged, {why}"), Some(remedy));
                 }
-            };
-        let missing = verdict.missing().unwrap_or_default();
+                Ok(error) => {
+                    let shown = error.times(factor);
+                    let message = format!(
+                        "{bound}: {name} {:.places$} +- {:.places$} {unit}, {limit}",
+                        shown.value, shown.interval
+                    );
+                    let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
+                        (true, _) => ("met", None),
+                        (false, true) => ("the interval reaches over it", Some(LONGER)),
+                        (false, false) => ("missed", Some(ANEW)),
+                    };
+                    push(bound, message, word.to_owned(), remedy);
+                }
+            }
+        };
+        let missing = || unjudged(verdict.missing().unwrap_or_default());
         let axis =
             AXIS_NAMES.iter().zip(&verdict.axes).max_by(|(_, a), (_, b)| a.worst.most().total_cmp(&b.worst.most()));
         let (axis, errors) = axis.map_or(("", None), |(name, errors)| (*name, Some(errors.worst)));
         if let Some(bias) = self.bias {
-            let errors = errors.filter(|_| verdict.judges_axes()).ok_or(missing);
+            let errors = errors.filter(|_| verdict.judges_axes()).ok_or_else(missing);
             judge("bias", axis, errors, bias, "ug0", 1e6);
         }
         if let Some(scale) = self.scale {
@@ -229,11 +265,16 @@ impl Requirement {
                 ]
             };
             let length = verdict.length.as_ref().map(|errors| errors.worst.times(1.0 / stability.gravity));
-            judge("scale", "the length", length.ok_or(why), scale, "ppm", 1e6);
+            judge("scale", "the length", length.ok_or_else(|| unjudged(why)), scale, "ppm", 1e6);
         }
         if let Some(level) = self.level {
             let worst = Some(verdict.level.worst).filter(|_| verdict.stated);
-            judge("level", "the level", worst.ok_or(missing), level, "arcsec", arcsec(1.0));
+            judge("level", "the level", worst.ok_or_else(missing), level, "arcsec", arcsec(1.0));
+        }
+        if let Some(rate) = self.rate {
+            let found = worst_rate(stability);
+            let name = found.as_ref().map_or("", |(name, _)| name);
+            judge("rate", name, found.map(|(_, worst)| worst), rate, "deg/h", 1.0);
         }
         found.extend(conditions.into_iter().map(|(bound, message, remedy)| Judgement {
             bound,

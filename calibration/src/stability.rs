@@ -20,28 +20,39 @@
 //! gravity. Without an alignment matrix, misalignments appear in it fully (3e-4 rad: up to 3e-4 g0). With one, only errors
 //! of bias and scale factor remain.
 //!
+//! # The gyroscopes
+//! Where table and recording have gyroscopes, they have the same figures in deg/h, see [`gyroscopes`].
+//!
 //! Over 400 lines: the figures, the collector that computes them and their messages are one definition.
 
 mod coverage;
+pub mod earth_rate;
+mod figures;
+pub mod gyroscopes;
 
 pub use coverage::{Coverage, DRIVEN};
+pub use earth_rate::EarthRate;
+pub use figures::AxisStability;
+pub use gyroscopes::GyroscopeStability;
 
 use crate::campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
 use crate::checks::time::{CLOCK_TOLERANCE, cause, part};
+use crate::positions::SAME_DIRECTION;
 use crate::verdict::{MIN_GROUP, Verdict};
 pub use crate::window::{MIN_WINDOWS, Window};
 use core::fmt;
-use isotherm_shared::compensate::compensate;
+use figures::{MAX_UNJUDGED, figures, median};
+use isotherm_shared::compensate::{Compensation, compensate};
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
-use isotherm_shared::wire::{AXES, Flags, RawSample};
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
+use isotherm_shared::units::{ARCSEC, SensorKind};
+use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
+use nalgebra::{Matrix3, Vector3};
 
 /// A window counts for the stability if every axis is within this of the specific force of the attitude \[g0\].
 const ATTITUDE_TOLERANCE: f64 = 5e-3;
 /// A window was still if it differs from its neighbours by less than this \[g0\].
 const STILL_TOLERANCE: f64 = 1e-3;
-/// Largest part of the windows that need not be at the attitude: a reading of the telemetry that is not plausible spoils a window.
-const MAX_UNJUDGED: f64 = 0.01;
 /// Largest difference between the length of the output at rest and gravity \[g0\].
 const GRAVITY_TOLERANCE: f64 = 0.02;
 /// Fewest windows that a requirement is judged by: two groups.
@@ -56,6 +67,10 @@ pub struct Setup {
     pub attitude: Option<[f64; AXES]>,
     /// Local gravity.
     pub gravity: LocalGravity,
+    /// Earth's rate along the axes of the IMU; unknown if `None`.
+    pub earth_rate: Option<EarthRate>,
+    /// Whether samples of another unit than the table's are judged; they are refused otherwise.
+    pub other_device: bool,
 }
 
 /// Local gravity at the recording's place \[m/s2\], and who says so.
@@ -110,35 +125,37 @@ impl fmt::Display for LocalGravity {
 }
 
 impl Setup {
-    /// `attitude` is a direction of any length.
+    /// `attitude` is a direction of any length. Earth's rate is unknown, and samples of another unit are refused.
     #[must_use]
     pub fn new(attitude: Option<[f64; AXES]>, gravity: LocalGravity) -> Self {
         let attitude = attitude.map(|direction| {
             let length = direction.iter().map(|f| f * f).sum::<f64>().sqrt();
             direction.map(|f| f / length)
         });
-        Self { attitude, gravity }
+        Self { attitude, gravity, earth_rate: None, other_device: false }
     }
-}
 
-/// One accelerometer's stability \[g0\].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisStability {
-    /// Standard deviation with frozen coefficients.
-    pub sd_before: f64,
-    /// Rms about zero with frozen coefficients.
-    pub rms_before: f64,
-    /// Standard deviation with the full model.
-    pub sd_after: f64,
-    /// Rms about zero with the full model.
-    pub rms_after: f64,
-}
-
-impl AxisStability {
-    /// Standard deviation before over after.
-    #[must_use]
-    pub fn factor(&self) -> f64 {
-        self.sd_before / self.sd_after
+    /// At these angles of the turntable \[deg\], if they are given: with Earth's rate and the attitude that the provenance of the table gives for
+    /// them. The attitude from the angles is the finer one, as it includes the tilt of the base.
+    ///
+    /// # Errors
+    /// If the provenance has no Earth's rate, or if the stated attitude is not that of the angles.
+    pub fn at_angles(self, table: &CoefficientTable, angles_deg: Option<[f64; 2]>) -> Result<Self, String> {
+        let Some(angles) = angles_deg else { return Ok(self) };
+        let turntable = table.turntable().ok_or(
+            "--angles needs a table whose provenance has earth_rate_deg_h, from a campaign with turns and angles: without it nothing says how \
+             the IMU sat on the turntable",
+        )?;
+        let attitude = earth_rate::attitude(turntable, angles);
+        let far = |stated: [f64; AXES]| stated.iter().zip(attitude).any(|(a, b)| (a - b).abs() > SAME_DIRECTION);
+        if let Some(stated) = self.attitude.filter(|stated| far(*stated)) {
+            let [[s1, s2, s3], [a1, a2, a3]] = [stated, attitude];
+            return Err(format!(
+                "--angles and --attitude do not agree: the angles give ({a1:.4}, {a2:.4}, {a3:.4}), the attitude is ({s1:.4}, {s2:.4}, {s3:.4}); \
+                 correct one, or give only --angles"
+            ));
+        }
+        Ok(Self { attitude: Some(attitude), earth_rate: Some(EarthRate::at(turntable, angles)), ..self })
     }
 }
 
@@ -169,9 +186,19 @@ pub struct Stability {
     pub covered: Coverage,
     /// `interval_ns` over the timestamp's step between consecutive sequences, median of the windows; `None` without consecutive sequences.
     pub interval_ratio: Option<f64>,
+    /// The gyroscopes, or why they are not judged; `None` if neither the table nor the recording has any.
+    pub gyroscopes: Option<Result<GyroscopeStability, String>>,
+    /// Number of samples of another unit than the table's.
+    pub other_device: u64,
 }
 
 impl Stability {
+    /// The gyroscopes, if they are judged.
+    #[must_use]
+    pub fn judged_gyroscopes(&self) -> Option<&GyroscopeStability> {
+        self.gyroscopes.as_ref()?.as_ref().ok()
+    }
+
     /// Why nothing can be claimed of the table, if so: the figures are meaningless, or they are those of a part of the run.
     #[must_use]
     pub fn nothing_claimed(&self) -> Option<String> {
@@ -275,6 +302,17 @@ pub enum StabilityError {
         /// 1, 2 or 3.
         index: usize,
     },
+    /// Samples of another unit than the table's.
+    #[error(
+        "{samples} samples are of another unit than the table's, which has the serial number {serial:?}; take the table of that unit, or give \
+         --other-device"
+    )]
+    OtherDevice {
+        /// How many.
+        samples: u64,
+        /// Serial number of the table.
+        serial: String,
+    },
     /// The intervals are not the time from sample to sample.
     #[error("interval_ns is {} of the time from sample to sample: {}", part(*.ratio), cause(*.ratio))]
     Interval {
@@ -317,20 +355,46 @@ impl fmt::Display for Force {
     }
 }
 
+/// The flags that do not spoil a window.
+const HARMLESS: Flags = Flags(Flags::TELEMETRY_STALE.0 | Flags::OTHER_DEVICE.0);
+/// The flags that only a gyroscope can cause.
+const OF_GYROSCOPES: Flags = Flags(Flags((1 << 18) - 1).of_gyroscopes().0 | Flags::G_UNKNOWN.0);
+
 /// Sums over the samples of one window.
 #[derive(Clone, Copy, Debug, Default)]
 struct WindowSums {
     begin_s: f64,
     end_s: f64,
     seconds: f64,
+    accelerometers: TriadSums,
+    gyroscopes: TriadSums,
+    /// Sums of the intervals and of the timestamps' steps, of samples with consecutive sequences \[s\].
+    steps: [f64; 2],
+}
+
+/// The part of one triad.
+#[derive(Clone, Copy, Debug, Default)]
+struct TriadSums {
     positive: [f64; AXES],
     negative: [f64; AXES],
     head: [f64; AXES],
     board: [f64; AXES],
-    velocity: [f64; AXES],
+    /// Increments of the full model \[m/s or rad\].
+    increment: [f64; AXES],
     flagged: bool,
-    /// Sums of the intervals and of the timestamps' steps, of samples with consecutive sequences \[s\].
-    steps: [f64; 2],
+}
+
+impl TriadSums {
+    fn add(&mut self, triad: &Triad, seconds: f64, increment: [f64; AXES], flagged: bool) {
+        for axis in 0..AXES {
+            self.positive[axis] += f64::from(triad.positive_pulses[axis]);
+            self.negative[axis] += f64::from(triad.negative_pulses[axis]);
+            self.head[axis] += triad.head_temperature[axis] * seconds;
+            self.board[axis] += triad.board_temperature[axis] * seconds;
+            self.increment[axis] += increment[axis];
+        }
+        self.flagged |= flagged;
+    }
 }
 
 /// Sums samples into windows; memory does not grow with the sampling rate.
@@ -343,6 +407,9 @@ pub struct Collector<'a> {
     windows: Vec<WindowSums>,
     telemetry: [[TelemetryStep; 2]; AXES],
     left_out: u64,
+    other_device: u64,
+    /// Whether a sample has gyroscopes.
+    has_gyroscopes: bool,
     /// Session, sequence and timestamp of the last sample.
     last: Option<(u64, u64, u64)>,
 }
@@ -370,16 +437,16 @@ impl TelemetryStep {
 
 /// Middle of the range of the windows' mean telemetry: head and board, by axis. Flagged windows are used only if all are
 /// flagged, because one invalid reading would shift the middle.
-fn middle(windows: &[WindowSums]) -> [[f64; 2]; AXES] {
-    let good = windows.iter().any(|window| !window.flagged);
-    let used = || windows.iter().filter(move |window| !(good && window.flagged));
-    let of = |telemetry: &dyn Fn(&WindowSums) -> f64| {
+fn middle(windows: &[WindowSums], triad: fn(&WindowSums) -> &TriadSums) -> [[f64; 2]; AXES] {
+    let good = windows.iter().any(|window| !triad(window).flagged);
+    let used = || windows.iter().filter(move |window| !(good && triad(window).flagged));
+    let of = |telemetry: &dyn Fn(&TriadSums) -> f64| {
         let (low, high) = used()
-            .map(|window| telemetry(window) / window.seconds)
+            .map(|window| telemetry(triad(window)) / window.seconds)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
         0.5 * (low + high)
     };
-    [0, 1, 2].map(|axis| [of(&|window| window.head[axis]), of(&|window| window.board[axis])])
+    [0, 1, 2].map(|axis| [of(&|sums| sums.head[axis]), of(&|sums| sums.board[axis])])
 }
 
 impl<'a> Collector<'a> {
@@ -396,6 +463,8 @@ impl<'a> Collector<'a> {
             windows: Vec::new(),
             telemetry,
             left_out: 0,
+            other_device: 0,
+            has_gyroscopes: false,
             last: None,
         }
     }
@@ -403,6 +472,8 @@ impl<'a> Collector<'a> {
     /// Adds the next sample. A sample with an invalid interval has no velocity and is left out.
     pub fn add(&mut self, raw: &RawSample) {
         let compensation = compensate(self.table, raw);
+        self.other_device += u64::from(compensation.flags.intersects(Flags::OTHER_DEVICE));
+        self.has_gyroscopes |= raw.gyroscopes != Triad::default();
         if compensation.flags.intersects(Flags::INTERVAL) {
             self.left_out += 1;
             return;
@@ -423,13 +494,12 @@ impl<'a> Collector<'a> {
             open.steps[0] += seconds;
             open.steps[1] += raw.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
         }
-        open.flagged |= compensation.flags.0 & !Flags::TELEMETRY_STALE.0 != 0;
+        let spoiled = |flags: Flags| compensation.flags.0 & flags.0 & !HARMLESS.0 != 0;
+        let Compensation { velocity_increment, angle_increment, .. } = compensation;
+        open.accelerometers.add(&raw.accelerometers, seconds, velocity_increment, spoiled(Flags(!OF_GYROSCOPES.0)));
+        let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN);
+        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, of_gyroscopes);
         for axis in 0..AXES {
-            open.positive[axis] += f64::from(raw.accelerometers.positive_pulses[axis]);
-            open.negative[axis] += f64::from(raw.accelerometers.negative_pulses[axis]);
-            open.head[axis] += raw.accelerometers.head_temperature[axis] * seconds;
-            open.board[axis] += raw.accelerometers.board_temperature[axis] * seconds;
-            open.velocity[axis] += compensation.velocity_increment[axis];
             self.telemetry[axis][0].add(raw.accelerometers.head_temperature[axis]);
             self.telemetry[axis][1].add(raw.accelerometers.board_temperature[axis]);
         }
@@ -443,7 +513,7 @@ impl<'a> Collector<'a> {
     fn length_ratio(&self, setup: &Setup) -> f64 {
         let all = || self.windows.iter().chain([&self.open]);
         let seconds: f64 = all().map(|sums| sums.seconds).sum();
-        let square = |axis: usize| all().map(|sums| sums.velocity[axis]).sum::<f64>().powi(2);
+        let square = |axis: usize| all().map(|sums| sums.accelerometers.increment[axis]).sum::<f64>().powi(2);
         let gravity = setup.gravity.value().unwrap_or(self.table.content().gravity);
         (square(0) + square(1) + square(2)).sqrt() / seconds / gravity
     }
@@ -451,8 +521,12 @@ impl<'a> Collector<'a> {
     /// The stability over all complete windows.
     ///
     /// # Errors
-    /// If there are too few windows, too few at the attitude, or an axis whose output is not a number.
+    /// If the samples are of another unit, if there are too few windows, too few at the attitude, or an axis whose output is not a number.
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
+        if self.other_device > 0 && !setup.other_device {
+            let serial = self.table.content().serial.as_deref().unwrap_or_default().trim().to_owned();
+            return Err(StabilityError::OtherDevice { samples: self.other_device, serial });
+        }
         // A window without consecutive sequences has 0/0, which the median leaves out.
         let windows = self.windows.iter().chain([&self.open]);
         let ratio = crate::diagnostics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
@@ -466,11 +540,15 @@ impl<'a> Collector<'a> {
                 ratio: self.length_ratio(setup),
             });
         }
-        let middle = middle(&self.windows);
-        let frozen = FrozenCoefficients::new(self.table, middle);
-        let mut windows: Vec<_> = self.windows.iter().map(|sums| window(sums, &frozen, self.table)).collect();
-        let median = |axis: usize| crate::diagnostics::median(windows.iter().map(|window| window.after[axis]));
-        let output = [median(0), median(1), median(2)];
+        let content = self.table.content();
+        let middle = middle(&self.windows, |sums| &sums.accelerometers);
+        let frozen = FrozenCoefficients::new(&content.axes, content.alignment, middle);
+        let window = |sums: &WindowSums| {
+            let before = frozen.output(&sums.accelerometers, sums.seconds, [0.0; AXES]);
+            sums.window(&sums.accelerometers, before, content.gravity)
+        };
+        let mut windows: Vec<_> = self.windows.iter().map(window).collect();
+        let output = [0, 1, 2].map(|axis| median(&windows, axis));
         let known = setup.gravity.value().map(|gravity| gravity / self.table.content().gravity);
         let gravity = known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
         let specific_force = match setup.attitude {
@@ -478,7 +556,7 @@ impl<'a> Collector<'a> {
             None => output,
         };
         if let Some(axis) =
-            (0..AXES).find(|&axis| median(axis).is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
+            (0..AXES).find(|&axis| output[axis].is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
         {
             return Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 });
         }
@@ -494,21 +572,12 @@ impl<'a> Collector<'a> {
                 stated: setup.attitude.is_some(),
             });
         }
-        let axes = [0, 1, 2].map(|axis| {
-            let errors = |of: fn(&Window) -> &[f64; AXES]| -> Vec<f64> {
-                counted.iter().map(|window| of(window)[axis] - specific_force[axis]).collect()
-            };
-            let (before, after) = (errors(|window| &window.before), errors(|window| &window.after));
-            AxisStability {
-                sd_before: sd(&before),
-                rms_before: rms(&before),
-                sd_after: sd(&after),
-                rms_after: rms(&after),
-            }
-        });
+        let axes = figures(&counted, specific_force);
         let resolution = self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite())));
         let verdict = Verdict::of(&windows, specific_force, setup.attitude.is_some(), known);
-        let covered = Coverage::of(&windows, specific_force, self.table);
+        let covered = Coverage::of(&windows, SensorKind::Accelerometer, &content.axes, &content.temperature_unit);
+        let covered = covered.driven_by(specific_force);
+        let gyroscopes = self.gyroscopes(setup, &windows);
         Ok(Stability {
             covered,
             interval_ratio: Some(ratio).filter(|ratio| ratio.is_finite()),
@@ -522,47 +591,88 @@ impl<'a> Collector<'a> {
             resolution,
             left_out: self.left_out,
             middle,
+            gyroscopes,
+            other_device: self.other_device,
         })
+    }
+
+    /// The gyroscopes, or why they are not judged; `None` if there are none. `windows` are those of the accelerometers.
+    fn gyroscopes(&self, setup: &Setup, windows: &[Window]) -> Option<Result<GyroscopeStability, String>> {
+        let content = self.table.content();
+        let gyroscopes = match (&content.gyroscopes, self.has_gyroscopes) {
+            (Some(gyroscopes), true) => gyroscopes,
+            (Some(_), false) => return Some(Err("the table has gyroscopes, the recording has none".to_owned())),
+            (None, true) => return Some(Err("the recording has gyroscopes, the table has none".to_owned())),
+            (None, false) => return None,
+        };
+        let Gyroscopes { axes, g_sensitivity, alignment } = gyroscopes;
+        let middle = middle(&self.windows, |sums| &sums.gyroscopes);
+        let frozen = FrozenCoefficients::new(axes, *alignment, middle);
+        let pairs = self.windows.iter().zip(windows);
+        let windows = pairs.map(|(sums, of_accelerometers)| {
+            let force = of_accelerometers.before;
+            let by_force = g_sensitivity.map(|s| s.map_or(0.0, |s| (0..AXES).map(|axis| s[axis] * force[axis]).sum()));
+            let before = frozen.output(&sums.gyroscopes, sums.seconds, by_force);
+            let window = sums.window(&sums.gyroscopes, before, ARCSEC);
+            Window { counts: of_accelerometers.counts, still: of_accelerometers.still, ..window }
+        });
+        let conditions = gyroscopes::Conditions {
+            earth_rate: setup.earth_rate,
+            has_turntable: self.table.turntable().is_some(),
+            axes,
+            unit: &content.temperature_unit,
+            aligned: alignment.is_some(),
+            middle,
+        };
+        Some(GyroscopeStability::of(windows.collect(), &conditions))
     }
 }
 
-/// Bias \[g0\], K+ and K- of each axis at mid temperature.
-struct FrozenCoefficients([[f64; 3]; AXES]);
+/// Bias, K+ and K- of each sensor of a triad at mid temperature, in the triad's base unit; and the alignment.
+struct FrozenCoefficients {
+    values: [[f64; 3]; AXES],
+    alignment: Option<Matrix3<f64>>,
+}
 
 impl FrozenCoefficients {
-    fn new(table: &CoefficientTable, middle: [[f64; 2]; AXES]) -> Self {
+    fn new(axes: &[Axis; AXES], alignment: Option<Matrix3<f64>>, middle: [[f64; 2]; AXES]) -> Self {
         let clamped = |polynomial: &Polynomial, telemetry: f64| polynomial.at(polynomial.clamp(telemetry));
-        Self([0, 1, 2].map(|index| {
-            let (axis, [head, board]) = (&table.content().axes[index], middle[index]);
+        let values = [0, 1, 2].map(|index| {
+            let (axis, [head, board]) = (&axes[index], middle[index]);
             [
                 clamped(&axis.bias, head) * axis.bias_unit.factor(),
                 clamped(&axis.positive_scale_factor, board),
                 clamped(&axis.negative_scale_factor, board),
             ]
-        }))
+        });
+        Self { values, alignment }
+    }
+
+    /// Output over a window of `seconds`, less `also`, in the base unit.
+    fn output(&self, sums: &TriadSums, seconds: f64, also: [f64; AXES]) -> [f64; AXES] {
+        let output = [0, 1, 2].map(|axis| {
+            let [bias, k_plus, k_minus] = self.values[axis];
+            (sums.positive[axis] / k_plus + sums.negative[axis] / k_minus) / seconds - bias - also[axis]
+        });
+        self.alignment.map_or(output, |matrix| (matrix * Vector3::from(output)).into())
     }
 }
 
-fn window(sums: &WindowSums, frozen: &FrozenCoefficients, table: &CoefficientTable) -> Window {
-    let content = table.content();
-    let mean = |values: [f64; AXES]| values.map(|value| value / sums.seconds);
-    let mut before = [0, 1, 2].map(|axis| {
-        let [bias, k_plus, k_minus] = frozen.0[axis];
-        (sums.positive[axis] / k_plus + sums.negative[axis] / k_minus) / sums.seconds - bias
-    });
-    if let Some(matrix) = &content.alignment {
-        before = (matrix * nalgebra::Vector3::from(before)).into();
-    }
-    Window {
-        time_s: 0.5 * (sums.begin_s + sums.end_s),
-        seconds: sums.seconds,
-        before,
-        after: mean(sums.velocity).map(|rate| rate / content.gravity),
-        head: mean(sums.head),
-        board: mean(sums.board),
-        flagged: sums.flagged,
-        counts: false,
-        still: false,
+impl WindowSums {
+    /// The window of one triad; `unit` is the size of the base unit in that of the increments per second.
+    fn window(&self, triad: &TriadSums, before: [f64; AXES], unit: f64) -> Window {
+        let mean = |values: [f64; AXES]| values.map(|value| value / self.seconds);
+        Window {
+            time_s: 0.5 * (self.begin_s + self.end_s),
+            seconds: self.seconds,
+            before,
+            after: mean(triad.increment).map(|rate| rate / unit),
+            head: mean(triad.head),
+            board: mean(triad.board),
+            flagged: triad.flagged,
+            counts: false,
+            still: false,
+        }
     }
 }
 
@@ -580,15 +690,6 @@ fn mark(windows: &mut [Window], force: [f64; AXES]) {
         let mut near = neighbours.iter().flatten().filter_map(|&other| after.get(other));
         window.still = near.all(|other| distance(&window.after, other) < STILL_TOLERANCE);
     }
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
-}
-
-fn sd(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64).sqrt()
 }
 
 #[cfg(test)]

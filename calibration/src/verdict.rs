@@ -67,7 +67,7 @@ impl Estimate {
     }
 }
 
-/// The errors of one accelerometer, of the length or of the level.
+/// The errors of one sensor, of the length or of the level.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Errors {
     /// Mean error; `None` where it cannot be judged.
@@ -177,7 +177,7 @@ impl Verdict {
 }
 
 /// Windows in a group, of `count` windows.
-fn group_size(count: usize) -> usize {
+pub(crate) fn group_size(count: usize) -> usize {
     count.div_ceil(MAX_GROUPS).max(MIN_GROUP).min(count / 3).max(1)
 }
 
@@ -204,10 +204,14 @@ pub(crate) fn noise(values: &[f64]) -> f64 {
 /// Half width of the interval of a group's mean, for all groups at once.
 pub(crate) fn group_interval(noise: f64, windows: usize) -> f64 {
     let size = group_size(windows);
-    let (count, n) = ((windows / size) as f64, windows as f64);
-    // Successive differences overlap: their mean square scatters as a variance with so many degrees of freedom.
-    let freedom = 2.0 * (n - 1.0).powi(2) / (3.0 * n - 4.0);
-    noise / (size as f64).sqrt() * student_quantile_of(1.0 - (1.0 - CONFIDENCE) / count, freedom)
+    let count = (windows / size) as f64;
+    noise / (size as f64).sqrt() * student_quantile_of(1.0 - (1.0 - CONFIDENCE) / count, noise_freedom(windows))
+}
+
+/// Degrees of freedom of the square of [`noise`]. Successive differences overlap: their mean square scatters as a variance with so many.
+pub(crate) fn noise_freedom(windows: usize) -> f64 {
+    let n = windows as f64;
+    2.0 * (n - 1.0).powi(2) / (3.0 * n - 4.0)
 }
 
 /// The mean with its interval, from the means of parts of the run.
@@ -221,7 +225,8 @@ fn constant(values: &[f64]) -> Estimate {
     Estimate { value: mean(values), interval: error * student_quantile(CONFIDENCE, parts - 1) }
 }
 
-fn errors(values: &[f64], with_constant: bool) -> Errors {
+/// The errors of one sensor with these values, in order of time; without `with_constant` about their mean.
+pub(crate) fn errors(values: &[f64], with_constant: bool) -> Errors {
     let noise = noise(values);
     let middle = constant(values);
     let groups = groups(values, mean);

@@ -5,22 +5,22 @@ use isotherm_shared::wire::AXES;
 /// Fewest windows for a standard deviation.
 pub const MIN_WINDOWS: usize = 3;
 
-/// Means over one window.
+/// Means over one window, of the accelerometers \[g0\] or of the gyroscopes \[deg/h\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
     /// Middle of the window, since the begin of the recording \[s\].
     pub time_s: f64,
     /// Sum of its intervals \[s\].
     pub seconds: f64,
-    /// Output with the coefficients frozen at mid temperature \[g0\].
+    /// Output with the coefficients frozen at mid temperature.
     pub before: [f64; AXES],
-    /// Output of the full model \[g0\]; NaN where the table rejects.
+    /// Output of the full model; NaN where the table rejects.
     pub after: [f64; AXES],
     /// Mean telemetry of the heads.
     pub head: [f64; AXES],
     /// Mean telemetry of the boards.
     pub board: [f64; AXES],
-    /// Whether a sample had any flag other than stale telemetry.
+    /// Whether a sample had any flag of the triad other than stale telemetry and another unit.
     pub flagged: bool,
     /// Whether the window counts for the stability: it is at the attitude.
     pub counts: bool,

@@ -409,12 +409,9 @@ impl<'d, 'a> Section<'d, 'a> {
         self.asked.borrow_mut().push(key);
     }
 
-    /// Accepts `key` with any value, or its absence, and takes the number `inner` out of it if it is a section that has one.
-    pub fn number_within(&self, key: &'static str, inner: &str) -> Option<f64> {
-        match self.get(key)?.get_ref() {
-            DeValue::Table(table) => number_of(table.get(inner)?.get_ref()),
-            _ => None,
-        }
+    /// Accepts `key` with any value, or its absence. If it is a section, its values can be looked at.
+    pub fn unchecked(&self, key: &'static str) -> Option<Unchecked<'d, 'a>> {
+        self.get(key)?.get_ref().as_table().map(Unchecked)
     }
 
     /// Reports every key that was never asked for.
@@ -431,6 +428,32 @@ impl<'d, 'a> Section<'d, 'a> {
                 self.document.fault(self.document.line(&key.span()), path, message);
             }
         }
+    }
+}
+
+/// A section that nobody checks: a value that is not of the wanted kind is as good as absent.
+#[derive(Clone, Copy)]
+pub struct Unchecked<'d, 'a>(&'d DeTable<'a>);
+
+impl Unchecked<'_, '_> {
+    /// Whether the key is there, with any value.
+    pub fn has(self, key: &str) -> bool {
+        self.0.contains_key(key)
+    }
+
+    /// A finite number.
+    pub fn number(self, key: &str) -> Option<f64> {
+        number_of(self.0.get(key)?.get_ref())
+    }
+
+    /// A list of finite numbers.
+    pub fn numbers(self, key: &str) -> Option<Vec<f64>> {
+        numbers_of(self.0.get(key)?.get_ref())
+    }
+
+    /// A list of lists of finite numbers.
+    pub fn matrix(self, key: &str) -> Option<Vec<Vec<f64>>> {
+        self.0.get(key)?.get_ref().as_array()?.iter().map(|row| numbers_of(row.get_ref())).collect()
     }
 }
 

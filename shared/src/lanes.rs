@@ -112,9 +112,6 @@ impl Lanes {
                 *r = *r * x + c;
             }
         }
-        Some(LaneValues {
-            bias: [r[0], r[1], r[2]],
-            scale_factors: [r[3], r[4], r[5], r[6], r[7], r[8]],
-        })
+        Some(LaneValues { bias: [r[0], r[1], r[2]], scale_factors: [r[3], r[4], r[5], r[6], r[7], r[8]] })
     }
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_shared::table::CoefficientTable;
+use nalgebra::Matrix3;
 
 const TABLE: &str = include_str!("../../examples/tables/imu-whole.toml");
 
@@ -259,4 +260,41 @@ fn a_wrong_digest_is_refused() {
     CoefficientTable::from_toml(&sealed, None).unwrap();
     let text = sealed.replacen("a1 = 0.62", "a1 = 0.63", 1);
     assert_eq!(places(&text), [("digest".to_owned(), 4)]);
+}
+
+/// What the provenance says of the turntable is not part of the digest, and is as good as absent if it cannot be right.
+#[test]
+fn the_turntable_is_read_from_the_provenance() {
+    let read = |keys: &str| {
+        let (table, _) = TABLE.split_once("[provenance]").unwrap();
+        let text = format!("{table}\n[provenance]\n{keys}\n");
+        CoefficientTable::from_toml(&text, None).unwrap().turntable().copied()
+    };
+    const EARTH: &str = "earth_rate_deg_h = [9.0, -7.0, 9.6]";
+    let bare = read(EARTH).unwrap();
+    assert_eq!((bare.earth_rate_deg_h, bare.tilt_rad), ([9.0, -7.0, 9.6], [0.0; 2]));
+    assert_eq!((bare.earth_rate_standard_error, bare.mounting), (None, Matrix3::identity()));
+    let rotated = "mounting = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]";
+    let whole = format!(
+        "{EARTH}\nearth_rate_standard_error = [0.003, 0.004]\nset_points = 15\ntilt_rad = [1e-5, -2e-5]\n{rotated}"
+    );
+    let whole = read(&whole).unwrap();
+    assert_eq!((whole.earth_rate_standard_error, whole.freedom), (Some([0.003, 0.004]), 14));
+    assert_eq!((whole.tilt_rad, whole.mounting[(0, 1)], whole.mounting[(1, 0)]), ([1e-5, -2e-5], 1.0, -1.0));
+    for wrong in [
+        "gravity_local = 9.8",
+        "earth_rate_deg_h = [9.0, -7.0]",
+        "earth_rate_deg_h = [9.0, -7.0, 19.6]",
+        "earth_rate_deg_h = [9.0, -7.0, nan]",
+        "earth_rate_deg_h = \"north\"",
+        &format!("{EARTH}\ntilt_rad = [1e-5]"),
+        &format!("{EARTH}\ntilt_rad = [0.2, 0.0]"),
+        &format!("{EARTH}\nearth_rate_standard_error = [-0.003, 0.004]"),
+        &format!("{EARTH}\nmounting = [[1, 0, 0], [0, 1, 0]]"),
+        &format!("{EARTH}\nmounting = [[1, 0, 0], [0, 2, 0], [0, 0, 1]]"),
+        &format!("{EARTH}\nmounting = 1"),
+    ] {
+        assert_eq!(read(wrong), None, "{wrong}");
+    }
+    assert_eq!(CoefficientTable::from_toml(TABLE, None).unwrap().turntable(), None);
 }

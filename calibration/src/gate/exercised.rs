@@ -2,14 +2,16 @@
 //! where that can be told.
 //!
 //! - **Channels.** A run judges the scale factor of a channel if the specific force along the accelerometer has the sign of the channel, and
-//!   at least [`DRIVEN`]. A channel that no run drives must agree with the table in force.
-//! - **Temperatures.** The runs must cover at least [`LEAST_COVERED`] of the range of every bias curve.
+//!   at least [`DRIVEN`]. A channel that no run drives must agree with the table in force. No run at rest drives a channel of a gyroscope, see
+//!   [`super::gyroscopes`].
+//! - **Temperatures.** The runs must cover at least [`LEAST_COVERED`] of the range of every bias curve, also of the gyroscopes.
 
 use super::{Gate, RANGE_TOLERANCE, Refusal};
 pub use crate::stability::DRIVEN;
-use crate::stability::Stability;
+use crate::stability::{Coverage, Stability};
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use std::fmt;
 
@@ -18,30 +20,43 @@ pub const LEAST_COVERED: f64 = 0.5;
 /// Number of points at which two curves are compared.
 const POINTS: u32 = 65;
 
-/// One of the two channels of an accelerometer's converter.
+/// One of the two channels of a sensor's converter.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct Channel {
+    kind: SensorKind,
     axis: usize,
     positive: bool,
 }
 
 impl Channel {
+    fn all(kind: SensorKind) -> impl Iterator<Item = Self> {
+        (0..AXES).flat_map(move |axis| [true, false].map(|positive| Self { kind, axis, positive }))
+    }
+
+    /// Whether an accelerometer's channel is driven by the specific force \[g0\].
     fn is_driven(self, force: [f64; AXES]) -> bool {
         let along = force[self.axis];
         (if self.positive { along } else { -along }) >= DRIVEN
     }
 
-    fn curve(self, table: &CoefficientTable) -> &Polynomial {
-        let axis = &table.content().axes[self.axis];
-        if self.positive { &axis.positive_scale_factor } else { &axis.negative_scale_factor }
+    /// The scale factor, and the size of its unit.
+    fn curve(self, table: &CoefficientTable) -> Option<(&Polynomial, f64)> {
+        let content = table.content();
+        let (axes, unit) = match self.kind {
+            SensorKind::Accelerometer => (&content.axes, content.gravity),
+            SensorKind::Gyroscope => (&content.gyroscopes.as_ref()?.axes, 1.0),
+        };
+        let axis = &axes[self.axis];
+        Some((if self.positive { &axis.positive_scale_factor } else { &axis.negative_scale_factor }, unit))
     }
 
-    /// Largest relative difference of the channel's scale factor per m/s2 between two tables, in the range of both; `None` if they have none
-    /// in common.
+    /// Largest relative difference of the channel's scale factor, of an accelerometer per m/s2, between two tables, in the range of both;
+    /// `None` if they have none in common.
     fn difference(self, new: &CoefficientTable, old: &CoefficientTable) -> Option<f64> {
-        let ([low, high], [old_low, old_high]) = (self.curve(new).range(), self.curve(old).range());
+        let (new, old) = (self.curve(new)?, self.curve(old)?);
+        let ([low, high], [old_low, old_high]) = (new.0.range(), old.0.range());
         let (low, high) = (low.max(old_low), high.min(old_high));
-        let at = |table: &CoefficientTable, telemetry: f64| self.curve(table).at(telemetry) / table.content().gravity;
+        let at = |(curve, unit): (&Polynomial, f64), telemetry: f64| curve.at(telemetry) / unit;
         let telemetry = |point: u32| low + (high - low) * f64::from(point) / f64::from(POINTS - 1);
         let differences = (0..POINTS).map(|point| (at(new, telemetry(point)) / at(old, telemetry(point)) - 1.0).abs());
         (low < high).then(|| differences.fold(0.0, f64::max))
@@ -51,14 +66,14 @@ impl Channel {
 /// As in "K- of A1".
 impl fmt::Display for Channel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "K{} of {}", if self.positive { '+' } else { '-' }, AXIS_NAMES[self.axis])
+        write!(f, "K{} of {}", if self.positive { '+' } else { '-' }, self.kind.names()[self.axis])
     }
 }
 
-/// The channels that none of these specific forces \[g0\] drives.
+/// The channels of accelerometers that none of these specific forces \[g0\] drives.
 #[must_use]
 pub fn undriven(forces: &[[f64; AXES]]) -> Vec<Channel> {
-    let channels = (0..AXES).flat_map(|axis| [true, false].map(|positive| Channel { axis, positive }));
+    let channels = Channel::all(SensorKind::Accelerometer);
     channels.filter(|channel| !forces.iter().any(|force| channel.is_driven(*force))).collect()
 }
 
@@ -69,11 +84,14 @@ pub struct Exercised {
     forces: Vec<[f64; AXES]>,
     /// Lowest and highest telemetry of the heads. All runs of a plan have the same ramp, so that nothing between them is left out.
     head: [[f64; 2]; AXES],
+    /// The same of the gyroscopes.
+    gyroscope_head: [[f64; 2]; AXES],
 }
 
 impl Default for Exercised {
     fn default() -> Self {
-        Self { forces: Vec::new(), head: [[f64::INFINITY, f64::NEG_INFINITY]; AXES] }
+        let nothing = [[f64::INFINITY, f64::NEG_INFINITY]; AXES];
+        Self { forces: Vec::new(), head: nothing, gyroscope_head: nothing }
     }
 }
 
@@ -81,8 +99,14 @@ impl Exercised {
     /// Adds a run: its attitude, and what it covers.
     pub fn add(&mut self, run: &Stability) {
         self.forces.push(run.specific_force);
-        for ([low, high], [[from, to], _]) in self.head.iter_mut().zip(run.covered.telemetry) {
-            (*low, *high) = (low.min(from), high.max(to));
+        let add = |head: &mut [[f64; 2]; AXES], covered: &Coverage| {
+            for ([low, high], [[from, to], _]) in head.iter_mut().zip(covered.telemetry) {
+                (*low, *high) = (low.min(from), high.max(to));
+            }
+        };
+        add(&mut self.head, &run.covered);
+        if let Some(gyroscopes) = run.judged_gyroscopes() {
+            add(&mut self.gyroscope_head, &gyroscopes.covered);
         }
     }
 
@@ -93,20 +117,30 @@ impl Exercised {
         let (part, missing) = self.least_covered(table);
         let range = (part < 1.0 - RANGE_TOLERANCE)
             .then(|| format!("the runs cover {:.0} % of the table's range: {missing} was not reached", 100.0 * part));
-        channels.chain(range).collect()
+        let gyroscopes = table.content().gyroscopes.is_some().then(|| {
+            "scale factors and misalignments of the gyroscopes, and their g-sensitivity across the specific forces of the runs: no run at rest \
+             shows them"
+                .to_owned()
+        });
+        channels.chain(range).chain(gyroscopes).collect()
     }
 
     /// Part of the range that is covered, for the bias curve of which that is least; and what of it is not, in words.
     fn least_covered(&self, table: &CoefficientTable) -> (f64, String) {
         let content = table.content();
-        let covered = (0..AXES).map(|axis| {
-            let ([low, high], [reached_low, reached_high]) = (content.axes[axis].bias.range(), self.head[axis]);
+        let sensors = |axes: &[Axis; AXES], names: [&'static str; AXES], head: [[f64; 2]; AXES]| {
+            [0, 1, 2].map(|axis| (axes[axis].bias.range(), names[axis], head[axis]))
+        };
+        let gyroscopes = content.gyroscopes.iter();
+        let gyroscopes = gyroscopes.flat_map(|it| sensors(&it.axes, GYROSCOPE_NAMES, self.gyroscope_head));
+        let sensors = sensors(&content.axes, AXIS_NAMES, self.head).into_iter().chain(gyroscopes);
+        let covered = sensors.map(|([low, high], name, [reached_low, reached_high])| {
             let (reached_low, reached_high) = (reached_low.clamp(low, high), reached_high.clamp(low, high));
             let part = ((reached_high - reached_low) / (high - low)).max(0.0);
             let gaps = if part > 0.0 { vec![[low, reached_low], [reached_high, high]] } else { vec![[low, high]] };
             let gaps = gaps.into_iter().filter(|[from, to]| to - from > RANGE_TOLERANCE * (high - low));
             let gaps: Vec<_> = gaps.map(|[from, to]| format!("{from:.4} to {to:.4}")).collect();
-            (part, format!("bias of {} over {} {}", AXIS_NAMES[axis], gaps.join(" and "), content.temperature_unit))
+            (part, format!("bias of {name} over {} {}", gaps.join(" and "), content.temperature_unit))
         });
         covered.min_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or_default()
     }
@@ -134,6 +168,21 @@ impl Gate {
                     bound * 1e6
                 ),
             }));
+        }
+        if let Some((bounds, old)) = self.gyroscopes.zip(in_force) {
+            found.extend(bounds.refuses(&runs.forces, new, old));
+            for channel in Channel::all(SensorKind::Gyroscope) {
+                let difference = channel.difference(new, old).filter(|most| *most > bounds.relative);
+                found.extend(difference.map(|most| Refusal {
+                    by: "gyroscopes",
+                    cause: format!(
+                        "{channel}, which no run at rest shows, is {:.0} ppm off the table in force, at most {:.0} ppm is allowed; look at the turns \
+                         of the campaign, state a scale in --require, or move that table away if the IMU has changed",
+                        most * 1e6,
+                        bounds.relative * 1e6
+                    ),
+                }));
+            }
         }
         let (part, missing) = runs.least_covered(new);
         if part < LEAST_COVERED {
@@ -209,7 +258,7 @@ mod tests {
                 }
             }
         });
-        let channel = Channel { axis: 0, positive: false };
+        let channel = Channel { kind: SensorKind::Accelerometer, axis: 0, positive: false };
         assert!(channel.difference(&good, &other_reference).unwrap() < 1e-12);
         assert!((channel.difference(&good, &wrong).unwrap() - 0.002).abs() < 1e-5);
     }

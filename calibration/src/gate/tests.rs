@@ -2,6 +2,7 @@ use super::*;
 use crate::alignment::AlignmentChoice;
 use crate::calibrate::{CalibrationOptions, calibrate};
 use crate::campaign::{Campaign, Dwell, read};
+use crate::checks::name;
 use crate::simulate::RandomGenerator;
 use crate::stability::{Collector, LocalGravity, Setup};
 use isotherm_recording::CampaignCsvReader;
@@ -89,7 +90,7 @@ fn noisy_run(table: &CoefficientTable, bad: u32, noise_g0: f64) -> Stability {
 }
 
 pub(super) fn gate(granted: f64) -> Gate {
-    Gate { require: Requirement { bias: Some(1e-3), ..Requirement::default() }, granted, left: 1e-3 }
+    Gate { require: Requirement { bias: Some(1e-3), ..Requirement::default() }, granted, left: 1e-3, gyroscopes: None }
 }
 
 /// The only cause that refuses the run, if there is one.
@@ -177,8 +178,8 @@ fn without_degrees_of_freedom_a_bound_must_be_given() {
     assert_eq!(gate(&[20.0, 25.0], "bias=20ug0").unwrap().granted, 0.0);
     let gate = gate(&[15.0, 20.0, 25.0, 30.0], "10").unwrap();
     assert!(gate.granted > 0.0 && gate.granted <= GATE_FLOOR, "{}", gate.granted);
-    let Requirement { factor, bias, scale, level } = gate.require;
-    assert!(factor == Some(10.0) && bias > Some(GATE_FLOOR) && scale == bias && level > bias);
+    let Requirement { factor, bias, scale, level, rate } = gate.require;
+    assert!(factor == Some(10.0) && bias > Some(GATE_FLOOR) && scale == bias && level > bias && rate.is_none());
 }
 
 /// A curve of order 1 misses the set points by far more than 20e-6 g0, which must not widen the bounds.

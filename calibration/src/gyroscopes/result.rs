@@ -6,7 +6,7 @@ use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
 use crate::curve::student_quantile;
 use crate::order::OrderTable;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
 use nalgebra::Matrix3;
 
@@ -36,6 +36,8 @@ pub struct GyroscopeCalibration {
     pub outliers: Vec<(usize, usize)>,
     /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::calibrate::Calibration::findings); those before it are not of the gyroscopes alone.
     pub first_finding: usize,
+    /// White noise of each gyroscope in a mean over 1 s \[deg/h\], from the rows of the dwells; a wrong position or curve does not change it.
+    pub noise: [f64; AXES],
 }
 
 impl GyroscopeCalibration {
@@ -65,6 +67,19 @@ impl GyroscopeCalibration {
     pub fn horizontal_rate_interval(&self, confidence: f64) -> Option<f64> {
         let freedom = self.reduced.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
         Some(self.earth?.error? * student_quantile(confidence, freedom))
+    }
+
+    /// The turntable as the fit found it, with the tilt of the accelerometers' fit and the mounting; `None` without angles.
+    #[must_use]
+    pub fn turntable(&self, tilt: Option<[f64; 2]>, mount: Option<Matrix3<f64>>) -> Option<Turntable> {
+        let [x, y] = self.solution.earth?;
+        Some(Turntable {
+            earth_rate_deg_h: [x, y, self.earth?.along_z],
+            earth_rate_standard_error: self.solution.earth_error,
+            freedom: (self.reduced.len() - 1).max(1),
+            tilt_rad: tilt.unwrap_or_default(),
+            mounting: mount?,
+        })
     }
 
     /// Residual standard deviation of gyroscope `axis` over all runs, as a random walk of the angle \[deg/sqrt(h)\].

@@ -10,11 +10,11 @@ use crate::gyroscopes::observability::TriadObservability;
 use crate::gyroscopes::{GyroscopeCalibration, is_alignment_needed};
 use crate::order::QUANTITIES;
 use crate::requirement::Requirement;
-use crate::stability::{Coverage, Stability};
+use crate::stability::{Coverage, GyroscopeStability, Stability};
 use crate::triad::CalibratedTriad;
 use crate::verdict::Errors;
 use isotherm_failure::Failure;
-use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use serde_json::{Value, json};
 
 /// A calibration: digest, bottom line, curves, misalignments and findings; of an IMU with gyroscopes also theirs. `locate` gives file and line
@@ -195,7 +195,7 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
     let claimed = stability.nothing_claimed().is_none();
     let largest = claimed.then(|| json!({ "of": name, "value_g0": worst.value, "interval_g0": worst.interval }));
     let judgements = required.map(|required| required.judge(stability));
-    json!({
+    let mut document = json!({
         "window_s": window_s,
         "windows": stability.windows.len(),
         "windows_at_attitude": stability.windows.iter().filter(|window| window.counts).count(),
@@ -220,6 +220,42 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
         "interval_ratio": stability.interval_ratio,
         "interval_warning": stability.interval_warning(),
         "covered": covered(&stability.covered),
+    });
+    match &stability.gyroscopes {
+        Some(Ok(found)) => document["gyroscopes"] = gyroscope_stability(found),
+        Some(Err(reason)) => document["gyroscopes"] = json!({ "not_judged": reason }),
+        None => {}
+    }
+    document
+}
+
+/// The part of a verification about the gyroscopes.
+fn gyroscope_stability(found: &GyroscopeStability) -> Value {
+    let axis = |axis: usize| {
+        let figures = &found.axes[axis];
+        let mut value = errors(&found.errors[axis], "deg_h");
+        value["axis"] = json!(GYROSCOPE_NAMES[axis]);
+        value["random_walk_deg_sqrt_h"] = json!(found.random_walk[axis]);
+        value["sd_before_deg_h"] = json!(figures.sd_before);
+        value["rms_before_deg_h"] = json!(figures.rms_before);
+        value["sd_after_deg_h"] = json!(figures.sd_after);
+        value["rms_after_deg_h"] = json!(figures.rms_after);
+        value["factor"] = json!(figures.factor());
+        value
+    };
+    let claimed = found.unjudged().is_none();
+    let (name, worst) = found.largest();
+    json!({
+        "axes": [axis(0), axis(1), axis(2)],
+        "earth_rate_deg_h": found.earth_rate.map(|earth| earth.rate),
+        "earth_rate_interval_deg_h": found.earth_rate.and_then(|earth| earth.interval),
+        "windows_at_rest": found.windows.iter().filter(|window| window.counts).count(),
+        "groups": found.groups,
+        "windows_in_group": found.windows_in_group,
+        "largest": claimed.then(|| json!({ "of": name, "value_deg_h": worst.value, "interval_deg_h": worst.interval })),
+        "not_judged": found.missing().map(|parts| parts.join("; ")),
+        "not_the_whole_run": found.unjudged(),
+        "covered": covered(&found.covered),
     })
 }
 
@@ -232,8 +268,7 @@ fn covered(covered: &Coverage) -> Value {
             "part": covered.parts()[axis][k],
         })
     };
-    let axis =
-        |axis: usize| json!({ "axis": AXIS_NAMES[axis], "bias": sensor(axis, 0), "scale_factor": sensor(axis, 1) });
+    let axis = |axis: usize| json!({ "axis": covered.kind.names()[axis], "bias": sensor(axis, 0), "scale_factor": sensor(axis, 1) });
     json!({
         "unit": covered.unit,
         "axes": [axis(0), axis(1), axis(2)],

@@ -6,9 +6,9 @@ use crate::curve::CONFIDENCE;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::order::QUANTITIES;
 use crate::requirement::Judgement;
-use crate::stability::{Force, Stability};
+use crate::stability::{AxisStability, Force, GyroscopeStability, Stability};
 use crate::triad::CalibratedTriad;
-use crate::verdict::Estimate;
+use crate::verdict::{Errors, Estimate};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
@@ -164,22 +164,11 @@ fn figure(value: Option<f64>, text: &dyn Fn(f64) -> String) -> String {
 pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     let counted = stability.windows.iter().filter(|window| window.counts).count();
     let mut text = format!(
-        "Local gravity {}\n\nOutput stability: means over {window} s of output minus specific force [1e-6 g0]\n          frozen at mid temperature        \
-         full model\n          std. deviation  rms about zero   std. deviation  rms about zero   factor (std. dev.)\n",
-        stability.gravity_source
+        "Local gravity {}\n\nOutput stability: means over {window} s of output minus specific force [1e-6 g0]\n{}",
+        stability.gravity_source,
+        figures(&AXIS_NAMES, &stability.axes, MICRO_G0)
     );
     // Writing to a String cannot fail.
-    for (name, axis) in AXIS_NAMES.iter().zip(&stability.axes) {
-        let _ = writeln!(
-            text,
-            "  {name} {:>18.3} {:>15.3} {:>16.3} {:>15.3} {:>12.2}",
-            axis.sd_before * 1e6,
-            axis.rms_before * 1e6,
-            axis.sd_after * 1e6,
-            axis.rms_after * 1e6,
-            axis.factor()
-        );
-    }
     let origin = match (stability.stated, stability.verdict.gravity_known) {
         (true, true) => "stated",
         (true, false) => "its direction stated, its length the median of the output",
@@ -203,6 +192,94 @@ pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     }
     text.push('\n');
     text.push_str(&verdict(stability, aligned));
+    match &stability.gyroscopes {
+        Some(Ok(found)) => text.push_str(&gyroscopes(found, window)),
+        Some(Err(reason)) => {
+            let _ = writeln!(text, "The gyroscopes are not judged: {reason}.");
+        }
+        None => {}
+    }
+    text
+}
+
+/// Factor from a triad's base unit to that of a table, and its decimals.
+type Shown = (f64, usize);
+const MICRO_G0: Shown = (1e6, 3);
+const DEGREES_PER_HOUR: Shown = (1.0, 4);
+
+/// Table 4 of the paper for a triad, with its header.
+fn figures(names: &[&str; AXES], axes: &[AxisStability; AXES], (factor, places): Shown) -> String {
+    let mut text = "          frozen at mid temperature        full model\n          std. deviation  rms about zero   std. deviation  \
+                    rms about zero   factor (std. dev.)\n"
+        .to_owned();
+    for (name, axis) in names.iter().zip(axes) {
+        let _ = writeln!(
+            text,
+            "  {name} {:>18.places$} {:>15.places$} {:>16.places$} {:>15.places$} {:>12.2}",
+            axis.sd_before * factor,
+            axis.rms_before * factor,
+            axis.sd_after * factor,
+            axis.rms_after * factor,
+            axis.factor()
+        );
+    }
+    text
+}
+
+const ERRORS_HEADER: &str =
+    "          constant            largest variation   worst               noise of a window   largest window";
+
+/// A line of the table below that header, without its end.
+fn errors_line(name: &str, errors: &Errors, (factor, places): Shown) -> String {
+    let estimate = |it: Estimate| format!("{:.places$} +- {:.places$}", it.value * factor, it.interval * factor);
+    format!(
+        "  {name:<6}  {:<19} {:<19} {:<19} {:<19.places$} {:.places$}",
+        errors.constant.map_or_else(|| "not judged".to_owned(), estimate),
+        estimate(errors.variation),
+        estimate(errors.worst),
+        errors.noise * factor,
+        errors.largest_window * factor
+    )
+}
+
+/// The stability of the gyroscopes, then their errors.
+fn gyroscopes(found: &GyroscopeStability, window: f64) -> String {
+    let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
+    let mut text = format!(
+        "\nGyroscopes: means over {window} s of output minus {what} [deg/h]\n{}",
+        figures(&GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR)
+    );
+    if let Some(earth_rate) = found.earth_rate {
+        let _ = writeln!(text, "  Earth's rate {earth_rate}");
+    }
+    let counted = found.windows.iter().filter(|window| window.counts).count();
+    let _ = writeln!(text, "  {counted} of {} windows at rest", found.windows.len());
+    let flagged = found.windows.iter().filter(|window| window.flagged).count();
+    if flagged > 0 {
+        let _ = writeln!(text, "  {flagged} windows have flagged samples of the gyroscopes");
+    }
+    let _ = writeln!(text, "  covered: {}", found.covered);
+    let _ = writeln!(
+        text,
+        "\nErrors of the full model, means of {} groups of {} windows in order of time, 95 % [deg/h]\n{ERRORS_HEADER}      random walk [deg/sqrt(h)]",
+        found.groups, found.windows_in_group
+    );
+    for ((name, errors), walk) in GYROSCOPE_NAMES.iter().zip(&found.errors).zip(found.random_walk) {
+        let line = errors_line(name, errors, DEGREES_PER_HOUR);
+        let _ = writeln!(text, "{line:<109} {:.5} +- {:.5}", walk.value, walk.interval);
+    }
+    if !found.aligned {
+        text.push_str(
+            "  the table has no alignment matrix of the gyroscopes: misalignments are part of these errors\n",
+        );
+    }
+    if found.earth_rate.is_some() {
+        text.push_str("  intervals: as above, those of constant and worst with the errors of Earth's rate\n");
+    }
+    if let Some([missing, remedy]) = found.missing() {
+        let _ = writeln!(text, "  {missing}; {remedy}");
+    }
+    let _ = writeln!(text, "{}", found.conclusion());
     text
 }
 
@@ -210,23 +287,13 @@ pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
 fn verdict(stability: &Stability, aligned: bool) -> String {
     let verdict = &stability.verdict;
     let mut text = format!(
-        "Errors of the full model, means of {} groups of {} windows in order of time, 95 % [1e-6 g0]\n          constant            \
-         largest variation   worst               noise of a window   largest window\n",
+        "Errors of the full model, means of {} groups of {} windows in order of time, 95 % [1e-6 g0]\n{ERRORS_HEADER}\n",
         verdict.groups, verdict.windows
     );
-    let estimate = |estimate: Estimate| format!("{:.3} +- {:.3}", estimate.value * 1e6, estimate.interval * 1e6);
     let length = verdict.length.iter().map(|errors| ("length", errors));
     for (name, errors) in AXIS_NAMES.iter().copied().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)])
     {
-        let _ = writeln!(
-            text,
-            "  {name:<6}  {:<19} {:<19} {:<19} {:<19.3} {:.3}",
-            errors.constant.map_or_else(|| "not judged".to_owned(), estimate),
-            estimate(errors.variation),
-            estimate(errors.worst),
-            errors.noise * 1e6,
-            errors.largest_window * 1e6
-        );
+        let _ = writeln!(text, "{}", errors_line(name, errors, MICRO_G0));
     }
     match (&verdict.length, stability.gravity_source.value()) {
         (Some(_), _) => {

@@ -4,9 +4,11 @@ use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::requirement::Requirement;
-use crate::stability::{Force, Stability, Window};
+use crate::stability::{AxisStability, Force, Stability, Window};
 use crate::verdict::{Errors, Estimate};
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
+use isotherm_shared::wire::AXES;
+use maud::Markup;
 
 /// What the report states besides the table and the stability; only the caller knows it.
 #[derive(Clone, Debug)]
@@ -35,6 +37,7 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
     figures(&mut page, table, stability);
     length(&mut page, table, stability);
     budget(&mut page, table, stability);
+    gyroscopes(&mut page, table, stability, source.window_s);
     page.heading(2, "provenance", "Provenance");
     page.key_values(&[
         ("Tool", source.tool.clone()),
@@ -75,23 +78,8 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
             "The table has no alignment matrix: the rms about zero includes what misalignments make of this attitude.";
         page.note(NoteKind::Warning, "Misalignments count", text);
     }
-    let rows: Vec<_> = AXIS_NAMES
-        .iter()
-        .zip(&stability.axes)
-        .map(|(name, axis)| {
-            vec![
-                Cell::text(*name),
-                Cell::number(axis.factor(), 2),
-                Cell::number(axis.sd_before * 1e6, 3),
-                Cell::number(axis.sd_after * 1e6, 3),
-                Cell::number(axis.rms_before * 1e6, 3),
-                Cell::number(axis.rms_after * 1e6, 3),
-            ]
-        })
-        .collect();
-    let header = ["Axis", "Factor", "sd before", "sd after", "rms before", "rms after"];
     let caption = format!("Means over {} s of output less specific force [1e-6 g0]", source.window_s);
-    page.table(&caption, &header, &rows);
+    figures_table(page, &caption, AXIS_NAMES, &stability.axes, MICRO_G0);
     page.paragraph(
         "Before: the coefficients frozen at the run's mid temperature. After: the full model. sd: about the mean; rms: about zero. \
          Factor: sd before over sd after.",
@@ -115,27 +103,14 @@ fn verdict(page: &mut Page, stability: &Stability) {
         verdict.conclusion()
     };
     page.paragraph(&text);
-    let estimate = |estimate: Estimate| format!("{:.3} ± {:.3}", estimate.value * 1e6, estimate.interval * 1e6);
     let length = verdict.length.iter().map(|errors| ("length", errors));
     let errors = AXIS_NAMES.iter().copied().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)]);
-    let rows: Vec<_> = errors
-        .map(|(name, errors)| {
-            vec![
-                Cell::text(name),
-                Cell::Number(errors.constant.map_or_else(|| "not judged".to_owned(), estimate)),
-                Cell::Number(estimate(errors.variation)),
-                Cell::Number(estimate(errors.worst)),
-                Cell::number(errors.noise * 1e6, 3),
-                Cell::number(errors.largest_window * 1e6, 3),
-            ]
-        })
-        .collect();
-    let header = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
+    let rows: Vec<_> = errors.map(|(name, errors)| errors_row(name, errors, MICRO_G0)).collect();
     let caption = format!(
         "Errors of the full model, {} groups of {} windows [1e-6 g0, level 1e-6 rad]",
         verdict.groups, verdict.windows
     );
-    page.table(&caption, &header, &rows);
+    page.table(&caption, &ERRORS_HEADER, &rows);
     page.paragraph(
         "Constant: the mean over the run. Variation: of the mean of a group of windows about it. Worst: the largest mean of a group. \
          Intervals: 95 %; that of constant from slow changes of the run too, those of variation and worst from the noise, for all groups at once.",
@@ -147,24 +122,147 @@ fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
     stability.windows.iter().filter(|window| window.counts)
 }
 
+/// Factor from a triad's base unit to that of the page, and its decimals.
+type Shown = (f64, usize);
+const MICRO_G0: Shown = (1e6, 3);
+const DEGREES_PER_HOUR: Shown = (1.0, 4);
+
+/// Table 4 of the paper for a triad.
+fn figures_table(page: &mut Page, caption: &str, names: [&str; AXES], axes: &[AxisStability; AXES], shown: Shown) {
+    let (factor, places) = shown;
+    let row = |(name, axis): (&str, &AxisStability)| {
+        let figures = [axis.sd_before, axis.sd_after, axis.rms_before, axis.rms_after];
+        let figures = figures.map(|figure| Cell::number(figure * factor, places));
+        [Cell::text(name), Cell::number(axis.factor(), 2)].into_iter().chain(figures).collect::<Vec<_>>()
+    };
+    let rows: Vec<_> = names.into_iter().zip(axes).map(row).collect();
+    page.table(caption, &["Axis", "Factor", "sd before", "sd after", "rms before", "rms after"], &rows);
+}
+
+const ERRORS_HEADER: [&str; 6] = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
+
+/// A value with its interval.
+fn estimate(it: Estimate, (factor, places): Shown) -> Cell {
+    Cell::Number(format!("{:.places$} ± {:.places$}", it.value * factor, it.interval * factor))
+}
+
+fn errors_row(name: &str, errors: &Errors, shown: Shown) -> Vec<Cell> {
+    let (factor, places) = shown;
+    vec![
+        Cell::text(name),
+        errors.constant.map_or_else(|| Cell::Number("not judged".to_owned()), |it| estimate(it, shown)),
+        estimate(errors.variation, shown),
+        estimate(errors.worst, shown),
+        Cell::number(errors.noise * factor, places),
+        Cell::number(errors.largest_window * factor, places),
+    ]
+}
+
+/// The windows of a triad, as the figures show them.
+struct TriadView<'a> {
+    names: [&'static str; AXES],
+    /// Those that count.
+    windows: Vec<&'a Window>,
+    /// What the output should be.
+    right: [f64; AXES],
+    factor: f64,
+    unit: &'static str,
+}
+
+/// The gyroscopes, if there are any.
+fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, window_s: f64) {
+    let found = match &stability.gyroscopes {
+        Some(Ok(found)) => found,
+        Some(Err(reason)) => {
+            page.heading(2, "gyroscopes", "Gyroscopes");
+            return page.note(NoteKind::Warning, "Not judged", reason);
+        }
+        None => return,
+    };
+    page.heading(2, "gyroscopes", "Gyroscopes");
+    page.paragraph(&found.conclusion());
+    if let Some([missing, remedy]) = found.missing() {
+        page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
+    }
+    if !found.aligned {
+        let text =
+            "The table has no alignment matrix of the gyroscopes: what misalignments make of Earth's rate counts.";
+        page.note(NoteKind::Warning, "Misalignments count", text);
+    }
+    let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
+    let caption = format!("Means over {window_s} s of output less {what} [deg/h]");
+    figures_table(page, &caption, GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR);
+    let rows = GYROSCOPE_NAMES.iter().zip(&found.errors).zip(found.random_walk).map(|((name, errors), walk)| {
+        let mut row = errors_row(name, errors, DEGREES_PER_HOUR);
+        row.push(estimate(walk, (1.0, 5)));
+        row
+    });
+    let caption =
+        format!("Errors of the full model, {} groups of {} windows [deg/h]", found.groups, found.windows_in_group);
+    let header: Vec<_> = ERRORS_HEADER.into_iter().chain(["random walk / (deg/sqrt(h))"]).collect();
+    page.table(&caption, &header, &rows.collect::<Vec<_>>());
+    page.paragraph(
+        "As for the accelerometers. The intervals of constant and worst contain the errors of Earth's rate. Random walk: noise of a window times the \
+         root of its length, rounding of the pulses included.",
+    );
+    let earth_rate = found.earth_rate.map_or_else(|| "not known".to_owned(), |earth_rate| earth_rate.to_string());
+    let middle = found.middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
+    let view = TriadView {
+        names: GYROSCOPE_NAMES,
+        windows: found.windows.iter().filter(|window| window.counts).collect(),
+        right: found.subtracted,
+        factor: 1.0,
+        unit: "deg/h",
+    };
+    page.key_values(&[
+        ("Earth's rate", earth_rate),
+        ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
+        ("Covered", found.covered.to_string()),
+        ("Windows at rest", format!("{} of {}", view.windows.len(), found.windows.len())),
+    ]);
+    let [both, after, rates] = error_figures(&view, &table.content().temperature_unit);
+    page.figures(&both);
+    page.figures(&after);
+    page.figures(&rates);
+}
+
 /// Figure 6 of the paper.
 fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     page.heading(2, "output", "Output before and after");
-    let head = format!("Head telemetry / {}", table.content().temperature_unit);
-    let drift = format!("dU/dt of the head / ({} per h)", table.content().temperature_unit);
-    let force = stability.specific_force;
+    let view = TriadView {
+        names: AXIS_NAMES,
+        windows: counted(stability).collect(),
+        right: stability.specific_force,
+        factor: 1e6,
+        unit: "1e-6 g0",
+    };
+    let [both, after, rates] = error_figures(&view, &table.content().temperature_unit);
+    page.figures(&both);
+    page.heading(3, "after", "What is left");
+    page.figures(&after);
+    page.heading(3, "drift", "What is left, against dU/dt");
+    page.figures(&rates);
+    page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
+}
+
+/// The errors before and after, those after alone, and those after against the drift; each over time, then over temperature, by sensor.
+fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<(Markup, String)>; 3] {
+    let head = format!("Head telemetry / {temperature_unit}");
+    let drift = format!("dU/dt of the head / ({temperature_unit} per h)");
+    let label = format!("Error / {}", view.unit);
+    let error = |value: f64, axis: usize| (value - view.right[axis]) * view.factor;
     type WindowView<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
     let views: [WindowView<'_>; 2] = [
         ("over time", "Time / h", &|window, _| window.time_s / 3600.0, Style::Line),
         ("over temperature", &head, &|window, axis| window.head[axis], Style::Points),
     ];
     let (mut both, mut after, mut rates) = (Vec::new(), Vec::new(), Vec::new());
-    for (title, label, x, style) in views {
-        for (axis, name) in AXIS_NAMES.iter().enumerate() {
+    for (title, x_label, x, style) in views {
+        for (axis, name) in view.names.iter().enumerate() {
             let line = |of: fn(&Window) -> &[f64; 3]| -> Vec<(f64, f64)> {
-                counted(stability).map(|window| (x(window, axis), (of(window)[axis] - force[axis]) * 1e6)).collect()
+                view.windows.iter().map(|window| (x(window, axis), error(of(window)[axis], axis))).collect()
             };
-            let plot = |title: String| Plot::new(&title, label, "Error / 1e-6 g0").zero_line();
+            let plot = |title: String| Plot::new(&title, x_label, &label).zero_line();
             let plot_both =
                 plot(format!("{name} {title}")).series("Before", Style::Line, line(|window| &window.before));
             both.push((plot_both.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
@@ -172,26 +270,20 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
             after.push((plot_after.series("After", style, line(|window| &window.after)).svg(), String::new()));
         }
     }
-    for (axis, name) in AXIS_NAMES.iter().enumerate() {
-        let windows: Vec<_> = counted(stability).collect();
+    for (axis, name) in view.names.iter().enumerate() {
         let rate = |pair: &[&Window]| {
             let seconds = pair[1].time_s - pair[0].time_s;
-            let error = 0.5 * (pair[0].after[axis] + pair[1].after[axis]) - force[axis];
-            ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error * 1e6)
+            let error = error(0.5 * (pair[0].after[axis] + pair[1].after[axis]), axis);
+            ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error)
         };
         // dU/dt is taken over at least a minute; over a shorter time the telemetry's noise hides it.
-        let step = (60.0 / windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
-        let thinned: Vec<_> = windows.iter().copied().step_by(step).collect();
+        let step = (60.0 / view.windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
+        let thinned: Vec<_> = view.windows.iter().copied().step_by(step).collect();
         let points: Vec<_> = thinned.windows(2).map(rate).collect();
-        let plot = Plot::new(&format!("{name} after, against drift"), &drift, "Error / 1e-6 g0").zero_line();
+        let plot = Plot::new(&format!("{name} after, against drift"), &drift, &label).zero_line();
         rates.push((plot.series("After", Style::Points, points).svg(), String::new()));
     }
-    page.figures(&both);
-    page.heading(3, "after", "What is left");
-    page.figures(&after);
-    page.heading(3, "drift", "What is left, against dU/dt");
-    page.figures(&rates);
-    page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
+    [both, after, rates]
 }
 
 fn length(page: &mut Page, table: &CoefficientTable, stability: &Stability) {

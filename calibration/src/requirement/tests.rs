@@ -4,6 +4,7 @@ use super::*;
 use crate::stability::{AxisStability, Coverage, LocalGravity};
 use crate::verdict::Verdict;
 use crate::verdict::tests::{FORCE, windows};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
 #[test]
@@ -100,12 +101,15 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             left_out: 0,
             middle: [[0.0; 2]; AXES],
             covered: Coverage {
+                kind: SensorKind::Accelerometer,
                 telemetry: [[[1.0, 1.5]; 2]; AXES],
                 table: [[[1.0, 2.0]; 2]; AXES],
                 unit: "V".to_owned(),
                 driven: [[true, false]; AXES],
             },
             interval_ratio: None,
+            gyroscopes: None,
+            other_device: 0,
         }
     };
     let stability = |noise: f64, stated: bool| of(120, noise, stated);

@@ -10,7 +10,7 @@ fn truth() -> Truth {
 }
 
 fn stability(truth: &Truth, attitude: Option<[f64; AXES]>, change: impl Fn(usize, &mut RawSample)) -> Stability {
-    stability_of(truth, &Setup { attitude, gravity: LocalGravity::Stated(9.79) }, change)
+    stability_of(truth, &Setup::new(attitude, LocalGravity::Stated(9.79)), change)
 }
 
 fn stability_of(truth: &Truth, setup: &Setup, change: impl Fn(usize, &mut RawSample)) -> Stability {
@@ -63,7 +63,7 @@ fn a_constant_error_shows_only_at_a_stated_attitude() {
         {
             collector.add(&raw);
         }
-        collector.finish(&Setup { attitude, gravity: LocalGravity::Stated(9.79) }).unwrap()
+        collector.finish(&Setup::new(attitude, LocalGravity::Stated(9.79))).unwrap()
     };
     let stated = run_with(Some([0.6, -0.48, 0.64]));
     assert!(stated.stated && (stated.axes[1].rms_after - 50e-6).abs() < 2e-6 && stated.axes[1].sd_after < 2e-6);
@@ -111,7 +111,7 @@ fn intervals_that_are_not_the_time_between_samples_are_refused() {
             change(&mut raw);
             collector.add(&raw);
         }
-        collector.finish(&Setup { attitude: None, gravity: LocalGravity::Stated(9.79) }).map(|_| ())
+        collector.finish(&Setup::new(None, LocalGravity::Stated(9.79))).map(|_| ())
     };
     assert_eq!(check(|_| {}), Ok(()));
     // The cause comes before the window that is never full.
@@ -130,7 +130,7 @@ fn intervals_that_are_not_the_time_between_samples_are_refused() {
 #[test]
 fn too_few_windows_are_refused() {
     let truth = truth();
-    let setup = Setup { attitude: Some([0.0, 0.0, 1.0]), gravity: LocalGravity::Stated(9.8) };
+    let setup = Setup::new(Some([0.0, 0.0, 1.0]), LocalGravity::Stated(9.8));
     let short = Collector::new(&truth.table, 10.0).finish(&setup).unwrap_err();
     assert!(
         matches!(short, StabilityError::TooShort { windows: 0, .. }) && short.to_string().contains("record longer")
@@ -239,7 +239,7 @@ fn a_run_says_what_it_covers() {
 fn an_axis_is_judged_only_if_attitude_and_gravity_are_known() {
     let attitude = Some([0.6, -0.48, 0.64]);
     let judged = |attitude, gravity| {
-        let found = stability_of(&truth(), &Setup { attitude, gravity }, |_, raw| {
+        let found = stability_of(&truth(), &Setup::new(attitude, gravity), |_, raw| {
             let longer = |pulses: u32| (f64::from(pulses) * 1.005).round() as u32;
             raw.accelerometers.positive_pulses = raw.accelerometers.positive_pulses.map(longer);
             raw.accelerometers.negative_pulses = raw.accelerometers.negative_pulses.map(longer);

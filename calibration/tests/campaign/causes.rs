@@ -131,7 +131,11 @@ fn a_few_rows_of_the_same_count_are_no_full_converter() {
 #[test]
 fn one_cable_of_two_accelerometers_is_named() {
     fn channel(raw: &mut RawSample, [axis, channel]: [usize; 2]) -> &mut u32 {
-        if channel == 0 { &mut raw.accelerometers.positive_pulses[axis] } else { &mut raw.accelerometers.negative_pulses[axis] }
+        if channel == 0 {
+            &mut raw.accelerometers.positive_pulses[axis]
+        } else {
+            &mut raw.accelerometers.negative_pulses[axis]
+        }
     }
     let exchange = |raw: &mut RawSample, a: [usize; 2], b: [usize; 2]| {
         let pulses = *channel(raw, a);

@@ -282,7 +282,9 @@ fn faults_are_accepted_by_name_and_warnings_are_faults_on_request() {
     assert!(names(lost, strict(&[name::MISSING_ROWS])).0 && names(|_| {}, strict(&[])).0);
     // What strict made a fault is accepted by name, whether it was found before the fit or after it. Without strict there was no fault.
     let bump = |rows: &mut Vec<SimulatedRow>| {
-        rows.iter_mut().filter(|row| is_at(row, 0.0, 9)).for_each(|row| row.raw.accelerometers.positive_pulses[1] += 40);
+        rows.iter_mut()
+            .filter(|row| is_at(row, 0.0, 9))
+            .for_each(|row| row.raw.accelerometers.positive_pulses[1] += 40);
     };
     for (change, name) in [(&lost as &dyn Fn(&mut Vec<SimulatedRow>), name::MISSING_ROWS), (&bump, name::OUTLIER)] {
         assert_eq!(accepted(change, strict(&[name])), [name]);
@@ -307,7 +309,11 @@ fn dead_channels_are_one_line_with_the_remedy() {
             |rows| {
                 for SimulatedRow { raw, .. } in rows {
                     for &(axis, positive) in channels {
-                        let pulses = if positive { &mut raw.accelerometers.positive_pulses } else { &mut raw.accelerometers.negative_pulses };
+                        let pulses = if positive {
+                            &mut raw.accelerometers.positive_pulses
+                        } else {
+                            &mut raw.accelerometers.negative_pulses
+                        };
                         pulses[axis] = 0;
                     }
                 }

@@ -149,7 +149,9 @@ fn telemetry_may_have_few_digits() {
         broken.starts_with("fault [telemetry-drift]: 7: set point -20 degC, position 1: a2_head runs from"),
         "{broken}"
     );
-    let lost = refused(|_, row| row.raw.accelerometers.board_temperature[0] = row.raw.accelerometers.board_temperature[0].min(24.0));
+    let lost = refused(|_, row| {
+        row.raw.accelerometers.board_temperature[0] = row.raw.accelerometers.board_temperature[0].min(24.0)
+    });
     assert!(lost.starts_with("fault [telemetry-stuck]: ") && lost.contains("set point 30 degC"), "{lost}");
 }
 

@@ -4,7 +4,9 @@
 mod by_hand;
 mod coverage;
 mod data;
+mod gate;
 mod refused;
 mod simulated;
 mod station;
 mod traps;
+mod verification;

@@ -10,7 +10,7 @@ use isotherm_calibration::gyroscopes::{self, turn::outer_axis};
 use isotherm_calibration::simulate::{Motion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors};
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange};
+use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::{RawSample, Triad};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -85,10 +85,11 @@ pub struct Station {
     pub angles: bool,
 }
 
-struct Random(u64);
+
+pub struct Random(pub u64);
 
 impl Random {
-    fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -100,7 +101,7 @@ impl Random {
         low + (high - low) * self.uniform()
     }
 
-    fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
     }
 }
@@ -299,18 +300,53 @@ impl Station {
         Campaign::from_toml(&self.file()).unwrap_or_else(|faults| panic!("{faults}\n{}", self.file()))
     }
 
-    /// The rows of the whole campaign.
-    pub fn rows(&self) -> Vec<CampaignRow> {
+    fn recorder(&self, stream: u64) -> Recorder<'_> {
         let truth = self.truth();
-        let mut recorder = Recorder {
+        Recorder {
             station: self,
             accelerometers: SimulatedTriad::new(&truth.table.content().axes),
             gyroscopes: SimulatedGyroscopes::of(&truth).unwrap(),
             truth,
-            random: Random(self.seed ^ 0xABCD),
+            random: Random(self.seed ^ stream),
             rows: Vec::new(),
             now: 0.0,
-        };
+        }
+    }
+
+    /// A verification run: `rows` samples of 10 s at rest at these angles, while the temperature goes from one end of the set points to the other.
+    pub fn run(&self, angles: [f64; 2], rows: u32) -> Vec<RawSample> {
+        const SECONDS: f64 = 10.0;
+        let mut recorder = self.recorder(0x0BAD_5EED);
+        let at_rest = |seconds| mounted(&self.mount, Motion::at_rest(&recorder.truth, angles, seconds));
+        let (settling, motion) = (at_rest(30.0), at_rest(SECONDS));
+        let (from, to) = (self.set_points[0], self.set_points[self.set_points.len() - 1]);
+        recorder.settle(&settling, from);
+        for row in 0..rows {
+            let temperature = from + (to - from) * (f64::from(row) + 0.5) / f64::from(rows);
+            recorder.row(0.0, 0, &motion, SECONDS, temperature);
+        }
+        recorder.rows.into_iter().map(|row| row.sample).collect()
+    }
+
+    /// The table that compensates this IMU exactly, with the turntable as it stands.
+    pub fn table(&self) -> CoefficientTable {
+        self.truth().table.measured_at(Some(self.gravity)).measured_on(Some(self.turntable()))
+    }
+
+    /// The turntable as it stands.
+    pub fn turntable(&self) -> Turntable {
+        Turntable {
+            earth_rate_deg_h: self.earth().into(),
+            earth_rate_standard_error: Some([0.0; 2]),
+            freedom: 14,
+            tilt_rad: self.tilt,
+            mounting: self.mount,
+        }
+    }
+
+    /// The rows of the whole campaign.
+    pub fn rows(&self) -> Vec<CampaignRow> {
+        let mut recorder = self.recorder(0xABCD);
         for &set_point in &self.set_points {
             recorder.set_point(set_point);
         }

@@ -4,7 +4,7 @@ use clap::Args;
 use isotherm_calibration::report::json;
 use isotherm_calibration::requirement::Requirement;
 use isotherm_client::{Domain, ImuId, Options};
-use isotherm_failure::{Exit, Failure};
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_shared::table::CoefficientTable;
@@ -65,6 +65,13 @@ pub fn joined(require: &[Requirement]) -> Result<Option<Requirement>, Failure> {
 /// The files of a recording, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes them.
 pub fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
     recording.iter().map(|path| (path.as_path(), "the recording")).collect()
+}
+
+/// Tells that samples are of another unit than the table's.
+pub fn warn_of_other_device(table: &CoefficientTable) {
+    let serial = table.content().serial.as_deref().unwrap_or_default().trim();
+    let message = "warning: samples of another unit than the table's, which has the serial number";
+    tell("isotherm", format_args!("{message} {serial:?}"));
 }
 
 /// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.

@@ -62,9 +62,7 @@ impl Replay {
         }
         check_written(path, writer.finish().and_then(Output::finish))?;
         if flags.count(Flags::OTHER_DEVICE) > 0 {
-            let serial = table.content().serial.as_deref().unwrap_or_default().trim();
-            let message = "warning: samples of another unit than the table's, which has the serial number";
-            tell("isotherm", format_args!("{message} {serial:?}"));
+            super::common::warn_of_other_device(&table);
         }
         tell("isotherm", flags);
         Ok(())

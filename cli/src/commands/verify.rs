@@ -1,6 +1,6 @@
 //! `verify`: the stability of a recording under a table.
 
-use super::common::{Refused, choice, inputs, joined, or_document};
+use super::common::{LagSetting, Refused, choice, inputs, joined, or_document, warn_of_other_device};
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
@@ -24,9 +24,12 @@ use std::time::Duration;
 /// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the IMU was still, the
 /// length of the output is compared with local gravity. If it is off by more than any place on Earth allows, or if over 1 % of the windows are
 /// not at the attitude, nothing is claimed, and no requirement is met.
+///
+/// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table whose provenance
+/// has it, it is taken off; otherwise only their variation is judged.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --require bias=20ug0,scale=50ppm,level=5arcsec"
+    after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --require bias=20ug0,scale=50ppm,level=5arcsec\n  isotherm verify --table imu-g.toml run.csv --angles 50,130 --require bias=20ug0,rate=0.1deg/h"
 )]
 pub struct Verify {
     /// Coefficient table
@@ -41,19 +44,29 @@ pub struct Verify {
     /// Length of the windows that means are taken over [s]
     #[arg(long, value_name = "S", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
     window: Duration,
-    /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec, or a bare factor of stability
+    /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare factor of stability
     ///
     /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the specific force (arcsec,
-    /// urad); factor: the standard deviation of every axis before over after. The upper end of the 95 % interval counts. bias and level
-    /// need --attitude, bias and scale need local gravity. The run must have 12 windows at least
+    /// urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation of every axis, and of every gyroscope that is
+    /// judged, before over after. The upper end of the 95 % interval counts. bias and level need --attitude or --angles, bias and scale need
+    /// local gravity, rate needs --angles and a table with Earth's rate. The run must have 12 windows at least
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
     /// Direction of the specific force along A1, A2, A3 [default: the median of the compensated output]
     #[arg(long, value_name = "F1,F2,F3", allow_hyphen_values = true, value_parser = direction)]
     attitude: Option<[f64; AXES]>,
+    /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the table they give
+    /// Earth's rate along the gyroscopes, and the attitude
+    #[arg(long, value_name = "OUTER,INNER", allow_hyphen_values = true, value_parser = crate::parse::numbers::<2>)]
+    angles: Option<[f64; 2]>,
     /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
+    #[command(flatten)]
+    lag: LagSetting,
+    /// Judge samples of another unit than the table's too; they are refused otherwise
+    #[arg(long)]
+    other_device: bool,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
@@ -75,21 +88,28 @@ impl Verify {
         refuse_overlap(&files, &[self.report.as_deref()])?;
         check_written(None, check_stdout())?;
         let (table, _) = load_table(&self.table, None, WorldWritable::Allow)?;
+        let setup = Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table));
+        let setup = Setup { other_device: self.other_device, ..setup }.at_angles(&table, self.angles);
+        let setup = setup.map_err(|message| Failure::new(Exit::Usage, message))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.as_secs_f64();
         let mut collector = Collector::new(&table, window_s);
-        for sample in Samples::open(&self.recording, choice(self.imu, &table), &bar)? {
+        let mut samples = Samples::open(&self.recording, choice(self.imu, &table), &bar)?;
+        samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
+        for sample in samples {
             collector.add(&sample?);
         }
         bar.finish_and_clear();
         let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
         let recording = names.join(", ");
-        let stability = collector.finish(&Setup::new(self.attitude, LocalGravity::of(self.gravity_local, &table)));
-        let stability = stability.map_err(|error| {
+        let stability = collector.finish(&setup).map_err(|error| {
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;
+        if stability.other_device > 0 {
+            warn_of_other_device(&table);
+        }
         // With a requirement the failure at the end says it.
         let nothing = stability.nothing_claimed().filter(|_| require.is_none());
         for warning in nothing.into_iter().chain(stability.interval_warning()) {

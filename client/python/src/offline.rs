@@ -237,20 +237,25 @@ impl Require {
 
 /// Computes the stability before and after compensation.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
 pub fn verify(
     py: Python<'_>,
     table: &Table,
     samples: PyReadonlyArray1<'_, u8>,
     window: f64,
     attitude: Option<[f64; 3]>,
+    angles: Option<[f64; 2]>,
     gravity_local: Option<f64>,
+    other_device: bool,
     recording: String,
 ) -> PyResult<Stability> {
     let samples = samples.as_slice()?;
+    let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
+    let setup = setup.at_angles(&table.0, angles).map_err(PyValueError::new_err)?;
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         with_lag(samples, &table.0).for_each(|sample| collector.add(&sample));
-        collector.finish(&Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)))
+        collector.finish(&setup)
     });
     let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
     Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })

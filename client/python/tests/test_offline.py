@@ -531,9 +531,30 @@ def test_verify_is_the_command(still: Path, tmp_path: Path) -> None:
     assert min(isotherm.verify(table, pd.read_csv(still / "run.csv"), window=20.0).factor) > 10.0
     with pytest.raises(isotherm.StabilityError, match="windows"):
         isotherm.verify(table, samples[:5])
-    for options in ({"window": 0.0}, {"window": np.nan}, {"attitude": (0.0, 0.0, 0.0)}, {"attitude": (1.0, 0.0)}, {"gravity_local": 1.0}):
+    for options in ({"window": 0.0}, {"window": np.nan}, {"attitude": (0.0, 0.0, 0.0)}, {"attitude": (1.0, 0.0)}, {"gravity_local": 1.0}, {"angles": (1.0,)}):
         with pytest.raises(ValueError):
             isotherm.verify(table, samples, **options)  # type: ignore[arg-type]
+
+
+def test_angles_need_earths_rate_and_other_units_are_refused(still: Path, tmp_path: Path) -> None:
+    table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
+    with pytest.raises(ValueError, match="earth_rate_deg_h"):
+        isotherm.verify(table, samples, angles=(50.0, 130.0))
+    assert "gyroscopes" not in isotherm.verify(table, samples).verdict
+    # The provenance is below the table, and not part of its digest. A level base in the north, at the attitude of the angles.
+    earth = (still / "table.toml").read_text().replace("[provenance]", "[provenance]\nearth_rate_deg_h = [9.1, -6.9, 9.6]")
+    (tmp_path / "earth.toml").write_text(earth)
+    turned = isotherm.verify(isotherm.Table.load(tmp_path / "earth.toml"), samples, angles=(50.208, 128.66))
+    assert turned.stated and np.allclose(turned.specific_force, ATTITUDE, atol=1e-3)
+    with pytest.raises(ValueError, match="do not agree"):
+        isotherm.verify(isotherm.Table.load(tmp_path / "earth.toml"), samples, angles=(0.0, 0.0), attitude=ATTITUDE)
+    bare = str(table).replace("gravity =", 'serial = "SN 1"\ngravity =', 1)
+    unit = isotherm.Table.parse("\n".join(line for line in bare.splitlines() if not line.startswith("digest")))
+    other = samples.copy()
+    other["device"] = 1
+    with pytest.raises(isotherm.StabilityError, match="another unit"):
+        isotherm.verify(unit, other)
+    assert isotherm.verify(unit, other, other_device=True).factor == isotherm.verify(unit, samples).factor
 
 
 def test_the_verdict_is_that_of_the_command(still: Path) -> None:

@@ -14,12 +14,13 @@ use isotherm_calibration::gate::{GATE_FLOOR, Gate, Refusal};
 use isotherm_calibration::provenance::{CampaignSource, Hashed, now, sealed_table, sha256, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::requirement::Requirement;
-use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability};
+use isotherm_calibration::stability::{Collector, EarthRate, LocalGravity, Setup, Stability};
 use isotherm_calibration::verdict::Estimate;
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{Installation, LoadError, StagedText, WorldWritable, open_recording, print, read_text};
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
+use isotherm_shared::lag::Lag;
 use isotherm_shared::table::CoefficientTable;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -172,7 +173,10 @@ impl Finish {
             let attitude = verify.attitude(index);
             // It includes the tilt of the base that the fit has found.
             let force = plan.campaign.force(attitude, calibration.solution.tilt).0;
-            let setup = Setup::new(Some(force), LocalGravity::Stated(plan.campaign.gravity_local));
+            let earth_rate = calibration.table.turntable().zip(attitude.angles);
+            let earth_rate = earth_rate.map(|(turntable, angles)| EarthRate::at(turntable, angles));
+            let gravity = LocalGravity::Stated(plan.campaign.gravity_local);
+            let setup = Setup { earth_rate, ..Setup::new(Some(force), gravity) };
             let recording = plan.output.join(&run);
             let (largest, failure) = match fit.verify_run(&recording, &setup, gate.as_ref(), &mut exercised) {
                 Ok((largest, refused)) => (largest, refused.map(|causes| Failure::new(Exit::Failed, causes))),
@@ -360,8 +364,14 @@ impl FittedTable {
 fn stability(table: &CoefficientTable, recording: &Path, setup: &Setup) -> Result<Stability, Failure> {
     let source = open_recording(recording).map_err(|error| Failure::io("opening", recording, &error))?;
     let mut collector = Collector::new(table, WINDOW_S);
+    let mut lag = Lag::new(table.lag_ns());
     for sample in RawCsvReader::new(source).map_err(|error| error.failure(recording))? {
-        collector.add(&sample.map_err(|error| error.failure(recording))?);
+        let mut sample = sample.map_err(|error| error.failure(recording))?;
+        lag.follow(&sample);
+        if sample.lag_ns == 0 {
+            lag.fill(&mut sample);
+        }
+        collector.add(&sample);
     }
     let stability = collector.finish(setup);
     stability.map_err(|error| Failure::new(Exit::Data, format!("{}: {error}", recording.display())))

@@ -344,7 +344,9 @@ impl<'p> Runner<'p> {
                     self.stream_error = None;
                     if self.recorder.take(&sample, received_ns)? {
                         self.trends.sample(&sample);
-                        self.telemetry = [0, 1, 2].map(|i| [sample.accelerometers.head_temperature[i], sample.accelerometers.board_temperature[i]]);
+                        self.telemetry = [0, 1, 2].map(|i| {
+                            [sample.accelerometers.head_temperature[i], sample.accelerometers.board_temperature[i]]
+                        });
                     }
                 }
                 Err(error) => self.stream_error = Some(error),

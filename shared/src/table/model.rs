@@ -4,6 +4,7 @@ use super::checks::{
     NO_LAG, alignment_fault, bias_fault, g_sensitivity_fault, gravity_fault, lag_fault, max_age_fault, max_rate_fault,
     negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
 };
+use super::turntable::Turntable;
 use crate::lanes::Lanes;
 use crate::polynomial::Polynomial;
 use crate::stream::ImuId;
@@ -138,6 +139,7 @@ pub struct CoefficientTable {
     digest: Digest,
     id: u64,
     gravity_local: Option<f64>,
+    turntable: Option<Turntable>,
 }
 
 impl PartialEq for CoefficientTable {
@@ -179,6 +181,7 @@ impl CoefficientTable {
                 id: digest.id(),
                 digest,
                 gravity_local: None,
+                turntable: None,
             })
         } else {
             Err(refusals)
@@ -202,6 +205,19 @@ impl CoefficientTable {
     #[must_use]
     pub const fn measured_at(mut self, gravity_local: Option<f64>) -> Self {
         self.gravity_local = gravity_local;
+        self
+    }
+
+    /// The turntable that the table was measured on, as its provenance says. It is not part of the digest.
+    #[must_use]
+    pub const fn turntable(&self) -> Option<&Turntable> {
+        self.turntable.as_ref()
+    }
+
+    /// The table with the turntable that it was measured on.
+    #[must_use]
+    pub const fn measured_on(mut self, turntable: Option<Turntable>) -> Self {
+        self.turntable = turntable;
         self
     }
 

@@ -9,6 +9,7 @@ use super::checks::{
 use super::model::{
     AXIS_NAMES, Axis, CoefficientTable, Content, FORMAT, G_SENSITIVITY_KEYS, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
 };
+use super::turntable::Turntable;
 use crate::document::{Document, Faults, Section};
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::stream::ImuId;
@@ -120,7 +121,9 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
             None
         }
     };
-    let gravity_local = root.number_within("provenance", "gravity_local").filter(|g| gravity_fault(*g).is_none());
+    let provenance = root.unchecked("provenance");
+    let gravity_local = provenance.and_then(|it| it.number("gravity_local")).filter(|g| gravity_fault(*g).is_none());
+    let turntable = provenance.and_then(Turntable::read);
     let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
     let lag = root.optional_section("lag").map(lag);
@@ -155,7 +158,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
         },
     };
     // This cannot fail: each part has been checked above, where its line is known.
-    let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local);
+    let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local).measured_on(turntable);
     if let Some(digest) = digest.filter(|digest| **digest != table.digest().to_string()) {
         root.fault(
             "digest",

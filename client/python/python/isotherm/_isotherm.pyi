@@ -412,7 +412,8 @@ class Stability:
         Each of `axes` and `length` has `constant_g0`, `variation_g0` and `worst_g0`, and `level` the same in `_rad`, each with `value` and
         `interval`, the half width of the 95 % interval. What cannot be judged is None: every constant error but that of the length if the attitude is
         not stated, and the length if local gravity is unknown. `covered` says which part of the table's range the run covers, and which
-        channels it drives.
+        channels it drives. `gyroscopes`, where the table or the samples have any, has the same in `_deg_h`, and `random_walk_deg_sqrt_h`; or
+        `not_judged`.
         """
     @property
     def windows(self) -> Records:
@@ -420,7 +421,7 @@ class Stability:
     def judge(self, require: float | str) -> list[tuple[str, bool, str]]:
         """Judges each bound of `require`: (bound, whether the run shows that it is met, the judgement in words).
 
-        `require` is as that of the command, for example "bias=20ug0,scale=50ppm,level=5arcsec"; a number is the least factor of stability.
+        `require` is as that of the command, for example "bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h"; a number is the least factor of stability.
         """
     def check(self, require: float | str) -> None:
         """Raises StabilityError where `isotherm verify --require` ends with exit code 1.
@@ -468,7 +469,9 @@ def verify(
     samples: _Bytes,
     window: float,
     attitude: Sequence[float] | None,
+    angles: Sequence[float] | None,
     gravity_local: float | None,
+    other_device: bool,
     recording: str,
 ) -> Stability: ...
 def calibrate(

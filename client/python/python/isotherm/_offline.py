@@ -79,7 +79,9 @@ def verify(
     *,
     window: float = 10.0,
     attitude: Sequence[float] | None = None,
+    angles: Sequence[float] | None = None,
     gravity_local: float | None = None,
+    other_device: bool = False,
     recording: str = "array",
 ) -> Stability:
     """Computes how stable the output is, before and after compensation, and how large its errors are, as `isotherm verify` does.
@@ -88,6 +90,11 @@ def verify(
     median of the compensated output is used; then only variation and length can be judged. `gravity_local` [m/s2] is that of the
     table's provenance (`Table.gravity_local`) unless given. With neither, only variation and level can be judged. `recording` is the
     name of the samples in messages and in a report.
+
+    Gyroscopes are judged where the table and the samples have them. `angles` are the outer and the inner angle [deg] of the turntable that the
+    table's campaign was measured on. With the provenance of the table they give Earth's rate along the gyroscopes, which is taken off, and the
+    attitude. Without them only the variation of the gyroscopes is judged. Samples of another unit than the table's are refused, unless
+    `other_device` is True.
 
     Raises StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
     """
@@ -100,7 +107,12 @@ def verify(
         direction = tuple(float(part) for part in attitude)
         if len(direction) != 3 or not 0.0 < math.hypot(*direction) < math.inf:
             raise ValueError(f"attitude is {attitude}, give three numbers, not all 0")
-    return _isotherm.verify(table, sample_bytes(samples), window, direction, gravity_local, recording)
+    turned = None
+    if angles is not None:
+        turned = tuple(float(angle) for angle in angles)
+        if len(turned) != 2 or not all(map(math.isfinite, turned)):
+            raise ValueError(f"angles is {angles}, give the outer and the inner angle in degrees")
+    return _isotherm.verify(table, sample_bytes(samples), window, direction, turned, gravity_local, other_device, recording)
 
 
 def regress(
