@@ -442,6 +442,21 @@ fn installed_and_rolled_back_under_a_feed(laboratory: &TestLaboratory, good: &Co
 }
 
 #[test]
+fn turns_of_an_imu_without_gyroscopes_end_at_its_first_sample() {
+    let laboratory =
+        TestLaboratory::new(&[("temperature_unit = ", "latitude_deg = 39.9   # north positive\ntemperature_unit = ")]);
+    let check = laboratory.domain.run(&["campaign", "check", "station/plan.toml"]);
+    let plan = stdout_of_success(&check);
+    assert_has(&plan, &["2 set points x (12 positions and 6 turns)", "positions 1 to 12, turns 13 to 18"]);
+    let output = laboratory.run(&[]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(65), "{said}");
+    assert_has(&said, &["have no gyroscopes", "leave latitude_deg out of the plan", "safe state: table stopped"]);
+    assert_eq!(laboratory.events("kept").len(), 0);
+    laboratory.assert_in_standby();
+}
+
+#[test]
 fn killed_twice_it_continues_with_the_first_missing_dwell() {
     let laboratory = TestLaboratory::new(&[]);
     let mut before = Vec::new();

@@ -179,7 +179,10 @@ fn every_turntable_goes_where_it_is_sent_and_stops() {
                     .contains(&name.as_str())
             );
             turntable.engage().unwrap();
-            assert_eq!(turntable.read().unwrap(), TurntableReading::default());
+            let reading = turntable.read().unwrap();
+            let resolution_deg = reading.resolution_deg;
+            assert_eq!(reading, TurntableReading { resolution_deg, ..TurntableReading::default() });
+            assert!((1e-6..=2e-4).contains(&resolution_deg), "{resolution_deg}");
             turntable.move_to([90.0, -30.5], 10.0, 5.0).unwrap();
             wait_until("the position", || turntable.read().unwrap().angles_deg == [90.0, -30.5]);
             // The angle reaches its last digit before the rate is zero.
@@ -500,8 +503,38 @@ fn the_acutrol_driver_reads_replies_as_a_public_driver_does() {
     let config = turntable_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
     let reading = turntable(&config).read().unwrap();
     assert_eq!((reading.angles_deg, reading.rates_deg_s), ([90.0001, 180.0], [-0.005, 0.0]));
+    // Of the two angles the one with more digits shows what the controller can.
+    assert!((reading.resolution_deg - 1e-4).abs() < 1e-12, "{}", reading.resolution_deg);
     assert_eq!(reading.faults, ["interlock of axis 3: Fault"]);
     peer.join().unwrap();
+}
+
+#[test]
+fn whole_turns_are_sent_as_they_are_unless_the_controller_counts_modulo_360() {
+    const OK: &[u8] = b"\r\n>\r\n";
+    const TURNED: &[(&[u8], &[u8])] = &[
+        (b"1VEL10.000\r\n", OK),
+        (b"1ACL10.000\r\n", OK),
+        (b"2VEL10.000\r\n", OK),
+        (b"2ACL10.000\r\n", OK),
+        (b"1MOV720.000\r\n", OK),
+        (b"2MOV-90.000\r\n", OK),
+    ];
+    const WRAPPED: &[(&[u8], &[u8])] = &[
+        (b"1VEL10.000\r\n", OK),
+        (b"1ACL10.000\r\n", OK),
+        (b"2VEL10.000\r\n", OK),
+        (b"2ACL10.000\r\n", OK),
+        (b"1MOV0.000\r\n", OK),
+        (b"2MOV270.000\r\n", OK),
+    ];
+    for (keys, transcript) in [("", TURNED), ("wrap = true\n", WRAPPED)] {
+        let (port, peer) = scripted(transcript);
+        let config = turntable_config(&format!("driver = \"aerosmith\"\n{keys}{port}")).unwrap();
+        assert_eq!(config.wraps(), !keys.is_empty());
+        turntable(&config).move_to([720.0, -90.0], 10.0, 10.0).unwrap();
+        peer.join().unwrap();
+    }
 }
 
 // Requests and replies of StaflSystems/ChamberConnectLibrary, p300.py and especinteract.py. The leading 1 is the RS-485 address.

@@ -61,8 +61,8 @@ const AXIS: &str = "the unit vector of the axis in IMU coordinates, for example 
 const FORCE: &str =
     "the direction of the specific force along A1, A2, A3 at the start, in units of the local gravity, length 1";
 
-/// Reads the turns of a campaign file; `None` if one of them is wrong. `positions` is `None` if they are wrong themselves.
-pub(crate) fn turns(
+/// Reads the turns of a campaign file, or of the plan of one; `None` if one of them is wrong. `positions` is `None` if they are wrong themselves.
+pub fn turns(
     root: &Section<'_, '_>,
     positions: Option<&Vec<Position>>,
     mount: Option<Matrix3<f64>>,

@@ -79,6 +79,9 @@ struct RunCampaign {
     /// Make the table in spite of a fault of this name; may be repeated
     #[arg(long, value_name = "NAME", requires = "calibrate", value_parser = name::acceptable)]
     accept: Vec<&'static str>,
+    /// Take the samples of another unit than the plan's serial number says
+    #[arg(long)]
+    other_device: bool,
     /// Speed of a simulated laboratory: the waits of the plan are divided by N, the time-outs of the lines are not
     #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
     speed: f64,
@@ -164,7 +167,7 @@ impl RunCampaign {
             write_campaign_file(&plan)?;
             let done = history.kept.len() == units(&plan) && history.safe;
             let runner = || Runner::new(&plan, (journal, &history), options.clone(), self.speed, Arc::clone(&ended));
-            if done { Ok(None) } else { runner().map(Some) }
+            if done { Ok(None) } else { runner().map(|runner| Some(runner.with_other_device(self.other_device))) }
         })();
         let runner = runner.map_err(|failure| {
             let hint = "\nan earlier runner has left chamber and table as they are; `isotherm campaign stop` brings them into the safe state";
@@ -188,13 +191,8 @@ impl RunCampaign {
 impl CheckCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load_to_run(&self.plan)?;
-        let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
         let takes_s = left_s(&plan, 0);
-        let mut text = format!(
-            "{}: campaign of {}, {set_points} set points x {positions} positions",
-            self.plan.display(),
-            plan.imu
-        );
+        let mut text = format!("{}: campaign of {}, {}", self.plan.display(), plan.imu, plan.size());
         // Writing to a String cannot fail.
         let _ = plan.verify.as_ref().map(|verify| {
             let s = if verify.runs == 1 { "" } else { "s" };

@@ -26,8 +26,7 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     for warning in plan.warnings() {
         tell("isotherm", format!("{}: warning: {warning}", path.display()));
     }
-    let (set_points, positions) = (plan.set_points_c.len(), plan.positions.len());
-    Ok(format!("campaign plan of {}, {set_points} set points x {positions} positions", plan.imu))
+    Ok(format!("campaign plan of {}, {}", plan.imu, plan.size()))
 }
 
 fn campaign(text: &str, path: &Path) -> Result<String, Failure> {

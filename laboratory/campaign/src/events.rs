@@ -43,7 +43,11 @@ pub fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
                 continue;
             }
             Entry::Discarded { reason } => {
-                let name = if matches!(unit, Some(Unit::Run(_))) { "repeated run" } else { "repeated dwell" };
+                let name = match unit {
+                    Some(Unit::Run(_)) => "repeated run",
+                    Some(Unit::Turn { .. }) => "repeated turn",
+                    Some(Unit::Dwell { .. }) | None => "repeated dwell",
+                };
                 (NoteKind::Warning, name, format!("{place}: {reason}"))
             }
             Entry::Paused { cause } => (NoteKind::Warning, "pause", format!("{place}: {cause}")),
@@ -175,6 +179,19 @@ mod tests {
         assert!(events[6].text.ends_with("; the runner before ended without the safe state"), "{}", events[6].text);
         assert!(events[8].text.starts_with("the chamber has an alarm: high temperature; "), "{}", events[8].text);
         assert!(events.iter().all(|event| event.marked));
+    }
+
+    #[test]
+    fn a_repeated_turn_is_an_event_of_its_own_name() {
+        let plan = Plan::from_toml(include_str!("../../../examples/plan-whole.toml"), Path::new("/")).unwrap();
+        let kept = (0..12).map(|_| Entry::Kept(Kept::default()));
+        let discarded = Entry::Discarded { reason: "samples are missing".to_owned() };
+        let lines: Vec<_> = kept.chain([discarded]).map(|entry| JournalLine { unix_s: 1.0, entry }).collect();
+        let events = events(&plan, &lines);
+        assert_eq!(
+            (events.len(), events[0].name, events[0].text.as_str()),
+            (1, "repeated turn", "-25 degC, turn 13 (outer 0 to 720 deg): samples are missing")
+        );
     }
 
     #[test]

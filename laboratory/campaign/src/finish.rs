@@ -7,10 +7,11 @@ use super::plan::{Plan, SAMPLES};
 use super::runner::{run_files, stopped_by};
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::{Campaign, read};
+use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
+use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gate::exercised::Exercised;
 use isotherm_calibration::gate::{GATE_FLOOR, Gate, Refusal};
+use isotherm_calibration::gyroscopes::{calibrate, read};
 use isotherm_calibration::provenance::{CampaignSource, Hashed, now, sealed_table, sha256, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::requirement::Requirement;
@@ -226,8 +227,8 @@ impl Finish {
         let campaign = campaign.map_err(|faults| LoadError::Refused { path: file.clone(), faults })?;
         let source = open_recording(&samples).map_err(|error| Failure::io("opening the samples", &samples, &error))?;
         let mut hashed = Hashed::new(source);
-        let dwells = CampaignCsvReader::new(&mut hashed).and_then(|rows| read(&campaign, rows));
-        let dwells = dwells.map_err(|error| error.failure(&samples))?;
+        let measurements = CampaignCsvReader::new(&mut hashed).and_then(|rows| read(&campaign, rows));
+        let measurements = measurements.map_err(|error| error.failure(&samples))?;
         let locate = |line| format!("{}:{line}", samples.display());
         // A vehicle is boresighted with the axes of the table in force, so an installation keeps them.
         let alignment = match (self.alignment, in_force) {
@@ -242,7 +243,7 @@ impl Finish {
             (choice, _) => choice,
         };
         let options = CalibrationOptions { alignment, accept: self.accept.clone(), ..CalibrationOptions::default() };
-        let calibration = calibrate(&campaign, dwells, options);
+        let calibration = calibrate(&campaign, measurements, options);
         let calibration = calibration.map_err(|error| error.failure(&file, &samples, locate))?;
         let source = CampaignSource {
             tool: tool(),

@@ -165,9 +165,12 @@ pub struct Kept {
     pub unit: usize,
     /// Its name, as messages show it.
     pub name: String,
-    /// Outer and inner angle of the turntable \[deg\]; `None` in the journal of an older version.
+    /// Outer and inner angle of the turntable, where a turn begins \[deg\]; `None` in the journal of an older version.
     #[serde(default)]
     pub angles_deg: Option<[f64; 2]>,
+    /// The read-backs of a turn; `None` for other units.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn: Option<TurnReadBacks>,
     /// The name of its file in the campaign's folder.
     pub file: String,
     /// Where it begins in the file \[bytes\].
@@ -190,6 +193,17 @@ pub struct Kept {
     pub gaps: u64,
     /// Number of samples left out: telemetry too old or missing, counter saturated, interval or time invalid.
     pub left_out: u64,
+}
+
+/// The read-backs of a turn: outer and inner angle at rest \[deg\].
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+pub struct TurnReadBacks {
+    /// The angle that was commanded, right-handed about the axis of the turntable \[deg\].
+    pub angle_deg: f64,
+    /// Before the turn.
+    pub before_deg: [f64; 2],
+    /// After the turn.
+    pub after_deg: [f64; 2],
 }
 
 /// The state of a campaign that the lines of its journal give.
@@ -543,6 +557,56 @@ mod tests {
             r#"{"unix_s":1.0,"event":"safe","reason":"stopped by SIGTERM","table":"t","chamber":"c","certain":true}"#;
         let line: JournalLine = serde_json::from_str(safe).unwrap();
         assert!(matches!(line.entry, Entry::Safe { stopped: None, certain: true, .. }), "{line:?}");
+    }
+
+    #[test]
+    fn a_turn_has_its_read_backs_and_other_units_are_written_as_before() {
+        let turn = TurnReadBacks { angle_deg: 360.0, before_deg: [0.0001, 90.0], after_deg: [360.0, 90.0] };
+        let kept = Kept { unit: 12, turn: Some(turn), ..Kept::default() };
+        let line = JournalLine { unix_s: 1.0, entry: Entry::Kept(kept.clone()) };
+        let text = serde_json::to_string(&line).unwrap();
+        let read_backs = r#""turn":{"angle_deg":360.0,"before_deg":[0.0001,90.0],"after_deg":[360.0,90.0]}"#;
+        assert!(text.contains(read_backs), "{text}");
+        assert_eq!(serde_json::from_str::<JournalLine>(&text).unwrap(), line);
+        let dwell = JournalLine { unix_s: 1.0, entry: Entry::Kept(Kept { turn: None, ..kept }) };
+        let text = serde_json::to_string(&dwell).unwrap();
+        assert!(!text.contains("turn"), "{text}");
+        assert_eq!(serde_json::from_str::<JournalLine>(&text).unwrap(), dwell);
+    }
+
+    #[test]
+    fn turns_do_not_change_once_something_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = |change: &dyn Fn(&str) -> String| {
+            let text = include_str!("../../../examples/plan-whole.toml").replace("imu-a-campaign", ".");
+            Plan::from_toml(&change(&text), folder.path()).unwrap()
+        };
+        let plan = whole(&str::to_owned);
+        let (mut journal, _) = Journal::open(&plan).unwrap();
+        fs::write(folder.path().join(SAMPLES), "").unwrap();
+        let kept = Kept { file: SAMPLES.to_owned(), sha256: sha256(b""), ..Kept::default() };
+        journal.write_synced(Entry::Kept(kept)).unwrap();
+        assert_eq!(Journal::open(&plan).unwrap().1.kept.len(), 1);
+        for (from, to, changed) in [
+            (
+                "[-5, 720]",
+                "[-5, 365]",
+                "turn.13: was [0.0, 0.0] to [720.0, 0.0] deg, is [0.0, 0.0] to [360.0, 0.0] deg",
+            ),
+            ("rest_s = 5", "rest_s = 6", "turns.rest_s: was 5.0, is 6.0"),
+            ("latitude_deg = 39.9", "latitude_deg = 40", "latitude_deg: was 39.9, is 40.0"),
+        ] {
+            let refused = Journal::open(&whole(&|text| text.replace(from, to))).err().unwrap().to_string();
+            assert!(refused.contains(changed), "{refused}");
+        }
+        let section = |text: &str| text.find("[turns]").unwrap()..text.find("[chamber]").unwrap();
+        let without = whole(&|text| {
+            let mut text = text.to_owned();
+            text.replace_range(section(&text), "");
+            text.replace("latitude_deg", "# latitude_deg")
+        });
+        let refused = Journal::open(&without).err().unwrap().to_string();
+        assert!(refused.contains("turn.18: was [0.0, 720.0] to [0.0, 0.0] deg, is nothing"), "{refused}");
     }
 
     #[test]

@@ -1,16 +1,16 @@
 //! The campaign's state machine: it decides the next action from time, readings and samples. It does no input or output.
 //!
 //! ```text
-//! approach -> soak -> [ travel -> settle -> dwell ] for each position -> stay -> the next set point
+//! approach -> soak -> [ travel -> settle -> dwell ] for each position and turn -> stay -> the next set point
 //!    ^          |            ^_______________| the turntable left its position
 //!    `----------'____________________________| the chamber left its set point, or an interruption
 //! ```
-//! In a verification run the phase `sweep` takes the place of `dwell`: samples are taken while the chamber ramps. A dwell or a
-//! verification run is a unit. A unit is kept whole or not at all.
+//! In a turn the phase `turn` takes the place of `dwell`: samples are taken while the turntable rests, turns and rests again. In a verification run
+//! it is `sweep`: samples are taken while the chamber ramps. A dwell, a turn or a verification run is a unit. A unit is kept whole or not at all.
 //!
-//! Over 400 lines: this is one state machine, and its transitions are read together.
+//! Over 400 lines: this is one state machine, and its transitions are read together. Those within a turn are in [`turn`].
 
-use super::plan::Plan;
+use super::plan::{Plan, PlannedTurn};
 use super::stability::Trends;
 use isotherm_instruments::{ChamberReading, TurntableReading, turn_deg};
 
@@ -35,6 +35,13 @@ pub enum Unit {
         /// Index into the plan's positions.
         position: usize,
     },
+    /// A turn.
+    Turn {
+        /// As of a dwell.
+        visit: usize,
+        /// Index into the plan's turns.
+        turn: usize,
+    },
     /// A verification run, counted from 0.
     Run(usize),
 }
@@ -42,27 +49,48 @@ pub enum Unit {
 impl Unit {
     /// The unit of this index, from 0; `None` after the last.
     pub fn of(plan: &Plan, index: usize) -> Option<Self> {
-        let positions = plan.positions.len();
-        let dwells = plan.set_points_c.len() * positions;
-        if index < dwells {
-            return Some(Self::Dwell { visit: index / positions, position: index % positions });
+        let (positions, each) = (plan.positions.len(), plan.units_of_set_point());
+        let (visit, number) = (index / each, index % each);
+        if visit < plan.set_points_c.len() {
+            return Some(match number.checked_sub(positions) {
+                None => Self::Dwell { visit, position: number },
+                Some(turn) => Self::Turn { visit, turn },
+            });
         }
+        let run = index - plan.set_points_c.len() * each;
         let runs = plan.verify.as_ref().map_or(0, |verify| verify.runs as usize);
-        (index < dwells + runs).then(|| Self::Run(index - dwells))
+        (run < runs).then_some(Self::Run(run))
+    }
+
+    /// Index of the unit's set point; `None` for a verification run.
+    const fn visit(self) -> Option<usize> {
+        match self {
+            Self::Dwell { visit, .. } | Self::Turn { visit, .. } => Some(visit),
+            Self::Run(_) => None,
+        }
     }
 
     /// The chamber's set point at the beginning of the unit \[degC\].
     pub fn set_point_c(self, plan: &Plan) -> f64 {
         match self {
-            Self::Dwell { visit, .. } => plan.set_points_c[visit],
+            Self::Dwell { visit, .. } | Self::Turn { visit, .. } => plan.set_points_c[visit],
             Self::Run(_) => plan.verify.as_ref().map_or(0.0, |verify| verify.from_c),
         }
     }
 
-    /// Outer and inner angle of the turntable \[deg\].
+    /// Outer and inner angle of the turntable at the end of the unit \[deg\].
+    pub fn end_angles_deg(self, plan: &Plan) -> [f64; 2] {
+        match self {
+            Self::Turn { turn, .. } => plan.turns[turn].to_deg,
+            Self::Dwell { .. } | Self::Run(_) => self.angles_deg(plan),
+        }
+    }
+
+    /// Outer and inner angle of the turntable, at the beginning of a turn \[deg\].
     pub fn angles_deg(self, plan: &Plan) -> [f64; 2] {
         match self {
             Self::Dwell { position, .. } => plan.positions[position].angles,
+            Self::Turn { turn, .. } => Some(plan.turns[turn].from_deg),
             Self::Run(run) => plan.verify.as_ref().and_then(|verify| verify.attitude(run).angles),
         }
         .unwrap_or_default()
@@ -74,6 +102,11 @@ impl Unit {
             Self::Dwell { visit, position } => {
                 let position = &plan.positions[position];
                 format!("{} degC, position {} ({})", plan.set_points_c[visit], position.number, position.label)
+            }
+            Self::Turn { visit, turn } => {
+                let PlannedTurn { number, axis, from_deg, to_deg } = plan.turns[turn];
+                let (from, to, axis_name) = (from_deg[axis], to_deg[axis], ["outer", "inner"][axis]);
+                format!("{} degC, turn {number} ({axis_name} {from} to {to} deg)", plan.set_points_c[visit])
             }
             Self::Run(run) => format!("verification run {}", run + 1),
         }
@@ -110,6 +143,8 @@ pub enum Action {
     StartChamber,
     /// Move the turntable to these angles \[deg\].
     Move([f64; 2]),
+    /// Move it to these angles with the rate and the acceleration of a turn \[deg\].
+    Turn([f64; 2]),
     /// Record that this set point has been reached \[degC\].
     Reached(f64),
     /// The turntable has settled: take samples of this unit from now on.
@@ -117,7 +152,12 @@ pub enum Action {
     /// Discard the samples of the unit in progress for this reason. The machine attempts the unit again.
     Discard(String),
     /// Keep this unit: it is complete.
-    Keep(Unit),
+    Keep {
+        /// The unit.
+        unit: Unit,
+        /// Read-backs of both angles at rest before and after a turn \[deg\]; `None` for other units.
+        turned_deg: Option<[[f64; 2]; 2]>,
+    },
     /// The campaign is complete.
     Done,
 }
@@ -165,6 +205,8 @@ pub enum Phase {
         /// When the samples were complete. A later reading must confirm that the turntable is still in its position.
         complete: Option<f64>,
     },
+    /// Samples are taken while the turntable rests, turns and rests again.
+    Turn(TurnState),
     /// Samples are taken while the chamber ramps.
     Sweep {
         /// When the phase began.
@@ -172,10 +214,47 @@ pub enum Phase {
         /// When the chamber arrived at the end of the ramp.
         arrived: Option<f64>,
     },
-    /// All positions are done; the shortest time at the set point is not over yet.
+    /// All positions and turns are done; the shortest time at the set point is not over yet.
     Stay,
     /// The campaign is complete.
     Done,
+}
+
+/// The state of a turn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnState {
+    /// When its samples began, laboratory time \[s\].
+    pub begun: f64,
+    /// Read-back before the turn \[deg\]; NaN until it has been taken.
+    pub before_deg: [f64; 2],
+    /// How far it is.
+    pub stage: TurnStage,
+}
+
+/// How far a turn is. Times are laboratory time \[s\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TurnStage {
+    /// The turntable rests where the turn begins.
+    Before {
+        /// When the samples were complete. A later reading is the read-back before the turn.
+        complete: Option<f64>,
+    },
+    /// It turns.
+    Turning {
+        /// Number of the motion, from 1: a controller that counts modulo 360 degrees gets several.
+        motion: u32,
+        /// When the motion was commanded.
+        commanded: f64,
+        /// When the turntable arrived.
+        arrived: Option<f64>,
+    },
+    /// It rests where the turn ends.
+    After {
+        /// When the turntable had settled.
+        settled: f64,
+        /// When the samples were complete. A later reading is the read-back after the turn.
+        complete: Option<f64>,
+    },
 }
 
 impl Phase {
@@ -187,10 +266,16 @@ impl Phase {
             Self::Travel { .. } => "travel",
             Self::Settle { .. } => "settle",
             Self::Dwell { .. } => "dwell",
+            Self::Turn(_) => "turn",
             Self::Sweep { .. } => "sweep",
             Self::Stay => "stay",
             Self::Done => "done",
         }
+    }
+
+    /// Whether the turntable may move.
+    pub const fn is_moving(self) -> bool {
+        matches!(self, Self::Travel { .. } | Self::Settle { .. } | Self::Turn(_))
     }
 }
 
@@ -319,6 +404,7 @@ impl<'p> CampaignMachine<'p> {
             Phase::Travel { begun } => self.travel(unit, observation, begun),
             Phase::Settle { begun, since } => self.settle(unit, observation, begun, since),
             Phase::Dwell { begun, complete } => self.dwell(unit, observation, begun, complete),
+            Phase::Turn(state) => self.turn(unit, observation, state),
             Phase::Sweep { begun, arrived } => self.sweep(unit, observation, begun, arrived),
             Phase::Stay => {
                 let left_at = self.reached.unwrap_or(observation.now) + self.plan.soak.stay_s;
@@ -448,17 +534,32 @@ impl<'p> CampaignMachine<'p> {
 
     /// Why the turntable is not at rest at the angles of `unit`; `None` if it is.
     fn turntable_deviation(&self, unit: Unit, observation: &Observation<'_>) -> Option<String> {
-        let ([outer, inner], motion) = (unit.angles_deg(self.plan), &self.plan.motion);
+        self.deviation_from(unit.angles_deg(self.plan), observation)
+    }
+
+    /// Why the turntable is not at rest at `target_deg`; `None` if it is.
+    fn deviation_from(&self, target_deg: [f64; 2], observation: &Observation<'_>) -> Option<String> {
+        let ([outer, inner], motion) = (target_deg, &self.plan.motion);
         let TurntableReading { angles_deg, rates_deg_s, .. } = observation.turntable.0;
-        let off = [turn_deg(outer, angles_deg[0]), turn_deg(inner, angles_deg[1])];
+        let off = self.rotation_deg(target_deg, *angles_deg);
         let near = off.iter().all(|off| off.abs() <= motion.tolerance_deg);
         let still = rates_deg_s.iter().all(|rate| rate.abs() <= motion.still_deg_s);
+        // Whole turns off, and still.
+        let wraps = still && off.iter().any(|off| off.abs() > 180.0);
+        let hint = if wraps { "; a controller that counts angles modulo 360 degrees needs wrap = true" } else { "" };
         (!(near && still)).then(|| {
             format!(
-                "the table is {:.4} and {:.4} deg off {outer:?}/{inner:?}, at {:.4} and {:.4} deg/s",
+                "the table is {:.4} and {:.4} deg off {outer:?}/{inner:?}, at {:.4} and {:.4} deg/s{hint}",
                 off[0], off[1], rates_deg_s[0], rates_deg_s[1]
             )
         })
+    }
+
+    /// The rotation of both axes from `from_deg` to `to_deg` \[deg\]. In a turn whole turns count, unless the controller counts modulo 360 degrees.
+    fn rotation_deg(&self, from_deg: [f64; 2], to_deg: [f64; 2]) -> [f64; 2] {
+        let counted = matches!(self.unit(), Some(Unit::Turn { .. })) && !self.plan.turntable.wraps();
+        let rotation = |from: f64, to: f64| if counted { to - from } else { turn_deg(from, to) };
+        [0, 1].map(|axis| rotation(from_deg[axis], to_deg[axis]))
     }
 
     /// Attempts the unit again from `phase` on.
@@ -492,8 +593,9 @@ impl<'p> CampaignMachine<'p> {
             return Ok(Action::Wait);
         };
         let motion = &self.plan.motion;
-        // The longest motion: one turn, and twice the time to accelerate.
-        let longest = 360.0 / motion.rate_deg_s + 2.0 * motion.rate_deg_s / motion.acceleration_deg_s2;
+        // The longest motion: one turn, or back from the end of a turn, and twice the time to accelerate.
+        let farthest_deg = self.plan.turns.iter().map(|turn| turn.angle_deg().abs()).fold(360.0, f64::max);
+        let longest = farthest_deg / motion.rate_deg_s + 2.0 * motion.rate_deg_s / motion.acceleration_deg_s2;
         if observation.now - begun > longest + motion.settle_s + self.plan.patience.settle_s.max(self.min_timeout_s) {
             return self.retry_from(Phase::Travel { begun: None }, format!("the table does not settle: {deviation}"));
         }
@@ -506,6 +608,11 @@ impl<'p> CampaignMachine<'p> {
         } else if observation.turntable.1 - since >= self.plan.motion.settle_s && observation.turntable.1 > since {
             self.phase = match unit {
                 Unit::Dwell { .. } => Phase::Dwell { begun: observation.now, complete: None },
+                Unit::Turn { .. } => Phase::Turn(TurnState {
+                    begun: observation.now,
+                    before_deg: [f64::NAN; 2],
+                    stage: TurnStage::Before { complete: None },
+                }),
                 Unit::Run(_) => Phase::Sweep { begun: observation.now, arrived: None },
             };
             return Ok(Action::Collect(unit));
@@ -531,17 +638,21 @@ impl<'p> CampaignMachine<'p> {
             let complete = complete.unwrap_or(observation.now);
             self.phase = Phase::Dwell { begun, complete: Some(complete) };
             if observation.turntable.1 > complete {
-                self.complete_unit(observation);
-                return Ok(Action::Keep(unit));
+                return Ok(self.complete_unit(unit, None, observation));
             }
             return Ok(Action::Wait);
         }
-        let patience = MAX_DWELL_FACTOR * self.plan.dwell.time_s + self.plan.patience.stream_s.max(self.min_timeout_s);
-        if observation.now - begun > patience {
-            let message = format!("only {:.1} s of usable samples in {patience:.0} s", observation.collected_s);
-            return Err(Halt::Interrupted(message));
+        self.wait_for_samples(self.plan.dwell.time_s, begun, observation)
+    }
+
+    /// Waits for `time_s` of samples since `since`; an interruption after the patience of the plan.
+    fn wait_for_samples(&self, time_s: f64, since: f64, observation: &Observation<'_>) -> Result<Action, Halt> {
+        let patience = MAX_DWELL_FACTOR * time_s + self.plan.patience.stream_s.max(self.min_timeout_s);
+        if observation.now - since <= patience {
+            return Ok(Action::Wait);
         }
-        Ok(Action::Wait)
+        let message = format!("only {:.1} s of usable samples in {patience:.0} s", observation.collected_s);
+        Err(Halt::Interrupted(message))
     }
 
     fn sweep(
@@ -584,22 +695,24 @@ impl<'p> CampaignMachine<'p> {
         if observation.now - arrived < verify.hold_s {
             return Ok(Action::Wait);
         }
-        self.complete_unit(observation);
-        Ok(Action::Keep(unit))
+        Ok(self.complete_unit(unit, None, observation))
     }
 
-    /// Counts the unit in progress as complete, and chooses the next phase.
-    fn complete_unit(&mut self, observation: &Observation<'_>) {
-        let before = self.unit();
+    /// Counts `unit`, the one in progress, as complete, and chooses the next phase.
+    fn complete_unit(
+        &mut self,
+        unit: Unit,
+        turned_deg: Option<[[f64; 2]; 2]>,
+        observation: &Observation<'_>,
+    ) -> Action {
         self.completed += 1;
         (self.attempts, self.interruptions) = (0, 0);
-        match (before, self.unit()) {
-            (Some(Unit::Dwell { visit, .. }), Some(Unit::Dwell { visit: next, .. })) if visit == next => {
-                self.phase = Phase::Travel { begun: None };
-            }
-            (Some(Unit::Dwell { .. }), Some(_)) => self.phase = Phase::Stay,
+        match (unit.visit(), self.unit()) {
+            (Some(visit), Some(next)) if next.visit() == Some(visit) => self.phase = Phase::Travel { begun: None },
+            (Some(_), Some(_)) => self.phase = Phase::Stay,
             _ => self.leave_set_point(observation),
         }
+        Action::Keep { unit, turned_deg }
     }
 
     /// Begins the way to the next set point.
@@ -614,6 +727,8 @@ impl<'p> CampaignMachine<'p> {
 fn to_tenths(celsius: f64) -> f64 {
     (celsius * 10.0).round() / 10.0
 }
+
+mod turn;
 
 #[cfg(test)]
 mod tests;

@@ -56,15 +56,16 @@ pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves) -> io::Re
 /// As [`write`]. Without a state there is no page.
 pub fn rewrite(plan: &Plan) -> Result<(), Failure> {
     let Some(snapshot) = snapshot(&plan.output)? else { return Ok(()) };
-    let readbacks = Readbacks::open(&plan.output)?;
+    let readbacks = Readbacks::open(&plan.output, !plan.turns.is_empty())?;
     let failed = |error: io::Error| Failure::io("writing", &plan.output.join(PAGE), &error);
     write(plan, &snapshot, readbacks.curves()).map_err(failed)
 }
 
 fn html(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves, events: &[Event]) -> String {
     let written = utc(snapshot.unix_s);
+    let kinds = if plan.turns.is_empty() { "dwells and runs" } else { "dwells, turns and runs" };
     let subtitle =
-        format!("{} of {} dwells and runs · {} left · {written}", snapshot.unit, snapshot.units, snapshot.remaining());
+        format!("{} of {} {kinds} · {} left · {written}", snapshot.unit, snapshot.units, snapshot.remaining());
     let mut page = Page::new(&format!("Campaign of {}", plan.imu), &subtitle);
     match (&snapshot.ended, &snapshot.paused) {
         (Some(ended), _) => {

@@ -1,10 +1,14 @@
 //! The plan of a campaign: everything that the operator specifies. It is checked before anything moves.
 
 mod model;
+mod number;
 mod read;
+mod turns;
 mod warnings;
 
-pub use model::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
+pub use turns::MAX_ROW_DEG;
+
+pub use model::{DwellPlan, Motion, Patience, Plan, PlannedTurn, SAMPLES, Soak, TurnPlan, VerificationPlan};
 
 use isotherm_calibration::positions::Position;
 use isotherm_files::{LoadError, WorldWritable, read_text};
@@ -44,6 +48,21 @@ impl Plan {
         let plan = read::plan(&root, folder, to_run);
         root.finish();
         document.finish(plan)
+    }
+
+    /// Number of dwells and turns of a set point.
+    #[must_use]
+    pub const fn units_of_set_point(&self) -> usize {
+        self.positions.len() + self.turns.len()
+    }
+
+    /// Positions and turns of each set point, as messages show them.
+    #[must_use]
+    pub fn size(&self) -> String {
+        let turns = if self.turns.is_empty() { String::new() } else { format!(" and {} turns", self.turns.len()) };
+        let (set_points, positions) = (self.set_points_c.len(), self.positions.len());
+        let [open, close] = if turns.is_empty() { ["", ""] } else { ["(", ")"] };
+        format!("{set_points} set points x {open}{positions} positions{turns}{close}")
     }
 
     /// The settings that determine the data, as keys and values. The journal keeps them to recognise the plan that it belongs to.
@@ -86,6 +105,19 @@ impl Plan {
         identity.extend(self.positions.iter().map(|position| {
             let Position { number, angles, specific_force, .. } = position;
             pair(&format!("position.{number}"), format!("{:?} deg, {specific_force:?}", angles.unwrap_or_default()))
+        }));
+        if !self.turns.is_empty() {
+            let TurnPlan { rest_s, rate_deg_s, acceleration_deg_s2, row_s } = self.turn;
+            let numbers = [
+                ("turns.rest_s", rest_s),
+                ("turns.rate_deg_s", rate_deg_s),
+                ("turns.acceleration_deg_s2", acceleration_deg_s2),
+                ("turns.row_s", row_s),
+            ];
+            identity.extend(numbers.iter().map(|(key, value)| pair(key, format!("{value:?}"))));
+        }
+        identity.extend(self.turns.iter().map(|PlannedTurn { number, from_deg, to_deg, .. }| {
+            pair(&format!("turn.{number}"), format!("{from_deg:?} to {to_deg:?} deg"))
         }));
         identity
     }

@@ -13,7 +13,9 @@ use std::path::{Path, PathBuf};
 /// The file in the campaign's folder.
 const READBACKS: &str = "readbacks.csv";
 const HEADER: &str = "unix_s,laboratory_s,phase,chamber_air_c,chamber_set_point_c,chamber_running,outer_deg,inner_deg,\
-                      outer_deg_s,inner_deg_s,a1_head,a1_board,a2_head,a2_board,a3_head,a3_board\n";
+                      outer_deg_s,inner_deg_s,a1_head,a1_board,a2_head,a2_board,a3_head,a3_board";
+/// More columns if the gyroscopes are calibrated.
+const GYROSCOPES: &str = ",g1_head,g1_board,g2_head,g2_board,g3_head,g3_board";
 /// Column of a row's time.
 const UNIX_S: usize = 0;
 /// Columns of the [`CURVES`], in their order.
@@ -26,20 +28,23 @@ pub struct Readbacks {
     file: File,
     path: PathBuf,
     curves: PlottedCurves,
+    /// Whether the file has columns of the gyroscopes.
+    has_gyroscopes: bool,
 }
 
 impl Readbacks {
-    /// Opens the file or creates it, and reads the curves of the rows that it has.
+    /// Opens the file or creates it, and reads the curves of the rows that it has. A new file has columns of the gyroscopes if they are calibrated.
     ///
     /// # Errors
     /// If it cannot be read or written.
-    pub fn open(folder: &Path) -> Result<Self, Failure> {
+    pub fn open(folder: &Path, with_gyroscopes: bool) -> Result<Self, Failure> {
         let path = folder.join(READBACKS);
-        let (file, curves) = open(&path).map_err(|error: io::Error| Failure::io("opening", &path, &error))?;
-        Ok(Self { file, path, curves })
+        let opened = open(&path, with_gyroscopes);
+        let (file, curves, has_gyroscopes) = opened.map_err(|error| Failure::io("opening", &path, &error))?;
+        Ok(Self { file, path, curves, has_gyroscopes })
     }
 
-    /// Appends a row. `telemetry` is head and board of each accelerometer, NaN before the first sample.
+    /// Appends a row. `telemetry` is head and board of each accelerometer, then of each gyroscope, NaN before the first sample.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -47,7 +52,7 @@ impl Readbacks {
         &mut self,
         chamber: &ChamberReading,
         table: &TurntableReading,
-        telemetry: [[f64; 2]; AXES],
+        telemetry: [[f64; 2]; 2 * AXES],
         phase: &str,
         now: f64,
     ) -> Result<(), Failure> {
@@ -59,7 +64,9 @@ impl Readbacks {
             chamber.set_point_c,
             chamber.running
         );
-        let row = telemetry.iter().flatten().fold(row, |row, value| format!("{row},{value:?}")) + "\n";
+        let sensors = if self.has_gyroscopes { 2 * AXES } else { AXES };
+        let telemetry = telemetry.iter().take(sensors).flatten();
+        let row = telemetry.fold(row, |row, value| format!("{row},{value:?}")) + "\n";
         self.file.write_all(row.as_bytes()).map_err(|error| Failure::io("writing", &self.path, &error))?;
         self.curves.add(curve_row(&row));
         Ok(())
@@ -71,10 +78,11 @@ impl Readbacks {
     }
 }
 
-fn open(path: &Path) -> io::Result<(File, PlottedCurves)> {
+/// The file, the curves of its rows, and whether it has columns of the gyroscopes.
+fn open(path: &Path, with_gyroscopes: bool) -> io::Result<(File, PlottedCurves, bool)> {
     let mut file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
     let (mut reader, mut line) = (BufReader::new(&file), Vec::new());
-    let (mut curves, mut complete) = (PlottedCurves::default(), 0);
+    let (mut curves, mut complete, mut has_gyroscopes) = (PlottedCurves::default(), 0, with_gyroscopes);
     loop {
         line.clear();
         let mut length = (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)?;
@@ -89,16 +97,19 @@ fn open(path: &Path) -> io::Result<(File, PlottedCurves)> {
         if !ended {
             break;
         }
-        if complete > 0 && !too_long {
+        if complete == 0 {
+            has_gyroscopes = line.trim_ascii_end().ends_with(GYROSCOPES.as_bytes());
+        } else if !too_long {
             curves.add(curve_row(&String::from_utf8_lossy(&line)));
         }
         complete += length as u64;
     }
     file.set_len(complete)?;
     if complete == 0 {
-        file.write_all(HEADER.as_bytes())?;
+        let more = if with_gyroscopes { GYROSCOPES } else { "" };
+        file.write_all(format!("{HEADER}{more}\n").as_bytes())?;
     }
-    Ok((file, curves))
+    Ok((file, curves, has_gyroscopes))
 }
 
 /// Whether the byte before `end` is a line end.
@@ -124,15 +135,15 @@ mod tests {
     fn a_runner_goes_on_with_the_curves_of_the_one_before_and_without_its_cut_row() {
         let folder = tempfile::tempdir().unwrap();
         let chamber = ChamberReading { air_c: -5.0, set_point_c: -10.0, running: true, ..ChamberReading::default() };
-        let telemetry = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN]];
-        let mut first = Readbacks::open(folder.path()).unwrap();
+        let telemetry = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]];
+        let mut first = Readbacks::open(folder.path(), false).unwrap();
         first.write(&chamber, &TurntableReading::default(), telemetry, "soak", 7.0).unwrap();
         drop(first);
         let path = folder.path().join(READBACKS);
         let whole = fs::read(&path).unwrap();
         fs::write(&path, [&whole[..], b"1.0,2.0,so"].concat()).unwrap();
 
-        let mut second = Readbacks::open(folder.path()).unwrap();
+        let mut second = Readbacks::open(folder.path(), false).unwrap();
         assert_eq!(fs::read(&path).unwrap(), whole);
         second.write(&chamber, &TurntableReading::default(), telemetry, "dwell", 8.0).unwrap();
         let values = |curve: usize| second.curves().all(curve).map(|point| point.1).collect::<Vec<_>>();
@@ -144,10 +155,26 @@ mod tests {
     }
 
     #[test]
+    fn a_file_keeps_the_columns_that_it_was_begun_with() {
+        for first in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            for with_gyroscopes in [first, !first] {
+                let mut readbacks = Readbacks::open(folder.path(), with_gyroscopes).unwrap();
+                let (chamber, table) = (ChamberReading::default(), TurntableReading::default());
+                readbacks.write(&chamber, &table, [[1.0; 2]; 2 * AXES], "turn", 8.0).unwrap();
+            }
+            let text = fs::read_to_string(folder.path().join(READBACKS)).unwrap();
+            assert_eq!(text.lines().next().unwrap().ends_with(",g3_board"), first);
+            let columns: Vec<_> = text.lines().map(|line| line.split(',').count()).collect();
+            assert_eq!(columns, [if first { 22 } else { 16 }; 3]);
+        }
+    }
+
+    #[test]
     fn rows_that_cannot_be_read_stay_in_the_file_and_hide_none_behind_them() {
         let folder = tempfile::tempdir().unwrap();
         let chamber = ChamberReading { air_c: -5.0, ..ChamberReading::default() };
-        drop(Readbacks::open(folder.path()).unwrap());
+        drop(Readbacks::open(folder.path(), false).unwrap());
         let path = folder.path().join(READBACKS);
         let row = |air_c: f64| format!("1.0,2.0,soak,{air_c},0,true,0,0,0,0,1,1,1,1,1,1\n").into_bytes();
         let long = [vec![b'x'; 3 * MAX_LINE as usize], b"\n".to_vec()].concat();
@@ -156,9 +183,9 @@ mod tests {
         let complete = [before, row(1.0), long, row(2.0), b"\xff,\xfe\n".to_vec(), row(3.0), exact, row(4.0)].concat();
         for incomplete in [&b""[..], b"1.0,2.0,so", &[b'y'; 2 * MAX_LINE as usize], &[b'z'; MAX_LINE as usize]] {
             fs::write(&path, [&complete[..], incomplete].concat()).unwrap();
-            let mut readbacks = Readbacks::open(folder.path()).unwrap();
+            let mut readbacks = Readbacks::open(folder.path(), false).unwrap();
             assert_eq!(fs::read(&path).unwrap(), complete, "{} bytes too many", incomplete.len());
-            readbacks.write(&chamber, &TurntableReading::default(), [[1.0; 2]; AXES], "dwell", 8.0).unwrap();
+            readbacks.write(&chamber, &TurntableReading::default(), [[1.0; 2]; 2 * AXES], "dwell", 8.0).unwrap();
             let air: Vec<_> = readbacks.curves().all(0).map(|point| point.1).filter(|air_c| !air_c.is_nan()).collect();
             assert_eq!(air, [1.0, 2.0, 3.0, 4.0, -5.0]);
         }

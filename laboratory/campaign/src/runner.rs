@@ -6,16 +6,16 @@
 //!
 //! Over 400 lines: one loop and its pauses, which share the runner's state and are read together.
 
-use super::journal::{Entry, History, Journal};
+use super::journal::{Entry, History, Journal, Kept, TurnReadBacks};
 use super::machine::{Action, CampaignMachine, Halt, Observation, Phase, Unit};
 use super::page;
 use super::plan::Plan;
 use super::progress::{Progress, Snapshot};
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleTap, file_of};
-use super::stability::{Trend, Trends};
+use super::stability::{Trend, Trends, telemetry};
 use super::station::{Station, StationError};
-use super::timeline::{left_s, unit_s, units};
+use super::timeline::{left_s, turn_s, unit_s, units};
 use isotherm_client::{Options, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
@@ -89,8 +89,8 @@ pub struct Runner<'p> {
     ramp: Trend,
     chamber: (ChamberReading, f64),
     turntable: (TurntableReading, f64),
-    /// Head and board of each accelerometer in the last usable sample.
-    telemetry: [[f64; 2]; AXES],
+    /// Head and board of each accelerometer and each gyroscope in the last usable sample.
+    telemetry: [[f64; 2]; 2 * AXES],
     /// When the live page was last written.
     page: Option<Instant>,
     /// Length of the kept part of the dwells' file \[bytes\].
@@ -150,13 +150,13 @@ impl<'p> Runner<'p> {
             tap,
             recorder: SampleRecorder::new(plan, clock, history.kept.last(), ago_s(history.kept_unix_s)),
             journal,
-            readbacks: Readbacks::open(&plan.output)?,
+            readbacks: Readbacks::open(&plan.output, !plan.turns.is_empty())?,
             progress: Progress::new(&plan.output, units(plan)),
-            trends: Trends::new(plan.soak.window_s),
+            trends: Trends::new(plan.soak.window_s, !plan.turns.is_empty()),
             ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),
             turntable: (TurntableReading::default(), f64::NEG_INFINITY),
-            telemetry: [[f64::NAN; 2]; AXES],
+            telemetry: [[f64::NAN; 2]; 2 * AXES],
             page: None,
             kept_bytes: last_dwell.map_or(0, |kept| kept.to),
             stream_error: None,
@@ -170,6 +170,12 @@ impl<'p> Runner<'p> {
             interruption_s,
             paused: None,
         })
+    }
+
+    /// Takes samples of another unit than the plan's, if `accepts`.
+    #[must_use]
+    pub fn with_other_device(self, accepts: bool) -> Self {
+        Self { recorder: self.recorder.with_other_device(accepts), ..self }
     }
 
     /// Takes all missing units, and ends in the safe state.
@@ -252,7 +258,7 @@ impl<'p> Runner<'p> {
         if now - self.chamber.1 >= CHAMBER_PERIOD_S[0].max(CHAMBER_PERIOD_S[1] * self.clock.speed) {
             self.read_chamber()?;
         }
-        let moving = matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. });
+        let moving = self.machine.phase().is_moving();
         if now - self.turntable.1 >= TURNTABLE_PERIOD_S[usize::from(!moving)] {
             self.read_turntable()?;
         }
@@ -292,29 +298,40 @@ impl<'p> Runner<'p> {
             Action::SetPoint(celsius) => self.station.set_point(celsius)?,
             Action::StartChamber => self.station.start_chamber()?,
             Action::Move(angles) => self.station.move_to(angles)?,
+            Action::Turn(angles) => self.station.turn_to(angles)?,
             Action::Reached(set_point_c) => {
                 self.journal.write(Entry::Reached { set_point_c })?;
                 self.reached_in_journal = true;
                 self.progress.event(&format!("{set_point_c} degC reached"));
             }
             Action::Collect(unit) => {
-                let kept = if matches!(unit, Unit::Dwell { .. }) { self.kept_bytes } else { 0 };
+                let kept = if matches!(unit, Unit::Run(_)) { 0 } else { self.kept_bytes };
                 self.recorder.begin(unit, self.clock.now(), kept)?;
             }
             Action::Discard(reason) => self.discard(reason)?,
-            Action::Keep(unit) => self.keep(unit)?,
+            Action::Keep { unit, turned_deg } => self.keep(unit, turned_deg)?,
         }
         Ok(())
     }
 
     /// Makes the unit last: its samples are synced, then it is journalled.
-    fn keep(&mut self, unit: Unit) -> Result<(), Failure> {
+    fn keep(&mut self, unit: Unit, turned_deg: Option<[[f64; 2]; 2]>) -> Result<(), Failure> {
         let number = self.machine.completed() - 1;
         let Some(kept) = self.recorder.keep(number)? else { return Ok(()) };
-        if matches!(unit, Unit::Dwell { .. }) {
+        if !matches!(unit, Unit::Run(_)) {
             self.kept_bytes = kept.to;
         }
         let mut message = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
+        let turn = match (unit, turned_deg) {
+            (Unit::Turn { turn, .. }, Some([before_deg, after_deg])) => {
+                let turn = self.plan.turns[turn];
+                let [before, after] = [before_deg, after_deg].map(|angles| angles[turn.axis]);
+                message += &format!(", read back {before:?} and {after:?} deg");
+                Some(TurnReadBacks { angle_deg: turn.angle_deg(), before_deg, after_deg })
+            }
+            _ => None,
+        };
+        let kept = Kept { turn, ..kept };
         for (count, name) in [(kept.gaps, "gaps"), (kept.left_out, "samples left out")] {
             if count > 0 {
                 message += &format!(", {count} {name}");
@@ -344,9 +361,7 @@ impl<'p> Runner<'p> {
                     self.stream_error = None;
                     if self.recorder.take(&sample, received_ns)? {
                         self.trends.sample(&sample);
-                        self.telemetry = [0, 1, 2].map(|i| {
-                            [sample.accelerometers.head_temperature[i], sample.accelerometers.board_temperature[i]]
-                        });
+                        self.telemetry = telemetry(&sample);
                     }
                 }
                 Err(error) => self.stream_error = Some(error),
@@ -415,7 +430,7 @@ impl<'p> Runner<'p> {
         self.recorder.reset_timing();
         let reached = self.machine.reached();
         let well_at = self.well_at;
-        if matches!(self.machine.phase(), Phase::Travel { .. } | Phase::Settle { .. }) {
+        if self.machine.phase().is_moving() {
             self.station.stop_turntable();
         }
         self.paused = Some(cause);
@@ -480,12 +495,14 @@ impl<'p> Runner<'p> {
         self.machine.unit().map_or_else(|| "end".to_owned(), |unit| unit.name(self.plan))
     }
 
-    /// Fraction of the dwell in progress that is taken, 0 to 1; 0 outside a dwell.
-    fn dwell_fraction(&self) -> f64 {
-        match self.machine.unit() {
-            Some(Unit::Dwell { .. }) => (self.recorder.collected_s() / self.plan.dwell.time_s).min(1.0),
-            _ => 0.0,
-        }
+    /// Fraction of the dwell or turn in progress that is taken, 0 to 1; 0 outside one.
+    fn unit_fraction(&self) -> f64 {
+        let takes_s = match self.machine.unit() {
+            Some(Unit::Dwell { .. }) => self.plan.dwell.time_s,
+            Some(Unit::Turn { turn, .. }) => turn_s(self.plan, &self.plan.turns[turn]),
+            Some(Unit::Run(_)) | None => return 0.0,
+        };
+        (self.recorder.collected_s() / takes_s).min(1.0)
     }
 
     /// Estimated time until the campaign is complete.
@@ -504,7 +521,7 @@ impl<'p> Runner<'p> {
         let now = self.clock.now();
         if self.progress.is_due(now, self.machine.phase().name()) {
             let snapshot = self.snapshot();
-            self.progress.update(now, self.dwell_fraction(), &snapshot);
+            self.progress.update(now, self.unit_fraction(), &snapshot);
             if self.page.is_none_or(|written| written.elapsed() >= Duration::from_secs(page::PERIOD_S.into())) {
                 self.page = Some(Instant::now());
                 self.write_page(&snapshot);
@@ -529,7 +546,9 @@ impl<'p> Runner<'p> {
                     self.trends.unsettled(&self.plan.soak).unwrap_or_default()
                 }
             }
-            Phase::Dwell { .. } | Phase::Sweep { .. } => format!("{:.0} s taken", self.recorder.collected_s()),
+            Phase::Dwell { .. } | Phase::Turn(_) | Phase::Sweep { .. } => {
+                format!("{:.0} s taken", self.recorder.collected_s())
+            }
             _ => String::new(),
         };
         let read_at = |at: f64| at > f64::NEG_INFINITY;

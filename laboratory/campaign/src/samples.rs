@@ -8,21 +8,26 @@
 //! minutes with the shortest time from its end to its sending gives the offset between the two clocks. Other samples do not
 //! change the offset; therefore a sample that arrives late is not mistaken for one that was taken late.
 //!
+//! # Turns
+//! The samples of a turn are one unbroken run from the rest before to the rest after it. A missing sample would be a missing angle; therefore a gap
+//! or a sample that cannot be used makes the turn useless, and all its rows are sums of the same number of samples.
+//!
 //! Over 400 lines: tap, clock offset, recorder and row form one path of a sample, in this order.
 
 use super::journal::Kept;
 use super::machine::Unit;
-use super::plan::{Plan, SAMPLES};
+use super::plan::{MAX_ROW_DEG, Plan, SAMPLES};
 use isotherm_calibration::campaign::implausible;
+use isotherm_calibration::gyroscopes::runs::implausible as gyroscopes_implausible;
 use isotherm_calibration::provenance::Hashed;
 use isotherm_client::{Options, Realtime, Tap, TapSettings, monotonic_ns};
-use isotherm_failure::Failure;
+use isotherm_failure::{Exit, Failure};
 use isotherm_files::replace;
-use isotherm_recording::RawCsvWriter;
+use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::stream::{ImuId, StreamKind};
-use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad};
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, StreamSample, Triad, device};
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Seek as _, SeekFrom};
+use std::io::{self, BufRead as _, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::mem;
 use std::time::{Duration, Instant};
 
@@ -39,6 +44,12 @@ const MAX_TRANSIT_NS: u64 = 10_000_000_000;
 
 /// Largest credible step of the timestamp from one sample to the next \[ns\]: a day.
 const MAX_STEP_NS: u64 = 86_400_000_000_000;
+
+/// Length limit of a header that is read \[bytes\].
+const MAX_HEADER: u64 = 4096;
+
+/// Jitter of the intervals may make a row of a turn longer by this factor.
+const ROW_DEG_MARGIN: f64 = 1.01;
 
 /// Laboratory time: real time multiplied by the speed of a simulated laboratory.
 #[derive(Clone, Copy, Debug)]
@@ -155,7 +166,7 @@ impl ClockOffset {
 /// The name of the file of a unit's samples.
 pub fn file_of(unit: Unit) -> String {
     match unit {
-        Unit::Dwell { .. } => SAMPLES.to_owned(),
+        Unit::Dwell { .. } | Unit::Turn { .. } => SAMPLES.to_owned(),
         Unit::Run(run) => format!("verify-{}.csv", run + 1),
     }
 }
@@ -176,6 +187,10 @@ pub struct SampleRecorder<'p> {
     usable_at: Option<f64>,
     offset: ClockOffset,
     open: Option<OpenUnit>,
+    /// Whether samples of another unit than the plan's are taken.
+    takes_other_device: bool,
+    /// Whether a sample has had gyroscopes.
+    has_gyroscopes: bool,
 }
 
 /// The file of a unit, buffered, with the hash of what is written.
@@ -190,6 +205,8 @@ struct OpenUnit {
     from: u64,
     sink: RawCsvWriter<Sink>,
     row: Option<RowSum>,
+    /// Samples of a row of a turn; `None` before its first row.
+    row_samples: Option<u32>,
     /// Number of rows written.
     rows: u64,
     /// Counted time: the sum of the rows' intervals \[ns\].
@@ -217,7 +234,15 @@ impl<'p> SampleRecorder<'p> {
             usable_at: None,
             offset: ClockOffset::new(clock.speed),
             open: None,
+            takes_other_device: false,
+            has_gyroscopes: false,
         }
+    }
+
+    /// Takes samples of another unit than the plan's, if `takes`.
+    #[must_use]
+    pub fn with_other_device(self, takes: bool) -> Self {
+        Self { takes_other_device: takes, ..self }
     }
 
     /// Laboratory time of the last usable sample \[s\].
@@ -246,8 +271,9 @@ impl<'p> SampleRecorder<'p> {
     /// Takes the next sample, received at `received_ns` of `CLOCK_MONOTONIC`. Returns whether it is usable.
     ///
     /// # Errors
-    /// If a row cannot be written.
+    /// If a row cannot be written, or if it is a sample of another unit, or of an IMU without the gyroscopes that are to be calibrated.
     pub fn take(&mut self, sample: &RawSample, received_ns: u64) -> Result<bool, Failure> {
+        self.check_imu(sample)?;
         let sent_ns = sample.sent_ns;
         let plausible = sent_ns <= received_ns && received_ns - sent_ns < MAX_TRANSIT_NS;
         let sent_at = self.clock.at(if plausible { sent_ns } else { received_ns });
@@ -263,6 +289,7 @@ impl<'p> SampleRecorder<'p> {
         if self.unusable(sample, last.as_ref()) {
             if let Some(open) = &mut self.open {
                 open.left_out += 1;
+                open.miss_in_turn("a sample cannot be used: its time, a counter or its telemetry");
             }
             return Ok(false);
         }
@@ -272,6 +299,29 @@ impl<'p> SampleRecorder<'p> {
         self.offset.add(sent_at, sample.timestamp_ns as f64 / 1e9 - sent_at);
         self.add(sample, gap)?;
         Ok(true)
+    }
+
+    /// Checks that a sample is of the plan's unit, and that it has gyroscopes if they are calibrated.
+    fn check_imu(&mut self, sample: &RawSample) -> Result<(), Failure> {
+        let imu = &self.plan.imu;
+        let serial = self.plan.campaign.serial.as_deref().unwrap_or_default();
+        let (planned, found) = (device(serial), sample.device);
+        if !self.takes_other_device && planned != 0 && found != 0 && found != planned {
+            let message = format!(
+                "the samples of {imu} are of another unit, device {found:016x}, than serial = {serial:?} of the plan; mount that unit, correct the \
+                 serial number, or give --other-device"
+            );
+            return Err(Failure::new(Exit::Data, message));
+        }
+        self.has_gyroscopes |= Layout::of(&StreamSample::Raw(*sample)).gyroscopes;
+        if !self.plan.turns.is_empty() && !self.has_gyroscopes {
+            let message = format!(
+                "the samples of {imu} have no gyroscopes, but the plan takes turns to calibrate them; let the acquisition send them, or leave \
+                 latitude_deg out of the plan to calibrate the accelerometers alone"
+            );
+            return Err(Failure::new(Exit::Data, message));
+        }
+        Ok(())
     }
 
     /// The shift of a new session's timestamps that makes them follow those already written \[ns\].
@@ -294,7 +344,8 @@ impl<'p> SampleRecorder<'p> {
         let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > MAX_STEP_NS);
         let age_s = timestamp_ns.saturating_sub(telemetry_ns) as f64 / 1e9;
         let stale = telemetry_ns > 0 && self.plan.campaign.max_age_s.is_some_and(|most| age_s > most);
-        implausible(sample, previous_ns).is_some() || timestamp_ns < interval_ns || far_ahead || stale
+        let gyroscopes = !self.plan.turns.is_empty() && gyroscopes_implausible(&sample.gyroscopes).is_some();
+        implausible(sample, previous_ns).is_some() || gyroscopes || timestamp_ns < interval_ns || far_ahead || stale
     }
 
     /// Adds a usable sample to the unit in progress if it belongs to it, and writes the row that it completes.
@@ -310,17 +361,29 @@ impl<'p> SampleRecorder<'p> {
                 return Ok(());
             }
             open.session = Some(sample.session);
-        } else {
-            open.gaps += u64::from(gap);
+        } else if gap {
+            open.gaps += 1;
+            open.miss_in_turn("samples are missing");
         }
-        let row_ns = (self.plan.dwell.row_s * 1e9) as u64;
+        let is_turn = matches!(open.unit, Unit::Turn { .. });
+        let row_s = if is_turn { self.plan.turn.row_s } else { self.plan.dwell.row_s };
         let row = match open.row.take() {
             None => RowSum::new(sample),
             Some(row) => row.with(sample),
         };
-        if row.sum.interval_ns + sample.interval_ns / 2 < row_ns && row.has_room() {
+        let is_full = match open.row_samples {
+            Some(samples) => row.count >= samples,
+            None => row.sum.interval_ns + sample.interval_ns / 2 >= (row_s * 1e9) as u64,
+        };
+        if !is_full && row.has_room() {
             open.row = Some(row);
             return Ok(());
+        }
+        if is_turn {
+            open.row_samples = Some(row.count);
+            if let Some(reason) = unfit_for_turn(&row, is_full, self.plan.turn.rate_deg_s) {
+                open.spoiled.get_or_insert(reason);
+            }
         }
         let mut written = row.mean();
         written.timestamp_ns = written.timestamp_ns.saturating_add(self.shift_ns);
@@ -332,8 +395,13 @@ impl<'p> SampleRecorder<'p> {
         open.end_ns = written.timestamp_ns;
         let leading = match open.unit {
             Unit::Dwell { visit, position } => {
-                let (set_point, number) = (self.plan.set_points_c[visit], self.plan.positions[position].number);
-                format!("{set_point},{number},{}", written.session)
+                format!(
+                    "{},{},{}",
+                    self.plan.set_points_c[visit], self.plan.positions[position].number, written.session
+                )
+            }
+            Unit::Turn { visit, turn } => {
+                format!("{},{},{}", self.plan.set_points_c[visit], self.plan.turns[turn].number, written.session)
             }
             Unit::Run(_) => written.session.to_string(),
         };
@@ -359,6 +427,7 @@ impl<'p> SampleRecorder<'p> {
             from: kept,
             sink,
             row: None,
+            row_samples: None,
             rows: 0,
             counted_ns: 0,
             session: None,
@@ -372,13 +441,24 @@ impl<'p> SampleRecorder<'p> {
 
     fn sink(&self, unit: Unit, name: &str, kept: u64) -> io::Result<RawCsvWriter<Sink>> {
         let path = self.plan.output.join(name);
-        let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(path)?;
+        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
         // Remove everything that the journal does not list.
         file.set_len(kept)?;
+        let layout = if kept == 0 { self.layout() } else { layout_of(&file)? };
         file.seek(SeekFrom::Start(kept))?;
         let sink = Hashed::new(BufWriter::new(file));
-        let leading = if matches!(unit, Unit::Dwell { .. }) { "set_point_c,position,session" } else { "session" };
-        if kept == 0 { RawCsvWriter::new(sink, leading, true) } else { Ok(RawCsvWriter::resume(sink, true, true)) }
+        let leading = if matches!(unit, Unit::Run(_)) { "session" } else { "set_point_c,position,session" };
+        if kept == 0 {
+            RawCsvWriter::with_layout(sink, leading, true, layout)
+        } else {
+            Ok(RawCsvWriter::resume_with_layout(sink, true, true, layout))
+        }
+    }
+
+    /// The columns of a new file: the gyroscopes' if they are calibrated, the device's if the samples tell it.
+    fn layout(&self) -> Layout {
+        let device = self.last.is_some_and(|last| last.device != 0);
+        Layout { device, gyroscopes: !self.plan.turns.is_empty(), lag: false }
     }
 
     /// Forgets the last sample and the clock offset, after an interruption: one sample with a wrong time must not make all later
@@ -423,6 +503,7 @@ impl<'p> SampleRecorder<'p> {
             unit: number,
             name: open.unit.name(self.plan),
             angles_deg: Some(open.unit.angles_deg(self.plan)),
+            turn: None,
             from: open.from,
             to,
             sha256,
@@ -436,6 +517,36 @@ impl<'p> SampleRecorder<'p> {
             file,
         }))
     }
+}
+
+/// Why a turn at this rate cannot have this row; `None` if it can. A row that is not full has filled its counters.
+fn unfit_for_turn(row: &RowSum, is_full: bool, rate_deg_s: f64) -> Option<String> {
+    if !is_full {
+        return Some("a row's pulses do not fit into its counters; give a shorter turns.row_s".to_owned());
+    }
+    let (seconds, row_deg) = (row.seconds, row.seconds * rate_deg_s);
+    (row_deg > MAX_ROW_DEG * ROW_DEG_MARGIN).then(|| {
+        format!(
+            "a row of {seconds:.3} s turns by up to {row_deg:.1} deg, {MAX_ROW_DEG:?} deg is allowed: sample faster, or give a lower turns.rate_deg_s"
+        )
+    })
+}
+
+impl OpenUnit {
+    /// A turn of which a sample is missing cannot be used.
+    fn miss_in_turn(&mut self, reason: &str) {
+        if matches!(self.unit, Unit::Turn { .. }) && self.session.is_some() {
+            self.spoiled = Some(reason.to_owned());
+        }
+    }
+}
+
+/// The columns of a file that rows are appended to: those of its header.
+fn layout_of(file: &File) -> io::Result<Layout> {
+    let mut header = String::new();
+    BufReader::new(file).take(MAX_HEADER).read_line(&mut header)?;
+    let has = |name: &str| header.trim_end().split(',').any(|column| column == name);
+    Ok(Layout { device: has("device"), gyroscopes: has("g1_positive"), lag: false })
 }
 
 /// The sum of the samples of a row: pulses and intervals are added, telemetry is averaged over time.

@@ -1,8 +1,9 @@
 //! Rates of change over a sliding window, and whether they are low enough.
 
 use super::plan::Soak;
-use isotherm_shared::table::AXIS_NAMES;
-use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
+use isotherm_shared::wire::{AXES, RawSample, Triad};
+use std::array;
 use std::collections::VecDeque;
 
 /// Least number of points of a window where values are frequent. More frequent values are averaged, so that memory is bounded.
@@ -75,19 +76,27 @@ impl Trend {
     }
 }
 
+/// Head and board of each accelerometer, then of each gyroscope.
+pub fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
+    let RawSample { accelerometers, gyroscopes, .. } = sample;
+    let of = |triad: &Triad, axis: usize| [triad.head_temperature[axis], triad.board_temperature[axis]];
+    array::from_fn(|sensor| of(if sensor < AXES { accelerometers } else { gyroscopes }, sensor % AXES))
+}
+
 /// The rates of change that decide whether a set point has settled.
 #[derive(Clone, Debug)]
 pub struct Trends {
     chamber: Trend,
-    /// Head and board of each accelerometer.
-    imu: [[Trend; 2]; AXES],
+    /// Head and board of each accelerometer, and of each gyroscope if they are calibrated.
+    imu: Vec<[Trend; 2]>,
 }
 
 impl Trends {
-    /// Empty windows of `window_s`.
-    pub fn new(window_s: f64) -> Self {
+    /// Empty windows of `window_s` for the accelerometers, and for the gyroscopes if they are calibrated.
+    pub fn new(window_s: f64, with_gyroscopes: bool) -> Self {
         let trend = || Trend::new(window_s);
-        Self { chamber: trend(), imu: [0, 1, 2].map(|_| [trend(), trend()]) }
+        let sensors = if with_gyroscopes { 2 * AXES } else { AXES };
+        Self { chamber: trend(), imu: (0..sensors).map(|_| [trend(), trend()]).collect() }
     }
 
     /// Empties all windows, after an interruption.
@@ -104,9 +113,9 @@ impl Trends {
     /// Adds the telemetry of a sample, at the sample's own timestamp.
     pub fn sample(&mut self, sample: &RawSample) {
         let time_s = sample.timestamp_ns as f64 / 1e9;
-        for (axis, trends) in self.imu.iter_mut().enumerate() {
-            trends[0].add(time_s, sample.accelerometers.head_temperature[axis]);
-            trends[1].add(time_s, sample.accelerometers.board_temperature[axis]);
+        for (trends, [head, board]) in self.imu.iter_mut().zip(telemetry(sample)) {
+            trends[0].add(time_s, head);
+            trends[1].add(time_s, board);
         }
     }
 
@@ -118,11 +127,12 @@ impl Trends {
     /// Rate of change of the IMU's fastest temperature \[unit/h\], and its name; `None` until all windows are full.
     pub fn telemetry_per_h(&self) -> Option<(f64, String)> {
         let mut fastest: Option<(f64, String)> = None;
-        for (axis, trends) in self.imu.iter().enumerate() {
+        let names = AXIS_NAMES.iter().chain(&GYROSCOPE_NAMES);
+        for (trends, name) in self.imu.iter().zip(names) {
             for (trend, place) in trends.iter().zip(["head", "board"]) {
                 let rate = trend.per_h()?;
                 if fastest.as_ref().is_none_or(|(most, _)| rate.abs() > most.abs()) {
-                    fastest = Some((rate, format!("{} {place}", AXIS_NAMES[axis])));
+                    fastest = Some((rate, format!("{name} {place}")));
                 }
             }
         }
@@ -168,5 +178,29 @@ mod tests {
             trend.add(10.0, 1.0);
             assert_eq!(trend.per_h(), None);
         }
+    }
+
+    #[test]
+    fn gyroscopes_are_waited_for_if_they_are_calibrated() {
+        let soak = Soak {
+            time_s: 0.0,
+            stay_s: 0.0,
+            tolerance_c: 0.5,
+            window_s: 600.0,
+            chamber_c_per_h: 2.0,
+            telemetry_per_h: Some(0.03),
+        };
+        let unsettled = |with_gyroscopes: bool| {
+            let mut trends = Trends::new(soak.window_s, with_gyroscopes);
+            for second in 0..1200_u64 {
+                let mut sample = RawSample { timestamp_ns: second * 1_000_000_000, ..RawSample::default() };
+                sample.gyroscopes.board_temperature[1] = second as f64 * 0.05 / 3600.0;
+                trends.chamber(second as f64, 20.0);
+                trends.sample(&sample);
+            }
+            trends.unsettled(&soak)
+        };
+        assert_eq!(unsettled(false), None);
+        assert_eq!(unsettled(true).as_deref(), Some("G2 board +0.0500 per h, limit 0.03"));
     }
 }

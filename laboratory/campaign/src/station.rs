@@ -207,11 +207,25 @@ impl<'p> Station<'p> {
     /// # Errors
     /// If the motion is outside the limits, or the command fails.
     pub fn move_to(&mut self, angles_deg: [f64; 2]) -> Result<(), StationError> {
-        let (limits, motion) = (&self.plan.limits, self.plan.motion);
+        let motion = self.plan.motion;
+        self.begin_motion(angles_deg, motion.rate_deg_s, motion.acceleration_deg_s2)
+    }
+
+    /// The same with the rate and the acceleration of a turn.
+    ///
+    /// # Errors
+    /// As [`move_to`](Self::move_to).
+    pub fn turn_to(&mut self, angles_deg: [f64; 2]) -> Result<(), StationError> {
+        let turn = self.plan.turn;
+        self.begin_motion(angles_deg, turn.rate_deg_s, turn.acceleration_deg_s2)
+    }
+
+    fn begin_motion(&mut self, angles_deg: [f64; 2], rate: f64, acceleration: f64) -> Result<(), StationError> {
+        let limits = &self.plan.limits;
         refuse_command(limits.angles(angles_deg))?;
-        refuse_command(limits.rate(motion.rate_deg_s))?;
-        refuse_command(limits.acceleration(motion.acceleration_deg_s2))?;
-        self.turntable(|turntable| turntable.move_to(angles_deg, motion.rate_deg_s, motion.acceleration_deg_s2))
+        refuse_command(limits.rate(rate))?;
+        refuse_command(limits.acceleration(acceleration))?;
+        self.turntable(|turntable| turntable.move_to(angles_deg, rate, acceleration))
     }
 
     /// Stops the turntable if it answers, and closes its line. The next connection engages it again.

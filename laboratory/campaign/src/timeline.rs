@@ -1,7 +1,7 @@
 //! The estimated duration of a plan: its own times, and the times that turntable and chamber need for their motions and ramps.
 
 use super::machine::Unit;
-use super::plan::Plan;
+use super::plan::{Plan, PlannedTurn};
 
 /// Assumed temperature of the chamber at the beginning \[degC\].
 const ROOM_C: f64 = 20.0;
@@ -15,47 +15,72 @@ pub struct Moment {
     pub event: String,
 }
 
+/// Duration of a motion over `distance_deg` from rest to rest \[s\].
+fn motion_s(distance_deg: f64, rate_deg_s: f64, acceleration_deg_s2: f64) -> f64 {
+    // The rate is a trapezoid over time, or a triangle if the motion is short.
+    let ramp = rate_deg_s / acceleration_deg_s2;
+    let cruise = distance_deg / rate_deg_s;
+    if cruise > ramp { cruise + ramp } else { 2.0 * (distance_deg / acceleration_deg_s2).sqrt() }
+}
+
 /// Time from the command of a motion until the turntable has settled \[s\].
 fn travel_s(plan: &Plan, from: [f64; 2], to: [f64; 2]) -> f64 {
     let motion = &plan.motion;
     let distance = (to[0] - from[0]).abs().max((to[1] - from[1]).abs());
-    // The rate is a trapezoid over time, or a triangle if the motion is short.
-    let ramp = motion.rate_deg_s / motion.acceleration_deg_s2;
-    let cruise = distance / motion.rate_deg_s;
-    let turn = if cruise > ramp { cruise + ramp } else { 2.0 * (distance / motion.acceleration_deg_s2).sqrt() };
-    turn + motion.settle_s
+    motion_s(distance, motion.rate_deg_s, motion.acceleration_deg_s2) + motion.settle_s
 }
 
-/// Duration of the unit of index `unit`, including its approach and motion \[s\]; `None` after the last.
-pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
+/// Duration of the samples of a turn: the rests, the motion and its settling \[s\].
+pub fn turn_s(plan: &Plan, turn: &PlannedTurn) -> f64 {
+    let how = &plan.turn;
+    let motion = motion_s(turn.angle_deg().abs(), how.rate_deg_s, how.acceleration_deg_s2);
+    2.0 * how.rest_s + motion + plan.motion.settle_s
+}
+
+/// Duration of the unit of index `unit` and of the motion to it, without the approach of its set point \[s\]; `None` after the last.
+fn own_s(plan: &Plan, unit: usize) -> Option<f64> {
     let this = Unit::of(plan, unit)?;
     let before = unit.checked_sub(1).and_then(|before| Unit::of(plan, before));
-    let angles = before.map_or([0.0; 2], |before| before.angles_deg(plan));
+    let angles = before.map_or([0.0; 2], |before| before.end_angles_deg(plan));
     let travel = travel_s(plan, angles, this.angles_deg(plan));
-    let from_c = match before {
-        None => ROOM_C,
-        Some(Unit::Run(_)) => plan.verify.as_ref().map_or(ROOM_C, |verify| verify.to_c),
-        Some(before) => before.set_point_c(plan),
-    };
-    let approach = (this.set_point_c(plan) - from_c).abs() / plan.ramp_c_per_s + plan.soak.time_s;
     Some(match this {
-        Unit::Dwell { position, .. } => {
-            let row = if plan.dwell.row_s > 0.0 { plan.dwell.row_s } else { 0.0 };
-            let dwell = travel + plan.dwell.time_s + row;
-            let last = position + 1 == plan.positions.len();
-            // The shortest time at the set point may be longer than soak and dwells together.
-            let done = plan.soak.time_s + plan.positions.len() as f64 * dwell;
-            let stay = if last { (plan.soak.stay_s - done).max(0.0) } else { 0.0 };
-            dwell + stay + if position == 0 { approach } else { 0.0 }
-        }
+        Unit::Dwell { .. } => travel + plan.dwell.time_s + plan.dwell.row_s.max(0.0),
+        Unit::Turn { turn, .. } => travel + turn_s(plan, &plan.turns[turn]),
         Unit::Run(_) => {
             let sweep = plan
                 .verify
                 .as_ref()
                 .map_or(0.0, |verify| (verify.to_c - verify.from_c).abs() / verify.ramp_c_per_s + 2.0 * verify.hold_s);
-            approach + travel + sweep
+            travel + sweep
         }
     })
+}
+
+/// Duration of the unit of index `unit`, including its approach and motion \[s\]; `None` after the last.
+pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
+    let (this, own) = (Unit::of(plan, unit)?, own_s(plan, unit)?);
+    let (positions, each) = (plan.positions.len(), plan.units_of_set_point());
+    let is_run = matches!(this, Unit::Run(_));
+    let number = unit % each;
+    let approach = if number == 0 || is_run {
+        let from_c = match unit.checked_sub(1).and_then(|before| Unit::of(plan, before)) {
+            None => ROOM_C,
+            Some(Unit::Run(_)) => plan.verify.as_ref().map_or(ROOM_C, |verify| verify.to_c),
+            Some(before) => before.set_point_c(plan),
+        };
+        (this.set_point_c(plan) - from_c).abs() / plan.ramp_c_per_s + plan.soak.time_s
+    } else {
+        0.0
+    };
+    let stay = if number + 1 == each && !is_run {
+        // The shortest time at the set point may be longer than soak, dwells and turns together.
+        let dwell = own_s(plan, unit - number + positions - 1)?;
+        let turns: f64 = (unit - number + positions..=unit).filter_map(|unit| own_s(plan, unit)).sum();
+        (plan.soak.stay_s - (plan.soak.time_s + positions as f64 * dwell + turns)).max(0.0)
+    } else {
+        0.0
+    };
+    Some(own + stay + approach)
 }
 
 /// Duration of all units from index `unit` on \[s\].
@@ -65,7 +90,7 @@ pub fn left_s(plan: &Plan, unit: usize) -> f64 {
 
 /// Number of units of the plan.
 pub fn units(plan: &Plan) -> usize {
-    plan.set_points_c.len() * plan.positions.len() + plan.verify.as_ref().map_or(0, |verify| verify.runs as usize)
+    plan.set_points_c.len() * plan.units_of_set_point() + plan.verify.as_ref().map_or(0, |verify| verify.runs as usize)
 }
 
 /// The time line: one entry for each set point and each verification run, and the end.
@@ -79,9 +104,17 @@ pub fn moments(plan: &Plan) -> Vec<Moment> {
                 let [first, last] = [plan.positions.first(), plan.positions.last()];
                 let numbers = first.zip(last).map_or([0; 2], |(first, last)| [first.number, last.number]);
                 let set_point = plan.set_points_c[visit];
-                Some(format!("to {set_point} degC, soak, positions {} to {}", numbers[0], numbers[1]))
+                let turns = plan.turns.first().zip(plan.turns.last());
+                let turns = turns.map_or_else(String::new, |(first, last)| {
+                    if first == last {
+                        format!(", turn {}", first.number)
+                    } else {
+                        format!(", turns {} to {}", first.number, last.number)
+                    }
+                });
+                Some(format!("to {set_point} degC, soak, positions {} to {}{turns}", numbers[0], numbers[1]))
             }
-            Unit::Dwell { .. } => None,
+            Unit::Dwell { .. } | Unit::Turn { .. } => None,
             Unit::Run(_) => plan.verify.as_ref().map(|verify| {
                 let [outer, inner] = this.angles_deg(plan);
                 let (from_c, to_c) = (verify.from_c, verify.to_c);

@@ -4,10 +4,10 @@
 //! command is `OK`. Over TCP a reply has a header of eight bytes and may have no line end, so a pause ends it too.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Instrument, Turntable, TurntableReading};
+use super::instrument::{Instrument, Turntable, TurntableReading, wrapped_deg};
 use super::line::Line;
 use super::line_config::{axes, seconds};
-use super::reply::{ExchangeError, Framing, line_feed, number, text};
+use super::reply::{ExchangeError, Framing, angle, line_feed, number, text};
 use isotherm_shared::document::Section;
 use std::time::Duration;
 
@@ -24,7 +24,7 @@ pub struct AcutrolSettings {
     pub acknowledge: bool,
     /// Decimals of angles, rates and accelerations.
     pub decimals: usize,
-    /// Whether angles are sent as 0 to 360 degrees.
+    /// Whether the controller counts angles from 0 to 360 degrees.
     pub wrap: bool,
     /// Whether a stop holds the axes at rate 0 instead of switching them off.
     pub hold: bool,
@@ -50,11 +50,13 @@ impl AcutrolSettings {
 pub struct Acutrol {
     line: Line,
     settings: AcutrolSettings,
+    /// The finest last digit of the angles so far \[deg\].
+    resolution_deg: f64,
 }
 
 impl Acutrol {
     pub(super) fn new(line: Line, settings: &AcutrolSettings) -> Self {
-        Self { line, settings: settings.clone() }
+        Self { line, settings: settings.clone(), resolution_deg: f64::INFINITY }
     }
 
     fn ask<T>(&mut self, request: &str, read: impl Fn(&str) -> Result<T, ExchangeError>) -> Result<T, InstrumentFault> {
@@ -74,6 +76,13 @@ impl Acutrol {
 
     fn number(&mut self, request: &str) -> Result<f64, InstrumentFault> {
         self.ask(request, |reply| number(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))
+    }
+
+    fn angle(&mut self, request: &str) -> Result<f64, InstrumentFault> {
+        let (angle, last_digit) =
+            self.ask(request, |reply| angle(reply).ok_or_else(|| ExchangeError::garbled(reply.as_bytes())))?;
+        self.resolution_deg = self.resolution_deg.min(last_digit);
+        Ok(angle)
     }
 
     fn command(&mut self, request: &str) -> Result<(), InstrumentFault> {
@@ -155,9 +164,10 @@ impl Turntable for Acutrol {
     fn read(&mut self) -> Result<TurntableReading, InstrumentFault> {
         let mut reading = TurntableReading::default();
         for (index, axis) in self.settings.axes.into_iter().enumerate() {
-            reading.angles_deg[index] = self.number(&format!(":read:position? {axis}"))?;
+            reading.angles_deg[index] = self.angle(&format!(":read:position? {axis}"))?;
             reading.rates_deg_s[index] = self.number(&format!(":read:rate? {axis}"))?;
         }
+        reading.resolution_deg = self.resolution_deg;
         [reading.faults, reading.open] = self.interlocks()?;
         Ok(reading)
     }
@@ -170,7 +180,7 @@ impl Turntable for Acutrol {
     ) -> Result<(), InstrumentFault> {
         let AcutrolSettings { axes, decimals, wrap, .. } = self.settings;
         for (axis, angle) in axes.into_iter().zip(angles_deg) {
-            let angle = if wrap { angle.rem_euclid(360.0) } else { angle };
+            let angle = wrapped_deg(angle, wrap);
             self.command(&format!(":limit:rate pos,{axis},{rate_deg_s:.decimals$}"))?;
             self.command(&format!(":limit:acc pos,{axis},{acceleration_deg_s2:.decimals$}"))?;
             self.command(&format!(":demand:position {axis},{angle:.decimals$}"))?;

@@ -4,10 +4,10 @@
 //! contains the number of the axis; `form` defines where. A reply is a line, which may be empty, and a line with the prompt.
 
 use super::fault::{FaultKind, InstrumentFault};
-use super::instrument::{Instrument, Turntable, TurntableReading};
+use super::instrument::{Instrument, Turntable, TurntableReading, wrapped_deg};
 use super::line::Line;
 use super::line_config::axes;
-use super::reply::{ExchangeError, Framing, number, text};
+use super::reply::{ExchangeError, Framing, angle, number, text};
 use isotherm_shared::document::Section;
 
 /// Keys of this driver.
@@ -25,6 +25,8 @@ pub struct AerosmithSettings {
     pub reply_lines: usize,
     /// Decimals of angles, rates and accelerations.
     pub decimals: usize,
+    /// Whether the controller counts angles from 0 to 360 degrees.
+    pub wrap: bool,
     /// Bits of `STA` that mean a fault; 0 for none.
     pub fault_mask: u32,
 }
@@ -45,6 +47,7 @@ impl AerosmithSettings {
             engage: string("engage", ""),
             reply_lines: section.optional_integer("reply_lines", 1..=4).unwrap_or(2) as usize,
             decimals: section.optional_integer("decimals", 0..=6).unwrap_or(3) as usize,
+            wrap: section.optional_bool("wrap").unwrap_or(false),
             fault_mask: section.optional_integer("fault_mask", 0..=i64::from(u32::MAX)).unwrap_or(0) as u32,
         }
     }
@@ -63,11 +66,13 @@ fn reply_length(lines: usize, bytes: &[u8]) -> Option<usize> {
 pub struct Aerosmith {
     line: Line,
     settings: AerosmithSettings,
+    /// The finest last digit of the angles so far \[deg\].
+    resolution_deg: f64,
 }
 
 impl Aerosmith {
     pub(super) fn new(line: Line, settings: &AerosmithSettings) -> Self {
-        Self { line, settings: settings.clone() }
+        Self { line, settings: settings.clone(), resolution_deg: f64::INFINITY }
     }
 
     fn ask<T>(
@@ -85,10 +90,6 @@ impl Aerosmith {
             text(reply)?;
             read(text(first)?).ok_or_else(|| ExchangeError::garbled(reply))
         })
-    }
-
-    fn number(&mut self, axis: u8, command: &str) -> Result<f64, InstrumentFault> {
-        self.ask(axis, command, "", number)
     }
 
     /// Sends a command. Public drivers do not evaluate the reply to a command; a number is a late reply to an earlier query.
@@ -142,9 +143,12 @@ impl Turntable for Aerosmith {
     fn read(&mut self) -> Result<TurntableReading, InstrumentFault> {
         let mut reading = TurntableReading::default();
         for (index, axis) in self.settings.axes.into_iter().enumerate() {
-            reading.angles_deg[index] = self.number(axis, "PPO")?;
-            reading.rates_deg_s[index] = self.number(axis, "PVE")?;
+            let (angle_deg, last_digit) = self.ask(axis, "PPO", "", angle)?;
+            self.resolution_deg = self.resolution_deg.min(last_digit);
+            reading.angles_deg[index] = angle_deg;
+            reading.rates_deg_s[index] = self.ask(axis, "PVE", "", number)?;
         }
+        reading.resolution_deg = self.resolution_deg;
         reading.faults = self.faults()?;
         Ok(reading)
     }
@@ -155,7 +159,7 @@ impl Turntable for Aerosmith {
         rate_deg_s: f64,
         acceleration_deg_s2: f64,
     ) -> Result<(), InstrumentFault> {
-        let AerosmithSettings { axes, decimals, .. } = self.settings;
+        let AerosmithSettings { axes, decimals, wrap, .. } = self.settings;
         let value = |number: f64| format!("{number:.decimals$}");
         for axis in axes {
             self.command(axis, "VEL", &value(rate_deg_s))?;
@@ -163,7 +167,7 @@ impl Turntable for Aerosmith {
         }
         let command = self.settings.move_command.clone();
         for (axis, angle) in axes.into_iter().zip(angles_deg) {
-            self.command(axis, &command, &value(angle))?;
+            self.command(axis, &command, &value(wrapped_deg(angle, wrap)))?;
         }
         Ok(())
     }

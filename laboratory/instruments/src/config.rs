@@ -78,4 +78,13 @@ impl TurntableConfig {
         let driver = read(section);
         Some(Self { line: line?, driver })
     }
+
+    /// Whether the controller counts angles modulo 360 degrees: a whole turn takes several motions, and its read-backs do not show it.
+    #[must_use]
+    pub const fn wraps(&self) -> bool {
+        match &self.driver {
+            TurntableDriver::Acutrol(settings) => settings.wrap,
+            TurntableDriver::Aerosmith(settings) => settings.wrap,
+        }
+    }
 }

@@ -58,7 +58,8 @@ pub struct ChamberReading {
     pub alarms: Vec<String>,
 }
 
-/// A two-axis turntable. Angles \[deg\], rates \[deg/s\]. Axis 0 is the outer (first) axis, 1 the inner.
+/// A two-axis turntable. Angles \[deg\], rates \[deg/s\]; both are right-handed: the outer axis (0) along the laboratory's X, the inner axis (1)
+/// up where the outer one is at 0.
 pub trait Turntable: Instrument {
     /// Resets faults, closes the interlocks and powers the axes. Nothing moves.
     ///
@@ -98,10 +99,17 @@ pub struct TurntableReading {
     pub angles_deg: [f64; 2],
     /// Rates of the outer and the inner axis \[deg/s\].
     pub rates_deg_s: [f64; 2],
+    /// The last digit of the angles, of all readings of the driver the finest \[deg\].
+    pub resolution_deg: f64,
     /// Active faults as the controller names them; empty for none.
     pub faults: Vec<String>,
     /// Axes without power (open interlocks), as the controller names them; always empty for controllers that do not report it.
     pub open: Vec<String>,
+}
+
+/// A controller's angle as 0 to 360, if it counts modulo 360 degrees \[deg\].
+pub(super) fn wrapped_deg(angle: f64, wrap: bool) -> f64 {
+    if wrap { angle.rem_euclid(360.0) } else { angle }
 }
 
 /// The shortest rotation from `a` to `b`, over -180 and up to 180 \[deg\]: from 359.999 to 0 it is 0.001.

@@ -67,3 +67,32 @@ pub fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
 pub fn number(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }
+
+/// An angle, and the value of its last digit: 0.001 for `12.345`.
+pub fn angle(text: &str) -> Option<(f64, f64)> {
+    let angle = number(text)?;
+    let (mantissa, exponent) = text.trim().split_once(['e', 'E']).unwrap_or((text.trim(), "0"));
+    let decimals = mantissa.split_once('.').map_or(0, |(_, decimals)| decimals.len()) as i32;
+    let exponent: i32 = exponent.parse().unwrap_or_default();
+    Some((angle, 10_f64.powi(exponent.saturating_sub(decimals))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_angle_has_the_value_of_its_last_digit() {
+        for (text, expected) in [
+            ("12.345", Some((12.345, 1e-3))),
+            (" -0.00010 ", Some((-1e-4, 1e-5))),
+            ("359", Some((359.0, 1.0))),
+            ("3.5901E+02", Some((359.01, 1e-2))),
+            ("OK", None),
+        ] {
+            let close = |(a, b): (f64, f64), (c, d): (f64, f64)| a == c && (b / d - 1.0).abs() < 1e-12;
+            let found = angle(text);
+            assert!(found == expected || found.zip(expected).is_some_and(|(a, b)| close(a, b)), "{text}: {found:?}");
+        }
+    }
+}

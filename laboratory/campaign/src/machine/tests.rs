@@ -16,12 +16,27 @@ fn small() -> Plan {
     })
 }
 
+/// The same with turns.
+fn whole(change: impl Fn(&str) -> String) -> Plan {
+    let text = include_str!("../../../../examples/plan-whole.toml");
+    let text = change(text).replace("start_c = -25", "start_c = 10").replace("stop_c = 45", "stop_c = 20");
+    let text = text.replace("telemetry_per_h = 0.03", "").replace("runs = 4", "runs = 2");
+    Plan::from_toml(&text, Path::new("")).unwrap()
+}
+
 /// An ideal chamber and turntable, and samples without a gap.
 struct SimulatedLaboratory {
     now: f64,
     chamber: ChamberReading,
     turntable: TurntableReading,
+    /// The angles with all whole turns.
+    angles_deg: [f64; 2],
     target_deg: [f64; 2],
+    /// Whether the controller counts modulo 360 degrees, and takes the shorter way.
+    wraps: bool,
+    /// Added to the angle that the next turns end at \[deg\].
+    turn_error_deg: f64,
+    spoiled: Option<&'static str>,
     trends: Trends,
     collecting: Option<f64>,
     /// Error of the chamber's air \[degC\], and of the turntable's angles \[deg\].
@@ -40,8 +55,12 @@ impl SimulatedLaboratory {
             now: 0.0,
             chamber,
             turntable: TurntableReading::default(),
+            angles_deg: [0.0; 2],
             target_deg: [0.0; 2],
-            trends: Trends::new(plan.soak.window_s),
+            wraps: false,
+            turn_error_deg: 0.0,
+            spoiled: None,
+            trends: Trends::new(plan.soak.window_s, !plan.turns.is_empty()),
             collecting: None,
             off: (0.0, 0.0),
             drift_c_per_h: 0.0,
@@ -57,9 +76,11 @@ impl SimulatedLaboratory {
             self.chamber.air_c += left * STEP_S / 120.0;
         }
         for axis in 0..2 {
-            let left = self.target_deg[axis] + self.off.1 - self.turntable.angles_deg[axis];
+            let left = self.target_deg[axis] + self.off.1 - self.angles_deg[axis];
             let way = left.clamp(-10.0 * STEP_S, 10.0 * STEP_S);
-            self.turntable.angles_deg[axis] += way;
+            self.angles_deg[axis] += way;
+            let angle = self.angles_deg[axis];
+            self.turntable.angles_deg[axis] = if self.wraps { angle.rem_euclid(360.0) } else { angle };
             self.turntable.rates_deg_s[axis] = way / STEP_S;
         }
         self.trends.chamber(self.now, self.chamber.air_c + self.drift_c_per_h * self.now / 3600.0);
@@ -75,7 +96,7 @@ impl SimulatedLaboratory {
                 trends: &self.trends,
                 collected_s,
                 complete: collected_s >= 300.0,
-                spoiled: None,
+                spoiled: self.spoiled,
             };
             let action = machine.step(&observation)?;
             match &action {
@@ -85,14 +106,25 @@ impl SimulatedLaboratory {
                 Action::StartChamber => self.chamber.running = true,
                 Action::Move(angles) => {
                     assert_eq!(self.collecting, None, "no motion while samples are taken");
-                    self.target_deg = *angles;
+                    self.go_to(*angles);
+                }
+                Action::Turn(angles) => {
+                    assert!(self.collecting.is_some(), "samples are taken while it turns");
+                    self.go_to(*angles);
+                    let axis = if self.target_deg[0] == self.angles_deg[0] { 1 } else { 0 };
+                    self.target_deg[axis] += self.turn_error_deg;
                 }
                 Action::Collect(_) => self.collecting = Some(0.0),
-                Action::Discard(_) | Action::Keep(_) => self.collecting = None,
+                Action::Discard(_) | Action::Keep { .. } => self.collecting = None,
                 Action::Reached(_) => {}
             }
             self.actions.push((self.now, action));
         }
+    }
+
+    fn go_to(&mut self, angles_deg: [f64; 2]) {
+        let way = |axis: usize| self.angles_deg[axis] + turn_deg(self.angles_deg[axis], angles_deg[axis]);
+        self.target_deg = if self.wraps { [way(0), way(1)] } else { angles_deg };
     }
 
     /// Runs until the campaign is complete or laboratory time is `hours`; whether it is complete.
@@ -116,9 +148,29 @@ impl SimulatedLaboratory {
     fn kept(&self) -> Vec<Unit> {
         self.actions
             .iter()
-            .filter_map(|(_, action)| if let Action::Keep(unit) = action { Some(*unit) } else { None })
+            .filter_map(|(_, action)| if let Action::Keep { unit, .. } = action { Some(*unit) } else { None })
             .collect()
     }
+}
+
+/// A machine and a laboratory where the first turn is next.
+fn at_first_turn(plan: &Plan) -> (CampaignMachine<'_>, SimulatedLaboratory) {
+    let mut laboratory = SimulatedLaboratory::new(plan);
+    let mut machine = CampaignMachine::new(plan, plan.positions.len(), 5.0);
+    laboratory.until(&mut machine, |action| matches!(action, Action::Collect(Unit::Turn { turn: 0, .. })));
+    (machine, laboratory)
+}
+
+fn is_turn(action: &Action) -> bool {
+    matches!(action, Action::Turn(_))
+}
+
+fn is_kept(action: &Action) -> bool {
+    matches!(action, Action::Keep { .. })
+}
+
+fn is_discarded(action: &Action) -> bool {
+    matches!(action, Action::Discard(_))
 }
 
 fn all(plan: &Plan) -> Vec<Unit> {
@@ -264,12 +316,12 @@ fn an_interruption_late_in_a_long_stay_leaves_time_to_watch_the_rates() {
     });
     let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 0, 5.0), SimulatedLaboratory::new(&plan));
     for _ in 0..10 {
-        laboratory.until(&mut machine, |action| matches!(action, Action::Keep(_)));
+        laboratory.until(&mut machine, |action| matches!(action, Action::Keep { .. }));
     }
     let reached = machine.reached();
     laboratory.trends.clear();
     machine.resume(laboratory.now, 10.0, reached, &laboratory.chamber).unwrap();
-    laboratory.until(&mut machine, |action| matches!(action, Action::Keep(_)));
+    laboratory.until(&mut machine, |action| matches!(action, Action::Keep { .. }));
     assert_eq!(machine.completed(), 11);
 }
 
@@ -307,7 +359,7 @@ fn a_short_interruption_keeps_the_soak_and_a_long_one_does_not() {
     let plan = small();
     for (interruption_s, keeps) in [(500.0, true), (700.0, false)] {
         let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 0, 5.0), SimulatedLaboratory::new(&plan));
-        laboratory.until(&mut machine, |action| matches!(action, Action::Keep(_)));
+        laboratory.until(&mut machine, |action| matches!(action, Action::Keep { .. }));
         laboratory.until(&mut machine, |action| matches!(action, Action::Collect(_)));
         let reached = machine.reached();
         // As after SIGKILL: a new machine that knows only what is in the journal.
@@ -335,4 +387,203 @@ fn interruptions_without_a_dwell_between_them_are_bounded() {
         machine.resume(0.0, 0.0, None, &chamber).unwrap();
     }
     assert!(matches!(machine.resume(0.0, 0.0, None, &chamber), Err(Halt::GivenUp(_))));
+}
+
+#[test]
+fn turns_follow_the_positions_from_rest_to_rest() {
+    let plan = whole(str::to_owned);
+    let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 0, 5.0), SimulatedLaboratory::new(&plan));
+    assert_eq!(laboratory.run(&mut machine, 40.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&plan));
+    assert_eq!(laboratory.kept().len(), 3 * (12 + 6) + 2);
+    let estimate = left_s(&plan, 0);
+    assert!((laboratory.now - estimate).abs() < 0.05 * estimate, "{} {estimate}", laboratory.now);
+    let (mut collected, mut turned, mut turns) = (0.0, 0.0, 0);
+    for (at, action) in &laboratory.actions {
+        match action {
+            Action::Collect(_) => collected = *at,
+            Action::Turn(angles) => {
+                turned = *at;
+                assert!(turned - collected >= plan.turn.rest_s);
+                assert_eq!(*angles, plan.turns[turns % 6].to_deg);
+            }
+            Action::Keep { unit: Unit::Turn { turn, .. }, turned_deg } => {
+                let planned = plan.turns[*turn];
+                assert_eq!(*turned_deg, Some([planned.from_deg, planned.to_deg]));
+                // 72 s of motion; the model's turntable needs no time to accelerate.
+                assert!(at - turned >= 72.0 + plan.motion.settle_s + plan.turn.rest_s);
+                turns += 1;
+            }
+            Action::Keep { turned_deg, .. } => assert_eq!(*turned_deg, None),
+            _ => {}
+        }
+    }
+    assert_eq!(turns, 18);
+}
+
+#[test]
+fn a_set_point_with_turns_takes_the_time_that_is_estimated() {
+    let time = |plan: &Plan| left_s(plan, 0) - left_s(plan, 18);
+    let without = |plan: &Plan| Plan { turns: Vec::new(), ..plan.clone() };
+    for (limit, minutes) in [("365", 7.5), ("720", 11.1)] {
+        let plan = whole(|text| text.replace("[-5, 720]", &format!("[-5, {limit}]")));
+        let plain = without(&plan);
+        let added = time(&plan) - (left_s(&plain, 0) - left_s(&plain, 12));
+        assert!((added / 60.0 - minutes).abs() < 0.1, "{limit}: {:.2} min", added / 60.0);
+    }
+    // The rest of a long stay is after the last turn.
+    let long = whole(|text| text.replace("stay_s = 4200", "stay_s = 40000"));
+    let ramp = left_s(&long, 0) - left_s(&long, 18) - 40_000.0;
+    assert!((ramp - 10.0 / long.ramp_c_per_s).abs() < 100.0, "{ramp}");
+}
+
+#[test]
+fn a_disturbed_turn_is_taken_again_from_its_start() {
+    let plan = whole(str::to_owned);
+    let (mut machine, mut laboratory) = at_first_turn(&plan);
+    laboratory.until(&mut machine, is_turn);
+    for _ in 0..5 {
+        laboratory.step(&mut machine).unwrap();
+    }
+    assert_eq!(laboratory.angles_deg[0], 100.0);
+    laboratory.spoiled = Some("samples are missing");
+    laboratory.step(&mut machine).unwrap();
+    laboratory.spoiled = None;
+    let count = laboratory.actions.len();
+    let last: Vec<_> = laboratory.actions[count - 2..].iter().map(|(_, action)| action.clone()).collect();
+    let start = plan.turns[0].from_deg;
+    assert_eq!(last, [Action::Discard("samples are missing".to_owned()), Action::Move(start)]);
+    assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&plan)[12..]);
+}
+
+#[test]
+fn a_turn_of_a_wrong_angle_is_taken_again_and_then_given_up() {
+    let plan = whole(str::to_owned);
+    // Up to the tolerance of a position the turntable has arrived; the read-backs show the difference.
+    let (mut machine, mut laboratory) = at_first_turn(&plan);
+    laboratory.turn_error_deg = -0.0006;
+    laboratory.until(&mut machine, is_discarded);
+    laboratory.turn_error_deg = 0.0;
+    laboratory.until(&mut machine, is_kept);
+    let Some((_, Action::Discard(reason))) = laboratory.actions.iter().find(|(_, action)| is_discarded(action)) else {
+        panic!()
+    };
+    assert_eq!(
+        reason,
+        "the read-backs 0.0 and 719.9994 deg differ by -0.00060 deg from 720.0 deg, 0.0005 deg is allowed"
+    );
+    // What is allowed, by the tolerance or by the read-back's last digit.
+    for (error, resolution) in [(0.0005, 1e-5), (0.002, 1e-3)] {
+        let (mut machine, mut laboratory) = at_first_turn(&plan);
+        (laboratory.turn_error_deg, laboratory.turntable.resolution_deg) = (error, resolution);
+        laboratory.until(&mut machine, is_kept);
+        assert!(!laboratory.actions.iter().any(|(_, action)| is_discarded(action)));
+    }
+    let (mut machine, mut laboratory) = at_first_turn(&plan);
+    laboratory.turn_error_deg = 0.004;
+    let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
+    assert!(
+        matches!(&halt, Halt::GivenUp(why) if why.contains("0.00400 deg from 720.0 deg") && why.ends_with("; 5 attempts")),
+        "{halt:?}"
+    );
+    assert_eq!(laboratory.actions.iter().filter(|(_, action)| is_turn(action)).count(), 5);
+}
+
+#[test]
+fn a_turn_that_stops_early_or_goes_the_other_way_is_taken_again() {
+    let plan = whole(str::to_owned);
+    for (error, part) in [(-300.0, "the turn does not end: the table is -300.0000"), (-900.0, "not on the way from")] {
+        let (mut machine, mut laboratory) = at_first_turn(&plan);
+        laboratory.turn_error_deg = error;
+        laboratory.until(&mut machine, is_discarded);
+        let found = laboratory.actions.iter().find(|(_, action)| is_discarded(action));
+        assert!(matches!(found, Some((_, Action::Discard(reason))) if reason.contains(part)), "{found:?}");
+        laboratory.turn_error_deg = 0.0;
+        assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+        assert_eq!(laboratory.kept(), all(&plan)[12..]);
+    }
+    // The other axis moves.
+    let (mut machine, mut laboratory) = at_first_turn(&plan);
+    laboratory.until(&mut machine, is_turn);
+    laboratory.target_deg[1] = 2.0;
+    laboratory.until(&mut machine, is_discarded);
+}
+
+#[test]
+fn a_controller_that_counts_modulo_360_turns_by_thirds() {
+    let wrapped = whole(|text| text.replace("driver = \"acutrol\"", "driver = \"acutrol\"\nwrap = true"));
+    let mut laboratory = SimulatedLaboratory::new(&wrapped);
+    laboratory.wraps = true;
+    let mut machine = CampaignMachine::new(&wrapped, 0, 5.0);
+    assert_eq!(laboratory.run(&mut machine, 40.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&wrapped));
+    let turned: Vec<_> = laboratory
+        .actions
+        .iter()
+        .filter_map(|(_, action)| if let Action::Turn(angles) = action { Some(angles[0]) } else { None })
+        .collect();
+    assert_eq!(turned[..12], [120.0, 240.0, 360.0, 480.0, 600.0, 720.0, 600.0, 480.0, 360.0, 240.0, 120.0, 0.0]);
+    let wrong = |error: f64| {
+        let (mut machine, mut laboratory) = at_first_turn(&wrapped);
+        laboratory.wraps = true;
+        laboratory.turn_error_deg = error;
+        laboratory.run(&mut machine, 60.0).unwrap_err()
+    };
+    let halt = wrong(0.0006);
+    assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("differ by 0.0")), "{halt:?}");
+    // The plan does not say that the controller counts so.
+    let plain = whole(str::to_owned);
+    let (mut machine, mut laboratory) = at_first_turn(&plain);
+    laboratory.wraps = true;
+    let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
+    let hint = "the turn does not end: the table is -720.0000 and 0.0000 deg off";
+    assert!(matches!(&halt, Halt::GivenUp(why) if why.contains(hint) && why.contains("needs wrap = true")), "{halt:?}");
+}
+
+#[test]
+fn an_interrupted_turn_is_taken_again_whole() {
+    let plan = whole(str::to_owned);
+    for (interruption_s, keeps) in [(500.0, true), (700.0, false)] {
+        let (mut machine, mut laboratory) = at_first_turn(&plan);
+        let reached = machine.reached();
+        laboratory.until(&mut machine, is_turn);
+        laboratory.step(&mut machine).unwrap();
+        // As after SIGKILL, and the safe state: the turntable has been stopped where it was.
+        let mut machine = CampaignMachine::new(&plan, 12, 5.0);
+        laboratory.target_deg = laboratory.angles_deg;
+        laboratory.collecting = None;
+        laboratory.trends.clear();
+        laboratory.now += interruption_s;
+        machine.resume(laboratory.now, interruption_s, reached, &laboratory.chamber).unwrap();
+        let back = laboratory.now;
+        laboratory.until(&mut machine, |action| matches!(action, Action::Move(_)));
+        assert_eq!(laboratory.now - back < plan.soak.time_s, keeps);
+        assert_eq!(laboratory.actions.last().unwrap().1, Action::Move(plan.turns[0].from_deg));
+        assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+        assert_eq!(laboratory.kept(), all(&plan)[12..]);
+    }
+}
+
+#[test]
+fn a_chamber_that_leaves_its_set_point_costs_the_turn_in_progress() {
+    let plan = whole(str::to_owned);
+    let (mut machine, mut laboratory) = at_first_turn(&plan);
+    laboratory.until(&mut machine, is_turn);
+    laboratory.off.0 = -2.0;
+    laboratory.until(&mut machine, is_discarded);
+    laboratory.off.0 = 0.0;
+    laboratory.until(&mut machine, |action| matches!(action, Action::Reached(_)));
+    assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&plan)[12..]);
+}
+
+#[test]
+fn a_turn_without_samples_is_interrupted() {
+    let plan = whole(str::to_owned);
+    let (mut machine, mut laboratory) = at_first_turn(&plan);
+    laboratory.collecting = None;
+    let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
+    assert!(matches!(&halt, Halt::Interrupted(why) if why.contains("only 0.0 s of usable samples")), "{halt:?}");
+    assert!(!laboratory.actions.iter().any(|(_, action)| is_turn(action)), "it does not turn before");
 }

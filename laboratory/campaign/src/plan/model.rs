@@ -25,6 +25,10 @@ pub struct Plan {
     pub soak: Soak,
     /// The samples to take in a position.
     pub dwell: DwellPlan,
+    /// Turns of the turntable at each set point, after the positions, in order; none if the gyroscopes are not calibrated.
+    pub turns: Vec<PlannedTurn>,
+    /// How a turn is taken.
+    pub turn: TurnPlan,
     /// Ramp of the chamber's set point \[degC/s\].
     pub ramp_c_per_s: f64,
     /// How the turntable moves, and when it counts as arrived.
@@ -72,6 +76,41 @@ pub struct DwellPlan {
     /// Counted time: the sum of the samples' intervals.
     pub time_s: f64,
     /// Samples are summed into rows of this length; 0 writes every sample.
+    pub row_s: f64,
+}
+
+/// A turn from rest to rest about one axis of the turntable. The same of a campaign file may begin at another angle, by whole turns: the limits
+/// and the turn before decide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannedTurn {
+    /// Its number in the samples.
+    pub number: u32,
+    /// The axis that turns: 0 is the outer one, 1 the inner.
+    pub axis: usize,
+    /// Outer and inner angle where it begins \[deg\].
+    pub from_deg: [f64; 2],
+    /// Outer and inner angle where it ends \[deg\].
+    pub to_deg: [f64; 2],
+}
+
+impl PlannedTurn {
+    /// Its angle, right-handed about the axis of the turntable \[deg\].
+    #[must_use]
+    pub const fn angle_deg(&self) -> f64 {
+        self.to_deg[self.axis] - self.from_deg[self.axis]
+    }
+}
+
+/// How a turn is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnPlan {
+    /// Shortest rest before and after, in which samples are taken \[s\].
+    pub rest_s: f64,
+    /// Commanded rate of the axis \[deg/s\].
+    pub rate_deg_s: f64,
+    /// Commanded acceleration of the axis \[deg/s2\].
+    pub acceleration_deg_s2: f64,
+    /// Samples are summed into rows of this length \[s\].
     pub row_s: f64,
 }
 

@@ -3,9 +3,12 @@
 //! Over 400 lines: one file format, with one function for each of its sections.
 
 use super::model::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
+use super::number::{at_most, not_negative, positive};
+use super::turns::{self, turn_plan};
 use crate::limits::{self, Limits};
-use isotherm_calibration::calibrate::observable;
 use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::gyroscopes::observable;
+use isotherm_calibration::gyroscopes::turn::Turn;
 use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme, specific_force};
 use isotherm_calibration::simulate::campaign_toml;
 use isotherm_files::target_of;
@@ -39,14 +42,21 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     let set_points_c = root.section("set_points", "[set_points] with start_c, stop_c and step_c, or list_c");
     let set_points_c = set_points_c.and_then(|section| set_points(section, &air));
     let positions = positions(root, &rotation, limits);
+    let turns = turns::turns(root, positions.as_ref(), &rotation, header.latitude_deg(), limits);
+    let turn = turn_plan(root, limits, turns.as_deref());
     let soak = soak(root, tolerance_c);
     let dwell = dwell(root);
     let patience = patience(root);
     let ambient_c = safe(root, limits);
     let verify = root.optional_section("verify").and_then(|section| verify(section, &rotation, &air));
-    // Valid positions replace missing ones, so that the other parts are checked.
-    let placeholder = || Scheme::SixFacesTwoHeadings.positions();
-    let campaign_toml = header.campaign(&positions.clone().unwrap_or_else(placeholder));
+    // Valid positions and turns replace missing ones, so that the other parts are checked.
+    let known = positions.clone().unwrap_or_else(|| Scheme::SixFacesTwoHeadings.positions());
+    let placeholder = || turns::whole_turns(&known, &Matrix3::identity(), header.latitude_deg(), &Limits::ABSOLUTE);
+    let turns_in_file: Vec<_> = match &turns {
+        Some(turns) => turns.iter().map(|(turn, _)| turn.clone()).collect(),
+        None => placeholder().unwrap_or_default().into_iter().map(|(turn, _)| turn).collect(),
+    };
+    let campaign_toml = header.campaign(&known, &turns_in_file);
     let campaign = match Campaign::from_toml(&campaign_toml) {
         Ok(campaign) => campaign,
         // The keys are the same in both files; therefore the faults are reported as faults of the plan.
@@ -65,6 +75,8 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         positions: positions?,
         soak,
         dwell,
+        turns: turns?.into_iter().map(|(_, planned)| planned).collect(),
+        turn,
         ramp_c_per_s,
         motion,
         limits: *limits,
@@ -111,8 +123,12 @@ impl<'d> CampaignHeader<'d> {
         }
     }
 
+    fn latitude_deg(&self) -> Option<f64> {
+        self.numbers.iter().find(|(key, _)| *key == "latitude_deg").and_then(|(_, value)| *value)
+    }
+
     /// The text of the campaign file. A valid value replaces a missing one, which is reported as a fault already.
-    fn campaign(&self, positions: &[Position]) -> String {
+    fn campaign(&self, positions: &[Position], turns: &[Turn]) -> String {
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -124,7 +140,8 @@ impl<'d> CampaignHeader<'d> {
         }
         let imu = self.imu.as_ref().map_or("imu", ImuId::as_str);
         let [reference, local] = self.gravity.map(|gravity| gravity.unwrap_or(9.8));
-        text + &campaign_toml(imu, SAMPLES, reference, local, self.unit.unwrap_or("V"), positions)
+        text += &campaign_toml(imu, SAMPLES, reference, local, self.unit.unwrap_or("V"), positions);
+        turns.iter().fold(text, |text, turn| text + "\n" + &turn.to_toml())
     }
 }
 
@@ -145,28 +162,6 @@ impl AirLimits<'_> {
             fault.map(|fault| format!("{celsius:?} degC, within chamber.tolerance_c: {fault}"))
         })
     }
-}
-
-/// A number over 0, or `default`.
-pub(super) fn positive(section: &Section<'_, '_>, key: &'static str, default: f64) -> f64 {
-    let value = section.optional_number(key);
-    section.refuse(key, value.filter(|v| *v <= 0.0).map(|v| format!("is {v:?}, give a number over 0")));
-    value.unwrap_or(default)
-}
-
-/// A number not below 0, or `default`.
-fn not_negative(section: &Section<'_, '_>, key: &'static str, default: f64) -> f64 {
-    let value = section.optional_number(key);
-    section.refuse(key, value.filter(|v| *v < 0.0).map(|v| format!("is {v:?}, give a number from 0 up")));
-    value.unwrap_or(default)
-}
-
-/// A number over 0 and up to `most`, or `default`.
-fn at_most(section: &Section<'_, '_>, key: &'static str, default: f64, most: f64) -> f64 {
-    let value = section.optional_number(key);
-    let wrong = value.filter(|value| !(*value > 0.0 && *value <= most));
-    section.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0 and up to {most:?}")));
-    value.unwrap_or(default)
 }
 
 /// The chamber's configuration, its ramp \[degC/s\], and the tolerance of its air \[degC\].

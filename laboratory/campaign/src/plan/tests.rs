@@ -261,3 +261,149 @@ fn positions_that_do_not_observe_everything_are_refused() {
     let faults = faults(&(EXAMPLE.replace("positions = \"six-faces-two-headings\"\n", "") + &positions));
     assert!(faults.contains("A3"), "{faults}");
 }
+
+const WHOLE: &str = include_str!("../../../../examples/plan-whole.toml");
+
+/// The way of each turn: axis, from and to \[deg\].
+fn ways(plan: &Plan) -> Vec<(usize, f64, f64)> {
+    plan.turns.iter().map(|turn| (turn.axis, turn.from_deg[turn.axis], turn.to_deg[turn.axis])).collect()
+}
+
+#[test]
+fn a_plan_with_a_latitude_takes_six_whole_turns_within_its_limits() {
+    let whole = plan(WHOLE);
+    let two = [(0, 0.0, 720.0), (0, 720.0, 0.0), (0, 0.0, 720.0), (0, 720.0, 0.0), (1, 0.0, 720.0), (1, 720.0, 0.0)];
+    assert_eq!(ways(&whole), two);
+    assert_eq!(whole.turns.iter().map(|turn| turn.number).collect::<Vec<_>>(), [13, 14, 15, 16, 17, 18]);
+    assert_eq!([whole.turns[2].from_deg[1], whole.turns[4].from_deg[0]], [90.0, 0.0]);
+    assert_eq!(whole.turn, TurnPlan { rest_s: 5.0, rate_deg_s: 10.0, acceleration_deg_s2: 10.0, row_s: 1.0 });
+    assert_eq!(whole.size(), "15 set points x (12 positions and 6 turns)");
+    // The campaign file has them with the latitude, at the same start.
+    assert_eq!((whole.campaign.latitude_deg, whole.campaign.serial.as_deref()), (Some(39.9), Some("SN 42")));
+    let in_file: Vec<_> =
+        whole.campaign.turns.iter().map(|turn| (turn.axis, turn.angle_deg, turn.start.angles)).collect();
+    let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
+    let at = |outer: f64, inner: f64| Some([outer, inner]);
+    assert_eq!(
+        in_file,
+        [
+            (x, 720.0, at(0.0, 0.0)),
+            (x, -720.0, at(0.0, 0.0)),
+            (y, 720.0, at(0.0, 90.0)),
+            (y, -720.0, at(0.0, 90.0)),
+            (z, 720.0, at(0.0, 0.0)),
+            (z, -720.0, at(0.0, 0.0)),
+        ]
+    );
+    // The keys of [turns] are the defaults.
+    let section = WHOLE.find("[turns]").unwrap()..WHOLE.find("[chamber]").unwrap();
+    let mut shorter = WHOLE.to_owned();
+    shorter.replace_range(section, "");
+    assert_eq!(plan(&shorter), whole);
+    // Where two turns do not fit, one does; the other axis may still take two.
+    let one = plan(&WHOLE.replace("outer_deg = [-5, 720]", "outer_deg = [-5, 365]"));
+    assert_eq!(ways(&one)[1..5], [(0, 360.0, 0.0), (0, 0.0, 360.0), (0, 360.0, 0.0), (1, 0.0, 720.0)]);
+    // Two turns from one end to the other.
+    let both = plan(&WHOLE.replace("outer_deg = [-5, 720]", "outer_deg = [-365, 365]"));
+    assert_eq!(ways(&both)[..2], [(0, -360.0, 360.0), (0, 360.0, -360.0)]);
+    // A plan without a latitude has none, and none in its campaign file.
+    let without = plan(EXAMPLE);
+    assert_eq!(
+        (without.turns.len(), without.campaign.turns.len(), without.size()),
+        (0, 0, "15 set points x 12 positions".to_owned())
+    );
+    assert!(without.identity().iter().all(|(key, _)| !key.starts_with("turn")));
+    assert!(whole.identity().contains(&("turn.14".to_owned(), "[720.0, 0.0] to [0.0, 0.0] deg".to_owned())));
+    assert!(whole.identity().contains(&("latitude_deg".to_owned(), "39.9".to_owned())));
+}
+
+/// A turn as in a campaign file: number, axis, angle, outer and inner angle.
+type ListedTurn = (u32, &'static str, f64, f64, f64);
+
+fn listed(turns: &[ListedTurn]) -> String {
+    let turns = turns.iter().map(|(number, axis, angle, outer, inner)| {
+        format!("[[turn]]\nnumber = {number}\naxis = {axis}\nangle_deg = {angle}\nouter_deg = {outer}\ninner_deg = {inner}\n")
+    });
+    WHOLE.replace("[-5, 720]", "[-5, 365]") + &turns.collect::<String>()
+}
+
+const LISTED: [ListedTurn; 6] = [
+    (21, "[1, 0, 0]", 360.0, 0.0, 0.0),
+    (22, "[1, 0, 0]", -360.0, 0.0, 0.0),
+    (23, "[0, 1, 0]", 360.0, 0.0, 90.0),
+    (24, "[0, -1, 0]", 360.0, 0.0, 90.0),
+    (25, "[0, 0, 1]", 180.0, 0.0, 0.0),
+    (26, "[0, 0, 1]", -180.0, 0.0, 180.0),
+];
+
+#[test]
+fn turns_may_be_listed_as_in_a_campaign_file_and_begin_within_the_limits() {
+    let found = plan(&listed(&LISTED));
+    // The second begins where the first has ended; the third goes the other way, about the opposite of the axis.
+    let expected =
+        [(0, 0.0, 360.0), (0, 360.0, 0.0), (0, 360.0, 0.0), (0, 0.0, 360.0), (1, 0.0, 180.0), (1, 180.0, 0.0)];
+    assert_eq!(ways(&found), expected);
+    assert_eq!(found.campaign.turns[1].start.angles, Some([0.0, 0.0]), "the campaign file has what is stated");
+    // The IMU is mounted in another way: A1 along the turntable's Y, A2 along its Z, A3 along its X.
+    let mounted = listed(&LISTED.map(|(number, axis, angle, outer, inner)| {
+        let axis = match axis {
+            "[1, 0, 0]" => "[0, 0, 1]",
+            "[0, 1, 0]" => "[1, 0, 0]",
+            "[0, -1, 0]" => "[-1, 0, 0]",
+            _ => "[0, 1, 0]",
+        };
+        (number, axis, angle, outer, inner)
+    }));
+    let mounted = mounted.replace("[table]", "[table]\nmounting = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]");
+    assert_eq!(ways(&plan(&mounted)), expected);
+}
+
+#[test]
+fn every_fault_of_the_turns_is_named() {
+    let with = |change: fn(&mut [ListedTurn; 6])| {
+        let mut turns = LISTED;
+        change(&mut turns);
+        listed(&turns)
+    };
+    for (text, part) in [
+        (with(|turns| turns[1].0 = 21), "turn.2.number: 21 is there twice"),
+        (with(|turns| turns[1].0 = 7), "turn.2.number: 7 is the number of a position"),
+        (with(|turns| turns[2].2 = 0.0), "turn.3.angle_deg: is 0"),
+        (with(|turns| turns[2].1 = "[1, 1, 0]"), "turn.3.axis: give the unit vector"),
+        (with(|turns| turns[2].1 = "[1, 0, 0]"), "turn.3.axis: is [1, 0, 0], which is no axis of the turntable there"),
+        (
+            with(|turns| turns[0].2 = 400.0),
+            "turn.1.angle_deg: turn 21 from 0.0 to 400.0 deg: outer angle 400.0 deg is outside limits.outer_deg, -5.0 to 365.0 deg",
+        ),
+        (
+            with(|turns| turns[4].3 = 400.0),
+            "turn.5.angle_deg: turn 25 from 0.0 to 180.0 deg: outer angle 400.0 deg is outside",
+        ),
+        (with(|turns| turns[1].2 = 360.0), "K- of G1: no turn drives it negative"),
+        (listed(&LISTED).replace("latitude_deg = 39.9", "# none"), "latitude_deg: missing"),
+        (listed(&LISTED).replace("latitude_deg = 39.9", "latitude_deg = 99"), "latitude_deg: is 99.0, give -90 to 90"),
+        (WHOLE.replace("latitude_deg = 39.9", "# none"), "turns: there is no latitude_deg, so that no turns are taken"),
+        (
+            WHOLE.replace("row_s = 1 ", "row_s = 4 "),
+            "turns.row_s: at 10.0 deg/s a row is 40.0 deg long, give at most 2.900 s",
+        ),
+        (WHOLE.replace("rest_s = 5", "rest_s = 0.5"), "turns.row_s: is 1.0, give a number over 0 and up to 0.5"),
+        (WHOLE.replace("rest_s = 5", "rest_s = -1"), "turns.rest_s: is -1.0"),
+        (WHOLE.replace("rest_s = 5", "rest = 5"), "turns.rest: unknown key"),
+        (
+            WHOLE
+                .replace("[limits]", "[limits]\nrate_deg_s = 5")
+                .replace("rate_deg_s = 10", "rate_deg_s = 4")
+                .replacen("rate_deg_s = 4", "rate_deg_s = 6", 1),
+            "turns.rate_deg_s: 6.0 deg/s is over limits.rate_deg_s",
+        ),
+        (
+            WHOLE.replace("inner_deg = [-5, 720]", "inner_deg = [-5, 355]"),
+            "latitude_deg: with it the turntable takes whole turns: turn 17 from 0.0 to 360.0 deg: inner angle 360.0 deg is outside limits.inner_deg",
+        ),
+    ] {
+        let faults = faults(&text);
+        assert!(faults.contains(part), "{part}:\n{faults}");
+        assert!(faults.contains("line "), "{faults}");
+    }
+}

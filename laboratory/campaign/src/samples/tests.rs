@@ -166,3 +166,205 @@ fn another_session_spoils_the_unit_and_its_time_goes_on_rising() {
     let second = recorder.keep(1).unwrap().unwrap();
     assert!(second.shift_ns > 0 && second.end_ns > first.end_ns + 100 * SECOND, "{first:?} {second:?}");
 }
+
+/// A recorder of the plan with turns, in rows of a second.
+fn with_turns(folder: &TempDir) -> (SampleRecorder<'static>, LaboratoryClock, &'static Plan) {
+    let text = include_str!("../../../../examples/plan-whole.toml");
+    let text = text.replace("output = \"imu-a-campaign\"", "output = \".\"");
+    let plan: &'static Plan = Box::leak(Box::new(Plan::from_toml(&text, folder.path()).unwrap()));
+    let clock = LaboratoryClock { origin_ns: monotonic_ns().saturating_sub(10_000 * SECOND), speed: 1.0 };
+    (SampleRecorder::new(plan, clock, None, 0.0), clock, plan)
+}
+
+/// A sample of an IMU with gyroscopes, of a known unit.
+fn whole_sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
+    let sample = sample(clock, number, interval_ns);
+    let gyroscopes = Triad { positive_pulses: [number as u32, 3, 0], ..sample.accelerometers };
+    RawSample { gyroscopes, device: device("SN 42"), ..sample }
+}
+
+fn feed_whole(recorder: &mut SampleRecorder<'_>, samples: impl IntoIterator<Item = RawSample>) {
+    for sample in samples {
+        assert!(recorder.take(&sample, sample.sent_ns + 1000).unwrap(), "{sample:?}");
+    }
+}
+
+const TURN: Unit = Unit::Turn { visit: 0, turn: 1 };
+
+#[test]
+fn a_turn_is_one_run_of_rows_of_both_triads_that_calibrate_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut recorder, clock, plan) = with_turns(&folder);
+    let interval_ns = SECOND / 4;
+    let samples = |numbers: std::ops::Range<u64>| numbers.map(move |number| whole_sample(&clock, number, interval_ns));
+    feed_whole(&mut recorder, samples(1..8));
+    recorder.begin(DWELL, 2.0, 0).unwrap();
+    feed_whole(&mut recorder, samples(8..1300));
+    let dwell = recorder.keep(0).unwrap().unwrap();
+    recorder.begin(TURN, 325.0, dwell.to).unwrap();
+    feed_whole(&mut recorder, samples(1300..1700));
+    assert_eq!((recorder.spoiled(), recorder.collected_s()), (None, 99.0));
+    let turn = recorder.keep(1).unwrap().unwrap();
+    assert_eq!((turn.from, turn.rows, turn.name.as_str()), (dwell.to, 99, "-25 degC, turn 14 (outer 720 to 0 deg)"));
+    let text = fs::read_to_string(folder.path().join(SAMPLES)).unwrap();
+    let header = text.lines().next().unwrap();
+    assert!(
+        header.starts_with("set_point_c,position,session,sequence,")
+            && header.ends_with(",g3_board,telemetry_ns,device")
+    );
+    let rows = CampaignCsvReader::new(text.as_bytes()).unwrap();
+    let measurements = isotherm_calibration::gyroscopes::read(&plan.campaign, rows).unwrap();
+    assert_eq!((measurements.dwells.len(), measurements.gyroscopes.turns.len()), (1, 1));
+    let found = &measurements.gyroscopes.turns[0];
+    assert!(!found.has_gap() && found.blocks.len() == 99 && found.run.sums.seconds == 99.0);
+    // Four samples a row, from the first whose interval begins after the rest has begun.
+    assert_eq!(found.blocks[0].pulses[0], [(1301..1305).sum::<u64>() as f64, 0.0]);
+    assert_eq!(found.run.sums.positive[1], 99.0 * 12.0);
+}
+
+#[test]
+fn rows_of_a_turn_have_the_same_number_of_samples_whatever_their_intervals() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut recorder, clock, plan) = with_turns(&folder);
+    recorder.begin(TURN, 0.0, 0).unwrap();
+    // Intervals of 70 to 130 ms.
+    let mut end_ns = 0;
+    for number in 1..1000_u64 {
+        let interval_ns = SECOND / 1000 * (70 + number * 37 % 61);
+        end_ns += interval_ns;
+        let sample = whole_sample(&clock, number, interval_ns);
+        let time = RawSample {
+            timestamp_ns: 1000 * SECOND + end_ns,
+            telemetry_ns: 1000 * SECOND + end_ns,
+            sent_ns: clock.origin_ns + end_ns,
+            ..sample
+        };
+        feed_whole(&mut recorder, [time]);
+    }
+    recorder.keep(0).unwrap().unwrap();
+    let file = File::open(folder.path().join(SAMPLES)).unwrap();
+    let rows = CampaignCsvReader::new(file).unwrap();
+    let measurements = isotherm_calibration::gyroscopes::read(&plan.campaign, rows).unwrap();
+    let found = &measurements.gyroscopes.turns[0];
+    assert!(!found.has_gap() && found.blocks.len() > 80, "{}", found.blocks.len());
+}
+
+#[test]
+fn a_missing_sample_spoils_a_turn_and_nothing_of_it_stays() {
+    type Change = fn(&LaboratoryClock) -> RawSample;
+    let changes: [(Change, bool, &str); 5] = [
+        (|clock| whole_sample(clock, 14, SECOND), true, "samples are missing"),
+        (|clock| RawSample { session: 8, ..whole_sample(clock, 12, SECOND) }, true, "the acquisition was started anew"),
+        (|clock| RawSample { interval_ns: 0, ..whole_sample(clock, 12, SECOND) }, false, "a sample cannot be used"),
+        (
+            |clock| {
+                let sample = whole_sample(clock, 12, SECOND);
+                let gyroscopes = Triad { board_temperature: [1.0, f64::NAN, 1.0], ..sample.gyroscopes };
+                RawSample { gyroscopes, ..sample }
+            },
+            false,
+            "a sample cannot be used",
+        ),
+        (
+            |clock| {
+                let sample = whole_sample(clock, 12, SECOND);
+                RawSample { gyroscopes: Triad { negative_pulses: [0, 0, u32::MAX], ..sample.gyroscopes }, ..sample }
+            },
+            false,
+            "a sample cannot be used",
+        ),
+    ];
+    for (change, usable, reason) in changes {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut recorder, clock, _) = with_turns(&folder);
+        recorder.begin(DWELL, 0.0, 0).unwrap();
+        feed_whole(&mut recorder, (1..6).map(|number| whole_sample(&clock, number, SECOND)));
+        let kept = recorder.keep(0).unwrap().unwrap();
+        recorder.begin(TURN, 6.0, kept.to).unwrap();
+        // Before the turn has a sample, nothing is missing in it.
+        let early = RawSample { interval_ns: 0, ..whole_sample(&clock, 6, SECOND) };
+        assert!(!recorder.take(&early, early.sent_ns).unwrap() && recorder.spoiled().is_none());
+        feed_whole(&mut recorder, (7..12).map(|number| whole_sample(&clock, number, SECOND)));
+        assert_eq!((recorder.spoiled(), recorder.collected_s()), (None, 5.0));
+        let wrong = change(&clock);
+        assert_eq!(recorder.take(&wrong, wrong.sent_ns + 1000).unwrap(), usable);
+        assert!(recorder.spoiled().is_some_and(|spoiled| spoiled.starts_with(reason)), "{:?}", recorder.spoiled());
+        recorder.discard();
+        assert_eq!(fs::metadata(folder.path().join(SAMPLES)).unwrap().len(), kept.to);
+    }
+}
+
+#[test]
+fn rows_that_are_too_long_spoil_a_turn() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut recorder, clock, _) = with_turns(&folder);
+    recorder.begin(TURN, 0.0, 0).unwrap();
+    let tenth = SECOND / 10;
+    feed_whole(&mut recorder, (1..3).map(|number| whole_sample(&clock, number, 29 * tenth)));
+    assert_eq!(recorder.spoiled(), None, "29 deg");
+    recorder.discard();
+    recorder.begin(TURN, 0.0, 0).unwrap();
+    feed_whole(&mut recorder, (3..5).map(|number| whole_sample(&clock, number, 30 * tenth)));
+    assert!(recorder.spoiled().is_some_and(|spoiled| spoiled.starts_with("a row of 3.000 s turns by up to 30.0 deg")));
+}
+
+#[test]
+fn a_file_keeps_the_columns_that_it_was_begun_with() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut recorder, clock, _) = with_turns(&folder);
+    let unknown = |number| RawSample { device: 0, ..whole_sample(&clock, number, SECOND) };
+    feed_whole(&mut recorder, (1..3).map(unknown));
+    recorder.begin(DWELL, 2.0, 0).unwrap();
+    feed_whole(&mut recorder, (3..10).map(unknown));
+    let first = recorder.keep(0).unwrap().unwrap();
+    // The acquisition tells the unit from now on.
+    feed_whole(&mut recorder, (10..12).map(|number| whole_sample(&clock, number, SECOND)));
+    recorder.begin(TURN, 11.0, first.to).unwrap();
+    feed_whole(&mut recorder, (12..20).map(|number| whole_sample(&clock, number, SECOND)));
+    recorder.keep(1).unwrap().unwrap();
+    // A new file has the column.
+    recorder.begin(Unit::Run(0), 19.0, 0).unwrap();
+    feed_whole(&mut recorder, (20..40).map(|number| whole_sample(&clock, number, SECOND)));
+    recorder.keep(2).unwrap().unwrap();
+    let lines = |name: &str| {
+        let text = fs::read_to_string(folder.path().join(name)).unwrap();
+        text.lines().map(|line| line.split(',').count()).collect::<Vec<_>>()
+    };
+    let samples = lines(SAMPLES);
+    assert!(samples.len() > 8 && samples.iter().all(|columns| *columns == samples[0]), "{samples:?}");
+    let run = fs::read_to_string(folder.path().join("verify-1.csv")).unwrap();
+    assert!(
+        run.starts_with("session,sequence,") && run.lines().next().unwrap().ends_with(",g3_board,telemetry_ns,device")
+    );
+    assert!(run.lines().nth(1).unwrap().ends_with(&format!(",{:016x}", device("SN 42"))), "{run}");
+}
+
+#[test]
+fn samples_of_another_unit_or_without_gyroscopes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut recorder, clock, _) = with_turns(&folder);
+    let right = whole_sample(&clock, 1, SECOND);
+    let of = |serial: &str| RawSample { device: device(serial), ..right };
+    let refused = |recorder: &mut SampleRecorder<'_>, sample: RawSample| {
+        recorder.take(&sample, sample.sent_ns + 1000).map_err(|failure| (failure.exit, failure.to_string()))
+    };
+    let without = RawSample { gyroscopes: Triad::default(), ..right };
+    let (exit, message) = refused(&mut recorder, without).unwrap_err();
+    assert!(
+        exit == Exit::Data && message.contains("have no gyroscopes") && message.contains("leave latitude_deg out"),
+        "{message}"
+    );
+    for sample in [right, of(" SN 42 "), RawSample { device: 0, ..right }] {
+        assert!(refused(&mut recorder, sample).is_ok());
+    }
+    let (exit, message) = refused(&mut recorder, of("SN 43")).unwrap_err();
+    assert!(
+        exit == Exit::Data && message.contains("serial = \"SN 42\"") && message.contains("--other-device"),
+        "{message}"
+    );
+    let mut recorder = recorder.with_other_device(true);
+    assert!(refused(&mut recorder, of("SN 43")).is_ok());
+    // A plan without a serial number takes any unit, and one without turns any IMU.
+    let (mut plain, _) = self::recorder(&folder, 10.0);
+    assert!(refused(&mut plain, RawSample { device: device("SN 43"), ..without }).is_ok());
+}
