@@ -5,8 +5,8 @@
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
 use crate::campaign::Campaign;
-use crate::gyroscopes::earth::{EarthCheck, LeftOver};
 use crate::gyroscopes::GyroscopeCalibration;
+use crate::gyroscopes::earth::{EarthCheck, LeftOver};
 use crate::order::QUANTITIES;
 use crate::triad::{CalibratedTriad, beside_diagonal};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
@@ -381,10 +381,7 @@ fn of_triad(
     }
 }
 
-fn reduced(
-    calibration: &Calibration,
-    found: &GyroscopeCalibration,
-) -> impl Iterator<Item = GyroscopeSetPointRecord> {
+fn reduced(calibration: &Calibration, found: &GyroscopeCalibration) -> impl Iterator<Item = GyroscopeSetPointRecord> {
     let set_points = calibration.set_points.iter().zip(&found.reduced);
     set_points.flat_map(|(set_point, reduced)| {
         (0..AXES).map(|axis| {

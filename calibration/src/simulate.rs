@@ -12,7 +12,7 @@
 //! ```
 //! The truth is a [`CoefficientTable`] with misalignments M, in a laboratory with a latitude. Compensation with this table gives specific force
 //! and angle, except for noise and the charge that has not made a pulse yet. [`SimulatedImu`] is heads, boards and converters; it feels a
-//! [`Motion`]. [`campaign`] and [`run`] drive it through a schedule. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the
+//! [`InertialMotion`]. [`campaign`] and [`run`] drive it through a schedule. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the
 //! turntable alone. Transient terms of the truth are left out. The same seed gives the same data, on the same machine to the byte.
 //!
 //! [`CoefficientTable`]: isotherm_shared::table::CoefficientTable
@@ -36,7 +36,7 @@ pub use model::{
     GYROSCOPE_MISALIGNMENT, HEADING_DEG, LATITUDE_DEG, MISALIGNMENT, TILT_RAD, Truth, typical_gyroscopes, worst_errors,
     worst_gyroscope_errors,
 };
-pub use motion::Motion;
+pub use motion::InertialMotion;
 pub use random::RandomGenerator;
 pub use run::{RunSamples, RunSchedule, run};
 pub use triad::{SimulatedGyroscopes, SimulatedTriad};

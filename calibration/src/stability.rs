@@ -386,12 +386,12 @@ struct TriadSums {
 
 impl TriadSums {
     fn add(&mut self, triad: &Triad, seconds: f64, increment: [f64; AXES], flagged: bool) {
-        for axis in 0..AXES {
+        for (axis, increment) in increment.into_iter().enumerate() {
             self.positive[axis] += f64::from(triad.positive_pulses[axis]);
             self.negative[axis] += f64::from(triad.negative_pulses[axis]);
             self.head[axis] += triad.head_temperature[axis] * seconds;
             self.board[axis] += triad.board_temperature[axis] * seconds;
-            self.increment[axis] += increment[axis];
+            self.increment[axis] += increment;
         }
         self.flagged |= flagged;
     }

@@ -27,7 +27,8 @@ fn numbers(value: &Value) -> Vec<f64> {
 
 /// The value of a key in a table's provenance; it is JSON too.
 fn provenance(table: &str, key: &str) -> Value {
-    let value = table.lines().find_map(|line| line.strip_prefix(&format!("{key} = "))).unwrap_or_else(|| panic!("no {key}"));
+    let value =
+        table.lines().find_map(|line| line.strip_prefix(&format!("{key} = "))).unwrap_or_else(|| panic!("no {key}"));
     serde_json::from_str(value).unwrap()
 }
 
@@ -42,11 +43,7 @@ fn place(line: &str) -> Option<(f64, u32)> {
 }
 
 /// The campaign in `folder`: the file as `file` makes it, the rows as `row` makes them, by line and place.
-fn campaign(
-    folder: &Path,
-    file: impl Fn(String) -> String,
-    row: impl Fn(usize, (f64, u32), &str) -> Option<String>,
-) {
+fn campaign(folder: &Path, file: impl Fn(String) -> String, row: impl Fn(usize, (f64, u32), &str) -> Option<String>) {
     fs::write(folder.join("campaign.toml"), file(text("campaign.toml"))).unwrap();
     let rows = text("samples.csv");
     let rows = rows.lines().enumerate().filter_map(|(index, line)| match place(line) {
@@ -182,7 +179,10 @@ fn report(folder: &Path) {
     let html = fs::read_to_string(folder.join("r.html")).unwrap();
     for (quantity, unit) in [("Bias", "deg/h"), ("K+", "pulse/arcsec"), ("K-", "pulse/arcsec")] {
         for gyroscope in GYROSCOPE_NAMES {
-            assert!(html.contains(&format!("{quantity} of {gyroscope}: {quantity} / {unit} over ")), "{gyroscope} {quantity}");
+            assert!(
+                html.contains(&format!("{quantity} of {gyroscope}: {quantity} / {unit} over ")),
+                "{gyroscope} {quantity}"
+            );
             assert!(html.contains(&format!("{quantity} of {gyroscope}: set point less table: Residual / ")));
             assert!(html.contains(&format!("{gyroscope} {quantity}: orders, in {unit}")));
         }
@@ -224,7 +224,8 @@ fn both_triads_get_an_alignment_matrix_or_neither() {
 }
 
 /// What is wrong, the exit code, and what the message has.
-type Refusal<'a> = (&'a dyn Fn(String) -> String, &'a dyn Fn(usize, (f64, u32), &str) -> Option<String>, i32, &'a [&'a str]);
+type Refusal<'a> =
+    (&'a dyn Fn(String) -> String, &'a dyn Fn(usize, (f64, u32), &str) -> Option<String>, i32, &'a [&'a str]);
 
 #[test]
 fn what_is_wrong_is_refused_by_name_with_file_and_line() {
@@ -245,10 +246,14 @@ fn what_is_wrong_is_refused_by_name_with_file_and_line() {
         };
         Some(row.replacen(&format!(",{number},"), &format!(",{other},"), 1))
     };
-    let [sign14, sign13] =
-        [format!("fault [turn-angle]: {at13}14: the pulses of G1 say the opposite"), format!("{at14}13: the pulses of G1 say the opposite")];
+    let [sign14, sign13] = [
+        format!("fault [turn-angle]: {at13}14: the pulses of G1 say the opposite"),
+        format!("{at14}13: the pulses of G1 say the opposite"),
+    ];
     let doubled = |file: String| file.replacen("angle_deg = 360", "angle_deg = 720", 1);
-    let without = |_: usize, (set_point, number): (f64, u32), row: &str| ((set_point, number) != (20.0, 15)).then(|| row.to_owned());
+    let without = |_: usize, (set_point, number): (f64, u32), row: &str| {
+        ((set_point, number) != (20.0, 15)).then(|| row.to_owned())
+    };
     let cut = |_: usize, (_, number): (f64, u32), row: &str| (number != 13).then(|| row.to_owned());
     let no_positive = |file: String| file.replacen("angle_deg = 360", "angle_deg = -360", 1);
     let latitude = |file: String| file.replace("latitude_deg = 39.9", "latitude_deg = 40.9");
@@ -268,16 +273,70 @@ fn what_is_wrong_is_refused_by_name_with_file_and_line() {
     let cases: [(&str, Refusal<'_>); 12] = [
         ("interrupted", (&good, &interrupted, 65, &[&gap])),
         ("exchanged", (&good, &exchanged, 65, &[&sign14, &sign13])),
-        ("another angle", (&doubled, &same, 65, &["fault [turn-angle]: samples.csv:362: turn 13, at every set point: the pulses of G1 say 361.1 deg", "and the campaign file 720 deg"])),
-        ("missing", (&good, &without, 65, &["fault [missing-turn]: set point 20 degC: turn 15 of the campaign file is missing"])),
-        ("missing everywhere", (&good, &cut, 65, &["isotherm: fault [missing-turn]: turn 13 of the campaign file is missing at every set point"])),
-        ("K+ never seen", (&no_positive, &same, 78, &["campaign.toml: K+ of G1: no turn drives it positive; add angle_deg > 0 about [1, 0, 0]"])),
-        ("a degree of latitude", (&latitude, &same, 65, &["fault [latitude]: latitude_deg = 40.9: Earth's horizontal rate is 11.539", "looks like 39.90 or -39.90"])),
+        (
+            "another angle",
+            (
+                &doubled,
+                &same,
+                65,
+                &[
+                    "fault [turn-angle]: samples.csv:362: turn 13, at every set point: the pulses of G1 say 361.1 deg",
+                    "and the campaign file 720 deg",
+                ],
+            ),
+        ),
+        (
+            "missing",
+            (
+                &good,
+                &without,
+                65,
+                &["fault [missing-turn]: set point 20 degC: turn 15 of the campaign file is missing"],
+            ),
+        ),
+        (
+            "missing everywhere",
+            (
+                &good,
+                &cut,
+                65,
+                &["isotherm: fault [missing-turn]: turn 13 of the campaign file is missing at every set point"],
+            ),
+        ),
+        (
+            "K+ never seen",
+            (
+                &no_positive,
+                &same,
+                78,
+                &["campaign.toml: K+ of G1: no turn drives it positive; add angle_deg > 0 about [1, 0, 0]"],
+            ),
+        ),
+        (
+            "a degree of latitude",
+            (
+                &latitude,
+                &same,
+                65,
+                &[
+                    "fault [latitude]: latitude_deg = 40.9: Earth's horizontal rate is 11.539",
+                    "looks like 39.90 or -39.90",
+                ],
+            ),
+        ),
         ("no latitude", (&no_latitude, &same, 78, &["campaign.toml", "latitude_deg: missing"])),
         ("axis too long", (&long_axis, &same, 78, &[&axis_place])),
         ("axis of no turntable", (&skew_axis, &same, 78, &[&axis_place])),
         ("telemetry", (&good, &dead, 65, &[&dead_place])),
-        ("no gyroscopes", (&good, &|_, _, row| Some(accelerometers_only(row)), 65, &["the campaign file has turns, but the samples have no gyroscopes"])),
+        (
+            "no gyroscopes",
+            (
+                &good,
+                &|_, _, row| Some(accelerometers_only(row)),
+                65,
+                &["the campaign file has turns, but the samples have no gyroscopes"],
+            ),
+        ),
     ];
     for (name, (file, row, code, expected)) in cases {
         campaign(folder.path(), file, row);
@@ -325,6 +384,14 @@ fn a_disturbed_turn_is_left_out_or_accepted() {
     let of = |sensors: &str| err.lines().find(|line| line.starts_with(sensors)).unwrap();
     assert!(of("gyroscopes: ").ends_with(", without the errors of warnings [turn-gap], [turn-angle]"), "{err}");
     assert!(of("accelerometers: ").ends_with("from 15 set points"), "{err}");
+    // What is wrong with a turn everywhere is one finding, and every run of the turn has the remark.
+    campaign(folder.path(), |file| file.replacen("angle_deg = 360", "angle_deg = 380", 1), same);
+    let err = calibrate(folder.path(), 0, &["--accept", "turn-angle,latitude", "--report", "r.html"]);
+    assert!(err.contains("warning [turn-angle]: samples.csv:362: turn 13, at every set point: "), "{err}");
+    let html = fs::read_to_string(folder.path().join("r.html")).unwrap();
+    let checks = html.split(" / 13</th>").skip(1).filter_map(|row| row.split("</tr>").next());
+    assert_eq!(checks.filter(|row| row.contains("see result")).count(), 15);
+    campaign(folder.path(), |file| file, |line, _, row| (line != lost).then(|| row.to_owned()));
     fs::remove_file(folder.path().join("table.toml")).unwrap();
     // Without the turn, nothing drives the channel at this set point; with a second turn of its kind, something does.
     let err = calibrate(folder.path(), 65, &["--exclude", "20/13"]);
@@ -369,10 +436,16 @@ fn without_angles_what_earths_rate_leaves_is_said() {
     };
     campaign(folder.path(), no_angles, same);
     let err = calibrate(folder.path(), 0, &["--report", "r.html"]);
-    assert!(err.contains("warning [earth-rate]: without angles, the horizontal part of Earth's rate is not known"), "{err}");
+    assert!(
+        err.contains("warning [earth-rate]: without angles, the horizontal part of Earth's rate is not known"),
+        "{err}"
+    );
     assert!(err.contains("does not cancel in turn 13, turn 14, turn 15, turn 16:"), "{err}");
     let last = err.lines().last().unwrap();
-    assert!(last.starts_with("gyroscopes: ") && last.ends_with(", without the errors of warning [earth-rate]"), "{err}");
+    assert!(
+        last.starts_with("gyroscopes: ") && last.ends_with(", without the errors of warning [earth-rate]"),
+        "{err}"
+    );
     assert!(!err.contains("Earth's horizontal rate "), "{err}");
     let table = fs::read_to_string(folder.path().join("table.toml")).unwrap();
     assert!(!table.contains("latitude_deg") && !table.contains("earth_rate_deg_h"), "{table}");
@@ -427,7 +500,8 @@ fn samples_of_another_unit_are_refused() {
     campaign(folder.path(), |file| file, marked("S/N 8"));
     header();
     let err = calibrate(folder.path(), 65, &[]);
-    let expected = format!("samples.csv:{}: the unit {eight} took the row, and the unit {seven} those before;", first(15));
+    let expected =
+        format!("samples.csv:{}: the unit {eight} took the row, and the unit {seven} those before;", first(15));
     assert!(err.contains(&expected), "{err}");
     let document = document(folder.path(), 65, &[]);
     assert_eq!(document["findings"][0]["name"], "other-device");

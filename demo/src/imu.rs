@@ -1,6 +1,6 @@
 //! The demonstration's IMU: simulated, at rest, with the errors of a coefficient table plus noise.
 
-use isotherm_calibration::simulate::{self, Motion, Noise, Truth};
+use isotherm_calibration::simulate::{self, InertialMotion, Noise, Truth};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
 
@@ -32,7 +32,7 @@ pub enum RampPhase {
 pub struct DemoImu {
     imu: simulate::SimulatedImu,
     /// What it feels in a control period.
-    motion: Motion,
+    motion: InertialMotion,
 }
 
 impl DemoImu {
@@ -41,12 +41,12 @@ impl DemoImu {
         // 10 ug0 for a sample of 0.1 s; `sensor_g0` refers to 1 s.
         let noise = Noise { sensor_g0: 10e-6 * 0.1_f64.sqrt(), ..Noise::default() };
         let truth = Truth::of(truth.clone());
-        let motion = Motion::at_rest(&truth, ANGLES_DEG, INTERVAL_NS as f64 / 1e9);
+        let motion = InertialMotion::at_rest(&truth, ANGLES_DEG, INTERVAL_NS as f64 / 1e9);
         Self { imu: simulate::SimulatedImu::new(&truth, &chain(), &noise, COLD, seed), motion }
     }
 
     /// What the IMU feels in a control period: gravity and Earth's rate.
-    pub const fn motion(&self) -> &Motion {
+    pub const fn motion(&self) -> &InertialMotion {
         &self.motion
     }
 

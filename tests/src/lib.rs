@@ -11,6 +11,8 @@
     reason = "in a test the panic is the report"
 )]
 
+pub mod laboratory;
+
 use isotherm_client::{
     Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Options, RawSample, Triad, device,
 };

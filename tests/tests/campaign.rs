@@ -9,197 +9,13 @@ use feed::{Feed, ids};
 use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content};
-use isotherm_tests::{Process, TABLE, TIMEOUT, TestDomain, table, text, wait_until};
+use isotherm_tests::laboratory::{TestLaboratory, stdout_of_success, wait_for_end, wait_long};
+use isotherm_tests::{Process, table, text, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
-use std::time::{Duration, Instant};
-
-const SPEED: &str = "1000";
-
-/// A station in `DIR/station` with a service for its IMU, and a plan for both.
-struct TestLaboratory {
-    domain: TestDomain,
-    _service: Process,
-    station: Process,
-}
-
-/// Replacements in the station's plan that make the campaign as short as the simulated physics allows.
-const SHORTER_PLAN: [(&str, &str); 7] = [
-    ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
-    ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
-    ("time_s = 300", "time_s = 60"),
-    ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 23]"),
-    ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
-    // Long time limits: on a loaded machine the simulated time runs ahead of the processes.
-    ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
-    (
-        "\n[verify]\nruns = 4\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
-        "",
-    ),
-];
-
-impl TestLaboratory {
-    /// Starts service and station, and applies [`SHORTER_PLAN`] and then `changes` to the station's plan.
-    fn new(changes: &[(&str, &str)]) -> Self {
-        Self::with_station(&[], changes)
-    }
-
-    /// The same, with more arguments for the station.
-    fn with_station(more: &[&str], changes: &[(&str, &str)]) -> Self {
-        Self::with_truth("", more, changes)
-    }
-
-    /// The same, with more lines at the end of the truth.
-    fn with_truth(more_truth: &str, more: &[&str], changes: &[(&str, &str)]) -> Self {
-        let domain = TestDomain::new();
-        // A linear truth, so that a few set points are enough to choose the order.
-        let truth: String = TABLE.lines().map(linear).collect();
-        domain.write("truth-table.toml", &(truth + more_truth));
-        let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
-        let arguments = [
-            "simulate",
-            "station",
-            "-o",
-            "station",
-            "--truth",
-            "truth-table.toml",
-            "--imu",
-            "imu-a",
-            "--speed",
-            SPEED,
-            "--interval",
-            "10",
-            "--chamber-ramp",
-            "5",
-            "--positioning",
-            "0",
-        ];
-        let station = domain.spawn(&[&arguments, more].concat());
-        let on_terminals = !more.contains(&"--tcp");
-        wait_until("the station", || {
-            let ports = ["station/chamber", "station/table"];
-            domain.path("station/faults").exists()
-                && (!on_terminals || ports.iter().all(|port| domain.path(port).exists()))
-        });
-        let mut plan = fs::read_to_string(domain.path("station/plan.toml")).unwrap();
-        for (from, to) in SHORTER_PLAN.iter().chain(changes) {
-            assert!(plan.contains(from), "{from}\n{plan}");
-            plan = plan.replacen(from, to, 1);
-        }
-        plan = plan.replace("install = \"imu-a.toml\"", "install = \"../imu-a.toml\"");
-        // The telemetry still drifts after such a short soak: without this key its drift is not checked.
-        plan =
-            plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
-        domain.write("station/plan.toml", &plan);
-        Self { domain, _service: service, station }
-    }
-
-    fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
-        [&["campaign", "run", "station/plan.toml", "--speed", SPEED], more].concat()
-    }
-
-    /// Runs the campaign to its end.
-    fn run(&self, more: &[&str]) -> Output {
-        self.domain.run(&Self::arguments(more))
-    }
-
-    fn spawn(&self) -> Process {
-        self.domain.spawn(&Self::arguments(&[]))
-    }
-
-    fn file(&self, name: &str) -> Vec<u8> {
-        fs::read(self.domain.path("station/campaign").join(name)).unwrap_or_default()
-    }
-
-    /// The journal's lines with this event; an incomplete last line is left out.
-    fn events(&self, event: &str) -> Vec<Value> {
-        let text = text(&self.file("journal.jsonl"));
-        let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
-        let lines = whole.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
-        lines.filter(|line| line["event"] == event).collect()
-    }
-
-    /// The names of the events on the live page, oldest first.
-    fn events_on_page(&self) -> Vec<String> {
-        let page = text(&self.file("live.html"));
-        let cells = page.split("<td class=\"").filter(|cell| !cell.starts_with("number") && !cell.starts_with("long"));
-        let names = cells.filter_map(|cell| Some(cell.split_once("</span> ")?.1.split_once("</td>")?.0.to_owned()));
-        let mut names: Vec<_> = names.collect();
-        names.reverse();
-        names
-    }
-
-    fn wait_for(&self, event: &str, count: usize) {
-        let before = self.events("safe").len();
-        wait_long(event, || {
-            let safe = self.events("safe");
-            assert_eq!(safe.len(), before, "the campaign has ended before {event}: {safe:?}");
-            self.events(event).len() >= count
-        });
-    }
-
-    fn phase(&self) -> String {
-        let status: Value = serde_json::from_slice(&self.file("status.json")).unwrap_or_default();
-        status["phase"].as_str().unwrap_or_default().to_owned()
-    }
-
-    fn faults(&self, lines: &str) {
-        self.domain.replace("station/faults", lines);
-    }
-
-    /// Asserts that the journal has every unit exactly once, in order, and that the file has exactly the bytes of the dwells.
-    fn assert_complete(&self, units: usize) {
-        let kept = self.events("kept");
-        let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
-        assert_eq!(numbers, (0..units).collect::<Vec<_>>());
-        let dwells: Vec<_> = kept.iter().filter(|kept| kept["file"] == "campaign.csv").collect();
-        let mut end = 0;
-        for dwell in &dwells {
-            assert_eq!((dwell["from"].as_u64(), dwell["rows"].as_u64()), (Some(end), Some(6)), "{dwell}");
-            end = dwell["to"].as_u64().unwrap();
-        }
-        let samples = self.file("campaign.csv");
-        assert_eq!(samples.len() as u64, end);
-        assert_eq!(text(&samples).lines().count(), 1 + 6 * dwells.len());
-    }
-
-    /// Asserts that the last safe state was reached: the chamber is in standby and the turntable is stopped.
-    fn assert_in_standby(&self) {
-        let safe = self.events("safe");
-        let last = safe.last().unwrap();
-        assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
-        assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
-    }
-}
-
-/// As [`wait_until`], with five times its time limit: a campaign takes long, on a loaded machine even more so.
-fn wait_long(what: &str, mut condition: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !condition() {
-        assert!(begun.elapsed() < 5 * TIMEOUT, "{what} did not happen");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
-/// A line of the table without coefficients of the second and third order, and without the digest.
-fn linear(line: &str) -> String {
-    let parts = line.split_inclusive(", ").filter(|part| !part.starts_with("c2 =") && !part.starts_with("c3 ="));
-    let line: String = parts.collect();
-    if line.contains("c1 =") && !line.trim_end().ends_with('}') {
-        format!("{} }}\n", line.trim_end().trim_end_matches(','))
-    } else if line.starts_with("digest") {
-        String::new()
-    } else {
-        line + "\n"
-    }
-}
-
-fn stdout_of_success(output: &Output) -> String {
-    assert!(output.status.success(), "{}\n{}\n{}", output.status, text(&output.stdout), text(&output.stderr));
-    text(&output.stdout)
-}
+use std::time::Duration;
 
 /// A campaign of four set points and two verification runs, of an IMU with misalignments. Every fit of it is another decision.
 #[test]
@@ -251,37 +67,6 @@ fn from_a_plan_to_an_installed_table_and_back() {
     what_is_in_force_is_not_replaced(&laboratory, &installed);
     the_axes_of_the_table_in_force_are_kept(&laboratory, &good);
     installed_and_rolled_back_under_a_feed(&laboratory, &good);
-}
-
-impl TestLaboratory {
-    /// Fits the complete campaign again, which must end with this exit code. Returns stderr.
-    fn calibrate(&self, more: &[&str], code: i32) -> String {
-        let output = self.run(&[&["--calibrate"], more].concat());
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{more:?}\n{}\n{said}", text(&output.stdout));
-        said
-    }
-
-    /// As [`calibrate`](Self::calibrate), and asserts that nothing is installed: the table in force, its predecessor and the service are as they
-    /// were.
-    fn refused(&self, more: &[&str], code: i32) -> String {
-        let state = || {
-            let files = ["imu-a.toml", "imu-a.toml.previous"].map(|name| fs::read(self.domain.path(name)).ok());
-            (files, self.domain.imu_status()["table"].clone())
-        };
-        let before = state();
-        let said = self.calibrate(more, code);
-        assert_eq!(state(), before, "{said}");
-        said
-    }
-
-    fn status(&self) -> String {
-        self.domain.run_ok(&["campaign", "status", "station/plan.toml"])
-    }
-
-    fn has_predecessor(&self) -> bool {
-        self.domain.path("imu-a.toml.previous").exists()
-    }
 }
 
 fn assert_has(said: &str, wanted: &[&str]) {
@@ -444,14 +229,17 @@ fn installed_and_rolled_back_under_a_feed(laboratory: &TestLaboratory, good: &Co
 #[test]
 fn turns_of_an_imu_without_gyroscopes_end_at_its_first_sample() {
     let laboratory =
-        TestLaboratory::new(&[("temperature_unit = ", "latitude_deg = 39.9   # north positive\ntemperature_unit = ")]);
+        TestLaboratory::new(&[
+        ("temperature_unit = ", "latitude_deg = 39.9   # north positive\ntemperature_unit = "),
+        ("[chamber]", "[turns]\n\n[chamber]"),
+    ]);
     let check = laboratory.domain.run(&["campaign", "check", "station/plan.toml"]);
     let plan = stdout_of_success(&check);
     assert_has(&plan, &["2 set points x (12 positions and 6 turns)", "positions 1 to 12, turns 13 to 18"]);
     let output = laboratory.run(&[]);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(65), "{said}");
-    assert_has(&said, &["have no gyroscopes", "leave latitude_deg out of the plan", "safe state: table stopped"]);
+    assert_has(&said, &["have no gyroscopes", "leave [turns] out of the plan", "safe state: table stopped"]);
     assert_eq!(laboratory.events("kept").len(), 0);
     laboratory.assert_in_standby();
 }
@@ -550,13 +338,6 @@ fn an_instrument_that_disconnects_pauses_the_campaign_until_it_is_back() {
     let journalled = ["paused", "resumed", "discarded"].map(|event| laboratory.events(event).len());
     assert_eq!(["pause", "resume", "repeated dwell"].map(count), journalled, "{events:?}");
     assert!(journalled[0] >= 5 && text(&laboratory.file("live.html")).contains("class=\"mark\""));
-}
-
-/// Waits for the end of a campaign; whether it succeeded, and its log.
-fn wait_for_end(runner: Process) -> (bool, String) {
-    wait_long("the end", || runner.has_ended());
-    let (status, log) = runner.wait();
-    (status.success(), log)
 }
 
 #[test]

@@ -93,7 +93,8 @@ impl Checker<'_> {
         let counts: Vec<_> = findings.iter().map(turn).collect();
         let mut gathered: Vec<(Option<(&str, u32)>, Finding)> = Vec::new();
         for mut finding in findings {
-            let key = turn(&finding).filter(|key| everywhere(*key, counts.iter().filter(|it| **it == Some(*key)).count()));
+            let key =
+                turn(&finding).filter(|key| everywhere(*key, counts.iter().filter(|it| **it == Some(*key)).count()));
             if key.is_some() && gathered.iter().any(|(known, _)| *known == key) {
                 continue;
             }

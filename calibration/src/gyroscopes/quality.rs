@@ -1,7 +1,7 @@
 //! The quality of the gyroscopes' calibration beyond its standard errors: lack of fit, outlying runs.
 
-use super::runs::FittedRun;
 use super::fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, solve};
+use super::runs::FittedRun;
 use super::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::campaign::Campaign;
 use crate::checks::{Finding, Severity, name};

@@ -20,6 +20,7 @@ use crate::provenance::CampaignSource;
 use crate::triad::CalibratedTriad;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
+use triad::Budget;
 
 /// Intervals between the points of a drawn curve.
 const CURVE_INTERVALS: usize = 120;
@@ -47,7 +48,10 @@ pub fn html(campaign: &Campaign, calibration: &Calibration, source: &CampaignSou
                 report.before_after(&mut page);
                 report.budget(&mut page);
             }
-            Some(found) => report.g_sensitivities(&mut page, found),
+            Some(found) => {
+                report.g_sensitivities(&mut page, found);
+                report.gyroscope_budget(&mut page, triad, found);
+            }
         }
         report.set_points(&mut page, triad);
     }
@@ -226,35 +230,17 @@ impl Report<'_> {
             "Standard errors are means over the range. At 1 g0 an error of the scale factor counts fully. An error of 1e-6 g0 tilts a level by 0.206 arc \
              seconds; in 60 s it grows to the velocity and position given.",
         );
+        let triad = &self.triads[0];
         let mut rows = Vec::new();
-        for (axis, part) in self.calibration.solution.axes.iter().enumerate() {
-            let name = AXIS_NAMES[axis];
-            // Errors of the bias are in g0, errors of a scale factor are relative to it.
-            let size = |quantity: usize, u: f64| if quantity == 0 { 1.0 } else { part.curves[quantity].at(u).abs() };
-            let mean = |quantity: usize| {
-                let curve = &part.curves[quantity];
-                let squares =
-                    grid(curve.range()).map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
-                squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE_INTERVALS + 1) as f64).sqrt())
-            };
-            let slope = |quantity: usize| {
-                let curve = &part.curves[quantity];
-                let slopes = grid(curve.range()).map(|u| curve.slope(u).abs() / size(quantity, u));
-                slopes.fold(0.0, f64::max) * 1e-3
-            };
-            let fit = |quantity: usize| {
-                let orders = &self.calibration.orders[axis][quantity];
-                let fit = &orders.regression.fits()[orders.choice.order];
-                fit.leave_one_out_rms.map(|rms| rms / size(quantity, part.curves[quantity].range()[0]))
-            };
-            let misalignment = part.misalignment_error.map(|errors| errors[0].hypot(errors[1]));
+        for (axis, name) in triad.names.into_iter().enumerate() {
+            let Budget { standard_error, leave_one_out, slope, misalignment } = Budget::of(triad, axis);
             let lines = [
-                ("standard error of the bias", mean(0)),
-                ("standard error of K+, at 1 g0", mean(1)),
-                ("standard error of K-, at 1 g0", mean(2)),
-                ("leave-one-set-point-out, bias", fit(0)),
-                ("leave-one-set-point-out, K+ at 1 g0", fit(1)),
-                ("leave-one-set-point-out, K- at 1 g0", fit(2)),
+                ("standard error of the bias", standard_error[0]),
+                ("standard error of K+, at 1 g0", standard_error[1]),
+                ("standard error of K-, at 1 g0", standard_error[2]),
+                ("leave-one-set-point-out, bias", leave_one_out[0]),
+                ("leave-one-set-point-out, K+ at 1 g0", leave_one_out[1]),
+                ("leave-one-set-point-out, K- at 1 g0", leave_one_out[2]),
                 ("misalignments, at 1 g0 across", misalignment),
                 ("residual of a dwell", Some(self.calibration.residual_sd(axis))),
             ];
@@ -263,12 +249,11 @@ impl Report<'_> {
             }
             rows.push(navigation(
                 &format!("{name} 0.001 {} of head telemetry, bias at its steepest", self.unit()),
-                slope(0),
+                slope[0],
             ));
-            let steepest = slope(1).max(slope(2));
             rows.push(navigation(
                 &format!("{name} 0.001 {} of board telemetry, K at its steepest, at 1 g0", self.unit()),
-                steepest,
+                slope[1].max(slope[2]),
             ));
         }
         page.table("Errors and what they cost", &super::NAVIGATION, &rows);
@@ -312,7 +297,7 @@ impl Report<'_> {
     fn verdict(&self, set_point_c: f64, number: RunNumber) -> Cell {
         let place = Some((set_point_c, Some(number)));
         if self.calibration.findings.iter().any(|finding| finding.place == place) {
-            Cell::Verdict(NoteKind::Warning, "see result".to_owned())
+            remark()
         } else {
             Cell::Verdict(NoteKind::Good, "good".to_owned())
         }
@@ -357,6 +342,11 @@ impl Report<'_> {
             ("Table", &self.calibration.table.digest().to_string()),
         ]);
     }
+}
+
+/// The cell of a dwell or turn with a finding.
+fn remark() -> Cell {
+    Cell::Verdict(NoteKind::Warning, "see result".to_owned())
 }
 
 /// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.

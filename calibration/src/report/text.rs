@@ -64,9 +64,12 @@ fn curves(triad: &CalibratedTriad<'_>) -> String {
             let size = fit.coefficients.first().map_or(1.0, |c| c.abs());
             // An interval of K is relative already.
             let (factor, of_interval, decimals, unit) = match quantity {
-                0 => {
-                    (triad.units.bias_factor, triad.units.bias_factor, triad.units.bias_decimals, triad.units.in_table(0))
-                }
+                0 => (
+                    triad.units.bias_factor,
+                    triad.units.bias_factor,
+                    triad.units.bias_decimals,
+                    triad.units.in_table(0),
+                ),
                 _ => (1e6 / size, 1e6, 3, "ppm"),
             };
             let shown = |value: f64| format!("{value:.decimals$} {unit}");
@@ -113,11 +116,7 @@ fn g_sensitivities(found: &GyroscopeCalibration) -> String {
         let errors = part.g_sensitivity_interval(CONFIDENCE).unwrap_or([f64::NAN; AXES]);
         let values = part.g_sensitivity.iter().zip(errors).zip(AXIS_NAMES);
         let values = values.map(|((s, error), along)| format!("along {along} {s:.4} +- {error:.4}"));
-        let _ = writeln!(
-            text,
-            "  {name} g-sensitivity {} [deg/h/g0, 95 %]",
-            values.collect::<Vec<_>>().join(", ")
-        );
+        let _ = writeln!(text, "  {name} g-sensitivity {} [deg/h/g0, 95 %]", values.collect::<Vec<_>>().join(", "));
     }
     text
 }
@@ -134,8 +133,7 @@ fn earth(found: &GyroscopeCalibration) -> Option<String> {
 
 /// Whether the table has alignment matrices, and what it leaves without.
 fn alignment(calibration: &Calibration) -> String {
-    let of_gyroscopes =
-        calibration.gyroscopes.as_ref().map(|found| found.left_without_alignment(&calibration.table));
+    let of_gyroscopes = calibration.gyroscopes.as_ref().map(|found| found.left_without_alignment(&calibration.table));
     let aligned = calibration.table.content().alignment.is_some();
     let lacks = |left: String| {
         format!("  without an alignment matrix, which this IMU needs: misalignments leave up to {left} (--alignment)\n")
@@ -149,7 +147,9 @@ fn alignment(calibration: &Calibration) -> String {
         (Some(left), Some(Some(rate))) => lacks(format!("{left} and {}", of_rate(rate))),
         (Some(left), _) => lacks(left),
         (None, Some(Some(rate))) => lacks(of_rate(rate)),
-        (None, _) => "  without an alignment matrix: no misalignment exceeds its 99 % interval and 1e-6 rad\n".to_owned(),
+        (None, _) => {
+            "  without an alignment matrix: no misalignment exceeds its 99 % interval and 1e-6 rad\n".to_owned()
+        }
     }
 }
 

@@ -27,8 +27,20 @@ fn requirements_are_read_and_printed() {
         let again: Requirement = found.to_string().parse().unwrap();
         assert_eq!(again.to_string(), found.to_string());
     }
+    for (text, rate) in [("rate=0.02deg/h", 0.02), ("bias=20ug0, rate = 0.5 arcsec/s", 0.5), ("rate=1e-4deg/s,3", 0.36)]
+    {
+        let found: Requirement = text.parse().unwrap();
+        assert!((found.rate.unwrap() / rate - 1.0).abs() < 1e-12, "{text}");
+        assert_eq!(found.to_string().parse::<Requirement>().unwrap().rate, found.rate);
+    }
     for wrong in [
         "",
+        "rate=0.02",
+        "rate=0.02ug0",
+        "rate=0deg/h",
+        "rate=1e-7deg/h",
+        "rate=11deg/s",
+        "rate=1deg/h,rate=2deg/h",
         "x",
         "-3",
         "0",

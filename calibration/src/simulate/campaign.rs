@@ -7,7 +7,7 @@
 use super::chain::{Chain, Noise};
 use super::imu::SimulatedImu;
 use super::model::Truth;
-use super::motion::Motion;
+use super::motion::InertialMotion;
 use super::random::RandomGenerator;
 use super::turntable::SimulatedTurntable;
 use crate::gyroscopes::turn::{TableAxis, Turn, outer_axis};
@@ -189,7 +189,7 @@ pub struct SimulatedCampaign<'a> {
 #[derive(Clone, Debug)]
 enum TableState {
     /// It is at rest; every row feels the same.
-    Dwell(Motion),
+    Dwell(InertialMotion),
     Turn(TurnInProgress),
 }
 
@@ -207,7 +207,7 @@ pub fn campaign<'a>(truth: &Truth, schedule: &'a CampaignSchedule, seed: u64) ->
         rows_left: 0,
         set_point_c: first,
         position: 0,
-        state: TableState::Dwell(Motion::default()),
+        state: TableState::Dwell(InertialMotion::default()),
     }
 }
 
@@ -243,14 +243,14 @@ impl SimulatedCampaign<'_> {
     }
 
     /// What a row feels in `position`, at the angles where the turntable comes to rest, their errors included.
-    fn dwell(&mut self, position: &Position) -> Motion {
+    fn dwell(&mut self, position: &Position) -> InertialMotion {
         let Some(angles) = position.angles else {
             let gravity = self.truth.gravity_local / self.truth.table.content().gravity;
-            return Motion::of_force(position.specific_force.map(|f| f * gravity));
+            return InertialMotion::of_force(position.specific_force.map(|f| f * gravity));
         };
         let noise = self.schedule.noise.positioning_rad;
         let angles = angles.map(|angle| angle + (noise * self.angle_noise.normal()).to_degrees());
-        Motion::at_rest(&self.truth, angles, self.schedule.interval_ns as f64 / 1e9)
+        InertialMotion::at_rest(&self.truth, angles, self.schedule.interval_ns as f64 / 1e9)
     }
 
     /// The turntable before `turn`, whose angle has an error.
@@ -320,9 +320,9 @@ struct MoveCommand {
 
 impl TurnInProgress {
     /// What the IMU feels in the next row.
-    fn row(&mut self, truth: &Truth) -> Motion {
+    fn row(&mut self, truth: &Truth) -> InertialMotion {
         let begin_s = self.now_s;
-        Motion::over(truth, self.interval_ns as f64 / 1e9, |time_s| self.angles_deg(begin_s + time_s))
+        InertialMotion::over(truth, self.interval_ns as f64 / 1e9, |time_s| self.angles_deg(begin_s + time_s))
     }
 
     /// Advances to `time_s` and gives outer and inner angle there \[deg\].

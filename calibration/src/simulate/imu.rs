@@ -13,7 +13,7 @@
 use super::chain::{Chain, Noise};
 use super::chamber::{SLOW_STREAM, SimulatedChamber};
 use super::model::Truth;
-use super::motion::Motion;
+use super::motion::InertialMotion;
 use super::random::RandomGenerator;
 use super::triad::{SimulatedGyroscopes, SimulatedTriad};
 use core::f64::consts::TAU;
@@ -105,7 +105,7 @@ impl SimulatedImu {
 
     /// Advances by one control period of `interval_ns` with what the IMU feels in it, and returns the sample that the acquisition latches
     /// at its end. Session and `sent_ns` are 0.
-    pub fn step(&mut self, motion: &Motion, interval_ns: u64) -> RawSample {
+    pub fn step(&mut self, motion: &InertialMotion, interval_ns: u64) -> RawSample {
         let ts = interval_ns as f64 / 1e9;
         self.chamber.wait(ts / 2.0);
         let (head_c, board_c) = self.chamber.head_and_board_c();

@@ -284,11 +284,11 @@ fn worst_of_triad(axes: &[Axis; AXES], truth: &[Axis; AXES]) -> [f64; 2] {
 }
 
 /// Typical gyroscopes, with the telemetry of `chain`, for a truth that has none: some deg/h of bias and some 1e-4 of scale factor over -25 to
-/// 45 degC, K+ and K- about 1 pulse/arcsec, with g-sensitivity and misalignment. Defined from -55 to 85 degC. `None` if the telemetry of the
+/// 45 degC, K+ and K- about 1 pulse/arcsec, with g-sensitivity and misalignment. Defined from -40 to 85 degC. `None` if the telemetry of the
 /// chain does not change with the temperature.
 #[must_use]
 pub fn typical_gyroscopes(chain: &Chain) -> Option<Gyroscopes> {
-    let [low, high] = [-55.0, 85.0].map(|temperature_c| chain.telemetry(temperature_c));
+    let [low, high] = [-40.0, 85.0].map(|temperature_c| chain.telemetry(temperature_c));
     let range = [low.min(high), low.max(high)];
     // Of t = (U - U(10 degC)) / (U(45 degC) - U(10 degC)).
     let (center, scale) = (chain.telemetry(10.0), 35.0 * chain.telemetry_slope);

@@ -23,14 +23,14 @@ const STEP_S: f64 = 0.05;
 
 /// What the IMU feels over a period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub struct InertialMotion {
     /// Angle about each of the IMU's axes in inertial space, right-handed: the integral of the rate over the period \[arcsec\].
     pub angle: [f64; AXES],
     /// Mean specific force along each of the IMU's axes \[g0\].
     pub specific_force: [f64; AXES],
 }
 
-impl Motion {
+impl InertialMotion {
     /// A specific force \[g0\] without any rotation, for an IMU without gyroscopes.
     #[must_use]
     pub const fn of_force(specific_force: [f64; AXES]) -> Self {
@@ -99,15 +99,15 @@ mod tests {
     use crate::simulate::tests::truth;
 
     /// The motion over a whole movement of the turntable, in periods of `period_s`, and the time that it takes \[s\].
-    fn moved(truth: &Truth, targets: &[(usize, f64)], start: [f64; 2], period_s: f64, periods: u32) -> Motion {
+    fn moved(truth: &Truth, targets: &[(usize, f64)], start: [f64; 2], period_s: f64, periods: u32) -> InertialMotion {
         let mut turntable = SimulatedTurntable::at(start);
         for (axis, target) in targets {
             turntable.go_to(*axis, *target, 10.0, 10.0);
         }
-        let mut sum = Motion::default();
+        let mut sum = InertialMotion::default();
         for _ in 0..periods {
             let mut now = 0.0;
-            let motion = Motion::over(truth, period_s, |t| {
+            let motion = InertialMotion::over(truth, period_s, |t| {
                 turntable.wait(t - now);
                 now = t;
                 turntable.angles_deg()
@@ -175,8 +175,14 @@ mod tests {
     fn at_rest_and_both_axes_at_once() {
         let truth = truth();
         // To the last bit, so that a turntable that stands gives what a position gives.
-        assert_eq!(Motion::over(&truth, 10.0, |_| [45.0, 30.0]), Motion::at_rest(&truth, [45.0, 30.0], 10.0));
-        assert_eq!(Motion::at_rest(&truth, [45.0, 30.0], 1.0).specific_force, specific_force(&truth, 45.0, 30.0));
+        assert_eq!(
+            InertialMotion::over(&truth, 10.0, |_| [45.0, 30.0]),
+            InertialMotion::at_rest(&truth, [45.0, 30.0], 10.0)
+        );
+        assert_eq!(
+            InertialMotion::at_rest(&truth, [45.0, 30.0], 1.0).specific_force,
+            specific_force(&truth, 45.0, 30.0)
+        );
         // The steps are short enough: half as long they give the same.
         let targets = [(0, 90.0), (1, 270.0)];
         let whole = moved(&truth, &targets, [0.0, 0.0], 1.0, 40);

@@ -4,7 +4,7 @@ use super::campaign::nanoseconds;
 use super::chain::{Chain, Noise};
 use super::imu::SimulatedImu;
 use super::model::Truth;
-use super::motion::Motion;
+use super::motion::InertialMotion;
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -85,7 +85,7 @@ impl RunSchedule {
 pub struct RunSamples<'a> {
     run: &'a RunSchedule,
     imu: SimulatedImu,
-    motion: Motion,
+    motion: InertialMotion,
     count: u64,
     /// Index of the sample at whose beginning the ramp starts.
     ramp_start: u64,
@@ -97,8 +97,8 @@ pub fn run<'a>(truth: &Truth, run: &'a RunSchedule, seed: u64) -> RunSamples<'a>
     let mut imu = SimulatedImu::new(truth, &run.chain, &run.noise, run.from_c, seed);
     imu.visit();
     let ramp_start = nanoseconds(run.hold_s).checked_div(run.interval_ns).unwrap_or(0);
-    let at_rest = Motion::at_rest(truth, run.angles_deg(truth), run.interval_ns as f64 / 1e9);
-    let motion = Motion { specific_force: run.specific_force(truth), ..at_rest };
+    let at_rest = InertialMotion::at_rest(truth, run.angles_deg(truth), run.interval_ns as f64 / 1e9);
+    let motion = InertialMotion { specific_force: run.specific_force(truth), ..at_rest };
     RunSamples { run, imu, motion, count: 0, ramp_start }
 }
 

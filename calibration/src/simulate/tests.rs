@@ -36,7 +36,7 @@ fn without_noise_the_integral_is_exact_to_one_pulse_over_any_time() {
     for force in [[0.6, -0.48, 0.64], [0.0, 1e-4, -1.0], [-0.3, 0.0, 2e-5]] {
         let mut sum = [0.0; AXES];
         for count in 1..=5000 {
-            let dv = compensated(&truth, &imu.step(&Motion::of_force(force), 7_000_000));
+            let dv = compensated(&truth, &imu.step(&InertialMotion::of_force(force), 7_000_000));
             for i in 0..AXES {
                 sum[i] += dv[i];
                 // At both ends the remaining charge is less than a pulse; the misalignment adds a thousandth of it.
@@ -46,8 +46,8 @@ fn without_noise_the_integral_is_exact_to_one_pulse_over_any_time() {
         }
         // From a discharged converter the error is one pulse over any time.
         let mut fresh = SimulatedImu::new(&truth, &steady(), &Noise::NONE, 17.0, 1);
-        let mut total = fresh.step(&Motion::of_force(force), 7_000_000);
-        (1..100_000).for_each(|_| total.merge(&fresh.step(&Motion::of_force(force), 7_000_000)).unwrap());
+        let mut total = fresh.step(&InertialMotion::of_force(force), 7_000_000);
+        (1..100_000).for_each(|_| total.merge(&fresh.step(&InertialMotion::of_force(force), 7_000_000)).unwrap());
         let dv = compensated(&truth, &total);
         for i in 0..AXES {
             assert!((dv[i] - force[i] * 700.0).abs() < 1.01 * PULSE, "{dv:?}");
@@ -63,7 +63,7 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
     let mut imu = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1);
     let mut sum = [0.0; AXES];
     for _ in 0..400 {
-        let raw = imu.step(&Motion::of_force(force), 25_000_000);
+        let raw = imu.step(&InertialMotion::of_force(force), 25_000_000);
         // 0.5 g0 over half a period of 12.5 ms, times 2/pi and 90 000 pulses/(s*g0), is 358 pulses.
         for (positive, negative) in raw.accelerometers.positive_pulses.iter().zip(raw.accelerometers.negative_pulses) {
             assert!((300..400).contains(positive) && (300..400).contains(&negative), "{raw:?}");
@@ -76,7 +76,8 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
         assert!((sum[i] - force[i] * 10.0).abs() < 1.01 * PULSE, "{sum:?}");
     }
     // Signed pulses with one common scale factor rectify the vibration into a bias.
-    let raw = SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1).step(&Motion::of_force(force), 10_000_000_000);
+    let raw =
+        SimulatedImu::new(&truth, &chain, &Noise::NONE, 0.0, 1).step(&InertialMotion::of_force(force), 10_000_000_000);
     let axis = &truth.table.content().axes[0];
     let signed = f64::from(raw.accelerometers.positive_pulses[0]) - f64::from(raw.accelerometers.negative_pulses[0]);
     let naive = signed / axis.positive_scale_factor.at(2.26) - axis.bias_at(2.1).0 * 10.0;
@@ -107,7 +108,8 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
 
 #[test]
 fn telemetry_gives_the_temperatures_of_head_and_board() {
-    let raw = SimulatedImu::new(&truth(), &steady(), &Noise::NONE, -25.0, 1).step(&Motion::default(), 1_000_000);
+    let raw =
+        SimulatedImu::new(&truth(), &steady(), &Noise::NONE, -25.0, 1).step(&InertialMotion::default(), 1_000_000);
     for (telemetry, right) in raw.accelerometers.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
         assert!((telemetry - right).abs() < 1e-12);
     }
@@ -201,7 +203,8 @@ fn noise_has_the_stated_size() {
     for (interval_s, right) in [(1.0, 50e-6), (0.25, 100e-6)] {
         let values: Vec<_> = (0..4000)
             .map(|_| {
-                compensated(&truth, &imu.step(&Motion::of_force(force), (interval_s * 1e9) as u64))[1] / interval_s
+                compensated(&truth, &imu.step(&InertialMotion::of_force(force), (interval_s * 1e9) as u64))[1]
+                    / interval_s
                     - 0.5
             })
             .collect();
@@ -215,8 +218,8 @@ fn noise_has_the_stated_size() {
     let mut offsets = Vec::new();
     for _ in 0..200 {
         imu.visit();
-        let [first, second] =
-            [(); 2].map(|()| compensated(&truth, &imu.step(&Motion::of_force(force), 60_000_000_000))[0] / 60.0 - 0.5);
+        let [first, second] = [(); 2]
+            .map(|()| compensated(&truth, &imu.step(&InertialMotion::of_force(force), 60_000_000_000))[0] / 60.0 - 0.5);
         assert!((first - second).abs() < 1e-6);
         offsets.push(first);
     }

@@ -13,7 +13,7 @@
 //! ```
 
 use super::model::Truth;
-use super::motion::Motion;
+use super::motion::InertialMotion;
 use isotherm_shared::table::Axis;
 use isotherm_shared::wire::{AXES, Triad};
 use nalgebra::{Matrix3, Vector3};
@@ -118,7 +118,7 @@ impl SimulatedGyroscopes {
     /// random walk adds \[arcsec\].
     pub fn feel(
         &mut self,
-        motion: &Motion,
+        motion: &InertialMotion,
         seconds: f64,
         [head, board]: [[f64; AXES]; 2],
         walk: [f64; AXES],

@@ -1,9 +1,14 @@
 //! The motion of the two-axis turntable, and the specific force on the IMU at its angles.
 //!
 //! # Equations
-//! An axis accelerates with +-a up to the rate v and comes to rest at its target. Its motion is a list of segments of constant
-//! acceleration, each exact for any step h: `angle += rate h + a h h / 2`, `rate += a h`. An axis that gets a new target while
-//! it moves comes to rest first.
+//! A move from rest to rest over the angle d with the rate v and the acceleration a is a trapezoid of rate over time: up with +-a, on at +-v,
+//! down with -+a. One shorter than v v / a is a triangle up to the rate sqrt(a |d|). A move takes
+//!
+//! ```text
+//! |d| / v + v / a,   or 2 sqrt(|d| / a) if |d| < v v / a                                                       [s]
+//! ```
+//! The motion is a list of segments of constant acceleration, each exact for any step h: `angle += rate h + a h h / 2`, `rate += a h`. An axis
+//! that gets a new target while it moves comes to rest first.
 //!
 //! R = Rx(outer) Rz(inner) rotates the body's axes into those of the laboratory. With the base's tilt (tx, ty) the specific
 //! force along the body's axes is
@@ -20,6 +25,8 @@ use std::collections::VecDeque;
 
 /// Frequency of the oscillation of a turntable that does not settle \[Hz\].
 const SWING_HZ: f64 = 0.7;
+/// Time in which an oscillation of this amplitude begins or ceases \[s\].
+const SWING_RAMP_S: f64 = 1.0;
 
 /// The specific force \[g0\] along the body's axes at rest at the given angles \[deg\].
 #[must_use]
@@ -82,12 +89,52 @@ impl AxisMotion {
     }
 }
 
+/// The oscillation of both axes when the turntable does not settle. Its amplitude changes gradually, so that no angle jumps.
+#[derive(Clone, Copy, Debug, Default)]
+struct Swing {
+    /// Amplitude when it was last commanded, and the one commanded \[deg\].
+    from_deg: f64,
+    to_deg: f64,
+    /// Time since it was last commanded \[s\].
+    elapsed_s: f64,
+    time_s: f64,
+}
+
+impl Swing {
+    fn command(&mut self, amplitude_deg: f64) {
+        *self = Self { from_deg: self.amplitude().0, to_deg: amplitude_deg, elapsed_s: 0.0, ..*self };
+    }
+
+    fn wait(&mut self, time_s: f64) {
+        self.elapsed_s += time_s;
+        self.time_s += time_s;
+    }
+
+    /// The amplitude \[deg\] and its rate of change \[deg/s\].
+    fn amplitude(&self) -> (f64, f64) {
+        if self.elapsed_s >= SWING_RAMP_S {
+            return (self.to_deg, 0.0);
+        }
+        let growth = (self.to_deg - self.from_deg) / SWING_RAMP_S;
+        (self.from_deg + growth * self.elapsed_s, growth)
+    }
+
+    fn angle_deg(&self) -> f64 {
+        self.amplitude().0 * (TAU * SWING_HZ * self.time_s).sin()
+    }
+
+    fn rate_deg_s(&self) -> f64 {
+        let (amplitude, growth) = self.amplitude();
+        let (sine, cosine) = (TAU * SWING_HZ * self.time_s).sin_cos();
+        growth * sine + amplitude * TAU * SWING_HZ * cosine
+    }
+}
+
 /// A two-axis turntable; axis 0 is the outer one. It begins at rest with both angles 0.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedTurntable {
     axes: [AxisMotion; 2],
-    swing_deg: f64,
-    time_s: f64,
+    swing: Swing,
 }
 
 impl SimulatedTurntable {
@@ -110,26 +157,26 @@ impl SimulatedTurntable {
 
     /// Makes both axes oscillate with `amplitude_deg` from now on; 0 ends it.
     pub fn swing(&mut self, amplitude_deg: f64) {
-        self.swing_deg = amplitude_deg;
+        self.swing.command(amplitude_deg);
     }
 
     /// Advances by `time_s` \[s\].
     pub fn wait(&mut self, time_s: f64) {
-        self.time_s += time_s;
+        self.swing.wait(time_s);
         self.axes.iter_mut().for_each(|axis| axis.wait(time_s));
     }
 
     /// Outer and inner angle \[deg\].
     #[must_use]
     pub fn angles_deg(&self) -> [f64; 2] {
-        let swing = self.swing_deg * (TAU * SWING_HZ * self.time_s).sin();
+        let swing = self.swing.angle_deg();
         [0, 1].map(|axis| self.axes[axis].angle_deg + swing)
     }
 
     /// Outer and inner rate \[deg/s\].
     #[must_use]
     pub fn rates_deg_s(&self) -> [f64; 2] {
-        let swing = self.swing_deg * TAU * SWING_HZ * (TAU * SWING_HZ * self.time_s).cos();
+        let swing = self.swing.rate_deg_s();
         [0, 1].map(|axis| self.axes[axis].rate_deg_s + swing)
     }
 }
@@ -175,7 +222,63 @@ mod tests {
         one.wait(100.0);
         assert_eq!(one.angles_deg()[0], -20.0);
         one.swing(0.05);
-        one.wait(0.3);
-        assert!((one.angles_deg()[0] + 20.0).abs() > 0.01 && one.rates_deg_s()[1].abs() > 0.01);
+        one.wait(1.5);
+        let amplitude = (one.angles_deg()[0] + 20.0).hypot(one.rates_deg_s()[1] / (TAU * SWING_HZ));
+        assert!((amplitude - 0.05).abs() < 1e-9, "{amplitude}");
+    }
+
+    /// A turn of 720 degrees: 1 s up, 71 s at 10 deg/s, 1 s down.
+    #[test]
+    fn a_turn_has_angle_and_rate_at_any_time_and_a_stop_interrupts_it() {
+        let mut turntable = SimulatedTurntable::default();
+        let near = |found: f64, right: f64| assert!((found - right).abs() < 1e-9, "{found} {right}");
+        let mut now_s = 0.0;
+        let mut at = |turntable: &mut SimulatedTurntable, time_s: f64, angle_deg: f64, rate_deg_s: f64| {
+            turntable.wait(time_s - now_s);
+            now_s = time_s;
+            near(turntable.angles_deg()[0], angle_deg);
+            near(turntable.rates_deg_s()[0], rate_deg_s);
+        };
+        turntable.go_to(0, 720.0, 10.0, 10.0);
+        for (time_s, angle_deg, rate_deg_s) in [
+            (0.5, 1.25, 5.0),
+            (1.0, 5.0, 10.0),
+            (36.5, 360.0, 10.0),
+            (72.0, 715.0, 10.0),
+            (72.5, 718.75, 5.0),
+            (73.0, 720.0, 0.0),
+            (90.0, 720.0, 0.0),
+        ] {
+            at(&mut turntable, time_s, angle_deg, rate_deg_s);
+        }
+        turntable.go_to(0, 0.0, 10.0, 10.0);
+        at(&mut turntable, 126.5, 360.0, -10.0);
+        // It brakes from 10 deg/s within 0.2 s and 1 degree, and then goes on from there.
+        turntable.stop(0, 50.0);
+        at(&mut turntable, 126.6, 359.25, -5.0);
+        at(&mut turntable, 126.7, 359.0, 0.0);
+        at(&mut turntable, 130.0, 359.0, 0.0);
+        turntable.go_to(0, 0.0, 10.0, 10.0);
+        at(&mut turntable, 166.9, 0.0, 0.0);
+        assert_eq!((turntable.angles_deg(), turntable.rates_deg_s()), ([0.0; 2], [0.0; 2]));
+    }
+
+    #[test]
+    fn an_oscillation_begins_and_ends_without_a_jump() {
+        let mut turntable = SimulatedTurntable::default();
+        let mut before = [0.0; 2];
+        for step in 0..400 {
+            match step {
+                137 => turntable.swing(0.05),
+                211 => turntable.swing(0.0),
+                _ => {}
+            }
+            turntable.wait(0.01);
+            let after = turntable.angles_deg();
+            let rate = turntable.rates_deg_s()[0];
+            assert!((after[0] - before[0] - rate * 0.01).abs() < 1e-3, "{step}: {before:?} {after:?} {rate}");
+            before = after;
+        }
+        assert_eq!(turntable.angles_deg(), [0.0; 2]);
     }
 }

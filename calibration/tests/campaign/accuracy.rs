@@ -8,7 +8,9 @@ use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method, c
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::positions::{Position, Scheme};
 use isotherm_calibration::reduce::reduce;
-use isotherm_calibration::simulate::{CampaignSchedule, MISALIGNMENT, Motion, SimulatedRow, TILT_RAD, Truth, campaign};
+use isotherm_calibration::simulate::{
+    CampaignSchedule, InertialMotion, MISALIGNMENT, SimulatedRow, TILT_RAD, Truth, campaign,
+};
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
@@ -147,7 +149,7 @@ fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> 
                 rows.push(SimulatedRow {
                     set_point_c,
                     position: position.number,
-                    raw: imu.step(&Motion::of_force(force), 10_000_000_000),
+                    raw: imu.step(&InertialMotion::of_force(force), 10_000_000_000),
                 });
             }
         }

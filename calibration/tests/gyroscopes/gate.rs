@@ -194,7 +194,7 @@ fn what_no_run_at_rest_shows_must_agree_with_the_table_in_force() {
     // Who knows better states it.
     let wrong = laboratory.with(|table| {
         gyroscopes(table, |part| {
-            part.axes[0].negative_scale_factor = times(&part.axes[0].negative_scale_factor, 1.0002)
+            part.axes[0].negative_scale_factor = times(&part.axes[0].negative_scale_factor, 1.0002);
         })
     });
     assert_eq!(laboratory.refused(&wrong, Some(truth), "scale=300ppm", as_used).0, set([]));

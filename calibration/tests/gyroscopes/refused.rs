@@ -208,7 +208,9 @@ fn rows_that_are_too_long_are_refused() {
     let refused =
         station.calibrate(CalibrationOptions { order: Some(1), ..CalibrationOptions::default() }).unwrap_err();
     assert!(
-        refused.to_string().contains("turn 101, at every set point: it turns by 100 deg in a row of 10.00 s; at most 30 deg"),
+        refused
+            .to_string()
+            .contains("turn 101, at every set point: it turns by 100 deg in a row of 10.00 s; at most 30 deg"),
         "{refused}"
     );
 }

@@ -4,8 +4,8 @@ use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gyroscopes;
 use isotherm_calibration::simulate::{
-    CampaignSchedule, Chain, MISALIGNMENT, Motion, Noise, RunSchedule, SimulatedImu, TILT_RAD, Truth, TurnSchedule,
-    campaign, run, typical_gyroscopes, worst_gyroscope_errors,
+    CampaignSchedule, Chain, InertialMotion, MISALIGNMENT, Noise, RunSchedule, SimulatedImu, TILT_RAD, Truth,
+    TurnSchedule, campaign, run, typical_gyroscopes, worst_gyroscope_errors,
 };
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::compensate;
@@ -113,7 +113,7 @@ fn the_pulses_are_the_integral_of_the_motion_within_one_pulse() {
         // J of the method, with Ic = rests + rate/acceleration = 11 s and Is = 0: what is across the axis.
         let k = Vector3::from(turn.axis);
         let backwards = |v: Vector3<f64>| k * k.dot(&v) * seconds + (v - k * k.dot(&v)) * 11.0;
-        let at_rest = Motion::at_rest(&truth, turn.start.angles.unwrap(), 1.0);
+        let at_rest = InertialMotion::at_rest(&truth, turn.start.angles.unwrap(), 1.0);
         let angle = truth.gyroscope_misalignment() * (turn.turned() + backwards(at_rest.angle.into()));
         let force = backwards(at_rest.specific_force.into());
         for i in 0..3 {
@@ -157,7 +157,7 @@ fn a_run_at_rest_has_the_angles_of_its_attitude() {
     let truth = Truth { tilt_rad: [4e-4, -3e-4], latitude_deg: -33.9, ..truth() };
     for direction in [[0.6, -0.48, 0.64], [-1.0, 0.0, 0.0], [0.3, 0.2, -0.9], [0.0, 1.0, 0.001]] {
         let schedule = RunSchedule { direction, chain: steady(), noise: Noise::NONE, ..RunSchedule::default() };
-        let at_rest = Motion::at_rest(&truth, schedule.angles_deg(&truth), 0.1);
+        let at_rest = InertialMotion::at_rest(&truth, schedule.angles_deg(&truth), 0.1);
         let force = schedule.specific_force(&truth);
         for i in 0..3 {
             assert!((at_rest.specific_force[i] - force[i]).abs() < 1e-14, "{at_rest:?} {force:?}");
@@ -182,7 +182,7 @@ fn noise_of_the_gyroscopes_has_the_stated_size() {
     let noise = Noise { random_walk: 0.05, ..Noise::NONE };
     let mut imu = SimulatedImu::new(&truth, &steady(), &noise, 20.0, 9);
     for (seconds, right) in [(1.0, 3.0), (4.0, 6.0)] {
-        let motion = Motion::at_rest(&truth, [0.0, 0.0], seconds);
+        let motion = InertialMotion::at_rest(&truth, [0.0, 0.0], seconds);
         let values: Vec<f64> = (0..4000)
             .map(|_| {
                 let raw = imu.step(&motion, (seconds * 1e9) as u64);
@@ -194,7 +194,7 @@ fn noise_of_the_gyroscopes_has_the_stated_size() {
     // One offset for each visit, constant during the visit.
     let noise = Noise { gyroscope_bias: 0.5, ..Noise::NONE };
     let mut imu = SimulatedImu::new(&truth, &steady(), &noise, 20.0, 9);
-    let motion = Motion::at_rest(&truth, [0.0, 0.0], 1000.0);
+    let motion = InertialMotion::at_rest(&truth, [0.0, 0.0], 1000.0);
     let mut offsets = Vec::new();
     for _ in 0..200 {
         imu.visit();

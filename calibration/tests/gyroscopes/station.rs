@@ -3,11 +3,15 @@
 //! The physics is that of `isotherm_calibration::simulate`: Earth's rate, the integral of the motion, the charge balance. It shares nothing with
 //! the fit. The station here differs from a simulated campaign: any mounting, any axis, speed profiles that are not symmetric, a drift
 //! within a set point, wrong statements in the campaign file.
+//!
+//! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gyroscopes::{self, turn::outer_axis};
-use isotherm_calibration::simulate::{Motion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors};
+use isotherm_calibration::simulate::{
+    InertialMotion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors,
+};
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};
@@ -317,7 +321,7 @@ impl Station {
     pub fn run(&self, angles: [f64; 2], rows: u32) -> Vec<RawSample> {
         const SECONDS: f64 = 10.0;
         let mut recorder = self.recorder(0x0BAD_5EED);
-        let at_rest = |seconds| mounted(&self.mount, Motion::at_rest(&recorder.truth, angles, seconds));
+        let at_rest = |seconds| mounted(&self.mount, InertialMotion::at_rest(&recorder.truth, angles, seconds));
         let (settling, motion) = (at_rest(30.0), at_rest(SECONDS));
         let (from, to) = (self.set_points[0], self.set_points[self.set_points.len() - 1]);
         recorder.settle(&settling, from);
@@ -402,7 +406,7 @@ impl Recorder<'_> {
         self.gyroscopes.visit(bias, scale, || self.random.normal());
         for (number, &angles) in (1..).zip(&station.positions) {
             self.now += 60.0;
-            let at_rest = |seconds| mounted(&station.mount, Motion::at_rest(&self.truth, angles, seconds));
+            let at_rest = |seconds| mounted(&station.mount, InertialMotion::at_rest(&self.truth, angles, seconds));
             let (settling, row) = (at_rest(30.0), at_rest(station.dwell_row));
             self.settle(&settling, at(self.now));
             for _ in 0..(station.dwell / station.dwell_row).round() as usize {
@@ -429,23 +433,23 @@ impl Recorder<'_> {
             let turned: f64 = (0..station.moves).map(|k| one.angle(t - station.rest - period * f64::from(k))).sum();
             [0, 1].map(|k| start[k] + direction[k] * turned)
         };
-        let settling = mounted(&mount, Motion::at_rest(&self.truth, start, 30.0));
+        let settling = mounted(&mount, InertialMotion::at_rest(&self.truth, start, 30.0));
         self.settle(&settling, at(self.now));
         for row in 0..rows {
             let begin = row as f64 * station.turn_row;
-            let motion = Motion::over(&self.truth, station.turn_row, |t| angles(begin + t));
+            let motion = InertialMotion::over(&self.truth, station.turn_row, |t| angles(begin + t));
             let temperature = at(self.now + 0.5 * station.turn_row);
             self.row(set_point, turn.number, &mounted(&mount, motion), station.turn_row, temperature);
         }
     }
 
     /// The table has moved there, and stands for half a minute before the first row: what the charge balance holds has the sign of the rate at rest.
-    fn settle(&mut self, motion: &Motion, temperature: f64) {
+    fn settle(&mut self, motion: &InertialMotion, temperature: f64) {
         let mut sample = self.sample(30.0, temperature);
         self.feel(&mut sample.gyroscopes, motion, 30.0);
     }
 
-    fn row(&mut self, set_point_c: f64, number: u32, motion: &Motion, seconds: f64, temperature: f64) {
+    fn row(&mut self, set_point_c: f64, number: u32, motion: &InertialMotion, seconds: f64, temperature: f64) {
         let mut sample = self.sample(seconds, temperature);
         let triad = &mut sample.accelerometers;
         let force = ACCELEROMETERS * Vector3::from(motion.specific_force);
@@ -459,7 +463,7 @@ impl Recorder<'_> {
         self.rows.push(CampaignRow { line, set_point_c, position: Some(number), sample });
     }
 
-    fn feel(&mut self, triad: &mut Triad, motion: &Motion, seconds: f64) {
+    fn feel(&mut self, triad: &mut Triad, motion: &InertialMotion, seconds: f64) {
         let walk = [0, 1, 2].map(|_| self.station.random_walk * seconds.sqrt() * self.random.normal());
         self.gyroscopes.feel(motion, seconds, [triad.head_temperature, triad.board_temperature], walk, triad);
     }
@@ -486,10 +490,10 @@ impl Recorder<'_> {
 }
 
 /// What an IMU feels that is mounted so on the turntable. A left-handed one feels rates as it feels forces.
-fn mounted(mount: &Matrix3<f64>, motion: Motion) -> Motion {
+fn mounted(mount: &Matrix3<f64>, motion: InertialMotion) -> InertialMotion {
     let [angle, specific_force] =
         [motion.angle, motion.specific_force].map(|vector| (mount * Vector3::from(vector)).into());
-    Motion { angle, specific_force }
+    InertialMotion { angle, specific_force }
 }
 
 /// From rest to rest at constant accelerations.

@@ -85,12 +85,12 @@ fn intervals_contain_the_truth_at_their_rate() {
         let found = verified(&table, &station.run(angles, 360), Some(angles));
         let found = gyroscopes(&found);
         let of_earth = found.earth_rate.unwrap().interval.unwrap();
-        for axis in 0..3 {
+        for (axis, of_earth) in of_earth.into_iter().enumerate() {
             let errors = found.errors[axis];
             let holds = |it: Estimate| u32::from(it.value.abs() <= it.interval);
             let middle = errors.constant.unwrap();
             constant += holds(middle);
-            without_earth += u32::from(middle.value.powi(2) <= middle.interval.powi(2) - of_earth[axis].powi(2));
+            without_earth += u32::from(middle.value.powi(2) <= middle.interval.powi(2) - of_earth.powi(2));
             variation += holds(errors.variation);
             walk += u32::from((found.random_walk[axis].value - 0.003).abs() <= found.random_walk[axis].interval);
         }

@@ -19,7 +19,9 @@ use isotherm_calibration::gate::{self, Refusal};
 use isotherm_calibration::positions::{Position, specific_force as direction};
 use isotherm_calibration::report;
 use isotherm_calibration::requirement::Requirement;
-use isotherm_calibration::simulate::{Motion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
+use isotherm_calibration::simulate::{
+    InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force,
+};
 use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability, StabilityError};
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::table::CoefficientTable;
@@ -192,7 +194,7 @@ pub fn true_error(case: &Case, table: &CoefficientTable) -> f64 {
         for attitude in &attitudes {
             let force = attitude.map(|a| a * truth.gravity_local / truth.table.content().gravity);
             let mut imu = SimulatedImu::new(truth, &chain, &Noise::NONE, celsius, 1);
-            let mut raw = imu.step(&Motion::of_force(force), (INTERVAL_S * 1e9) as u64);
+            let mut raw = imu.step(&InertialMotion::of_force(force), (INTERVAL_S * 1e9) as u64);
             (case.in_use)(&mut raw);
             let velocity = compensate(table, &raw).velocity_increment;
             for axis in 0..3 {

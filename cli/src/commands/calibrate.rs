@@ -130,8 +130,7 @@ impl Calibrate {
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (measurements, places, samples_sha256) = read_samples(&campaign, &samples)?;
         let locate = |line| places.locate(line);
-        let accept: Vec<_> =
-            self.accept.into_iter().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect();
+        let accept: Vec<_> = self.accept.into_iter().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect();
         let options = CalibrationOptions {
             method: self.method,
             order: match self.order {

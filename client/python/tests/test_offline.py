@@ -323,7 +323,7 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
     assert [message[:10] for _, _, message in alone.findings] == ["[no-turns]"] and list(alone.orders) == ["A1", "A2", "A3"]
     # Faults of turns.
     lost = samples.drop(samples.index[(samples["position"] == 13) & (samples["set_point_c"] == 20)][20])
-    with pytest.raises(isotherm.CalibrationError, match=r"\[turn-gap\]: row \d+: set point 20 degC, turn 13: rows are missing"):
+    with pytest.raises(isotherm.CalibrationError, match=r"\[turn-gap\]: samples:\d+: set point 20 degC, turn 13: rows are missing"):
         isotherm.calibrate(settings, lost)
     with pytest.raises(isotherm.CalibrationError, match="K\\+ of G1: no turn drives it positive"):
         isotherm.calibrate(settings, samples, exclude=[(20.0, 13)])
@@ -332,7 +332,7 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
     # Samples of another unit.
     marked = samples.assign(device=f"{isotherm.device('S/N 7'):016x}")
     assert isotherm.calibrate(settings | {"serial": "S/N 7"}, marked).findings == []
-    with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: row 0: "):
+    with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: samples:0: "):
         isotherm.calibrate(settings | {"serial": "S/N 8"}, marked)
     other = isotherm.calibrate(settings | {"serial": "S/N 8"}, marked, other_device=True)
     assert other.provenance["accepted"] == ["other-device"]

@@ -317,7 +317,7 @@ impl<'p> SampleRecorder<'p> {
         if !self.plan.turns.is_empty() && !self.has_gyroscopes {
             let message = format!(
                 "the samples of {imu} have no gyroscopes, but the plan takes turns to calibrate them; let the acquisition send them, or leave \
-                 latitude_deg out of the plan to calibrate the accelerometers alone"
+                 [turns] out of the plan to calibrate the accelerometers alone"
             );
             return Err(Failure::new(Exit::Data, message));
         }

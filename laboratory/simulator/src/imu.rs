@@ -1,8 +1,9 @@
 //! The process of the IMU: it simulates one control period after the other and publishes raw samples, as an acquisition does.
 
 use super::link::{Answer, DeviceEvent, LinkClient};
+use super::positioning::PositioningErrors;
 use super::station::SimulatedStation;
-use isotherm_calibration::simulate::{self, Motion, RandomGenerator, SimulatedTurntable, Truth, specific_force};
+use isotherm_calibration::simulate::{self, InertialMotion, SimulatedTurntable, Truth};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{WorldWritable, load_table};
@@ -15,8 +16,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Number of the random stream for the turntable's positioning errors, the same as in a simulated campaign.
-const POSITIONING_STREAM: u64 = 3;
 /// Shortest pause between two questions to the devices.
 const PAUSE: Duration = Duration::from_millis(1);
 /// Samples between two pauses when the IMU catches up after a stall. The pauses let the readers of the stream keep up.
@@ -25,12 +24,12 @@ const BURST: u32 = 32;
 const CONNECT_INTERVAL: Duration = Duration::from_millis(200);
 /// Longest wait for a connection, and for an increment while the queue is full.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(20);
-/// Samples are dropped after the queue was full for this time.
+/// Samples are dropped after the queue was full for this time, and those of a time in which this process was stopped for longer.
 const DROP_AFTER: Duration = Duration::from_secs(10);
 /// A new set point begins another visit if the air was at the last one for longer than this \[s\].
 const VISIT_S: f64 = 600.0;
 
-/// Runs until SIGTERM or SIGINT, or until the process of a device has ended.
+/// Runs until SIGTERM or SIGINT, or until the process of a device has ended. SIGUSR1 restarts the acquisition: the service sees another session.
 ///
 /// # Errors
 /// If the IMU's true coefficients cannot be read.
@@ -40,24 +39,41 @@ pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domai
         // If this fails, the signal ends the process at once, and the service cleans up.
         let _ = signal_hook::flag::register(signal, Arc::clone(&ended));
     }
+    let restart = Arc::new(AtomicBool::new(false));
+    let handled = signal_hook::flag::register(signal_hook::consts::SIGUSR1, Arc::clone(&restart));
+    handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
     let failed = |error: io::Error| Failure::new(Exit::Io, format!("the simulated IMU: {error}"));
     let table = load_table(&folder.join("truth.toml"), None, WorldWritable::Allow)?.0;
-    let SimulatedStation { tilt_rad, gravity_local, .. } = *station;
-    let truth = Truth { tilt_rad, gravity_local, ..Truth::of(table) };
+    let serial = table.content().serial.clone();
+    let SimulatedStation { tilt_rad, gravity_local, latitude_deg, heading_deg, .. } = *station;
+    let truth = Truth { tilt_rad, gravity_local, latitude_deg, heading_deg, ..Truth::of(table) };
     let mut devices = [LinkClient::new(io::stdin()).map_err(failed)?, LinkClient::new(io::stdout()).map_err(failed)?];
     let mut imu_model = MountedImu::new(station, &truth);
-    let mut output = SampleSender::new(imu, domain, Arc::clone(&ended));
+    let mut output = SampleSender::new(imu, serial, domain, Arc::clone(&ended));
+    let mut last_turn = Instant::now();
+    // The samples until then are not sent.
+    let mut missed_s = 0.0;
     while !ended.load(Ordering::Relaxed) {
+        if last_turn.elapsed() > DROP_AFTER {
+            missed_s = station.now_s();
+        }
+        last_turn = Instant::now();
         let mut known_s = f64::INFINITY;
         for device in &mut devices {
             let Ok(Answer { now_s, events }) = device.ask() else { return Ok(()) };
             known_s = known_s.min(now_s);
             imu_model.events.extend(events);
         }
+        if restart.swap(false, Ordering::Relaxed) {
+            output.acquisition = None;
+        }
         imu_model.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
         let mut burst = 0;
         while imu_model.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
-            output.send(&imu_model.step());
+            let sample = imu_model.step();
+            if imu_model.begin_s() >= missed_s {
+                output.send(&sample);
+            }
             burst += 1;
             if burst % BURST == 0 {
                 thread::sleep(PAUSE);
@@ -80,10 +96,9 @@ struct MountedImu<'a> {
     periods: u64,
     /// Events of the devices that are later than the last simulated period.
     events: VecDeque<(f64, DeviceEvent)>,
-    /// Errors of the angles \[deg\], drawn anew for each move.
-    errors_deg: [f64; 2],
-    positioning_deg: f64,
-    random: RandomGenerator,
+    errors: PositioningErrors,
+    /// The time that the turntable has reached \[s\].
+    now_s: f64,
     target_c: f64,
     /// When the air reached its target temperature \[s\].
     arrived_s: f64,
@@ -101,12 +116,16 @@ impl<'a> MountedImu<'a> {
             interval_ns: *interval_ns,
             periods: 0,
             events: VecDeque::new(),
-            errors_deg: [0.0; 2],
-            positioning_deg: noise.positioning_rad.to_degrees(),
-            random: RandomGenerator::new(*seed, POSITIONING_STREAM),
+            errors: PositioningErrors::new(noise, *seed),
+            now_s: 0.0,
             target_c: *ambient_c,
             arrived_s: 0.0,
         }
+    }
+
+    /// Begin of the next period \[s\].
+    fn begin_s(&self) -> f64 {
+        (self.periods * self.interval_ns) as f64 / 1e9
     }
 
     /// End of the next period \[s\].
@@ -114,48 +133,47 @@ impl<'a> MountedImu<'a> {
         ((self.periods + 1) * self.interval_ns) as f64 / 1e9
     }
 
-    /// Simulates a period with the angles at its middle. Events of the chamber take effect from the beginning of the period.
+    /// Simulates a period with the turntable's motion in it. Events of the chamber take effect from the beginning of the period.
     fn step(&mut self) -> RawSample {
-        let begin_s = (self.periods * self.interval_ns) as f64 / 1e9;
-        let (mut now_s, middle_s, end_s) = (begin_s, (begin_s + self.end_s()) / 2.0, self.end_s());
-        while let Some((at_s, event)) = self.events.front().copied().filter(|(at_s, _)| *at_s <= middle_s) {
-            self.turntable.wait((at_s - now_s).max(0.0));
-            now_s = at_s.max(now_s);
-            self.events.pop_front();
-            self.begin(event, now_s);
-        }
-        self.turntable.wait(middle_s - now_s);
-        let [outer, inner] = self.turntable.angles_deg();
-        let force = specific_force(self.truth, outer + self.errors_deg[0], inner + self.errors_deg[1]);
-        // Events in the second half of the period.
-        now_s = middle_s;
-        while let Some((at_s, event)) = self.events.front().copied().filter(|(at_s, _)| *at_s <= end_s) {
-            self.turntable.wait(at_s - now_s);
-            now_s = at_s;
-            self.events.pop_front();
-            self.begin(event, now_s);
-        }
-        self.turntable.wait(end_s - now_s);
+        let (begin_s, end_s) = (self.begin_s(), self.end_s());
+        let motion = InertialMotion::over(self.truth, self.interval_ns as f64 / 1e9, |time_s| {
+            self.advance(begin_s + time_s);
+            self.turntable.angles_deg()
+        });
         self.periods += 1;
-        let raw = self.imu.step(&Motion::of_force(force), self.interval_ns);
+        let raw = self.imu.step(&motion, self.interval_ns);
         if self.imu.chamber_c() != self.target_c {
             self.arrived_s = end_s;
         }
         raw
     }
 
-    fn begin(&mut self, event: DeviceEvent, now_s: f64) {
+    /// Moves the turntable on to `until_s`, with the events until then.
+    fn advance(&mut self, until_s: f64) {
+        while let Some((at_s, event)) = self.events.front().copied().filter(|(at_s, _)| *at_s <= until_s) {
+            self.events.pop_front();
+            self.wait(at_s);
+            self.begin(event);
+        }
+        self.wait(until_s);
+    }
+
+    fn wait(&mut self, until_s: f64) {
+        self.turntable.wait((until_s - self.now_s).max(0.0));
+        self.now_s = until_s.max(self.now_s);
+    }
+
+    fn begin(&mut self, event: DeviceEvent) {
         match event {
             DeviceEvent::Chamber { target_c, ramp_c_per_s } => {
-                if now_s - self.arrived_s > VISIT_S {
+                if self.now_s - self.arrived_s > VISIT_S {
                     self.imu.visit();
                 }
-                (self.target_c, self.arrived_s) = (target_c, now_s);
+                (self.target_c, self.arrived_s) = (target_c, self.now_s);
                 self.imu.go_to(target_c, ramp_c_per_s);
             }
             DeviceEvent::GoTo { axis, angle_deg, rate, acceleration } => {
-                self.turntable.go_to(axis, angle_deg, rate, acceleration);
-                self.errors_deg[axis] = self.positioning_deg * self.random.normal();
+                self.turntable.go_to(axis, self.errors.rest_deg(axis, angle_deg), rate, acceleration);
             }
             DeviceEvent::Stop { axis, acceleration } => self.turntable.stop(axis, acceleration),
             DeviceEvent::Swing { amplitude_deg } => self.turntable.swing(amplitude_deg),
@@ -177,8 +195,8 @@ struct SampleSender {
 }
 
 impl SampleSender {
-    fn new(imu: &ImuId, domain: Domain, ended: Arc<AtomicBool>) -> Self {
-        let options = Options::new(domain, REPLY_TIMEOUT);
+    fn new(imu: &ImuId, serial: Option<String>, domain: Domain, ended: Arc<AtomicBool>) -> Self {
+        let options = Options { serial, ..Options::new(domain, REPLY_TIMEOUT) };
         Self {
             imu: imu.clone(),
             options,
@@ -244,5 +262,127 @@ impl SampleSender {
                 Err(_) => return self.acquisition = None,
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ChamberProtocol, TurntableProtocol};
+    use isotherm_calibration::gyroscopes::earth::EARTH_RATE;
+    use isotherm_calibration::simulate::{Chain, Noise};
+    use isotherm_shared::compensate::compensate;
+    use isotherm_shared::table::CoefficientTable;
+    use isotherm_shared::units::ARCSEC;
+
+    /// 5 s of rest, 37 s of turning by 360 degrees at 10 deg/s with 10 deg/s2, 5 s of rest.
+    const REST_S: f64 = 5.0;
+    const TURN_S: f64 = 37.0;
+    const WHOLE_S: f64 = TURN_S + 2.0 * REST_S;
+    /// Horizontal Earth's rate across the turn does not average out: over the rests, and over rate / acceleration.
+    const ACROSS_S: f64 = 2.0 * REST_S + 1.0;
+
+    fn station(interval_ns: u64) -> SimulatedStation {
+        SimulatedStation {
+            imu: "imu-g".to_owned(),
+            chamber: ChamberProtocol::Espec,
+            chamber_port: String::new(),
+            table: TurntableProtocol::Acutrol,
+            table_port: String::new(),
+            wrap: false,
+            speed: 1.0,
+            origin_ns: 0,
+            interval_ns,
+            seed: 1,
+            ambient_c: 20.0,
+            ramp_c_per_s: 0.05,
+            tilt_rad: [0.0; 2],
+            gravity_local: 9.8015,
+            latitude_deg: 39.9,
+            heading_deg: 30.0,
+            chain: Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..Chain::default() },
+            noise: Noise::NONE,
+        }
+    }
+
+    fn truth(station: &SimulatedStation) -> Truth {
+        let text = include_str!("../../../tests/data/imu-g.toml");
+        let table = CoefficientTable::from_toml(text, None).unwrap();
+        let SimulatedStation { latitude_deg, heading_deg, .. } = *station;
+        Truth { latitude_deg, heading_deg, ..Truth::of(table) }
+    }
+
+    const fn go_to(axis: usize, angle_deg: f64) -> DeviceEvent {
+        DeviceEvent::GoTo { axis, angle_deg, rate: 10.0, acceleration: 10.0 }
+    }
+
+    /// What the truth makes of the IMU's samples over `seconds`: the angles along the body's axes \[arcsec\] and the velocities \[g0 s\].
+    fn compensated(imu: &mut MountedImu<'_>, seconds: f64) -> [[f64; 3]; 2] {
+        let [mut angle, mut velocity] = [[0.0; 3]; 2];
+        for _ in 0..(seconds * 1e9 / imu.interval_ns as f64).round() as u64 {
+            let compensation = compensate(&imu.truth.table, &imu.step());
+            let [angles, velocities] = [compensation.angle_increment, compensation.velocity_increment];
+            angle.iter_mut().zip(angles).for_each(|(sum, increment)| *sum += increment / ARCSEC);
+            velocity.iter_mut().zip(velocities).for_each(|(sum, increment)| *sum += increment / 9.8015);
+        }
+        [angle, velocity]
+    }
+
+    /// The pulses of a gyroscope are about an arc second; up to one stays in each channel at each end, and the alignment adds a thousandth.
+    fn assert_near(found: [f64; 3], right: [f64; 3], tolerance: f64) {
+        let off = found.iter().zip(right).map(|(found, right)| (found - right).abs()).fold(0.0, f64::max);
+        assert!(off < tolerance, "{found:?}, not {right:?}");
+    }
+
+    #[test]
+    fn over_a_whole_turn_the_gyroscopes_turn_by_its_angle_and_with_earth() {
+        for interval_ns in [1_000_000_000, 100_000_000] {
+            let station = station(interval_ns);
+            let truth = truth(&station);
+            let [x, y, z] = truth.earth_rate();
+            assert!((z - EARTH_RATE * 39.9_f64.to_radians().sin()).abs() < 1e-9);
+            let mut imu = MountedImu::new(&station, &truth);
+            imu.events.push_back((REST_S, go_to(0, 360.0)));
+            imu.events.push_back((REST_S, go_to(1, 0.0)));
+            let [angle, force] = compensated(&mut imu, WHOLE_S);
+            let around = 360.0 * 3600.0;
+            assert_near(angle, [around + x * WHOLE_S, y * ACROSS_S, z * ACROSS_S], 2.5);
+            assert_near(force, [0.0, 0.0, ACROSS_S], 1e-3);
+            // Back, in two moves of which the first is stopped.
+            let begin_s = WHOLE_S;
+            imu.events.push_back((begin_s + 5.0, go_to(0, 0.0)));
+            imu.events.push_back((begin_s + 15.0, DeviceEvent::Stop { axis: 0, acceleration: 50.0 }));
+            imu.events.push_back((begin_s + 20.0, go_to(0, 0.0)));
+            let [angle, _] = compensated(&mut imu, 60.0);
+            assert!((angle[0] + around - x * 60.0).abs() < 2.5, "{angle:?}");
+            assert_eq!((imu.turntable.angles_deg(), imu.turntable.rates_deg_s()), ([0.0; 2], [0.0; 2]));
+            // About the vertical.
+            let begin_s = begin_s + 60.0;
+            imu.events.push_back((begin_s + REST_S, go_to(1, -360.0)));
+            let [angle, force] = compensated(&mut imu, WHOLE_S);
+            assert_near(angle, [x * ACROSS_S, y * ACROSS_S, z * WHOLE_S - around], 2.5);
+            assert_near(force, [0.0, 0.0, WHOLE_S], 1e-3);
+        }
+    }
+
+    /// Wherever a turn begins and ends within a period, nothing of it is lost; the sum of the error of each rest is in it.
+    #[test]
+    fn a_turn_between_the_edges_of_periods_is_whole_and_repeats() {
+        let mut station = station(1_000_000_000);
+        station.noise = Noise { positioning_rad: 10.0 * ARCSEC, turn_rad: 0.2 * ARCSEC, ..Noise::NONE };
+        let truth = truth(&station);
+        let [x, ..] = truth.earth_rate();
+        let mut imu = MountedImu::new(&station, &truth);
+        for turn in 0..20_u32 {
+            let begin_s = f64::from(turn) * 50.0;
+            let (target, turned_deg) = if turn % 2 == 0 { (360.0, 360.0) } else { (0.0, -360.0) };
+            imu.events.push_back((begin_s + 5.0 + 0.37 * f64::from(turn % 7), go_to(0, target)));
+            let [angle, _] = compensated(&mut imu, 50.0);
+            let right = turned_deg * 3600.0 + x * 50.0;
+            assert!((angle[0] - right).abs() < 2.5 + 1.2, "{turn}: {} {right}", angle[0]);
+        }
+        // A new position is off by its own error.
+        let off = imu.errors.rest_deg(0, 77.0) - 77.0;
+        assert!(off.abs() * 3600.0 > 1.5, "{off}");
     }
 }

@@ -21,6 +21,7 @@ mod launch;
 mod link;
 mod plan;
 mod port;
+mod positioning;
 mod process;
 mod protocol;
 mod server;

@@ -11,6 +11,7 @@ impl SimulatedStation {
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let chamber = self.chamber.name();
         let table = self.table.name();
+        let wrap = if self.wrap { "wrap = true\n" } else { "" };
         let table_keys = match self.table {
             TurntableProtocol::Acutrol if self.table_port.starts_with("tcp://") => "gap_s = 0.005\n",
             TurntableProtocol::Acutrol => "",
@@ -22,17 +23,21 @@ impl SimulatedStation {
             ChamberProtocol::WatlowF4t => "pause_s = 0\n",
             ChamberProtocol::Ascii2 => "alarm_bit = 2\n",
         };
+        let latitude =
+            content.gyroscopes.as_ref().map_or(String::new(), |_| format!("latitude_deg = {:?}\n", self.latitude_deg));
+        let turns = if content.gyroscopes.is_some() { "[turns]\n\n" } else { "" };
+        let serial = content.serial.as_ref().map_or(String::new(), |serial| format!("serial = {}\n", quoted(serial)));
         let telemetry = self.chain.telemetry_slope.abs();
         format!(
             "# The campaign at this simulated station: isotherm campaign run --speed {} plan.toml\n\
-             format = 1\nimu = \"{}\"\noutput = \"campaign\"\n\
-             gravity_reference = {:?}\ngravity_local = {:?}\ntemperature_unit = {}\n\
+             format = 1\nimu = \"{}\"\n{serial}output = \"campaign\"\n\
+             gravity_reference = {:?}\ngravity_local = {:?}\n{latitude}temperature_unit = {}\n\
              positions = \"six-faces-two-headings\"\ninstall = \"{}.toml\"\n\n\
              [set_points]\nstart_c = -25\nstop_c = 45\nstep_c = 5\n\n\
              [soak]\ntime_s = 3600\nstay_s = 4200\nwindow_s = 900\nchamber_c_per_h = 2\ntelemetry_per_h = {:?}\n\n\
-             [dwell]\ntime_s = 300\nrow_s = 10\n\n\
+             [dwell]\ntime_s = 300\nrow_s = 10\n\n{turns}\
              [chamber]\ndriver = \"{chamber}\"\nport = {}\n{chamber_keys}ramp_c_per_min = 1\ntolerance_c = 0.5\n\n\
-             [table]\ndriver = \"{table}\"\nport = {}\n{table_keys}rate_deg_s = 10\nacceleration_deg_s2 = 10\n\
+             [table]\ndriver = \"{table}\"\nport = {}\n{table_keys}{wrap}rate_deg_s = 10\nacceleration_deg_s2 = 10\n\
              tolerance_deg = 0.005\nstill_deg_s = 0.01\nsettle_s = 10\n\n\
              [limits]\nchamber_c = [-30, 50]\nouter_deg = [-5, 365]\ninner_deg = [-5, 365]\n\n\
              [safe]\nchamber = \"standby\"\n\n\

@@ -24,7 +24,8 @@ impl SimulatedStation {
             }
             StationProcess::Turntable => {
                 let tcp = station.table_port.starts_with("tcp://");
-                let (device, protocol) = (turntable::TurntableDevice::default(), station.table.implementation(tcp));
+                let (device, protocol) =
+                    (turntable::TurntableDevice::new(station.wrap), station.table.implementation(tcp));
                 server::serve(process, device, protocol, &station, &station.table_port, folder)
             }
             StationProcess::Imu => {

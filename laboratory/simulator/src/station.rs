@@ -17,6 +17,8 @@ pub struct SimulatedStation {
     pub table: TurntableProtocol,
     /// Port of the turntable.
     pub table_port: String,
+    /// Whether the turntable takes angles modulo 360 degrees and goes the shorter way.
+    pub wrap: bool,
     /// Simulated seconds per second.
     pub speed: f64,
     /// CLOCK_MONOTONIC at simulated time 0 \[ns\].
@@ -33,6 +35,10 @@ pub struct SimulatedStation {
     pub tilt_rad: [f64; 2],
     /// Local gravity \[m/s2\].
     pub gravity_local: f64,
+    /// Latitude, north positive \[deg\]. Only gyroscopes feel it.
+    pub latitude_deg: f64,
+    /// Heading of the turntable's outer axis, clockwise from north \[deg\]. Only gyroscopes feel it.
+    pub heading_deg: f64,
     /// The IMU's measurement chain.
     pub chain: Chain,
     /// The random errors.

@@ -28,6 +28,8 @@ pub enum Interlock {
 #[derive(Default)]
 pub struct TurntableDevice {
     turntable: SimulatedTurntable,
+    /// Whether it takes and shows angles modulo 360 degrees.
+    wrap: bool,
     now_s: f64,
     swings: bool,
     alarm: bool,
@@ -36,9 +38,15 @@ pub struct TurntableDevice {
 }
 
 impl TurntableDevice {
-    /// Angle of an axis \[deg\].
+    /// A turntable at rest at both angles 0. With `wrap` it takes angles modulo 360 degrees, goes the shorter way, and shows angles from 0 to 360.
+    pub fn new(wrap: bool) -> Self {
+        Self { wrap, ..Self::default() }
+    }
+
+    /// Angle of an axis as the controller shows it \[deg\].
     pub fn angle_deg(&self, axis: usize) -> f64 {
-        self.turntable.angles_deg()[axis]
+        let angle_deg = self.turntable.angles_deg()[axis];
+        if self.wrap { angle_deg.rem_euclid(360.0) } else { angle_deg }
     }
 
     /// Rate of an axis \[deg/s\].
@@ -82,6 +90,7 @@ impl TurntableDevice {
         {
             return false;
         }
+        let angle_deg = if self.wrap { nearest(angle_deg, self.turntable.angles_deg()[axis]) } else { angle_deg };
         self.turntable.go_to(axis, angle_deg, rate, acceleration);
         self.events.push((self.now_s, DeviceEvent::GoTo { axis, angle_deg, rate, acceleration }));
         true
@@ -92,6 +101,11 @@ impl TurntableDevice {
         self.turntable.stop(axis, STOP_DEG_S2);
         self.events.push((self.now_s, DeviceEvent::Stop { axis, acceleration: STOP_DEG_S2 }));
     }
+}
+
+/// The angle nearest to `from_deg` that is `angle_deg` modulo 360 \[deg\]. Of two that are as near it is the higher one.
+fn nearest(angle_deg: f64, from_deg: f64) -> f64 {
+    angle_deg + 360.0 * ((from_deg - angle_deg) / 360.0 + 0.5).floor()
 }
 
 impl server::SimulatedDevice for TurntableDevice {
@@ -119,5 +133,35 @@ impl server::SimulatedDevice for TurntableDevice {
 
     fn events(&mut self) -> Vec<(f64, DeviceEvent)> {
         std::mem::take(&mut self.events)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use server::SimulatedDevice as _;
+
+    /// The angle that the controller shows, and the one that the axis has, after each command.
+    #[test]
+    fn a_table_that_wraps_goes_the_shorter_way() {
+        let mut device = TurntableDevice::new(true);
+        assert!(device.close(0));
+        let mut now_s = 0.0;
+        for (commanded_deg, turned_deg) in [
+            (120.0, 120.0),
+            (240.0, 240.0),
+            (0.0, 360.0),
+            (359.0, 359.0),
+            (90.0, 450.0),
+            (270.0, 630.0),
+            (-91.0, 629.0),
+        ] {
+            assert!(device.go_to(0, commanded_deg, 10.0, 10.0));
+            now_s += 60.0;
+            device.advance(now_s, &[]);
+            let Some((_, DeviceEvent::GoTo { angle_deg, .. })) = device.events().pop() else { panic!("no move") };
+            assert_eq!((angle_deg, device.turntable.angles_deg()[0]), (turned_deg, turned_deg));
+            assert_eq!(device.angle_deg(0), turned_deg.rem_euclid(360.0));
+        }
     }
 }

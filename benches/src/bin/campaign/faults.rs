@@ -1,4 +1,4 @@
-//! Each fault of an instrument in each phase of a campaign: how the campaign ends, and which dwells are repeated.
+//! Each fault of an instrument in each phase of a campaign: how the campaign ends, and which units are repeated.
 
 use crate::laboratory::{BenchLaboratory, SHORT, TIMEOUT};
 use isotherm_benches::BenchResult;
@@ -8,12 +8,14 @@ use std::time::{Duration, Instant};
 const SPEED: u32 = 500;
 /// Duration of a fault in real time. It is longer than the retries of an instrument's driver.
 const LASTS: Duration = Duration::from_secs(8);
-/// Units of the campaign: 12 dwells and a verification run.
-const UNITS: usize = 12 + 1;
+/// Units of the campaign: 12 dwells, 6 turns and a verification run.
+const UNITS: usize = 12 + 6 + 1;
+/// Turns so slow that a fault meets one of them.
+const SLOW_TURNS: (&str, &str) = ("[chamber]", "[turns]\nrate_deg_s = 0.5\n\n[chamber]");
 const VERIFY: (&str, &str) =
     ("[safe]", "[verify]\nruns = 1\nfrom_c = 25\nto_c = 27\nramp_c_per_h = 60\nhold_s = 60\n\n[safe]");
 
-const PHASES: [&str; 5] = ["approach", "soak", "travel", "dwell", "sweep"];
+const PHASES: [&str; 6] = ["approach", "soak", "travel", "dwell", "turn", "sweep"];
 const FAULTS: [(&str, &[&str]); 12] = [
     ("babble", &["chamber", "table"]),
     ("dead", &["chamber", "table"]),
@@ -29,19 +31,28 @@ const FAULTS: [(&str, &[&str]); 12] = [
     ("never-there", &["chamber"]),
 ];
 
-/// Tries each fault; with `smoke` one fault in one phase.
-pub fn bench(smoke: bool) -> BenchResult<()> {
+/// Tries each fault in each phase, or in `only` one; with `smoke` one fault in one phase.
+pub fn bench(smoke: bool, only: Option<&str>) -> BenchResult<()> {
+    let phases: Vec<_> = PHASES.into_iter().filter(|phase| only.is_none_or(|only| only == *phase)).collect();
+    if phases.is_empty() {
+        return Err(format!("{only:?}: give one of {}", PHASES.join(", ")).into());
+    }
     println!("each fault for {:.1} s in each phase; chamber | table", LASTS.as_secs_f64());
     println!(
-        "  recovered: went on by itself; paused: and went on; again: dwells begun again; safe: table stopped, chamber in standby"
+        "  recovered: went on by itself; paused: and went on; again: units begun again; safe: table stopped, chamber in standby"
     );
-    println!("  {:12} {:8} {}", "fault", "at", PHASES.map(|phase| format!("{phase:<20}")).join(" "));
+    println!(
+        "  {:12} {:8} {}",
+        "fault",
+        "at",
+        phases.iter().map(|phase| format!("{phase:<20}")).collect::<Vec<_>>().join(" ")
+    );
     let mut wrong = Vec::new();
     for (fault, instruments) in FAULTS.iter().filter(|(fault, _)| !smoke || *fault == "missing") {
         for instrument in instruments.iter().filter(|instrument| !smoke || **instrument == "table") {
             let mut cells = Vec::new();
-            for phase in PHASES {
-                if smoke && phase != "dwell" {
+            for phase in &phases {
+                if smoke && *phase != "dwell" {
                     continue;
                 }
                 let outcome = case(fault, instrument, phase)?;
@@ -52,7 +63,7 @@ pub fn bench(smoke: bool) -> BenchResult<()> {
         }
     }
     if wrong.is_empty() {
-        println!("completed dwells lost or changed: 0");
+        println!("completed units lost or changed: 0");
         Ok(())
     } else {
         Err(wrong.join("\n").into())
@@ -65,7 +76,11 @@ struct CaseResult {
 }
 
 fn case(fault: &str, instrument: &str, phase: &str) -> BenchResult<CaseResult> {
-    let changes: Vec<_> = SHORT.into_iter().chain([("list_c = [20, 23]", "list_c = [25]"), VERIFY]).collect();
+    let changes: Vec<_> = SHORT
+        .into_iter()
+        .chain([("list_c = [20, 23]", "list_c = [25]"), VERIFY])
+        .chain((phase == "turn").then_some(SLOW_TURNS))
+        .collect();
     let laboratory = BenchLaboratory::new(SPEED, "1", &changes, false)?;
     let mut runner = laboratory.run(&[])?;
     laboratory.wait_until(phase, || {
@@ -98,7 +113,7 @@ fn case(fault: &str, instrument: &str, phase: &str) -> BenchResult<CaseResult> {
         words += &format!(", {again} again");
     }
     let mut wrong =
-        (!laboratory.file("campaign.csv").starts_with(&taken)).then(|| "completed dwells have changed".to_owned());
+        (!laboratory.file("campaign.csv").starts_with(&taken)).then(|| "completed units have changed".to_owned());
     if well {
         wrong = wrong.or(laboratory.wrong(UNITS, 6)?);
     } else if safe.is_empty() {

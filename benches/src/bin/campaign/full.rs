@@ -3,7 +3,7 @@
 
 use crate::laboratory::{BenchLaboratory, TIMEOUT};
 use isotherm_benches::BenchResult;
-use isotherm_calibration::simulate::worst_errors;
+use isotherm_calibration::simulate::{worst_errors, worst_gyroscope_errors};
 use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
 use std::fs;
@@ -28,7 +28,8 @@ fn campaign(positioning: &str) -> BenchResult<()> {
     }
     let took = begun.elapsed().as_secs_f64();
     let kept = laboratory.events("kept")?;
-    let dwells = kept.iter().filter(|unit| unit["file"] == "campaign.csv").count();
+    let turns = kept.iter().filter(|unit| !unit["turn"].is_null()).count();
+    let dwells = kept.iter().filter(|unit| unit["file"] == "campaign.csv").count() - turns;
     if let Some(wrong) = laboratory.wrong(kept.len(), 30)? {
         return Err(wrong.into());
     }
@@ -38,23 +39,35 @@ fn campaign(positioning: &str) -> BenchResult<()> {
     let truth = load(&laboratory.path("truth.toml"))?;
     let installed = load(&laboratory.domain.path("imu-a.toml"))?;
     println!(
-        "automatic campaign at {SPEED} times, the table exact to {positioning} arcsec: {dwells} dwells, {} runs, {took:.0} s of real time",
-        kept.len() - dwells
+        "automatic campaign at {SPEED} times, the table exact to {positioning} arcsec: {dwells} dwells, {turns} turns, {} runs, {took:.0} s of real time",
+        kept.len() - dwells - turns
     );
     println!("installed and in force: {}", installed.digest());
-    let [bias, scale_factor] = worst_errors(&installed, &truth);
-    println!("worst error over the range against the truth: bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm");
-    let [bias, scale_factor] = worst_errors(&load(&simulated(&laboratory, positioning)?)?, &truth);
-    println!("the same by simulate campaign and calibrate:  bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm");
+    println!("worst error over the range against the truth: {}", errors(&installed, &truth)?);
+    println!(
+        "the same by simulate campaign and calibrate:  {}",
+        errors(&load(&simulated(&laboratory, positioning)?)?, &truth)?
+    );
     for (number, run) in kept.iter().filter(|unit| unit["file"] != "campaign.csv").enumerate() {
         println!("verification run {}: {} rows, {} s", number + 1, run["rows"], run["seconds"]);
     }
     let pauses: Vec<Value> = laboratory.events("paused")?;
-    println!("pauses {}, dwells begun again {}", pauses.len(), laboratory.events("discarded")?.len());
+    println!("pauses {}, units begun again {}", pauses.len(), laboratory.events("discarded")?.len());
     for line in laboratory.domain.output().lines().filter(|line| line.trim_start().starts_with('A')) {
         println!("{line}");
     }
     Ok(())
+}
+
+/// The largest errors of both triads.
+fn errors(table: &CoefficientTable, truth: &CoefficientTable) -> BenchResult<String> {
+    let [bias, scale_factor] = worst_errors(table, truth);
+    let [drift, angle, g_sensitivity, misalignment] =
+        worst_gyroscope_errors(table, truth).ok_or("the table has no gyroscopes")?;
+    Ok(format!(
+        "bias {bias:.3}e-6 g0, scale factors {scale_factor:.3} ppm; gyroscopes: bias {drift:.4} deg/h, scale factors {angle:.2} ppm, \
+         g-sensitivity {g_sensitivity:.4} deg/h/g0, misalignment {misalignment:.1e} rad"
+    ))
 }
 
 /// The coefficient table from `simulate campaign`, which uses no instruments.
@@ -64,7 +77,7 @@ fn simulated(laboratory: &BenchLaboratory, positioning: &str) -> BenchResult<std
             Command::new(std::env::current_exe()?).args(words).current_dir(laboratory.domain.path("")).output()?;
         if status.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&status.stderr).into()) }
     };
-    run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--positioning", positioning])?;
+    run(&["simulate", "campaign", "-o", "simulated", "--imu", "imu-a", "--gyroscopes", "--positioning", positioning])?;
     run(&["calibrate", "simulated/campaign.toml", "-o", "simulated.toml", "--alignment"])?;
     Ok(laboratory.domain.path("simulated.toml"))
 }

@@ -1,4 +1,4 @@
-//! The runner is killed (SIGKILL) at random moments: completed dwells stay as they were, and the campaign is completed.
+//! The runner is killed (SIGKILL) at random moments: completed dwells and turns stay as they were, and the campaign is completed.
 
 use crate::laboratory::{BenchLaboratory, SHORT, TIMEOUT};
 use isotherm_benches::BenchResult;
@@ -6,10 +6,11 @@ use std::time::{Duration, Instant};
 
 /// Laboratory time divided by real time.
 const SPEED: u32 = 1000;
-/// Dwells of the short campaign.
-const UNITS: usize = 24;
-/// A change of the plan: dwells so long that most of the time is spent in them.
+/// Dwells and turns of the short campaign.
+const UNITS: usize = 2 * (12 + 6);
+/// Changes of the plan: dwells and turns so long that most of the time is spent in them.
 const DWELL: (&str, &str) = ("time_s = 60\n", "time_s = 600\n");
+const TURNS: (&str, &str) = ("[chamber]", "[turns]\nrate_deg_s = 0.6\n\n[chamber]");
 /// Rows of a dwell of this length.
 const ROWS: u64 = 60;
 /// Longest time before a runner is killed \[s\].
@@ -20,9 +21,9 @@ pub fn bench(smoke: bool) -> BenchResult<()> {
     let (campaigns, kills) = if smoke { (1, 1) } else { (6, 5) };
     let mut random = XorShift(0x9e37_79b9_7f4a_7c15);
     let (mut lost, mut differences) = (0, 0);
-    println!("{campaigns} campaigns of {UNITS} dwells, each runner killed {kills} times at random moments");
-    println!("  campaign   killed in                                         dwells repeated   s");
-    let changes: Vec<_> = SHORT.into_iter().chain([DWELL]).collect();
+    println!("{campaigns} campaigns of {UNITS} dwells and turns, each runner killed {kills} times at random moments");
+    println!("  campaign   killed in                                         units repeated    s");
+    let changes: Vec<_> = SHORT.into_iter().chain([DWELL, TURNS]).collect();
     for campaign in 1..=campaigns {
         let laboratory = BenchLaboratory::new(SPEED, "1", &changes, false)?;
         let (begun, mut phases, mut before) = (Instant::now(), Vec::new(), Vec::new());
@@ -36,7 +37,7 @@ pub fn bench(smoke: bool) -> BenchResult<()> {
             std::thread::sleep(Duration::from_secs_f64(LIFE_S * random.next()));
             drop(runner);
             let phase = laboratory.phase();
-            repeated += usize::from(["travel", "settle", "dwell"].contains(&phase.as_str()));
+            repeated += usize::from(["travel", "settle", "dwell", "turn"].contains(&phase.as_str()));
             phases.push(if phase.is_empty() { "start".to_owned() } else { phase });
             let end = laboratory.events("kept")?.last().map_or(0, |unit| unit["to"].as_u64().unwrap_or_default());
             let samples = laboratory.file("campaign.csv");
@@ -55,11 +56,11 @@ pub fn bench(smoke: bool) -> BenchResult<()> {
         lost += repeated;
     }
     println!(
-        "{campaigns} of {campaigns} campaigns completed after {} kills: every dwell once, {lost} in progress taken again, completed dwells \
+        "{campaigns} of {campaigns} campaigns completed after {} kills: every unit once, {lost} in progress taken again, completed units \
          that differ in a byte afterwards: {differences}",
         campaigns * kills
     );
-    if differences > 0 { Err("completed dwells were changed".into()) } else { Ok(()) }
+    if differences > 0 { Err("completed units were changed".into()) } else { Ok(()) }
 }
 
 /// Pseudo-random numbers from 0 to 1, the same in every run.

@@ -1,4 +1,4 @@
-//! The automatic campaign with the simulated station: a whole campaign (`full`), faults in every phase (`faults`), and kills at
+//! The automatic campaign with the simulated station: a whole campaign (`full`), faults in every phase (`faults`, or `faults turn` for one), and kills at
 //! random moments (`kills`). All processes are real; the station runs faster than a laboratory.
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
@@ -19,9 +19,9 @@ fn main() -> ExitCode {
             return isotherm_cli::main();
         }
         Some("full") => full::bench(),
-        Some("faults") => faults::bench(smoke),
+        Some("faults") => faults::bench(smoke, words.get(1).map(String::as_str).filter(|word| *word != "--smoke")),
         Some("kills") => kills::bench(smoke),
-        Some("--smoke") => faults::bench(true).and_then(|()| kills::bench(true)),
+        Some("--smoke") => faults::bench(true, None).and_then(|()| kills::bench(true)),
         None => all(),
         Some(other) => {
             Err(format!("{other:?}: give full, faults or kills; --smoke for a short look whether they work").into())
@@ -38,6 +38,6 @@ fn main() -> ExitCode {
 
 fn all() -> BenchResult<()> {
     full::bench()?;
-    faults::bench(false)?;
+    faults::bench(false, None)?;
     kills::bench(false)
 }

@@ -1,15 +1,20 @@
 //! The sections of a calibration's page that only gyroscopes have.
 
-use super::Report;
+use super::triad::Budget;
+use super::{Report, remark};
 use crate::curve::CONFIDENCE;
 use crate::gyroscopes::{FittedRun, GyroscopeCalibration, Place};
 use crate::report::page::{Cell, Page};
 use crate::report::plot::{Plot, Style};
+use crate::triad::CalibratedTriad;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 
 /// Column headings of a run's residuals.
 pub(super) const RESIDUALS: [&str; AXES] = ["G1 / arcsec", "G2 / arcsec", "G3 / arcsec"];
+
+/// A whole turn \[arcsec\].
+const WHOLE_TURN: f64 = 1_296_000.0;
 
 impl Report<'_> {
     /// What the first list of the page says about the gyroscopes.
@@ -28,7 +33,8 @@ impl Report<'_> {
             ),
             ("Random walk, G1 to G3", format!("{} deg/sqrt(h)", walks.collect::<Vec<_>>().join(", "))),
         ];
-        if let (Some(earth), Some([x, y]), Some(latitude)) = (found.earth, found.solution.earth, self.campaign.latitude_deg)
+        if let (Some(earth), Some([x, y]), Some(latitude)) =
+            (found.earth, found.solution.earth, self.campaign.latitude_deg)
         {
             let interval = found.horizontal_rate_interval(CONFIDENCE).unwrap_or(f64::NAN);
             let horizontal = format!(
@@ -59,9 +65,7 @@ impl Report<'_> {
         let figure = |axis: usize| {
             let points = |turns: bool| {
                 let runs = found.runs.iter().filter(move |run| matches!(run.place, Place::Turn(_)) == turns);
-                runs.map(move |run| {
-                    ((run.start_ns - start) as f64 / 3.6e12, run.residual[axis] / run.seconds.sqrt())
-                })
+                runs.map(move |run| ((run.start_ns - start) as f64 / 3.6e12, run.residual[axis] / run.seconds.sqrt()))
             };
             let title = format!("{}: residuals over time", GYROSCOPE_NAMES[axis]);
             let plot = Plot::new(&title, "Time / h", "Residual / (arcsec/sqrt(s))").zero_line();
@@ -94,6 +98,49 @@ impl Report<'_> {
         );
     }
 
+    /// What the errors cost: those of the bias in an hour at rest, those of the scale factors and misalignments in a whole turn.
+    pub(super) fn gyroscope_budget(&self, page: &mut Page, triad: &CalibratedTriad<'_>, found: &GyroscopeCalibration) {
+        self.heading(page, triad, "budget", "Error budget in navigation units");
+        page.paragraph(
+            "Standard errors are means over the range. An error of 1 deg/h turns the attitude by 1 arcsec in a second, 60 arcsec in a minute; an error of \
+             1 ppm, or of 1e-6 rad of misalignment, by 1.296 arcsec in a whole turn.",
+        );
+        let mut rows = Vec::new();
+        for (axis, name) in triad.names.into_iter().enumerate() {
+            let Budget { standard_error, leave_one_out, slope, misalignment } = Budget::of(triad, axis);
+            let s = found.solution.gyroscopes[axis].g_sensitivity_error;
+            let at_rest = [
+                ("standard error of the bias", standard_error[0]),
+                ("leave-one-set-point-out, bias", leave_one_out[0]),
+                ("g-sensitivity, at 1 g0", s.map(|errors| errors.into_iter().fold(0.0, f64::max))),
+                ("head telemetry 0.001 off, bias at its steepest", Some(slope[0])),
+            ];
+            let in_motion = [
+                ("standard error of K+", standard_error[1]),
+                ("standard error of K-", standard_error[2]),
+                ("leave-one-set-point-out, K+", leave_one_out[1]),
+                ("leave-one-set-point-out, K-", leave_one_out[2]),
+                ("misalignments, turning across", misalignment),
+                ("board telemetry 0.001 off, K at its steepest", Some(slope[1].max(slope[2]))),
+            ];
+            let row = |label: &str, [rate, minute, ppm, turn]: [f64; 4]| {
+                let numbers = [(rate, 5), (minute, 3), (ppm, 3), (turn, 3)];
+                let cells = numbers.map(|(value, decimals)| Cell::number(value, decimals));
+                [Cell::text(format!("{name} {label}"))].into_iter().chain(cells).collect::<Vec<_>>()
+            };
+            rows.extend(at_rest.map(|(label, value)| {
+                let rate = value.unwrap_or(f64::NAN);
+                row(label, [rate, rate * 60.0, f64::NAN, f64::NAN])
+            }));
+            rows.extend(in_motion.map(|(label, value)| {
+                let part = value.unwrap_or(f64::NAN);
+                row(label, [f64::NAN, f64::NAN, part * 1e6, part * WHOLE_TURN])
+            }));
+        }
+        let header = ["Error", "Rate / deg/h", "In 60 s / arcsec", "Scale / 1e-6", "In a turn / arcsec"];
+        page.table("Errors and what they cost", &header, &rows);
+    }
+
     /// The residuals of the gyroscopes in the dwell whose first row is on this line; `None` without gyroscopes.
     pub(super) fn gyroscope_residuals(&self, line: u64) -> Option<[Cell; AXES]> {
         let found = self.calibration.gyroscopes.as_ref()?;
@@ -105,6 +152,13 @@ impl Report<'_> {
     pub(super) fn turns(&self, page: &mut Page) {
         let Some(found) = &self.calibration.gyroscopes else { return };
         page.heading(2, "turns", "Turn check list");
+        // What is wrong with a turn at every set point is one finding, without a place, on a line of one of its runs.
+        let is_everywhere = |place: Place| {
+            let of_place = found.runs.iter().filter(|run| run.place == place).map(|run| run.lines[0]..=run.lines[1]);
+            let lines: Vec<_> =
+                self.calibration.findings.iter().filter(|it| it.place.is_none()).filter_map(|it| it.line).collect();
+            of_place.into_iter().any(|rows| lines.iter().any(|line| rows.contains(line)))
+        };
         let row = |run: &FittedRun| {
             let set_point_c = self.calibration.set_points[run.set_point].set_point_c;
             let number = run.place.number(self.campaign);
@@ -114,7 +168,7 @@ impl Report<'_> {
                 Cell::number(run.seconds, 1),
             ];
             row.extend(run.residual.map(|residual| Cell::number(residual, 2)));
-            row.push(self.verdict(set_point_c, number));
+            row.push(if is_everywhere(run.place) { remark() } else { self.verdict(set_point_c, number) });
             row
         };
         let turns = found.runs.iter().filter(|run| matches!(run.place, Place::Turn(_)));
@@ -142,7 +196,8 @@ impl Report<'_> {
             })
             .collect();
         let axis = ["about A1", "A2", "A3"];
-        let header = ["Number", "Angle / deg"].into_iter().chain(axis).chain(["Outer / deg", "Inner / deg", "A1", "A2", "A3"]);
+        let header =
+            ["Number", "Angle / deg"].into_iter().chain(axis).chain(["Outer / deg", "Inner / deg", "A1", "A2", "A3"]);
         let caption = "Turns: axis, where they begin, and the specific force there in units of the local gravity";
         page.table(caption, &header.collect::<Vec<_>>(), &rows);
     }

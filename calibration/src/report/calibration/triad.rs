@@ -1,6 +1,6 @@
 //! The sections of a calibration's page that are the same for accelerometers and gyroscopes.
 
-use super::{QUANTITY_NAMES, Report, grid};
+use super::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
 use crate::calibrate::Method;
 use crate::curve::{CONFIDENCE, student_quantile};
 use crate::report::page::{Cell, Page};
@@ -24,7 +24,6 @@ impl Report<'_> {
     fn telemetry(&self, quantity: usize) -> String {
         format!("{} telemetry / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
     }
-
 
     /// A figure over the telemetry of a quantity, with the temperatures of the chamber as its second scale.
     pub(super) fn plot_over_telemetry(
@@ -143,11 +142,12 @@ impl Report<'_> {
 
     pub(super) fn set_points(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
         self.heading(page, triad, "set-points", "Set points reduced by themselves");
-        page.paragraph(match self.calibration.options.method {
-            Method::OneStage => {
+        page.paragraph(match (self.calibration.options.method, triad.gyroscopes) {
+            (Method::OneStage, None) => {
                 "The paper's two-stage values, for comparison; the table comes from all dwells at once."
             }
-            Method::TwoStage => "The values that the polynomials go through.",
+            (Method::OneStage, Some(_)) => "For comparison; the table comes from all dwells and turns at once.",
+            (Method::TwoStage, _) => "The values that the polynomials go through.",
         });
         let units = triad.units;
         let (bias, with) = match triad.gyroscopes {
@@ -178,6 +178,46 @@ impl Report<'_> {
             }
             let caption = format!("{name}: errors from the scatter within the set point, {with} included");
             page.table(&caption, &header, &rows);
+        }
+    }
+}
+
+/// Errors of a sensor: of the bias in the unit of the fit, of K+ and K- relative to them.
+pub(super) struct Budget {
+    /// Standard errors, means over the range.
+    pub standard_error: [Option<f64>; 3],
+    /// Leave-one-set-point-out, rms.
+    pub leave_one_out: [Option<f64>; 3],
+    /// What 0.001 of telemetry changes where the curve is steepest.
+    pub slope: [f64; 3],
+    /// Standard error of both misalignments together \[rad\].
+    pub misalignment: Option<f64>,
+}
+
+impl Budget {
+    pub(super) fn of(triad: &CalibratedTriad<'_>, axis: usize) -> Self {
+        let curves = triad.curves[axis];
+        let size = |quantity: usize, u: f64| if quantity == 0 { 1.0 } else { curves[quantity].at(u).abs() };
+        let mean = |quantity: usize| {
+            let curve = &curves[quantity];
+            let squares = grid(curve.range()).map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
+            squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE_INTERVALS + 1) as f64).sqrt())
+        };
+        let slope = |quantity: usize| {
+            let curve = &curves[quantity];
+            let slopes = grid(curve.range()).map(|u| curve.slope(u).abs() / size(quantity, u));
+            slopes.fold(0.0, f64::max) * 1e-3
+        };
+        let leave_one_out = |quantity: usize| {
+            let orders = &triad.orders[axis][quantity];
+            let fit = &orders.regression.fits()[orders.choice.order];
+            fit.leave_one_out_rms.map(|rms| rms / size(quantity, curves[quantity].range()[0]))
+        };
+        Self {
+            standard_error: [0, 1, 2].map(mean),
+            leave_one_out: [0, 1, 2].map(leave_one_out),
+            slope: [0, 1, 2].map(slope),
+            misalignment: triad.misalignment_error[axis].map(|errors| errors[0].hypot(errors[1])),
         }
     }
 }

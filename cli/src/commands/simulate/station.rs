@@ -1,6 +1,6 @@
 //! `simulate station`: a laboratory in processes of its own.
 
-use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml};
+use super::options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml};
 use crate::parse::{interval, size};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
@@ -39,6 +39,9 @@ pub struct SimulateStation {
     /// What the turntable speaks
     #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::NAMES[0].1, value_parser = PossibleValuesParser::new(TurntableProtocol::NAMES.map(|(_, name)| name)).map(|name| named(&TurntableProtocol::NAMES, &name)))]
     table: TurntableProtocol,
+    /// A turntable without end stops: it takes angles modulo 360 degrees and goes the shorter way
+    #[arg(long)]
+    wrap: bool,
     /// Ports on 127.0.0.1 instead of pseudo-terminals
     #[arg(long)]
     tcp: bool,
@@ -119,7 +122,9 @@ impl SimulateStation {
         let folder = self.folder()?;
         let truth = self.imu.truth()?;
         let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
-        let noise = Noise { positioning_rad: (self.positioning / 3600.0).to_radians(), ..noise };
+        let positioning_rad = arcsec(self.positioning);
+        // An exact turntable repeats exactly.
+        let noise = Noise { positioning_rad, turn_rad: noise.turn_rad.min(positioning_rad), ..noise };
         let [chamber_port, table_port] = if self.tcp {
             [free_port()?, free_port()?]
         } else {
@@ -131,6 +136,7 @@ impl SimulateStation {
             chamber_port,
             table: self.table,
             table_port,
+            wrap: self.wrap,
             speed: self.speed,
             origin_ns: monotonic_ns(),
             interval_ns: self.interval.as_nanos() as u64,
@@ -139,6 +145,8 @@ impl SimulateStation {
             ramp_c_per_s: self.chamber_ramp / 60.0,
             tilt_rad: truth.tilt_rad,
             gravity_local: truth.gravity_local,
+            latitude_deg: truth.latitude_deg,
+            heading_deg: truth.heading_deg,
             chain,
             noise,
         };

@@ -270,7 +270,7 @@ fn ways(plan: &Plan) -> Vec<(usize, f64, f64)> {
 }
 
 #[test]
-fn a_plan_with_a_latitude_takes_six_whole_turns_within_its_limits() {
+fn a_plan_with_turns_takes_six_whole_turns_within_its_limits() {
     let whole = plan(WHOLE);
     let two = [(0, 0.0, 720.0), (0, 720.0, 0.0), (0, 0.0, 720.0), (0, 720.0, 0.0), (1, 0.0, 720.0), (1, 720.0, 0.0)];
     assert_eq!(ways(&whole), two);
@@ -297,16 +297,22 @@ fn a_plan_with_a_latitude_takes_six_whole_turns_within_its_limits() {
     );
     // The keys of [turns] are the defaults.
     let section = WHOLE.find("[turns]").unwrap()..WHOLE.find("[chamber]").unwrap();
-    let mut shorter = WHOLE.to_owned();
-    shorter.replace_range(section, "");
-    assert_eq!(plan(&shorter), whole);
+    let instead = |text: &str| {
+        let mut whole = WHOLE.to_owned();
+        whole.replace_range(section.clone(), text);
+        whole
+    };
+    assert_eq!(plan(&instead("[turns]\n")), whole);
+    // A latitude alone only checks the local gravity.
+    let place = instead("").replace("latitude_deg", "height_m = 0.0\nlatitude_deg");
+    assert_eq!(plan(&place).size(), "15 set points x 12 positions");
     // Where two turns do not fit, one does; the other axis may still take two.
     let one = plan(&WHOLE.replace("outer_deg = [-5, 720]", "outer_deg = [-5, 365]"));
     assert_eq!(ways(&one)[1..5], [(0, 360.0, 0.0), (0, 0.0, 360.0), (0, 360.0, 0.0), (1, 0.0, 720.0)]);
     // Two turns from one end to the other.
     let both = plan(&WHOLE.replace("outer_deg = [-5, 720]", "outer_deg = [-365, 365]"));
     assert_eq!(ways(&both)[..2], [(0, -360.0, 360.0), (0, 360.0, -360.0)]);
-    // A plan without a latitude has none, and none in its campaign file.
+    // A plan without [turns] has none, and none in its campaign file.
     let without = plan(EXAMPLE);
     assert_eq!(
         (without.turns.len(), without.campaign.turns.len(), without.size()),
@@ -382,7 +388,7 @@ fn every_fault_of_the_turns_is_named() {
         (with(|turns| turns[1].2 = 360.0), "K- of G1: no turn drives it negative"),
         (listed(&LISTED).replace("latitude_deg = 39.9", "# none"), "latitude_deg: missing"),
         (listed(&LISTED).replace("latitude_deg = 39.9", "latitude_deg = 99"), "latitude_deg: is 99.0, give -90 to 90"),
-        (WHOLE.replace("latitude_deg = 39.9", "# none"), "turns: there is no latitude_deg, so that no turns are taken"),
+        (WHOLE.replace("latitude_deg = 39.9", "# none"), "latitude_deg: missing; turns need it"),
         (
             WHOLE.replace("row_s = 1 ", "row_s = 4 "),
             "turns.row_s: at 10.0 deg/s a row is 40.0 deg long, give at most 2.900 s",
@@ -399,7 +405,7 @@ fn every_fault_of_the_turns_is_named() {
         ),
         (
             WHOLE.replace("inner_deg = [-5, 720]", "inner_deg = [-5, 355]"),
-            "latitude_deg: with it the turntable takes whole turns: turn 17 from 0.0 to 360.0 deg: inner angle 360.0 deg is outside limits.inner_deg",
+            "turns: the turntable takes whole turns: turn 17 from 0.0 to 360.0 deg: inner angle 360.0 deg is outside limits.inner_deg",
         ),
     ] {
         let faults = faults(&text);

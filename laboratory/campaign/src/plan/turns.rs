@@ -1,4 +1,4 @@
-//! The turns of a plan: `latitude_deg`, `[[turn]]` and `[turns]`, and how the turntable takes them within its limits.
+//! The turns of a plan: `[turns]` and `[[turn]]`, and how the turntable takes them within its limits.
 
 use super::model::{PlannedTurn, TurnPlan};
 use super::number::at_most;
@@ -23,7 +23,7 @@ const MAX_REST_S: f64 = 3600.0;
 /// A turn of the campaign file, and how the turntable takes it.
 pub(super) type PlanTurn = (Turn, PlannedTurn);
 
-/// The turns at each set point: those that the plan lists, or whole turns about both axes; none without a latitude. `None` if they are wrong.
+/// The turns at each set point: those that the plan lists, or whole turns about both axes if it has `[turns]`. `None` if they are wrong.
 pub(super) fn turns(
     root: &Section<'_, '_>,
     positions: Option<&Vec<Position>>,
@@ -33,12 +33,19 @@ pub(super) fn turns(
 ) -> Option<Vec<PlanTurn>> {
     let listed = listed_turns(root, positions, Some(*mounting), latitude_deg)?;
     if listed.is_empty() && !root.has("turn") {
+        if !root.has("turns") {
+            return Some(Vec::new());
+        }
+        if !root.has("latitude_deg") {
+            root.fault("latitude_deg", "missing; turns need it for Earth's rate".to_owned());
+            return None;
+        }
         let positions = positions?;
         let whole = whole_turns(positions, mounting, latitude_deg, limits);
         return whole
             .map_err(|fault| {
-                let remedy = "list each [[turn]] within the limits, or leave latitude_deg out to calibrate the accelerometers alone";
-                root.fault("latitude_deg", format!("with it the turntable takes whole turns: {fault}; {remedy}"));
+                let remedy = "list each [[turn]] within the limits, or leave [turns] out to calibrate the accelerometers alone";
+                root.fault("turns", format!("the turntable takes whole turns: {fault}; {remedy}"));
             })
             .ok();
     }
@@ -152,13 +159,7 @@ pub(super) fn turn_plan(root: &Section<'_, '_>, limits: &Limits, turns: Option<&
         ("row_s", long),
     ];
     match &section {
-        Some(section) => {
-            if none && !root.has("latitude_deg") {
-                section
-                    .fault("", "there is no latitude_deg, so that no turns are taken; give it, or leave [turns] out");
-            }
-            faults.into_iter().for_each(|(key, fault)| section.refuse(key, fault));
-        }
+        Some(section) => faults.into_iter().for_each(|(key, fault)| section.refuse(key, fault)),
         // The defaults.
         None if none => {}
         None => {

@@ -351,7 +351,7 @@ fn samples_of_another_unit_or_without_gyroscopes_are_refused() {
     let without = RawSample { gyroscopes: Triad::default(), ..right };
     let (exit, message) = refused(&mut recorder, without).unwrap_err();
     assert!(
-        exit == Exit::Data && message.contains("have no gyroscopes") && message.contains("leave latitude_deg out"),
+        exit == Exit::Data && message.contains("have no gyroscopes") && message.contains("leave [turns] out"),
         "{message}"
     );
     for sample in [right, of(" SN 42 "), RawSample { device: 0, ..right }] {

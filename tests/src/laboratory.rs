@@ -1,0 +1,306 @@
+//! A laboratory for tests of the automatic campaign: a real service and the processes of a simulated station, 1000 times as fast as a real one.
+
+use crate::{Process, TABLE, TIMEOUT, TestDomain, text, wait_until};
+use serde_json::Value;
+use std::fs;
+use std::process::Output;
+use std::time::{Duration, Instant};
+
+/// Laboratory time divided by real time.
+const SPEED: &str = "1000";
+
+/// Serial number of a truth with [`GYROSCOPES`].
+pub const SERIAL: &str = "SN 42";
+/// Gyroscopes for the truth, linear as its accelerometers are.
+pub const GYROSCOPES: &str = r#"
+[[gyroscope]]
+name = "G1"
+bias = { unit = "deg/h", range = [0.9, 4.2], c0 = 6.213, c1 = -1.871 }
+positive_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = 1.05214, c1 = 0.00041 }
+negative_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = -1.05391, c1 = 0.00036 }
+g_sensitivity = { unit = "deg/h/g0", a1 = 0.731, a2 = -0.214, a3 = 0.0875 }
+[[gyroscope]]
+name = "G2"
+bias = { unit = "deg/h", range = [0.9, 4.2], c0 = -2.4471, c1 = 0.9127 }
+positive_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = 0.98761, c1 = -0.00022 }
+negative_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = -0.98533, c1 = 0.00019 }
+g_sensitivity = { unit = "deg/h/g0", a1 = -0.31, a2 = 0.52, a3 = 0.11 }
+[[gyroscope]]
+name = "G3"
+bias = { unit = "deg/h", range = [0.9, 4.2], c0 = 0.5512, c1 = 1.7305 }
+positive_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = 1.11873, c1 = -0.00057 }
+negative_scale_factor = { unit = "pulse/arcsec", range = [0.9, 4.2], c0 = -1.11692, c1 = 0.00044 }
+g_sensitivity = { unit = "deg/h/g0", a1 = -0.118, a2 = 0.306, a3 = -0.942 }
+[gyroscope_alignment]
+matrix = [[1.0, 0.00031, -0.00018], [-0.00027, 1.0, 0.00044], [0.00012, -0.00039, 1.0]]
+[alignment]
+matrix = [[1, 2.8e-4, -1e-4], [1.2e-4, 1, 2e-4], [0, -1.5e-4, 1]]
+"#;
+
+/// A station in `DIR/station` with a service for its IMU, and a plan for both.
+pub struct TestLaboratory {
+    /// The domain and the folder of both.
+    pub domain: TestDomain,
+    /// The service.
+    pub service: Process,
+    /// The station.
+    pub station: Process,
+}
+
+/// Replacements in the station's plan that make the campaign as short as the simulated physics allows.
+const SHORTER_PLAN: [(&str, &str); 7] = [
+    ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
+    ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
+    ("time_s = 300", "time_s = 60"),
+    ("start_c = -25\nstop_c = 45\nstep_c = 5", "list_c = [20, 23]"),
+    ("chamber_c_per_h = 2\n", "chamber_c_per_h = 20\n"),
+    // Long time limits: on a loaded machine the simulated time runs ahead of the processes.
+    ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
+    (
+        "\n[verify]\nruns = 4\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
+        "",
+    ),
+];
+
+impl TestLaboratory {
+    /// Starts service and station, and applies [`SHORTER_PLAN`] and then `changes` to the station's plan.
+    pub fn new(changes: &[(&str, &str)]) -> Self {
+        Self::with_station(&[], changes)
+    }
+
+    /// The same, with more arguments for the station.
+    pub fn with_station(more: &[&str], changes: &[(&str, &str)]) -> Self {
+        Self::with_truth("", more, changes)
+    }
+
+    /// The same, with more lines at the end of the truth.
+    pub fn with_truth(more_truth: &str, more: &[&str], changes: &[(&str, &str)]) -> Self {
+        let domain = TestDomain::new();
+        // A linear truth, so that a few set points are enough to choose the order.
+        let truth: String = TABLE.lines().map(linear).collect();
+        let truth = if more_truth.contains("[[gyroscope]]") {
+            truth.replacen("format = 1", "format = 2", 1).replacen("[imu]", &format!("[imu]\nserial = {SERIAL:?}"), 1)
+        } else {
+            truth
+        };
+        domain.write("truth-table.toml", &(truth + more_truth));
+        let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
+        let arguments = [
+            "simulate",
+            "station",
+            "-o",
+            "station",
+            "--truth",
+            "truth-table.toml",
+            "--imu",
+            "imu-a",
+            "--speed",
+            SPEED,
+            "--chamber-ramp",
+            "5",
+            "--positioning",
+            "0",
+        ];
+        let interval: &[&str] = if more.contains(&"--interval") { &[] } else { &["--interval", "10"] };
+        let station = domain.spawn(&[&arguments, interval, more].concat());
+        let on_terminals = !more.contains(&"--tcp");
+        wait_until("the station", || {
+            let ports = ["station/chamber", "station/table"];
+            domain.path("station/faults").exists()
+                && (!on_terminals || ports.iter().all(|port| domain.path(port).exists()))
+        });
+        let mut plan = fs::read_to_string(domain.path("station/plan.toml")).unwrap();
+        for (from, to) in SHORTER_PLAN.iter().chain(changes) {
+            assert!(plan.contains(from), "{from}\n{plan}");
+            plan = plan.replacen(from, to, 1);
+        }
+        plan = plan.replace("install = \"imu-a.toml\"", "install = \"../imu-a.toml\"");
+        // The telemetry still drifts after such a short soak: without this key its drift is not checked.
+        plan =
+            plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
+        domain.write("station/plan.toml", &plan);
+        Self { domain, service, station }
+    }
+
+    fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
+        [&["campaign", "run", "station/plan.toml", "--speed", SPEED], more].concat()
+    }
+
+    /// Runs the campaign to its end.
+    pub fn run(&self, more: &[&str]) -> Output {
+        self.domain.run(&Self::arguments(more))
+    }
+
+    /// Starts the campaign.
+    pub fn spawn(&self) -> Process {
+        self.domain.spawn(&Self::arguments(&[]))
+    }
+
+    /// A file of the campaign's folder; empty if it is not there.
+    pub fn file(&self, name: &str) -> Vec<u8> {
+        fs::read(self.domain.path("station/campaign").join(name)).unwrap_or_default()
+    }
+
+    /// The journal's lines with this event; an incomplete last line is left out.
+    pub fn events(&self, event: &str) -> Vec<Value> {
+        let text = text(&self.file("journal.jsonl"));
+        let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
+        let lines = whole.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+        lines.filter(|line| line["event"] == event).collect()
+    }
+
+    /// The names of the events on the live page, oldest first.
+    pub fn events_on_page(&self) -> Vec<String> {
+        let page = text(&self.file("live.html"));
+        let cells = page.split("<td class=\"").filter(|cell| !cell.starts_with("number") && !cell.starts_with("long"));
+        let names = cells.filter_map(|cell| Some(cell.split_once("</span> ")?.1.split_once("</td>")?.0.to_owned()));
+        let mut names: Vec<_> = names.collect();
+        names.reverse();
+        names
+    }
+
+    /// Waits until the journal has `count` lines with this event, and asserts that the campaign goes on meanwhile.
+    pub fn wait_for(&self, event: &str, count: usize) {
+        let before = self.events("safe").len();
+        wait_long(event, || {
+            let safe = self.events("safe");
+            assert_eq!(safe.len(), before, "the campaign has ended before {event}: {safe:?}");
+            self.events(event).len() >= count
+        });
+    }
+
+    /// The runner's present phase; empty before its first status.
+    pub fn phase(&self) -> String {
+        self.place().0
+    }
+
+    /// The runner's present phase, and the number of complete units.
+    pub fn place(&self) -> (String, u64) {
+        let status: Value = serde_json::from_slice(&self.file("status.json")).unwrap_or_default();
+        (status["phase"].as_str().unwrap_or_default().to_owned(), status["unit"].as_u64().unwrap_or_default())
+    }
+
+    /// Sets the faults that the station injects from now on, one a line.
+    pub fn faults(&self, lines: &str) {
+        self.domain.replace("station/faults", lines);
+    }
+
+    /// Asserts that the journal has every unit exactly once, in order, that the file has exactly the bytes of the dwells and turns, and that every
+    /// turn is whole.
+    pub fn assert_complete(&self, units: usize) {
+        let kept = self.events("kept");
+        let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap() as usize).collect();
+        assert_eq!(numbers, (0..units).collect::<Vec<_>>());
+        let samples = text(&self.file("campaign.csv"));
+        let (mut end, mut rows) = (0, 0);
+        for unit in kept.iter().filter(|kept| kept["file"] == "campaign.csv") {
+            let [from, to] = ["from", "to"].map(|key| unit[key].as_u64().unwrap() as usize);
+            assert_eq!(from, end, "{unit}");
+            let of_unit = unit["rows"].as_u64().unwrap() as usize;
+            if unit["turn"].is_null() {
+                assert_eq!(of_unit, 6, "{unit}");
+            } else {
+                assert_eq!(samples[from..to].lines().count(), of_unit);
+                assert_whole_turn(unit, samples.lines().next().unwrap(), &samples[from..to]);
+            }
+            (end, rows) = (to, rows + of_unit);
+        }
+        assert_eq!(samples.len(), end);
+        assert_eq!(samples.lines().count(), 1 + rows);
+    }
+
+    /// Asserts that the last safe state was reached: the chamber is in standby and the turntable is stopped.
+    pub fn assert_in_standby(&self) {
+        let safe = self.events("safe");
+        let last = safe.last().unwrap();
+        assert!(last["chamber"].as_str().unwrap().starts_with("chamber in standby"), "{last}");
+        assert!(last["table"].as_str().unwrap().starts_with("table stopped at"), "{last}");
+    }
+
+    /// Fits the complete campaign again, which must end with this exit code. Returns stderr.
+    pub fn calibrate(&self, more: &[&str], code: i32) -> String {
+        let output = self.run(&[&["--calibrate"], more].concat());
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{more:?}\n{}\n{said}", text(&output.stdout));
+        said
+    }
+
+    /// As [`calibrate`](Self::calibrate), and asserts that nothing is installed: the table in force, its predecessor and the service are as they
+    /// were.
+    pub fn refused(&self, more: &[&str], code: i32) -> String {
+        let state = || {
+            let files = ["imu-a.toml", "imu-a.toml.previous"].map(|name| fs::read(self.domain.path(name)).ok());
+            (files, self.domain.imu_status()["table"].clone())
+        };
+        let before = state();
+        let said = self.calibrate(more, code);
+        assert_eq!(state(), before, "{said}");
+        said
+    }
+
+    /// What `campaign status` says.
+    pub fn status(&self) -> String {
+        self.domain.run_ok(&["campaign", "status", "station/plan.toml"])
+    }
+
+    /// Whether a table was installed over another one.
+    pub fn has_predecessor(&self) -> bool {
+        self.domain.path("imu-a.toml.previous").exists()
+    }
+}
+
+/// Asserts that the rows of a turn are one unbroken run of one session, in which a gyroscope has turned by its whole angle.
+fn assert_whole_turn(unit: &Value, header: &str, rows: &str) {
+    let column = |name: &str| header.split(',').position(|column| column == name).unwrap();
+    let rows: Vec<Vec<&str>> = rows.lines().map(|row| row.split(',').collect()).collect();
+    let number = |row: &[&str], name: &str| row[column(name)].parse::<i64>().unwrap();
+    for pair in rows.windows(2) {
+        let same = ["session", "position", "set_point_c", "interval_ns"].map(column);
+        assert!(same.iter().all(|&column| pair[0][column] == pair[1][column]), "{unit}\n{pair:?}");
+        let step_ns = number(&pair[1], "timestamp_ns") - number(&pair[0], "timestamp_ns");
+        assert_eq!(step_ns, number(&pair[1], "interval_ns"), "{unit}\n{pair:?}");
+    }
+    let pulses = |gyroscope: usize| {
+        let [positive, negative] = ["positive", "negative"].map(|channel| format!("g{gyroscope}_{channel}"));
+        rows.iter().map(|row| number(row, &positive) - number(row, &negative)).sum::<i64>()
+    };
+    let turned = (1..=3).map(pulses).map(i64::abs).max().unwrap() as f64;
+    let angle = unit["turn"]["angle_deg"].as_f64().unwrap().abs() * 3600.0;
+    // The scale factors are 0.98 to 1.12 pulses per arc second; bias and Earth add or take less than a tenth.
+    assert!((0.88..1.23).contains(&(turned / angle)), "{unit}: {turned} pulses for {angle} arcsec");
+}
+
+/// As [`wait_until`], with five times its time limit: a campaign takes long, on a loaded machine even more so.
+pub fn wait_long(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < 5 * TIMEOUT, "{what} did not happen");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// A line of the table without coefficients of the second and third order, and without the digest.
+fn linear(line: &str) -> String {
+    let parts = line.split_inclusive(", ").filter(|part| !part.starts_with("c2 =") && !part.starts_with("c3 ="));
+    let line: String = parts.collect();
+    if line.contains("c1 =") && !line.trim_end().ends_with('}') {
+        format!("{} }}\n", line.trim_end().trim_end_matches(','))
+    } else if line.starts_with("digest") {
+        String::new()
+    } else {
+        line + "\n"
+    }
+}
+
+/// What a command printed that must have succeeded.
+pub fn stdout_of_success(output: &Output) -> String {
+    assert!(output.status.success(), "{}\n{}\n{}", output.status, text(&output.stdout), text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// Waits for the end of a campaign; whether it succeeded, and its log.
+pub fn wait_for_end(runner: Process) -> (bool, String) {
+    wait_long("the end", || runner.has_ended());
+    let (status, log) = runner.wait();
+    (status.success(), log)
+}
