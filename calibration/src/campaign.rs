@@ -172,7 +172,7 @@ fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) -> Option<f64> {
         _ if root.has("latitude_deg") && root.has("height_m") => {}
         // The turns of gyroscopes need the latitude alone.
         (Some(_), None) if root.has("turn") => {}
-        _ => root.fault("", "give both latitude_deg and height_m, or neither"),
+        _ => root.fault("", "give both latitude_deg and height_m, or neither; the latitude alone is for turns: [[turn]], in a plan [turns]"),
     }
     latitude
 }

@@ -132,9 +132,14 @@ impl Gate {
                 self.left * 1e6
             ),
         });
+        let hemisphere = gyroscopes::other_hemisphere(calibration);
         let narrower = in_force.and_then(|old| narrower(&calibration.table, old));
         let lost = in_force.and_then(|old| gyroscopes::lost(&calibration.table, old));
-        left.into_iter().chain(narrower.map(|cause| Refusal { by: "range", cause })).chain(lost).collect()
+        left.into_iter()
+            .chain(narrower.map(|cause| Refusal { by: "range", cause }))
+            .chain(lost)
+            .chain(hemisphere)
+            .collect()
     }
 
     /// Why the table must not be installed, as a run shows it. `present` is the same run under the table in force, if that can judge it.

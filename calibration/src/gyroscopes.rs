@@ -162,7 +162,9 @@ impl<'a> Data<'a> {
     ) -> Result<Self, CalibrationError> {
         let number = |turn: &TurnRun| campaign.turns[turn.run.position].start.number;
         let is = |turn: &TurnRun, place: &(f64, u32)| (turn.run.set_point_c, number(turn)) == *place;
-        let unknown = excluded_turns.iter().find(|place| !gyroscopes.turns.iter().any(|turn| is(turn, place)));
+        // A turn that is missing may be left out as well as one that is there.
+        let mut runs = gyroscopes.dwells.iter().chain(gyroscopes.turns.iter().map(|turn| &turn.run));
+        let unknown = excluded_turns.iter().find(|(set_point_c, _)| !runs.any(|run| run.set_point_c == *set_point_c));
         if let Some(&(set_point_c, number)) = unknown {
             return Err(CalibrationError::NothingToExclude(set_point_c, number));
         }

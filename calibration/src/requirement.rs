@@ -6,7 +6,7 @@
 
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
-use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
+use isotherm_shared::table::AXIS_NAMES;
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
@@ -14,7 +14,7 @@ use std::str::FromStr;
 /// What a table must reach: a factor of stability, absolute bounds, or both. All bounds are for the upper end of the interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Requirement {
-    /// Least factor of stability of every accelerometer, and of every gyroscope if they are judged.
+    /// Least factor of stability of every accelerometer. In windows of 10 s the factor of a gyroscope is that of its noise; `rate` judges it.
     pub factor: Option<f64>,
     /// Largest error of every axis \[g0\].
     pub bias: Option<f64>,
@@ -213,9 +213,7 @@ impl Requirement {
             });
         };
         if let Some(factor) = self.factor {
-            let gyroscopes = stability.judged_gyroscopes().filter(|found| found.unjudged().is_none());
-            let gyroscopes = gyroscopes.into_iter().flat_map(|found| GYROSCOPE_NAMES.iter().zip(&found.axes));
-            let all = AXIS_NAMES.iter().zip(&stability.axes).chain(gyroscopes);
+            let all = AXIS_NAMES.iter().zip(&stability.axes);
             let least = all.map(|(name, axis)| (*name, axis.factor()));
             // An axis whose factor is not a number is the worst one.
             let least = least.map(|(name, factor)| (name, if factor.is_nan() { f64::NEG_INFINITY } else { factor }));

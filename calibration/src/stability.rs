@@ -325,7 +325,7 @@ pub enum StabilityError {
         if *.stated { "stated" } else { "median" },
         output.0.iter().map(|f| f * f).sum::<f64>().sqrt(),
         if *.stated {
-            "this is another attitude than --attitude, the table of another IMU, cables that are exchanged, or the IMU was not at rest"
+            "this is another attitude than the one stated (--attitude, --angles), the table of another IMU, cables that are exchanged, or the IMU was not at rest"
         } else {
             "hold the IMU still"
         }

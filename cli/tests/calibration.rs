@@ -5,11 +5,10 @@
 
 mod common;
 
-use common::{assert_self_contained, folder, isotherm, run};
+use common::{assert_self_contained, folder, run};
 use serde_json::Value;
 use std::fs;
 use std::os::unix::process::ExitStatusExt as _;
-use std::path::Path;
 use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -128,7 +127,12 @@ fn the_closed_loop() {
     assert!(!out.contains(": met"), "{out}");
     // Another attitude than the stated one, and times that are a little off.
     let (_, err) = run(folder.path(), 65, &["verify", "--table", "table.toml", "run/run.csv", "--attitude", "0,0,1"]);
-    assert!(err.contains("this is another attitude than --attitude, the table of another IMU, cables"), "{err}");
+    assert!(
+        err.contains(
+            "this is another attitude than the one stated (--attitude, --angles), the table of another IMU, cables"
+        ),
+        "{err}"
+    );
     first(1200).unwrap();
     let text = fs::read_to_string(at("first.csv")).unwrap().replace(",1000000000,", ",995000000,");
     fs::write(at("first.csv"), text).unwrap();

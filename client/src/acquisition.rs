@@ -216,7 +216,9 @@ impl Acquisition {
     /// reading, is none. [`isotherm_shared::lag`] has the formula.
     ///
     /// This is not part of the sending path. If the service has taken a table with another time constant, with [`LagOption::Service`], this
-    /// call and the next one read the status, which allocates and makes system calls, but does not wait.
+    /// call and a later one read the status, which allocates and makes system calls, but does not wait. Increments are flagged
+    /// [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If readings are rare, give the last ones again while that is so: a
+    /// reading with the time of the last is none, but it asks.
     ///
     /// [`LagOption::Service`]: crate::LagOption::Service
     pub fn reading(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {

@@ -2,7 +2,7 @@
 
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
-use crate::lag::LagOption;
+use crate::lag_option::LagOption;
 use crate::objects::{OwnFile, domain_files, refuse_foreign};
 use crate::peers::{payload_of, publisher_of};
 use crate::resources::check_room;

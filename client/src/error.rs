@@ -96,10 +96,7 @@ impl ConnectError {
     /// Whether connecting cannot succeed by waiting: an operator must change something first.
     #[must_use]
     pub const fn is_permanent(&self) -> bool {
-        matches!(
-            self,
-            Self::Permission { .. } | Self::Domain(_) | Self::Exhausted(_) | Self::OtherVersion { .. }
-        )
+        matches!(self, Self::Permission { .. } | Self::Domain(_) | Self::Exhausted(_) | Self::OtherVersion { .. })
     }
 
     pub(crate) fn transport(phase: &'static str, cause: impl ToString) -> Self {

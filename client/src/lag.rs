@@ -1,11 +1,12 @@
 //! The lagged telemetry of live samples: an acquisition feeds its readings, and every sample that it sends carries the state.
 
 use crate::clock::monotonic_ns;
+use crate::lag_option::{LagOption, TimeConstant};
 use crate::status::StatusReader;
 use core::str::FromStr;
 use isotherm_shared::lag::{Lag, SENSORS};
+use isotherm_shared::status::ImuStatus;
 use isotherm_shared::stream::{Domain, ImuId, IpcNode};
-use isotherm_shared::table::LAG_RANGE;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -50,49 +51,6 @@ impl FromStr for Sensor {
     }
 }
 
-/// A valid time constant of the lagged telemetry: 0.1 s to one day.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct TimeConstant(u64);
-
-impl TimeConstant {
-    /// From seconds, to the nearest nanosecond.
-    ///
-    /// # Errors
-    /// If it is not 0.1 s to 86400 s.
-    pub fn from_seconds(seconds: f64) -> Result<Self, InvalidTimeConstant> {
-        let [low, high] = LAG_RANGE;
-        match (low..=high).contains(&seconds) {
-            true => Ok(Self((seconds * 1e9).round() as u64)),
-            false => Err(InvalidTimeConstant(seconds)),
-        }
-    }
-
-    /// In nanoseconds, as [`RawSample::lag_ns`].
-    #[must_use]
-    pub const fn ns(self) -> u64 {
-        self.0
-    }
-}
-
-/// A number that cannot be a time constant.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{0} s cannot be the time constant of the lagged telemetry; give {low} to {high} s", low = LAG_RANGE[0], high = LAG_RANGE[1])]
-pub struct InvalidTimeConstant(f64);
-
-/// Which time constant the lagged telemetry has that an acquisition sends.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub enum LagOption {
-    /// That of the table in force, from the status of the service: as it is when the acquisition connects, and again when an increment is
-    /// flagged [`Flags::LAG_UNKNOWN`]. If the table has another one after a reload, a few samples are flagged, until the next readings.
-    /// Connecting waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
-    #[default]
-    Service,
-    /// This one, whatever the table's is.
-    Fixed(TimeConstant),
-    /// The library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
-    None,
-}
-
 /// The lag of an acquisition.
 #[derive(Debug)]
 pub(crate) struct AcquisitionLag {
@@ -102,7 +60,7 @@ pub(crate) struct AcquisitionLag {
     fed: u8,
     /// The table of the last increment that was flagged [`Flags::LAG_UNKNOWN`]; 0 before.
     flagged: u64,
-    /// The table for whose flag the service was asked last; 0 before.
+    /// The table of the last status that was an answer, whose time constant is known; 0 before.
     settled: u64,
     /// A question that is under way.
     asking: Option<Asking>,
@@ -116,8 +74,6 @@ struct Asking {
     reader: StatusReader,
     /// When it was asked \[ns\]; an older status is no answer.
     since_ns: u64,
-    /// Because of increments of this table.
-    table: u64,
 }
 
 impl AcquisitionLag {
@@ -151,7 +107,7 @@ impl AcquisitionLag {
         let Some(asking) = &self.asking else {
             if now >= self.retry_ns {
                 match StatusReader::with(node, domain) {
-                    Ok(reader) => self.asking = Some(Asking { reader, since_ns: now, table: self.flagged }),
+                    Ok(reader) => self.asking = Some(Asking { reader, since_ns: now }),
                     Err(_) => self.retry_ns = now + RETRY_NS,
                 }
             }
@@ -159,17 +115,23 @@ impl AcquisitionLag {
         };
         match asking.reader.latest() {
             Ok(Some(status)) if status.taken_ns >= asking.since_ns => {
-                self.settled = asking.table;
-                let in_force = status.imus.iter().find(|known| known.id == imu.as_str()).and_then(|imu| imu.lag_s);
-                // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
-                if let Some(Ok(time_constant)) = in_force.map(TimeConstant::from_seconds) {
-                    self.lag.lag_ns = time_constant.ns();
-                }
+                self.learn(status.imus.iter().find(|known| known.id == imu.as_str()));
                 self.asking = None;
             }
             // A reader that gets nothing may belong to a service that is gone. It would occupy a place for ever.
             Ok(_) if now - asking.since_ns <= RETRY_NS => {}
             Ok(_) | Err(_) => (self.asking, self.retry_ns) = (None, now + RETRY_NS),
+        }
+    }
+
+    /// Takes the time constant of the table in force. The table may be another one than that of the flagged increments: then their question
+    /// is void, and the next flagged increment asks again.
+    fn learn(&mut self, in_force: Option<&ImuStatus>) {
+        self.settled = in_force.map_or(0, ImuStatus::table_id);
+        self.flagged = self.settled;
+        // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
+        if let Some(Ok(time_constant)) = in_force.and_then(|imu| imu.lag_s).map(TimeConstant::from_seconds) {
+            self.lag.lag_ns = time_constant.ns();
         }
     }
 
@@ -181,7 +143,7 @@ impl AcquisitionLag {
         }
     }
 
-    /// Asks for the time constant again if there are flagged increments of a table for which it was not asked yet.
+    /// Asks for the time constant again if there are flagged increments of another table than the one whose time constant is known.
     pub(crate) fn renew(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
         if self.flagged != self.settled && self.option == LagOption::Service {
             self.ask(node, domain, imu);
@@ -264,18 +226,6 @@ mod tests {
         let mut filled = sample;
         lag.fill(&mut filled);
         filled
-    }
-
-    #[test]
-    fn a_time_constant_is_rounded_to_the_nearest_nanosecond_and_kept_in_its_range() {
-        for (seconds, ns) in [(0.1, 100_000_000), (240.000_000_000_4, 240_000_000_000), (86_400.0, 86_400_000_000_000)]
-        {
-            assert_eq!(TimeConstant::from_seconds(seconds).unwrap().ns(), ns);
-        }
-        for seconds in [0.0, -1.0, 0.099, 86_401.0, f64::NAN, f64::INFINITY] {
-            let message = TimeConstant::from_seconds(seconds).unwrap_err().to_string();
-            assert!(message.contains("give 0.1 to 86400 s"), "{message}");
-        }
     }
 
     #[test]

@@ -116,7 +116,8 @@ impl Layout {
 const GYROSCOPE_FLAGS: Flags = Flags(Flags((1 << 18) - 1).of_gyroscopes().0 | Flags::G_UNKNOWN.0);
 
 /// Whether any bit of a triad is set. That of an IMU without gyroscopes is all zero.
-fn has_values(triad: &Triad) -> bool {
+#[must_use]
+pub fn has_values(triad: &Triad) -> bool {
     let floats = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
     let pulses = [triad.positive_pulses, triad.negative_pulses];
     floats.iter().flatten().any(|value| value.to_bits() != 0) || pulses.iter().flatten().any(|count| *count != 0)
@@ -380,9 +381,9 @@ pub fn incomplete<'a>(
     found: impl Fn(&str) -> bool,
 ) -> Vec<&'a str> {
     let any = |wanted: ColumnSet| columns.clone().any(|(name, set)| set == wanted && found(name));
-    let both = any(ColumnSet::LaggedGyroscopes);
-    let gyroscopes = both || any(ColumnSet::Gyroscopes);
-    let lag = both || any(ColumnSet::Lag);
+    // The lagged telemetry of gyroscopes does not ask for gyroscopes: of an IMU that has none, the readers leave it out.
+    let gyroscopes = any(ColumnSet::Gyroscopes);
+    let lag = any(ColumnSet::Lag) || any(ColumnSet::LaggedGyroscopes);
     let needed = |set: ColumnSet| match set {
         ColumnSet::Gyroscopes => gyroscopes,
         ColumnSet::Lag => lag,
@@ -396,10 +397,10 @@ pub fn incomplete<'a>(
 pub const INCOMPLETE_HINT: &str = "a recording has all columns of the gyroscopes (g1_positive, g1_negative, g1_head, g1_board, g2_.., g3_..) or \
      none, and all of the lagged telemetry (lag_ns, a1_head_lagged, a2_.., a3_.., with gyroscopes also g1_head_lagged, ..) or none";
 
-/// The number in a field of kind [`ColumnKind::Hex`]: 16 hexadecimal digits, or nothing for 0. `None` for any other text.
+/// The number in a field of kind [`ColumnKind::Hex`]: 16 hexadecimal digits; also nothing, or `0`, for 0. `None` for any other text.
 #[must_use]
 pub fn hex(text: &[u8]) -> Option<u64> {
-    if text.is_empty() {
+    if text.is_empty() || text == b"0" {
         return Some(0);
     }
     if text.len() != 16 || !text.iter().all(u8::is_ascii_hexdigit) {

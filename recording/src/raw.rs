@@ -3,8 +3,8 @@
 //! Over 400 lines, more than half of them tests: what is written must be read back.
 
 use crate::columns::{
-    ACCELEROMETERS, ColumnKind, ColumnSet, DEVICE, INCOMPLETE_HINT, INTERVAL_NS, LAG_NS, Layout, RAW, RECORDED_NS,
-    SENT_NS, SEQUENCE, TELEMETRY_NS, TIMESTAMP_NS, incomplete, load, store,
+    ACCELEROMETERS, ColumnKind, ColumnSet, DEVICE, GYROSCOPES, INCOMPLETE_HINT, INTERVAL_NS, LAG_NS, Layout, RAW,
+    RECORDED_NS, SENT_NS, SEQUENCE, TELEMETRY_NS, TIMESTAMP_NS, incomplete, load, store,
 };
 use crate::csv::{CsvColumn, Rows, missing_columns};
 use crate::error::RecordingError;
@@ -170,7 +170,8 @@ impl RawColumns {
         if !missing.is_empty() {
             return Err(header.error(missing_columns(&missing, header.names(), INCOMPLETE_HINT)));
         }
-        let has_lag = is_found(RAW[LAG_NS].name);
+        let (has_lag, has_gyroscopes) = (is_found(RAW[LAG_NS].name), is_found(RAW[GYROSCOPES].name));
+        stored.retain(|(index, _)| has_gyroscopes || RAW[*index].set != ColumnSet::LaggedGyroscopes);
         Ok(Self { count: header.len(), stored, recorded_ns, has_lag })
     }
 }
@@ -259,7 +260,6 @@ fn columns(telemetry_ns: bool, layout: Layout) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::columns::GYROSCOPES;
     use isotherm_shared::wire::Triad;
 
     const HEADER: &str = "a3_board,a3_head,a3_negative,a3_positive,a2_board,a2_head,a2_negative,a2_positive,a1_board,a1_head,a1_negative,a1_positive,extra,interval_ns,timestamp_ns,sequence";
@@ -427,14 +427,13 @@ mod tests {
             assert!(refused.starts_with(&format!("line 1: missing columns: {name}; found: ")), "{refused}");
             assert!(refused.contains(INCOMPLETE_HINT));
         }
-        let refused = read(&header_without(&gyroscopes)).unwrap_err();
-        assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", gyroscopes.join(", "))), "{refused}");
         let refused = read(&header_without(&lag[..4])).unwrap_err();
         assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", lag[..4].join(", "))), "{refused}");
         let refused = read(&header_without(&lag[4..])).unwrap_err();
         assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", lag[4..].join(", "))), "{refused}");
         let without_gyroscopes = [&gyroscopes[..], &lag[4..]].concat();
-        for whole in [&[][..], &lag, &without_gyroscopes, &[&gyroscopes[..], &lag].concat(), &["device"]] {
+        // The lagged telemetry of gyroscopes that the IMU does not have.
+        for whole in [&[][..], &lag, &gyroscopes, &without_gyroscopes, &[&gyroscopes[..], &lag].concat(), &["device"]] {
             assert_eq!(read(&header_without(whole)), Ok(Vec::new()), "{whole:?}");
         }
     }
@@ -449,8 +448,10 @@ mod tests {
             (of("46a7426ef29cc83b"), of("46A7426EF29CC83B")),
             (Ok(0x46a7_426e_f29c_c83b), of("46a7426ef29cc83b"))
         );
-        assert_eq!((of(""), of("0000000000000000")), (Ok(0), Ok(0)));
-        for wrong in ["46a7426ef29cc83", "046a7426ef29cc83b", "+6a7426ef29cc83b", "0x46a7426ef29cc8", "SN 42"] {
+        assert_eq!([of(""), of("0"), of("0000000000000000")], [Ok(0), Ok(0), Ok(0)]);
+        for wrong in
+            ["46a7426ef29cc83", "046a7426ef29cc83b", "+6a7426ef29cc83b", "0x46a7426ef29cc8", "SN 42", "1", "00"]
+        {
             assert!(
                 of(wrong).unwrap_err().starts_with(&format!("line 2: device is {wrong:?}, give 16 hex")),
                 "{wrong}"

@@ -131,7 +131,8 @@ fn aligned(m: &Matrix3<f64>, sensor: [f64; AXES]) -> [f64; AXES] {
 #[inline(always)]
 fn indicated(axes: &[Axis; AXES], lanes: &Lanes, triad: &Triad, period: &Period) -> ([f64; AXES], Flags) {
     let mut flags = Flags::default();
-    let mut transients = [0.0; AXES];
+    // The term of a bias without one is -0: adding it changes no number, not even the sign of a zero.
+    let mut transients = [-0.0; AXES];
     for (index, axis) in axes.iter().enumerate() {
         if axis.transient != 0.0 {
             match lag_difference(axis, triad, index).filter(|_| period.lagged) {

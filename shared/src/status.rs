@@ -138,6 +138,15 @@ pub struct ImuStatus {
     pub readers: usize,
 }
 
+impl ImuStatus {
+    /// Id of the table in force, as in the increments: the first 8 bytes of its digest, big-endian; 0 without a table.
+    #[must_use]
+    pub fn table_id(&self) -> u64 {
+        let digits = self.table.as_deref().and_then(|digest| digest.strip_prefix("sha256:")?.get(..16));
+        digits.and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or(0)
+    }
+}
+
 /// Telemetry of the gyroscopes, in the same form as that of the accelerometers.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct GyroscopeStatus {

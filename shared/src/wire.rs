@@ -3,6 +3,8 @@
 //! Both are plain C structures of integers and doubles, native-endian, without padding, so that a process in any
 //! language that has iceoryx2 can join. **Every bit pattern is a valid value.** A raw sample is treated as hostile input:
 //! no value of it may cause a panic, and none is trusted because of its type.
+//!
+//! Over 400 lines: both payloads and the flags, of which other languages copy every offset and bit.
 
 use core::mem::{align_of, offset_of, size_of};
 use iceoryx2::prelude::ZeroCopySend;
@@ -212,7 +214,7 @@ impl Flags {
     /// Distance from a bit of the accelerometers to that of the gyroscopes.
     const GYROSCOPES: u32 = 32;
     /// All sample flags.
-    pub const SAMPLE: Self = Self((1 << 24) - 1 | ((1 << 18) - 1) << Self::GYROSCOPES);
+    pub const SAMPLE: Self = Self(((1 << 24) - 1) | (((1 << 18) - 1) << Self::GYROSCOPES));
     /// All delivery flags.
     pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0);
 

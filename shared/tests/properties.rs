@@ -1,4 +1,6 @@
 //! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, and policies.
+//!
+//! Over 400 lines: the kernel in rational arithmetic, beside the tables and samples that it is compared on.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_shared::compensate::{answer, compensate, uncompensated};
@@ -409,4 +411,23 @@ fn stale_telemetry_and_high_rates_are_flagged() {
         assert_eq!(result.flags, Flags::INTERVAL);
         assert!(result.velocity_increment.iter().all(|dv| dv.is_nan()));
     }
+}
+
+/// A scale factor of the wrong sign, as an extrapolation can give, makes the indicated input of no pulses -0. The increment is
+/// -0 - (-0) = 0 then: a bias without a transient term adds nothing, not even +0.
+#[test]
+fn without_a_transient_term_a_bias_keeps_its_sign() {
+    let axis = |name| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\nbias = {{ unit = \"g0\", range = [0.0, 1.0], c0 = -0.0 }}\n\
+             positive_scale_factor = {{ unit = \"pulse/(s*g0)\", range = [0.0, 1.0], c0 = 10.0, c1 = -5.0 }}\n\
+             negative_scale_factor = {{ unit = \"pulse/(s*g0)\", range = [0.0, 1.0], c0 = -10.0 }}\n"
+        )
+    };
+    let head = "format = 1\n[imu]\nid = \"imu-z\"\ngravity = 9.8\n[temperature]\nunit = \"V\"\nout_of_range = \"extrapolate\"\n";
+    let text = head.to_owned() + &["A1", "A2", "A3"].map(axis).concat();
+    let table = CoefficientTable::from_toml(&text, None).unwrap();
+    let accelerometers = Triad { head_temperature: [0.5; 3], board_temperature: [5.0; 3], ..Triad::default() };
+    let raw = RawSample { interval_ns: 1_000_000_000, accelerometers, ..RawSample::default() };
+    assert_eq!(compensate(&table, &raw).velocity_increment.map(f64::to_bits), [0; 3]);
 }

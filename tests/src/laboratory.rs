@@ -63,7 +63,7 @@ const SHORTER_PLAN: [(&str, &str); 7] = [
 ];
 
 impl TestLaboratory {
-    /// Starts service and station, and applies [`SHORTER_PLAN`] and then `changes` to the station's plan.
+    /// Starts service and station, and applies `SHORTER_PLAN` and then `changes` to the station's plan.
     pub fn new(changes: &[(&str, &str)]) -> Self {
         Self::with_station(&[], changes)
     }

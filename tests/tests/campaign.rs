@@ -228,8 +228,7 @@ fn installed_and_rolled_back_under_a_feed(laboratory: &TestLaboratory, good: &Co
 
 #[test]
 fn turns_of_an_imu_without_gyroscopes_end_at_its_first_sample() {
-    let laboratory =
-        TestLaboratory::new(&[
+    let laboratory = TestLaboratory::new(&[
         ("temperature_unit = ", "latitude_deg = 39.9   # north positive\ntemperature_unit = "),
         ("[chamber]", "[turns]\n\n[chamber]"),
     ]);

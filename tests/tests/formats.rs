@@ -383,7 +383,8 @@ fn whole() -> CsvContent {
     let mut whole = CsvContent::of(&fs::read_to_string(WHOLE_RUN).unwrap()).part(0, 900);
     whole.names.push("device".to_owned());
     for (number, row) in whole.rows.iter_mut().enumerate() {
-        row.push(["46a7426ef29cc83b", "", "0000000000000000"][number % 3].to_owned());
+        let unknown = ["", "0000000000000000", "0"];
+        row.push(if number % 3 == 0 { "46a7426ef29cc83b" } else { unknown[number / 3 % 3] }.to_owned());
     }
     whole
 }
@@ -425,6 +426,28 @@ const LAG_COLUMNS: [&str; 7] = [
     "g3_head_lagged",
 ];
 
+/// A program that writes the whole group of lagged columns, whatever the IMU has.
+#[test]
+fn the_lag_of_gyroscopes_that_an_imu_does_not_have_is_left_out() {
+    let domain = TestDomain::new();
+    domain.write("imu-g.toml", WHOLE_TABLE);
+    let gyroscopes: Vec<_> = (1..=3)
+        .flat_map(|axis| ["positive", "negative", "head", "board"].map(|part| format!("g{axis}_{part}")))
+        .collect();
+    let mut lacking: Vec<_> = gyroscopes.iter().map(String::as_str).collect();
+    let replay = |lacking: &[&str], name: &str| {
+        let half = whole().without(lacking);
+        ["csv", "parquet", "mcap"].map(|extension| {
+            let piece = format!("{name}.{extension}");
+            half.write(&domain.path(&piece));
+            domain.run_ok(&["replay", "--table", "imu-g.toml", &piece])
+        })
+    };
+    let with = replay(&lacking, "with");
+    lacking.extend(&LAG_COLUMNS[4..]);
+    assert!(with == replay(&lacking, "without") && with[0].lines().count() == 901);
+}
+
 #[test]
 fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
     let domain = TestDomain::new();
@@ -444,7 +467,7 @@ fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
     odd.rows[4].push("SN 42".to_owned());
     for (piece, cause) in [
         ("odd.csv", "odd.csv:6: device is \"SN 42\", give 16 hexadecimal digits"),
-        ("odd.parquet", "device: no value, or one that does not fit"),
+        ("odd.parquet", "row 5: device: no value, or not a text of 16 hexadecimal digits"),
         ("odd.mcap", "message 5: device is not a text of 16 hexadecimal digits"),
     ] {
         odd.write(&domain.path(piece));

@@ -1,4 +1,6 @@
 //! An installed table and its predecessor: what `isotherm rollback` exchanges and refuses, and what survives kills and other processes.
+//!
+//! Over 400 lines: installation and rollback are two sides of one exchange.
 #![allow(clippy::exit, clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod feed;

@@ -198,7 +198,7 @@ fn status_readers(domain: &TestDomain) -> usize {
 }
 
 #[test]
-fn flags_of_another_cause_are_asked_for_once_and_occupy_no_place() {
+fn flags_of_another_cause_are_asked_for_once_a_table_and_occupy_no_place() {
     let domain = TestDomain::new();
     let service = domain.serve_whole();
     let mut acquisition = connect(&domain, LagOption::Service, None);
@@ -208,17 +208,51 @@ fn flags_of_another_cause_are_asked_for_once_and_occupy_no_place() {
         sample.accelerometers.head_temperature[0] = f64::NAN;
         sample
     });
-    let mut asked = false;
-    wait_until("the end of the question", || {
-        assert!(is_lag_unknown(&feed(&mut acquisition, &samples.next().unwrap())));
-        let readers = status_readers(&domain);
-        asked |= readers == 1;
-        asked && readers == 0
-    });
-    for sample in samples.take(2000) {
-        assert!(is_lag_unknown(&feed(&mut acquisition, &sample)));
+    // The time constant of the first table is known already; that of the second must be asked for.
+    for seconds in ["240.0", "120.0"] {
+        let text = with_lag(seconds);
+        domain.replace("imu-g.toml", &text);
+        wait_until("the table, and the end of the question", || {
+            let increment = feed(&mut acquisition, &samples.next().unwrap());
+            assert!(is_lag_unknown(&increment));
+            increment.table == table(&text).id()
+                && acquisition.lag().lag_ns == table(&text).lag_ns()
+                && status_readers(&domain) == 0
+        });
+        for (count, sample) in samples.by_ref().take(2000).enumerate() {
+            assert!(is_lag_unknown(&feed(&mut acquisition, &sample)));
+            assert!(count % 100 > 0 || status_readers(&domain) == 0);
+        }
     }
-    assert_eq!((status_readers(&domain), acquisition.lag().lag_ns), (0, LAG_NS));
+    service.terminate();
+}
+
+/// An application that measures its telemetry seldom gives its last readings again while increments are flagged.
+#[test]
+fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let mut samples = whole_recording(100_000).into_iter();
+    let mut acquisition = connect(&domain, LagOption::Service, None);
+    let readings = [(Sensor::A1, 1.2), (Sensor::A2, 1.3), (Sensor::A3, 1.4)];
+    let gyroscopes = [(Sensor::G1, 1.2), (Sensor::G2, 1.3), (Sensor::G3, 1.42)];
+    let readings = [readings, gyroscopes].concat();
+    let read = |acquisition: &mut Acquisition, offset: f64, time_ns: u64| {
+        readings.iter().for_each(|(sensor, value)| acquisition.reading(*sensor, value + offset, time_ns));
+    };
+    read(&mut acquisition, 0.0, 1);
+    read(&mut acquisition, 0.1, 1_000_000_000);
+    let sensors = acquisition.lag().sensors;
+    let new = with_lag("120.0");
+    domain.replace("imu-g.toml", &new);
+    wait_until("an increment of the new table that is not flagged", || {
+        let increment = send(&mut acquisition, &samples.next().unwrap());
+        if is_lag_unknown(&increment) {
+            read(&mut acquisition, 0.1, 1_000_000_000);
+        }
+        increment.table == table(&new).id() && !is_lag_unknown(&increment)
+    });
+    assert_eq!(*acquisition.lag(), Lag { lag_ns: 120_000_000_000, sensors });
     service.terminate();
 }
 
@@ -241,12 +275,7 @@ fn a_service_that_is_stopped_while_an_acquisition_connects_is_asked_later() {
 fn a_table_without_a_lag_keeps_it_for_the_next_one() {
     let domain = TestDomain::new();
     let service = domain.serve_whole();
-    let plain: Vec<_> =
-        WHOLE_TABLE.lines().filter(|line| !line.contains("lag]") && !line.contains("time_constant")).collect();
-    let plain = plain.join("\n");
-    let plain = ["-35.0", "12.5", "0.83", "-0.046"]
-        .iter()
-        .fold(plain, |text, t| text.replace(&format!(", transient = {t}"), ""));
+    let plain = without_lag();
     let mut acquisition = connect(&domain, LagOption::Service, None);
     let samples = whole_recording(100_000);
     let mut next = samples.iter();
@@ -266,6 +295,54 @@ fn a_table_without_a_lag_keeps_it_for_the_next_one() {
         samples[..=last].iter().for_each(|sample| model.follow(sample));
         model
     });
+    service.terminate();
+}
+
+/// The table without lag and transient terms.
+fn without_lag() -> String {
+    let lines = WHOLE_TABLE.lines().filter(|line| !line.contains("lag]") && !line.contains("time_constant"));
+    let plain = lines.collect::<Vec<_>>().join("\n");
+    ["-35.0", "12.5", "0.83", "-0.046"]
+        .iter()
+        .fold(plain, |text, transient| text.replace(&format!(", transient = {transient}"), ""))
+}
+
+/// A table is put in force, taken back before the next reading, and put in force again: each time its time constant is learnt.
+#[test]
+fn a_table_that_returns_is_asked_for_again() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let samples = whole_recording(100_000);
+    let (first, second) = (with_lag("100.0"), WHOLE_TABLE.to_owned());
+    for [base, other] in [[&without_lag(), &second], [&first, &second]] {
+        let (base, other) = (base.as_str(), other.as_str());
+        // Puts a table in force, and sends samples without readings until it answers. Returns whether its answer is flagged.
+        let put = |acquisition: &mut Acquisition, next: &mut std::slice::Iter<'_, RawSample>, text: &str| {
+            domain.replace("imu-g.toml", text);
+            let new = table(text);
+            let mut last = None;
+            wait_until("the table", || {
+                let increment = send(acquisition, next.next().unwrap());
+                last = Some(is_lag_unknown(&increment));
+                increment.table == new.id()
+            });
+            last.unwrap()
+        };
+        let mut next = samples.iter();
+        domain.replace("imu-g.toml", base);
+        wait_until("the table", || domain.imu_status()["table"] == table(base).digest().to_string());
+        let mut acquisition = connect(&domain, LagOption::Service, None);
+        feed(&mut acquisition, next.next().unwrap());
+        assert!(put(&mut acquisition, &mut next, other));
+        put(&mut acquisition, &mut next, base);
+        wait_until("the end of the question", || {
+            feed(&mut acquisition, next.next().unwrap());
+            acquisition.lag().lag_ns == table(base).lag_ns() && status_readers(&domain) == 0
+        });
+        put(&mut acquisition, &mut next, other);
+        wait_until("the time constant", || !is_lag_unknown(&feed(&mut acquisition, next.next().unwrap())));
+        assert_eq!(acquisition.lag().lag_ns, LAG_NS);
+    }
     service.terminate();
 }
 

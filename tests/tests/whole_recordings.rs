@@ -6,7 +6,7 @@ use isotherm_recording::csv::Rows;
 use isotherm_recording::{Layout, RawCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{RawSample, device};
-use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, text, wait_until, whole_recording};
+use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, may_mount, text, wait_until, whole_recording};
 use rustix::process::Signal;
 use std::fs;
 use std::io::{BufWriter, pipe};
@@ -256,10 +256,14 @@ fn the_unit_of_a_recording_is_compared_with_the_tables() {
         ("unknown.csv", "S/N 8", "other-device"),
         ("other.csv", "S/N 7", "-"),
         ("same.csv", "S/N 8", "other-device"),
-        ("other.csv", "", "-"),
     ] {
         let fed = domain.run_ok(&[&FEED[..], &["--serial", serial, file]].concat());
         assert_eq!(flags(&fed), [(expected.to_owned(), 40)], "{file} {serial}");
+    }
+    for nothing in ["", " \t"] {
+        let refused = domain.run(&[&FEED[..], &["--serial", nothing, "other.csv"]].concat());
+        assert_eq!(refused.status.code(), Some(64));
+        assert!(text(&refused.stderr).contains("give the unit's serial number, or leave --serial out"));
     }
     service.terminate();
 }
@@ -287,7 +291,25 @@ fn an_accelerometers_table_gives_no_angles() {
     service.terminate();
 }
 
-/// An acquisition that learns more while it is recorded: the rows go on in the next file, and nothing is lost. A pipe ends.
+/// Without gyroscopes the telemetry is 0, and a range may contain it: the increments are not flagged then, so the commands warn.
+#[test]
+fn a_recording_without_gyroscopes_is_warned_of() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    write(&domain, "half.csv", false, Layout::default(), &whole_recording(40));
+    write(&domain, "whole.csv", false, GYROSCOPES, &whole_recording(40));
+    let warning = "warning: from sequence 0 on the recording has no gyroscopes, but the table has";
+    for (file, count) in [("half.csv", 1), ("whole.csv", 0)] {
+        for command in [&REPLAY[..], &FEED[..]] {
+            let output = domain.run(&[command, &[file]].concat());
+            let log = text(&output.stderr);
+            assert!(output.status.success() && log.matches(warning).count() == count, "{file}: {log}");
+        }
+    }
+    service.terminate();
+}
+
+/// An acquisition that learns more while it is recorded: the rows go on in the next file, and nothing is lost. A pipe goes on without.
 #[test]
 fn columns_that_come_late_go_on_in_the_next_file() {
     let domain = TestDomain::new();
@@ -313,10 +335,14 @@ fn columns_that_come_late_go_on_in_the_next_file() {
     let printed = || fs::metadata(domain.path("out.csv")).unwrap().len() > 0 && rows(&domain, &["out.csv"]) == 40;
     wait_until("the first rows", || rows(&domain, &["r.csv"]) == 40 && rows(&domain, &["r.mcap"]) == 40 && printed());
     send(&known);
+    wait_until("rows without the device", || rows(&domain, &["out.csv"]) == 80);
+    piped.signal(Signal::TERM);
     let (status, log) = piped.wait();
-    assert_eq!(status.code(), Some(74), "{log}");
-    assert!(log.contains("the samples now have more columns than the header; start the recorder anew"), "{log}");
-    assert_eq!(rows(&domain, &["out.csv"]), 40);
+    assert!(status.success() && log.contains("imu-g raw: 80 rows of 1 session, 0 missing"), "{log}");
+    assert_eq!(
+        log.matches("warning: imu-g now has more columns than the header on stdout; they are left out").count(),
+        1
+    );
     csv.wait_for_log("imu-g now has more columns; they begin in r-0002.csv");
     wait_until("all rows", || rows(&domain, &["r.csv", "r-0002.csv"]) == 80 && rows(&domain, &["r.mcap"]) == 80);
     for recorder in [csv, mcap] {
@@ -331,4 +357,65 @@ fn columns_that_come_late_go_on_in_the_next_file() {
     let later = fs::read_to_string(domain.path("r-0002.csv")).unwrap();
     assert_eq!(columns(&later, &["device"]), vec![vec!["0000000000000007".to_owned()]; 40]);
     service.terminate();
+}
+
+/// The disk is full when the rows need the next files: they wait for room, as at any other time.
+#[test]
+fn a_full_disk_delays_the_next_file() {
+    if !may_mount() {
+        return;
+    }
+    for extension in ["csv", "parquet"] {
+        let domain = TestDomain::new();
+        let service = domain.serve_whole();
+        fs::create_dir(domain.path("small")).unwrap();
+        let name = format!("small/r.{extension}");
+        let arguments = ["record", "--imu", "imu-g", "-o", &name, "--flush", "0.05"];
+        let recorder =
+            domain.start(domain.isotherm_after(&["-m"], "mount -t tmpfs -o size=1m tmpfs small", &arguments));
+        recorder.wait_for_log("recording imu-g");
+        let small = format!("/proc/{}/root{}", recorder.pid(), domain.path("small").display());
+        let inside = |file: &str| format!("{small}/{file}");
+        let samples = whole_recording(80);
+        let mut acquisition = domain.acquisition("imu-g");
+        let mut send = |samples: &[RawSample]| {
+            for sample in samples {
+                let mut loan = acquisition.loan().unwrap();
+                *loan = RawSample { session: loan.session, ..*sample };
+                acquisition.compensate(loan, TIMEOUT).unwrap();
+            }
+        };
+        send(&samples[..40]);
+        wait_until("the first rows", || {
+            ["r", "r.increments"].iter().all(|name| {
+                let copy = format!("{name}.{extension}");
+                fs::copy(inside(&copy), domain.path(&copy)).unwrap();
+                match *name {
+                    "r" => rows(&domain, &[&copy]) == 40,
+                    _ => fs::metadata(domain.path(&copy)).unwrap().len() > 0,
+                }
+            })
+        });
+        assert!(fs::write(inside("fill"), vec![0; 2 << 20]).is_err());
+        let known: Vec<_> = samples[40..].iter().map(|raw| RawSample { device: 7, ..*raw }).collect();
+        send(&known);
+        recorder.wait_for_log("No space left on device");
+        fs::remove_file(inside("fill")).unwrap();
+        recorder.wait_for_log(&format!("imu-g now has more columns; they begin in small/r-0002.{extension}"));
+        recorder.wait_for_log("there is room again");
+        let pieces = [format!("r.{extension}"), format!("r-0002.{extension}")];
+        wait_until("all rows", || {
+            for piece in &pieces {
+                fs::copy(inside(piece), domain.path(piece)).unwrap();
+            }
+            rows(&domain, &[&pieces[0], &pieces[1]]) == 80
+        });
+        recorder.signal(Signal::TERM);
+        let (status, log) = recorder.wait();
+        for stream in ["raw", "increment"] {
+            assert!(log.contains(&format!("imu-g {stream}: 80 rows of 1 session, 0 missing")), "{log}");
+        }
+        assert!(status.success() && log.matches("No space left on device").count() == 1, "{log}");
+        service.terminate();
+    }
 }

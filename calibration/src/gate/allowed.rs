@@ -21,7 +21,7 @@ pub(super) const GROUP_S: f64 = 10.0 * MIN_GROUP as f64;
 /// Why a table must not be installed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Refusal {
-    /// `no alignment`, `range`, `channel`, `runs`, `table in force`, `gyroscopes`, or the name of the judgement that is not met.
+    /// `no alignment`, `range`, `channel`, `runs`, `table in force`, `gyroscopes`, `latitude`, or the name of the judgement that is not met.
     pub by: &'static str,
     /// In words.
     pub cause: String,

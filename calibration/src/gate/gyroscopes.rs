@@ -11,6 +11,7 @@ use super::allowed::{GATE_FLOOR, GATE_MOST, GROUP_S, Refusal, is_unexplained};
 use super::comparison::{Worse, common_windows, errors_along, worst_of};
 use crate::accuracy::largest_interval;
 use crate::calibrate::Calibration;
+use crate::checks::{Finding, name};
 use crate::curve::CONFIDENCE;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::fit::GyroscopeSolution;
@@ -154,6 +155,18 @@ pub(super) fn lost(new: &CoefficientTable, old: &CoefficientTable) -> Option<Ref
         cause: "the table in force has gyroscopes, the new one has none: their angle increments would stop; take a campaign with turns, or move that \
                 table away"
             .to_owned(),
+    })
+}
+
+/// The refusal of a fit whose g-sensitivities look as if the latitude had the wrong sign: no run at rest can see that, since Earth's vertical rate and
+/// gravity lie along one line at every attitude.
+pub(super) fn other_hemisphere(calibration: &Calibration) -> Option<Refusal> {
+    let doubt =
+        |finding: &&Finding| finding.name == name::LATITUDE && !calibration.options.accept.contains(&name::LATITUDE);
+    let finding = calibration.findings.iter().find(doubt)?;
+    Some(Refusal {
+        by: "latitude",
+        cause: format!("{}; correct latitude_deg, or calibrate by hand with --accept latitude", finding.message),
     })
 }
 

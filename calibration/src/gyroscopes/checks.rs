@@ -1,7 +1,7 @@
 //! Checks of the turns and of the gyroscopes' dwells, before the fit.
 
 use super::Data;
-use super::runs::{TurnBlock, TurnRun};
+use super::runs::{AT_REST, TurnBlock, TurnRun};
 use super::turn::LEAST_TURN;
 use crate::campaign::Dwell;
 use crate::checks::{Finding, RunNumber, Severity, name};
@@ -39,9 +39,13 @@ fn turned(data: &Data<'_>, turn: &TurnRun) -> [f64; AXES] {
     data.campaign.turns[turn.run.position].turned().into()
 }
 
-/// Pulses of a gyroscope in a turn by the angle about its own axis.
+/// Pulses of a gyroscope while it turns, by the angle about its own axis. In a long rest, bias and Earth's rate would add up.
 fn ratio(data: &Data<'_>, turn: &TurnRun, axis: usize) -> f64 {
-    (turn.run.sums.positive[axis] - turn.run.sums.negative[axis]) / turned(data, turn)[axis]
+    let pulses = |block: &TurnBlock| block.pulses[axis][0] - block.pulses[axis][1];
+    let rate = |block: &TurnBlock| pulses(block).abs() / block.seconds;
+    let fastest = turn.blocks.iter().map(rate).fold(0.0, f64::max);
+    let moving: f64 = turn.blocks.iter().filter(|block| rate(block) > AT_REST * fastest).map(pulses).sum();
+    moving / turned(data, turn)[axis]
 }
 
 /// Runs all checks. `present` says whether the samples have gyroscopes.
@@ -132,7 +136,7 @@ impl Checker<'_> {
             if !missing.is_empty() {
                 let (noun, verb, it) = if missing.len() == 1 { ("turn", "is", "it") } else { ("turns", "are", "each") };
                 let message = format!(
-                    "{noun} {} of the campaign file {verb} missing; take {it}, or leave {it} out knowingly with --exclude {set_point_c}/{}",
+                    "{noun} {} of the campaign file {verb} missing; take {it}, or leave {it} out knowingly with --exclude {set_point_c}/{}; if no other turn drives its channel there, leave every position and turn of the set point out",
                     missing.join(", "),
                     missing[0]
                 );
@@ -161,12 +165,12 @@ impl Checker<'_> {
             let lost = elapsed - turn.run.sums.seconds;
             let line = turn.run.lines[0];
             if turn.has_gap() {
-                let message = "rows are missing by their sequences, and with them a part of the angle; take the turn again, or leave it out with --exclude";
+                let message = "rows are missing by their sequences, and with them a part of the angle; take the turn again, or leave it, or all of its set point, out with --exclude";
                 self.fault(name::TURN_GAP, turn, line, message);
             } else if lost.abs() > LOST_TIME {
                 let message = format!(
                     "its intervals add up to {:.4} s, but it lasts {elapsed:.4} s: {:.1} ms are lost or counted twice, and the angle of that time with \
-                     them; take the turn again, or leave it out with --exclude",
+                     them; take the turn again, or leave it, or all of its set point, out with --exclude",
                     turn.run.sums.seconds,
                     lost * 1e3
                 );

@@ -98,7 +98,7 @@ impl EarthCheck {
         };
         let message = format!(
             "latitude_deg = {latitude}: Earth's horizontal rate is {:.4} deg/h in the dwells and {:.4} deg/h there, {:.4} deg/h apart; it {looks}; \
-             state the station's latitude; if it is right, every scale factor is wrong by as much: were the converters full in the turns?",
+             state the station's latitude; if it is right, every scale factor is wrong by as much: is angle_deg of every turn right, and were the converters full in the turns?",
             self.found, self.expected, off
         );
         Some(Finding::whole(Severity::Fault, name::LATITUDE, message))

@@ -20,7 +20,7 @@
 //!
 //! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
-use super::runs::TurnBlock;
+use super::runs::{AT_REST, TurnBlock};
 use crate::curve::{Curve, student_quantile};
 use crate::one_stage::OneStageError;
 use isotherm_shared::units::ARCSEC;
@@ -34,6 +34,8 @@ const MAX_STEPS: usize = 30;
 const CONVERGED: f64 = 1e-8;
 /// See [`one_stage`](crate::one_stage).
 const MAX_CONDITION: f64 = 1e7;
+/// Rest before and after the motion in which phi follows the pulses \[s\].
+const LONGEST_REST: f64 = 30.0;
 /// Most steps of the search for singular values.
 const MAX_SVD_STEPS: usize = 10_000;
 /// Curves of a gyroscope: D, K+, K-.
@@ -278,7 +280,8 @@ impl<'a> JointModel<'a> {
             });
             parts.sum()
         };
-        let rotations: Vec<f64> = turn.blocks.iter().map(rotation).collect();
+        let mut rotations: Vec<f64> = turn.blocks.iter().map(rotation).collect();
+        hold_at_rest(turn.blocks, &mut rotations);
         let Turned { cosine, sine } = Turned::of(turn.blocks, &rotations, turn.angle);
         let along = turn.axis * turn.axis.transpose();
         along * run.seconds + (Matrix3::identity() - along) * cosine - turn.axis.cross_matrix() * (sine * turn.hand)
@@ -633,6 +636,26 @@ pub(super) fn effects(
         })
     };
     Some(sources.iter().map(effect).collect())
+}
+
+/// Sets the rotations of blocks to 0 that lie further than [`LONGEST_REST`] from the motion. Bias and Earth's rate count as rotation, and in a long rest
+/// they would add up.
+fn hold_at_rest(blocks: &[TurnBlock], rotations: &mut [f64]) {
+    let rate = |(block, rotation): (&TurnBlock, &f64)| rotation.abs() / block.seconds;
+    let rates: Vec<f64> = blocks.iter().zip(rotations.iter()).map(rate).collect();
+    let fastest = rates.iter().copied().fold(0.0, f64::max);
+    let moves = |rate: &f64| *rate > AT_REST * fastest;
+    let (Some(first), Some(last)) = (rates.iter().position(moves), rates.iter().rposition(moves)) else { return };
+    let (before, after): (Vec<usize>, Vec<usize>) = ((0..first).rev().collect(), (last + 1..blocks.len()).collect());
+    for side in [before, after] {
+        let mut seconds = 0.0;
+        for index in side {
+            seconds += blocks[index].seconds;
+            if seconds > LONGEST_REST {
+                rotations[index] = 0.0;
+            }
+        }
+    }
 }
 
 /// phi over a turn: the cumulated rotations of its blocks, scaled to the angle in total, linear within a block.

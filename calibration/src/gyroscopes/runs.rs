@@ -10,6 +10,9 @@ use isotherm_shared::wire::{AXES, RawSample, Triad, device};
 /// Rows of a turn that are shorter are added up to blocks of at least this length \[s\], so that memory does not grow with the sampling rate.
 const MIN_BLOCK: f64 = 0.02;
 
+/// A block of a turn is at rest below this part of the fastest block's rate.
+pub(super) const AT_REST: f64 = 0.01;
+
 /// What the rows of a campaign say about both triads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measurements {
@@ -26,7 +29,7 @@ pub struct Measurements {
 pub struct OtherDevice {
     /// The line of the row.
     pub line: u64,
-    /// The unit that took it, as [`device`](isotherm_shared::wire::device) numbers it.
+    /// The unit that took it, as [`device`] numbers it.
     pub device: u64,
     /// The unit that was expected.
     pub expected: u64,

@@ -2,8 +2,6 @@
 //!
 //! 1. `triad`, `orders`: the sections that are the same for accelerometers and gyroscopes.
 //! 2. `gyroscopes`: those that only gyroscopes have.
-//!
-//! Over 400 lines: one function for each section of the page, in the order of the page.
 
 mod gyroscopes;
 mod orders;

@@ -157,6 +157,10 @@ impl CampaignSchedule {
     }
 }
 
+/// Rest before the first row of a dwell or turn \[s\]. Without it, the part of a pulse that a converter holds from another attitude would make every
+/// rate that changes its sign from dwell to dwell too small.
+const SETTLING_S: f64 = 30.0;
+
 /// A row of a campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulatedRow {
@@ -250,6 +254,7 @@ impl SimulatedCampaign<'_> {
         };
         let noise = self.schedule.noise.positioning_rad;
         let angles = angles.map(|angle| angle + (noise * self.angle_noise.normal()).to_degrees());
+        self.imu.settle(&InertialMotion::at_rest(&self.truth, angles, SETTLING_S), SETTLING_S);
         InertialMotion::at_rest(&self.truth, angles, self.schedule.interval_ns as f64 / 1e9)
     }
 
@@ -257,6 +262,7 @@ impl SimulatedCampaign<'_> {
     fn turn(&mut self, schedule: &TurnSchedule, turn: &Turn) -> TurnInProgress {
         let error_deg = (self.schedule.noise.turn_rad * self.turn_noise.normal()).to_degrees();
         let start = turn.start.angles.unwrap_or_default();
+        self.imu.settle(&InertialMotion::at_rest(&self.truth, start, SETTLING_S), SETTLING_S);
         let (axis, sign) = match turn.about {
             Some((TableAxis::Inner, sign)) => (1, sign),
             Some((TableAxis::Outer, sign)) => (0, sign),

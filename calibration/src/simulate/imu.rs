@@ -103,6 +103,25 @@ impl SimulatedImu {
         self.latest.timestamp_ns += time_ns;
     }
 
+    /// Lets the gyroscopes' converters run for `seconds` with `motion`, and discards their pulses: then each holds the part of a pulse that this
+    /// motion leaves. Time, temperatures and random numbers do not advance.
+    pub fn settle(&mut self, motion: &InertialMotion, seconds: f64) {
+        let (head_c, board_c) = self.chamber.head_and_board_c();
+        let telemetry = self.gyroscope_telemetry(head_c, board_c);
+        if let Some(gyroscopes) = &mut self.gyroscopes {
+            gyroscopes.feel(motion, seconds, telemetry, [0.0; AXES], &mut Triad::default());
+        }
+    }
+
+    /// True telemetry of the gyroscopes' heads and boards.
+    fn gyroscope_telemetry(&self, head_c: f64, board_c: f64) -> [[f64; AXES]; 2] {
+        let chain = &self.chain;
+        [
+            chain.gyroscope_head_offset_c.map(|offset_c| chain.telemetry(head_c + offset_c)),
+            chain.gyroscope_board_offset_c.map(|offset_c| chain.telemetry(board_c + offset_c)),
+        ]
+    }
+
     /// Advances by one control period of `interval_ns` with what the IMU feels in it, and returns the sample that the acquisition latches
     /// at its end. Session and `sent_ns` are 0.
     pub fn step(&mut self, motion: &InertialMotion, interval_ns: u64) -> RawSample {
@@ -118,14 +137,12 @@ impl SimulatedImu {
             triad.negative_pulses = [0; AXES];
         }
         self.count_pulses(&mut raw, &motion.specific_force, head_c, board_c);
+        let telemetry = self.gyroscope_telemetry(head_c, board_c);
         if let Some(gyroscopes) = &mut self.gyroscopes {
-            let chain = &self.chain;
-            let head = chain.gyroscope_head_offset_c.map(|offset_c| chain.telemetry(head_c + offset_c));
-            let board = chain.gyroscope_board_offset_c.map(|offset_c| chain.telemetry(board_c + offset_c));
             // 1 deg/sqrt(h) is 60 arcsec/sqrt(s).
             let size = self.noise.random_walk * 60.0 * ts.sqrt();
             let walk = [(); AXES].map(|()| size * self.gyroscope_fast.normal());
-            gyroscopes.feel(motion, ts, [head, board], walk, &mut raw.gyroscopes);
+            gyroscopes.feel(motion, ts, telemetry, walk, &mut raw.gyroscopes);
         }
         // The first sample (sequence 0) always reads the telemetry.
         if raw.sequence == 0 || raw.timestamp_ns - raw.telemetry_ns >= (self.chain.telemetry_s * 1e9).round() as u64 {

@@ -142,7 +142,7 @@ fn too_few_windows_are_refused() {
     for words in [
         "only 0 of 1620 windows are within 0.005 g0 of the stated specific force (0.0000, 0.0000, 0.99",
         "the output is (0.5993, -0.47",
-        "g0 long; this is another attitude than --attitude, the table of another IMU, cables that are exchanged",
+        "g0 long; this is another attitude than the one stated (--attitude, --angles), the table of another IMU, cables that are exchanged",
     ] {
         assert!(off.contains(words), "{words}: {off}");
     }

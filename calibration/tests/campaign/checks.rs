@@ -1,4 +1,6 @@
 //! Findings about a campaign: faults and warnings with line, set point and position.
+//!
+//! Over 400 lines: each finding has its test beside those that it is told from.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
@@ -146,7 +148,7 @@ fn motion_wrong_positions_and_saturation_are_faults() {
     assert!(!has_table && text.contains("set point -20 degC, position 7: A1 indicates 1.0"), "{text}");
     let clip = |rows: &mut Vec<SimulatedRow>| {
         rows.iter_mut().for_each(|row| {
-            row.raw.accelerometers.positive_pulses[2] = row.raw.accelerometers.positive_pulses[2].min(920_000)
+            row.raw.accelerometers.positive_pulses[2] = row.raw.accelerometers.positive_pulses[2].min(920_000);
         });
     };
     let (has_table, text) = findings(clip, |_| {}, &[]);

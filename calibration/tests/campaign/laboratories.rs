@@ -150,7 +150,7 @@ fn telemetry_may_have_few_digits() {
         "{broken}"
     );
     let lost = refused(|_, row| {
-        row.raw.accelerometers.board_temperature[0] = row.raw.accelerometers.board_temperature[0].min(24.0)
+        row.raw.accelerometers.board_temperature[0] = row.raw.accelerometers.board_temperature[0].min(24.0);
     });
     assert!(lost.starts_with("fault [telemetry-stuck]: ") && lost.contains("set point 30 degC"), "{lost}");
 }

@@ -215,3 +215,18 @@ fn what_no_run_at_rest_shows_must_agree_with_the_table_in_force() {
     let (by, text, _) = laboratory.refused(&laboratory.calibration, Some(&wide), "", as_used);
     assert!(by == set(["range"]) && text.contains("bias of G2 covers "), "{text}");
 }
+
+#[test]
+fn the_other_hemisphere_is_refused_unless_it_is_accepted() {
+    let station = Station::new(5);
+    let fit = |accept: &[&'static str]| {
+        let stated = Station { stated_latitude: Some(-station.latitude), ..station.clone() };
+        let calibration =
+            stated.calibrate(CalibrationOptions { accept: accept.to_vec(), ..Default::default() }).unwrap();
+        let gate = Gate::new(Requirement::default(), &calibration, [0.6, 0.5, 0.65]).unwrap();
+        gate.refuses_table(&calibration, None)
+    };
+    let refusals = fit(&[]);
+    assert!(refusals.iter().any(|refusal| refusal.by == "latitude" && refusal.cause.contains("the other hemisphere")));
+    assert!(fit(&["latitude"]).iter().all(|refusal| refusal.by != "latitude"));
+}

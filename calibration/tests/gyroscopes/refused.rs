@@ -166,7 +166,7 @@ fn turns_that_were_disturbed_are_refused_by_name() {
                     row.sample.gyroscopes.positive_pulses[2] *= 2;
                 }
             },
-            &["turn 105: the pulses of G3 say 719.8 deg", "and the campaign file 360 deg"],
+            &["turn 105: the pulses of G3 say 719.7 deg", "and the campaign file 360 deg"],
         ),
         (
             "no pulses",
@@ -243,9 +243,14 @@ fn disturbed_turns_can_be_left_out_or_accepted() {
         exclude: exclude.to_vec(),
         ..CalibrationOptions::default()
     };
-    // A turn that is not there cannot be left out.
-    let refused = station.calibrate_rows(rows, options(&[(0.0, 103)])).unwrap_err();
-    assert!(matches!(refused, CalibrationError::NothingToExclude(0.0, 103)), "{refused}");
+    // A turn that is missing is left out as one that is there: then nothing drives its channel at this set point.
+    let refused = station.calibrate_rows(rows.clone(), options(&[(0.0, 103)])).unwrap_err();
+    assert!(matches!(refused, CalibrationError::SetPoint { .. }), "{refused}");
+    // Without the whole set point there is a table.
+    let all: Vec<(f64, u32)> = (1..=12).chain(101..=106).map(|number| (0.0, number)).collect();
+    assert_eq!(station.calibrate_rows(rows.clone(), options(&all)).unwrap().set_points.len(), 3);
+    let refused = station.calibrate_rows(rows, options(&[(7.0, 103)])).unwrap_err();
+    assert!(matches!(refused, CalibrationError::NothingToExclude(7.0, 103)), "{refused}");
     // A dwell that is left out is left out of both triads.
     let without = station.calibrate(options(&[(0.0, 3)])).unwrap();
     assert_eq!((without.dwells.len(), without.gyroscopes.unwrap().runs.len()), (47, 47 + 24));

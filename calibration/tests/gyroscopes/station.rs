@@ -89,7 +89,6 @@ pub struct Station {
     pub angles: bool,
 }
 
-
 pub struct Random(pub u64);
 
 impl Random {

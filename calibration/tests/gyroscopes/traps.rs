@@ -51,6 +51,12 @@ fn across_the_axis_a_whole_turn_does_not_average_out() {
 }
 
 #[test]
+fn a_long_rest_is_no_rotation() {
+    // As rotation: bias and Earth's rate turn phi by a degree in five minutes.
+    check("rest of 600 s", &Station { rest: 600.3, ..Station::new(7).fine() }, [2e-3, 0.3, 1e-3, 2e-7]);
+}
+
+#[test]
 fn any_angle_is_exact() {
     for angle in [360.0, 720.0, 90.0, 270.0, 1000.0] {
         let mut station = Station { turns: six_turns(angle), turn_row: 0.2, ..Station::new(8).fine() };

@@ -3,9 +3,10 @@
 use clap::Args;
 use isotherm_calibration::report::json;
 use isotherm_calibration::requirement::Requirement;
-use isotherm_client::{Domain, ImuId, Options};
+use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
+use isotherm_recording::columns::has_values;
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
@@ -25,6 +26,29 @@ pub struct LagSetting {
     /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
     #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
     pub ns: Option<u64>,
+}
+
+/// Warns once if a table has gyroscopes and a sample has none: nothing in such an increment tells that its angles mean nothing, where the
+/// telemetry 0 is inside the range.
+pub struct GyroscopeWarning {
+    due: bool,
+}
+
+impl GyroscopeWarning {
+    /// For a table with or without gyroscopes.
+    pub const fn new(table_has_gyroscopes: bool) -> Self {
+        Self { due: table_has_gyroscopes }
+    }
+
+    /// Looks at a sample.
+    pub fn check(&mut self, sample: &RawSample) {
+        if self.due && !has_values(&sample.gyroscopes) {
+            self.due = false;
+            let place =
+                format_args!("from sequence {} on the recording has no gyroscopes, but the table has", sample.sequence);
+            tell("isotherm", format_args!("warning: {place}; the angle increments mean nothing"));
+        }
+    }
 }
 
 /// A failure with the document that `--json` prints of it.

@@ -1,6 +1,6 @@
 //! `feed`: sends a recording as an acquisition process does.
 
-use super::common::{LagSetting, inputs, options};
+use super::common::{GyroscopeWarning, LagSetting, inputs, options};
 use crate::parse::seconds;
 use crate::progress::playing_bar;
 use clap::Args;
@@ -45,7 +45,7 @@ pub struct Feed {
     /// Serial number of the unit whose samples these are [default: the recording's column device]
     ///
     /// The service flags samples of another unit than the table's
-    #[arg(long, value_name = "S/N")]
+    #[arg(long, value_name = "S/N", value_parser = serial)]
     serial: Option<String>,
     #[command(flatten)]
     lag: LagSetting,
@@ -108,6 +108,7 @@ impl Feed {
         let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
         let (mut due, mut session) = (last_activity, None);
         let device = self.serial.as_deref().map(device);
+        let mut warning = GyroscopeWarning::new(served.gyroscopes);
         let result = (|| {
             loop {
                 // A reload has brought another time constant: a few samples more are flagged until the next one.
@@ -135,6 +136,7 @@ impl Feed {
                         .map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
                 }
                 session = Some(sample.session);
+                warning.check(&sample);
                 let sample = RawSample { device: device.unwrap_or(sample.device), ..sample };
                 if let Some(period) = period {
                     feeder.receive_until(due)?;
@@ -242,12 +244,11 @@ impl ServedTable {
     fn fetch(imu: &ImuId, options: &Options) -> Result<Self, StatusError> {
         let status = fetch_status(options)?;
         let imu = status.imus.into_iter().find(|served| served.id == imu.as_str());
-        let digits = |digest: String| u64::from_str_radix(digest.strip_prefix("sha256:")?.get(..16)?, 16).ok();
         let lag = |imu: &ImuStatus| TimeConstant::from_seconds(imu.lag_s?).ok().map(TimeConstant::ns);
         Ok(Self {
             lag_ns: imu.as_ref().and_then(lag).unwrap_or(0),
             gyroscopes: imu.as_ref().is_some_and(|imu| imu.gyroscopes.is_some()),
-            table: imu.and_then(|imu| imu.table).and_then(digits).unwrap_or(0),
+            table: imu.as_ref().map_or(0, ImuStatus::table_id),
         })
     }
 }
@@ -326,6 +327,15 @@ impl Feeder {
             return Err(Failure::new(Exit::Failed, "interrupted").into());
         }
         Ok(())
+    }
+}
+
+/// A serial number. An empty one would turn the comparison with the table's unit off.
+fn serial(text: &str) -> Result<String, String> {
+    if device(text) == 0 {
+        Err("give the unit's serial number, or leave --serial out".to_owned())
+    } else {
+        Ok(text.to_owned())
     }
 }
 

@@ -1,6 +1,6 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::LagSetting;
+use super::common::{GyroscopeWarning, LagSetting};
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::{Flags, ImuId};
@@ -53,8 +53,11 @@ impl Replay {
             Err(error) => return check_written(path, Err(error)),
         };
         let mut flags = FlagCounts::default();
+        let mut warning = GyroscopeWarning::new(layout.gyroscopes);
         for sample in samples {
-            let increment = answer(Some(&table), &sample?);
+            let sample = sample?;
+            warning.check(&sample);
+            let increment = answer(Some(&table), &sample);
             flags.add(increment.flags);
             if let Err(error) = writer.write(&increment) {
                 return check_written(path, Err(error));
@@ -92,7 +95,7 @@ impl FlagCounts {
         self.increments += 1;
         self.flagged += u64::from(flags != 0);
         for (bit, count) in self.by_bit.iter_mut().enumerate() {
-            *count += u64::from(flags >> bit & 1);
+            *count += (flags >> bit) & 1;
         }
     }
 }

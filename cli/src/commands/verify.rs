@@ -47,8 +47,8 @@ pub struct Verify {
     /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare factor of stability
     ///
     /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the specific force (arcsec,
-    /// urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation of every axis, and of every gyroscope that is
-    /// judged, before over after. The upper end of the 95 % interval counts. bias and level need --attitude or --angles, bias and scale need
+    /// urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation of every accelerometer, before
+    /// over after. The upper end of the 95 % interval counts. bias and level need --attitude or --angles, bias and scale need
     /// local gravity, rate needs --angles and a table with Earth's rate. The run must have 12 windows at least
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,

@@ -5,7 +5,7 @@ mod tally;
 use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording_formats::write::{FileError, Files};
+use isotherm_recording_formats::write::{FileError, Files, MoreColumns};
 use isotherm_shared::stream::StreamKind;
 use std::io;
 use std::path::PathBuf;
@@ -62,6 +62,8 @@ pub struct Recorder {
     flushed: Instant,
     /// The disk is full. Nothing is taken out of the queue until there is room again.
     stalled: bool,
+    /// A row that needs the next files, for which the disk has no room.
+    waiting: Option<RecordedRow>,
     reported: Reported,
 }
 
@@ -102,6 +104,7 @@ impl Recorder {
             first_row: None,
             flushed: now,
             stalled: false,
+            waiting: None,
             reported: Reported { connected: 0, waiting: false, lost: 0, lost_at: None, checked: now },
             rotations: 0,
             domain: options.domain.name().to_owned(),
@@ -141,7 +144,12 @@ impl Recorder {
                 }
                 if !self.stalled {
                     // The disk was not full, or has room again: write the rest of the queue.
-                    while self.take()? {}
+                    while !self.stalled && self.take()? {}
+                }
+                if let Some(row) = &self.waiting {
+                    // There is no room at the end either, unless this succeeds.
+                    self.files[self.route[row.imu]].write(row)?;
+                    self.waiting = None;
                 }
                 return Ok(());
             }
@@ -160,21 +168,34 @@ impl Recorder {
         for count in 0..BATCH {
             let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
             self.first_row.get_or_insert_with(Instant::now);
-            self.write(&RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample })?;
+            let row = RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample };
+            if self.counts[row.imu].take(row.stream(), row.key()) && !self.write(row)? {
+                return Ok(true);
+            }
         }
         Ok(true)
     }
 
-    fn write(&mut self, row: &RecordedRow) -> Result<(), FileError> {
-        if !self.counts[row.imu].take(row.stream(), row.key()) {
-            return Ok(());
+    /// Writes a row. If the disk has no room for the files that it needs, keeps it and returns false.
+    fn write(&mut self, row: RecordedRow) -> Result<bool, FileError> {
+        let imu = &self.imus[row.imu];
+        match self.files[self.route[row.imu]].write(&row) {
+            Ok(None) => {}
+            Ok(Some(MoreColumns::In(next))) => {
+                let name = next.first().map(|path| path.display().to_string()).unwrap_or_default();
+                print_message(&format!("{imu} now has more columns; they begin in {name}"));
+                self.names.extend(next);
+            }
+            Ok(Some(MoreColumns::LeftOut)) => print_message(&format!(
+                "warning: {imu} now has more columns than the header on stdout; they are left out until the recorder is started anew"
+            )),
+            Err(error) => {
+                self.stall(error)?;
+                self.waiting = Some(row);
+                return Ok(false);
+            }
         }
-        if let Some(next) = self.files[self.route[row.imu]].write(row)? {
-            let name = next.first().map(|path| path.display().to_string()).unwrap_or_default();
-            print_message(&format!("{} now has more columns; they begin in {name}", self.imus[row.imu]));
-            self.names.extend(next);
-        }
-        Ok(())
+        Ok(true)
     }
 
     /// Flushes all files. If the disk is full the recorder waits for room; every other error is returned.
@@ -186,23 +207,32 @@ impl Recorder {
                     self.rotations += 1;
                     self.names.extend(next);
                 }
-                Err(FileError(path, error)) if is_full(&error) => {
-                    if !self.stalled {
-                        let path = path.display();
-                        print_message(&format!(
-                            "writing {path}: {error}; what is written stays, the rest waits for room"
-                        ));
-                    }
-                    self.stalled = true;
-                    return Ok(());
-                }
-                Err(error) => return Err(error),
+                Err(error) => return self.stall(error),
             }
+        }
+        if let Some(row) = self.waiting.take()
+            && !self.write(row)?
+        {
+            return Ok(());
         }
         if self.stalled {
             print_message("there is room again, recording goes on");
         }
         self.stalled = false;
+        Ok(())
+    }
+
+    /// Waits for room if the disk is full; returns every other error.
+    fn stall(&mut self, error: FileError) -> Result<(), FileError> {
+        let FileError(path, cause) = &error;
+        if !is_full(cause) {
+            return Err(error);
+        }
+        if !self.stalled {
+            let path = path.display();
+            print_message(&format!("writing {path}: {cause}; what is written stays, the rest waits for room"));
+        }
+        self.stalled = true;
         Ok(())
     }
 
@@ -237,7 +267,7 @@ impl Recorder {
         let result = result.and_then(|()| self.files.iter_mut().try_for_each(Files::finish));
         // Rows are left over only after an error.
         self.tap.end();
-        let mut lost = self.files.iter().map(Files::unflushed).sum::<u64>();
+        let mut lost = self.files.iter().map(Files::unflushed).sum::<u64>() + u64::from(self.waiting.is_some());
         while !self.tap.has_ended() {
             thread::sleep(PAUSE);
         }

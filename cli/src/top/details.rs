@@ -221,7 +221,7 @@ fn draw_increments(frame: &mut Frame<'_>, area: Rect, model: &Model, triad: Sens
             format!(
                 "{:<4}{:>12}{:>12}{:>9} the last {seconds:.0} s",
                 "",
-                format_args!("mean {}", quantity.increment),
+                format!("mean {}", quantity.increment),
                 quantity.rate,
                 "span"
             ),

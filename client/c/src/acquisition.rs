@@ -4,8 +4,7 @@
 use crate::code::isotherm_code::{ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_VALUE};
 use crate::code::{CodedError, NONE, NULL, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
-use crate::lag;
-use crate::values::{domain, imu, text};
+use crate::values::{domain, imu, lag_option, text};
 use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
@@ -123,7 +122,7 @@ unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedErro
     let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;
     Ok(Options {
         serial,
-        lag: lag::option(given.lag_s)?,
+        lag: lag_option(given.lag_s)?,
         ..Options::new(domain, Duration::from_nanos(given.timeout_ns))
     })
 }

@@ -5,19 +5,10 @@ use crate::acquisition::{isotherm_acquisition, with};
 use crate::code::isotherm_code::ISOTHERM_ERROR_VALUE;
 use crate::code::{CodedError, NULL, isotherm_code};
 use core::ptr::NonNull;
-use isotherm_client::{Lag, LagOption, LaggedReading, Sensor, TimeConstant};
+use isotherm_client::{Lag, LaggedReading, Sensor};
 
 /// Number of sensors: A1, A2, A3, G1, G2, G3 have the numbers 0 to 5.
 pub const ISOTHERM_SENSORS: usize = 6;
-
-/// For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
-///
-/// It is read from the status of the service when the acquisition connects, and again when an increment is flagged
-/// ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
-/// waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
-pub const ISOTHERM_LAG_SERVICE: f64 = 0.0;
-/// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
-pub const ISOTHERM_LAG_NONE: f64 = -1.0;
 
 /// The state of one sensor's lag: its last reading, and the lagged telemetry at that time.
 #[derive(Clone, Copy)]
@@ -37,18 +28,6 @@ pub struct isotherm_lagged_reading {
 pub struct isotherm_lag {
     /// A1, A2, A3, G1, G2, G3.
     pub sensors: [isotherm_lagged_reading; ISOTHERM_SENSORS],
-}
-
-/// The lag of an option: a time constant [s], [`ISOTHERM_LAG_SERVICE`] or [`ISOTHERM_LAG_NONE`].
-pub(crate) fn option(lag_s: f64) -> Result<LagOption, CodedError> {
-    if lag_s == ISOTHERM_LAG_SERVICE {
-        Ok(LagOption::Service)
-    } else if lag_s == ISOTHERM_LAG_NONE {
-        Ok(LagOption::None)
-    } else {
-        let fixed = TimeConstant::from_seconds(lag_s).map(LagOption::Fixed);
-        fixed.map_err(|error| CodedError::new(ISOTHERM_ERROR_VALUE, &error))
-    }
 }
 
 /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every sample that is sent

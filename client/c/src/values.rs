@@ -1,11 +1,20 @@
-//! Functions without a handle: names from C, samples, flags.
+//! Functions without a handle: names and options from C, samples, flags.
 
-use crate::code::isotherm_code::ISOTHERM_ERROR_NAME;
+use crate::code::isotherm_code::{ISOTHERM_ERROR_NAME, ISOTHERM_ERROR_VALUE};
 use crate::code::{CodedError, NULL, code, isotherm_code};
 use core::ffi::{CStr, c_char};
 use core::fmt::Write as _;
 use core::time::Duration;
-use isotherm_client::{Domain, Flags, ImuId, Options, RawSample};
+use isotherm_client::{Domain, Flags, ImuId, LagOption, Options, RawSample, TimeConstant};
+
+/// For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
+///
+/// It is read from the status of the service when the acquisition connects, and again when an increment is flagged
+/// ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
+/// waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
+pub const ISOTHERM_LAG_SERVICE: f64 = 0.0;
+/// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
+pub const ISOTHERM_LAG_NONE: f64 = -1.0;
 
 /// Parses an IMU's name.
 ///
@@ -34,6 +43,18 @@ pub(crate) unsafe fn domain(name: *const c_char) -> Result<Domain, CodedError> {
 pub(crate) unsafe fn reader_options(domain: *const c_char, timeout_ns: u64) -> Result<Options, CodedError> {
     // SAFETY: the caller's contract.
     Ok(Options::new(unsafe { self::domain(domain) }?, Duration::from_nanos(timeout_ns)))
+}
+
+/// The lag of an option: a time constant [s], [`ISOTHERM_LAG_SERVICE`] or [`ISOTHERM_LAG_NONE`].
+pub(crate) fn lag_option(lag_s: f64) -> Result<LagOption, CodedError> {
+    if lag_s == ISOTHERM_LAG_SERVICE {
+        Ok(LagOption::Service)
+    } else if lag_s == ISOTHERM_LAG_NONE {
+        Ok(LagOption::None)
+    } else {
+        let fixed = TimeConstant::from_seconds(lag_s).map(LagOption::Fixed);
+        fixed.map_err(|error| CodedError::new(ISOTHERM_ERROR_VALUE, &error))
+    }
 }
 
 /// The bytes of a string; `None` for NULL. A name that is not UTF-8 becomes an invalid one, which the callers refuse.

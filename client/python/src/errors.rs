@@ -35,9 +35,7 @@ pub fn connecting(error: &ConnectError) -> PyErr {
         ConnectError::Permission { .. }
         | ConnectError::Domain(_)
         | ConnectError::Exhausted(_)
-        | ConnectError::OtherVersion { .. } => {
-            IsothermError::new_err(message)
-        }
+        | ConnectError::OtherVersion { .. } => IsothermError::new_err(message),
     }
 }
 

@@ -583,7 +583,7 @@ def test_the_verdict_is_that_of_the_command(still: Path) -> None:
 
 def test_a_run_that_is_judged_in_a_part_only_meets_no_requirement(still: Path) -> None:
     table, samples = isotherm.Table.load(still / "table.toml"), isotherm.read_recording(still / "run.csv")
-    samples["head_temperature"][: len(samples) // 2, 0] = np.nan
+    samples["accelerometers"]["head_temperature"][: len(samples) // 2, 0] = np.nan
     stability = isotherm.verify(table, samples, attitude=ATTITUDE)
     assert stability.warning is not None and "windows are not at the attitude" in stability.warning
     assert stability.verdict["largest"] is None and stability.verdict["not_the_whole_run"] == stability.warning

@@ -1,4 +1,6 @@
 //! The steps after the campaign's data are complete: fit, verify, install.
+//!
+//! Over 400 lines: the steps in their order, with what each hands on.
 
 use super::in_force::{InForce, changes};
 use super::journal::{Entry, Journal, LargestError};
@@ -80,7 +82,11 @@ impl Finish {
                 return Err(noted(journal, Entry::NotCalibrated { reason: failure.to_string() }, failure));
             }
         };
-        let accuracy = Accuracy::of(&fit.calibration).to_string();
+        let accuracy = Accuracy::of(&fit.calibration);
+        let accuracy = match Accuracy::of_gyroscopes(&fit.calibration) {
+            Some(gyroscopes) => format!("accelerometers: {accuracy}; gyroscopes: {gyroscopes}"),
+            None => accuracy.to_string(),
+        };
         journal.write_synced(Entry::Calibrated { digest: fit.digest(), accuracy })?;
         let left_aside = plan.output.join(TABLE);
         let left_aside = left_aside.display();

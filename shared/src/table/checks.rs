@@ -46,8 +46,9 @@ pub fn bias_fault(kind: SensorKind, bias: &Polynomial, unit: BiasUnit) -> Option
 pub fn transient_fault(kind: SensorKind, transient: f64, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
     let [low, high] = bias.range();
     let limit = kind.max_bias() / unit.factor() / (high - low);
-    (!(transient.abs() <= limit))
-        .then(|| format!("is {transient:?}, give at most +-{limit:?} {} per unit of telemetry", unit.name()))
+    // NaN is not within the limit.
+    let within = transient.abs() <= limit;
+    (!within).then(|| format!("is {transient:?}, give at most +-{limit:?} {} per unit of telemetry", unit.name()))
 }
 
 pub fn positive_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
@@ -63,8 +64,8 @@ pub fn negative_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) ->
 }
 
 pub fn g_sensitivity_fault(coefficient: f64) -> Option<String> {
-    (!(coefficient.abs() <= MAX_G_SENSITIVITY))
-        .then(|| format!("is {coefficient:?}, give at most +-{MAX_G_SENSITIVITY} deg/h/g0"))
+    let within = coefficient.abs() <= MAX_G_SENSITIVITY;
+    (!within).then(|| format!("is {coefficient:?}, give at most +-{MAX_G_SENSITIVITY} deg/h/g0"))
 }
 
 pub fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {

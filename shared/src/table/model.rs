@@ -1,4 +1,6 @@
 //! The table, its content and its digest.
+//!
+//! Over 400 lines: the content and the canonical form that its digest is of are read together.
 
 use super::checks::{
     NO_LAG, alignment_fault, bias_fault, g_sensitivity_fault, gravity_fault, lag_fault, max_age_fault, max_rate_fault,

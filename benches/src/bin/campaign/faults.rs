@@ -11,7 +11,7 @@ const LASTS: Duration = Duration::from_secs(8);
 /// Units of the campaign: 12 dwells, 6 turns and a verification run.
 const UNITS: usize = 12 + 6 + 1;
 /// Turns so slow that a fault meets one of them.
-const SLOW_TURNS: (&str, &str) = ("[chamber]", "[turns]\nrate_deg_s = 0.5\n\n[chamber]");
+const SLOW_TURNS: (&str, &str) = ("[turns]\n", "[turns]\nrate_deg_s = 0.5\n");
 const VERIFY: (&str, &str) =
     ("[safe]", "[verify]\nruns = 1\nfrom_c = 25\nto_c = 27\nramp_c_per_h = 60\nhold_s = 60\n\n[safe]");
 

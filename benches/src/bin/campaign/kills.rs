@@ -10,7 +10,7 @@ const SPEED: u32 = 1000;
 const UNITS: usize = 2 * (12 + 6);
 /// Changes of the plan: dwells and turns so long that most of the time is spent in them.
 const DWELL: (&str, &str) = ("time_s = 60\n", "time_s = 600\n");
-const TURNS: (&str, &str) = ("[chamber]", "[turns]\nrate_deg_s = 0.6\n\n[chamber]");
+const TURNS: (&str, &str) = ("[turns]\n", "[turns]\nrate_deg_s = 0.6\n");
 /// Rows of a dwell of this length.
 const ROWS: u64 = 60;
 /// Longest time before a runner is killed \[s\].

@@ -192,7 +192,7 @@ def _devices(column: pd.Series[Any]) -> npt.NDArray[np.uint64]:
 
     rows, texts = pd.factorize(column)
     for text in texts:
-        if not (isinstance(text, str) and re.fullmatch("[0-9a-fA-F]{16}|", text)):
+        if not (isinstance(text, str) and re.fullmatch("[0-9a-fA-F]{16}|0|", text)):
             message = f"device has {text!r}, give 16 hexadecimal digits; read the column as text, with dtype={{'device': str}}"
             raise TypeError(message)
     # A missing text has the number -1, so it takes the last value.

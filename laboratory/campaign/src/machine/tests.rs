@@ -1,3 +1,7 @@
+//! The state machine, transition by transition.
+//!
+//! Over 400 lines: one table of transitions, from the first approach to the last turn.
+
 use super::*;
 use crate::timeline::{left_s, units};
 use std::path::Path;

@@ -44,7 +44,8 @@ pub(super) fn turns(
         let whole = whole_turns(positions, mounting, latitude_deg, limits);
         return whole
             .map_err(|fault| {
-                let remedy = "list each [[turn]] within the limits, or leave [turns] out to calibrate the accelerometers alone";
+                let remedy =
+                    "list each [[turn]] within the limits, or leave [turns] out to calibrate the accelerometers alone";
                 root.fault("turns", format!("the turntable takes whole turns: {fault}; {remedy}"));
             })
             .ok();

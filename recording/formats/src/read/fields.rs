@@ -68,10 +68,7 @@ pub fn decode(
     match wrong {
         None if valid => Ok(()),
         None => Err("a message that is not valid protobuf".to_owned()),
-        Some(index) if wanted[index].kind == ValueKind::Hex => {
-            Err(format!("{} is not a text of 16 hexadecimal digits", wanted[index].name))
-        }
-        Some(index) => Err(format!("{} is not of its type, or does not fit into 32 bits", wanted[index].name)),
+        Some(index) => Err(format!("{} is not {}", wanted[index].name, wanted[index].kind.expected())),
     }
 }
 

@@ -146,25 +146,24 @@ impl ParquetReader {
             let (found, values) = (self.columns[index], &mut self.batch[index]);
             let column = &mut self.open[index];
             let decoded = catch_panic(|| match column {
-                ColumnReader::Int32ColumnReader(reader) => batch(reader, found.absence, values, |value| {
+                ColumnReader::Int32ColumnReader(reader) => batch(reader, found, values, |value| {
                     found.convert(if found.unsigned { value.cast_unsigned().into() } else { value.into() })
                 }),
-                ColumnReader::Int64ColumnReader(reader) => {
-                    batch(reader, found.absence, values, |value| found.convert(value))
-                }
+                ColumnReader::Int64ColumnReader(reader) => batch(reader, found, values, |value| found.convert(value)),
                 ColumnReader::FloatColumnReader(reader) => {
-                    batch(reader, found.absence, values, |value| Some(f64::from(value).to_bits()))
+                    batch(reader, found, values, |value| Some(f64::from(value).to_bits()))
                 }
-                ColumnReader::DoubleColumnReader(reader) => {
-                    batch(reader, found.absence, values, |value| Some(value.to_bits()))
-                }
-                ColumnReader::ByteArrayColumnReader(reader) => {
-                    batch(reader, found.absence, values, |value| hex(value.data()))
-                }
+                ColumnReader::DoubleColumnReader(reader) => batch(reader, found, values, |value| Some(value.to_bits())),
+                ColumnReader::ByteArrayColumnReader(reader) => batch(reader, found, values, |value| hex(value.data())),
                 _ => Err(io::Error::other("not of its type")),
             });
             let decoded = decoded.unwrap_or_else(|| Err(io::Error::other("a page that cannot be read")));
-            decoded.map_err(|error| located(error, |error| self.error(format!("{}: {error}", self.name(index)))))?;
+            decoded.map_err(|error| {
+                // The first row that could not be decoded.
+                let place = format!("row {}", self.row + 1 + self.batch[index].len() as u64);
+                let message = |error| format!("{}: {error}", self.name(index));
+                located(error, |error| RecordingError::Place { place, message: message(error) })
+            })?;
         }
         let rows = self.batch[0].len();
         if let Some(other) = self.batch.iter().position(|values| values.len() != rows) {
@@ -314,7 +313,7 @@ fn check_compression(reader: &SerializedFileReader<File>, columns: &[FoundColumn
 /// Appends the next values of a column; appends nothing at its end.
 fn batch<T: DataType>(
     reader: &mut ColumnReaderImpl<T>,
-    absence: Absence,
+    found: FoundColumn,
     decoded: &mut Vec<Option<u64>>,
     value: impl Fn(T::T) -> Option<u64>,
 ) -> io::Result<()> {
@@ -330,7 +329,7 @@ fn batch<T: DataType>(
     for row in 0..rows {
         // A column that may lack values has a level for each row: 0 where the value is missing.
         let present = levels.get(row).is_none_or(|level| *level > 0);
-        let next = match (present, absence) {
+        let next = match (present, found.absence) {
             (true, _) => Some(values.next().and_then(&value)),
             (false, Absence::Kept) => None,
             (false, Absence::Refused) => Some(missing),
@@ -339,7 +338,7 @@ fn batch<T: DataType>(
             None => None,
             Some(Some(bits)) => Some(bits),
             Some(None) => {
-                return Err(io::Error::other(format!("no value, or one that does not fit, {row} rows further")));
+                return Err(io::Error::other(format!("no value, or not {}", found.kind.expected())));
             }
         });
     }

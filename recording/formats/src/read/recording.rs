@@ -9,10 +9,10 @@ use super::table::{ImuChoice, TableReader, WantedColumn, sample_columns};
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::open_recording;
-use isotherm_recording::columns::{ColumnSet, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
+use isotherm_recording::columns::{ColumnSet, GYROSCOPES, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RawCsvReader, RecordingError, SequenceRule};
 use isotherm_shared::lag::Lag;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::wire::{RawSample, Triad};
 use sha2::{Digest as _, Sha256};
 use std::cell::RefCell;
 use std::fs::{self, File};
@@ -298,6 +298,10 @@ impl Piece {
                 let mut sample = RawSample::default();
                 for (index, value) in values.iter().enumerate().take(RAW.len()) {
                     value.iter().for_each(|value| store(&mut sample, index, *value));
+                }
+                // Without gyroscopes the file may still have columns for their lagged telemetry.
+                if values[GYROSCOPES].is_none() {
+                    sample.gyroscopes = Triad::default();
                 }
                 *own_rule = rule;
                 own_rule.check(&sample).map_err(|message| reader.error(message))?;

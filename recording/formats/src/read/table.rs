@@ -29,6 +29,18 @@ pub enum ValueKind {
     Hex,
 }
 
+impl ValueKind {
+    /// What a value must be, for messages.
+    pub const fn expected(self) -> &'static str {
+        match self {
+            Self::U64 => "a whole number from 0 to 2^64-1",
+            Self::U32 => "a whole number from 0 to 4294967295",
+            Self::Number => "a number",
+            Self::Hex => "a text of 16 hexadecimal digits",
+        }
+    }
+}
+
 /// How a missing value in a row is handled.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Absence {

@@ -79,6 +79,14 @@ enum FormatWriter {
     Parquet(Box<ParquetFile>),
 }
 
+/// What became of the columns that a row needs and the current files do not have.
+pub enum MoreColumns {
+    /// The rows go on in these files.
+    In(Vec<PathBuf>),
+    /// They are left out: the standard output has one header.
+    LeftOut,
+}
+
 /// An error of the operating system, and the file.
 pub struct FileError(pub PathBuf, pub io::Error);
 
@@ -113,24 +121,32 @@ impl Files {
     }
 
     /// Adds a row to its file. The rows before the first flush decide which columns the files have. If a later row needs more, goes on in the
-    /// next files and returns their names; an MCAP file gets a channel more.
+    /// next files; an MCAP file gets a channel more, and the standard output goes on without these columns.
     ///
     /// # Errors
-    /// If the row cannot be encoded, or the next files cannot be written.
-    pub fn write(&mut self, row: &RecordedRow) -> Result<Option<Vec<PathBuf>>, FileError> {
+    /// If the row cannot be encoded, or the next files cannot be written. If the disk is full, the row has not been added, and the call can be
+    /// repeated.
+    pub fn write(&mut self, row: &RecordedRow) -> Result<Option<MoreColumns>, FileError> {
         let known = self.layouts[row.imu];
         let layout = known.with(Layout::of(&row.sample));
         let has_columns = |(_, stream): &(_, StreamKind)| known.of_stream(*stream) == layout.of_stream(*stream);
         let fits = !self.has_rows || self.format == Format::Mcap || self.streams.iter().all(has_columns);
         self.layouts[row.imu] = layout;
-        let next = if fits { None } else { Some(self.go_on_in_next()?) };
+        let more = match fits {
+            true => None,
+            false if self.name == Path::new("-") => Some(MoreColumns::LeftOut),
+            false => {
+                let next = self.go_on_in_next().inspect_err(|_| self.layouts[row.imu] = known)?;
+                Some(MoreColumns::In(next))
+            }
+        };
         self.unflushed += 1;
         if self.has_rows {
             self.encode(row)?;
         } else {
             self.held.push(*row);
         }
-        Ok(next)
+        Ok(more)
     }
 
     /// Encodes the rows before the first flush.
@@ -177,10 +193,6 @@ impl Files {
 
     /// Opens the next files before it ends these: if that fails, these continue.
     fn go_on_in_next(&mut self) -> Result<Vec<PathBuf>, FileError> {
-        if self.name == Path::new("-") {
-            let cause = "the samples now have more columns than the header; start the recorder anew";
-            return Err(FileError(self.name.clone(), io::Error::other(cause)));
-        }
         self.flush_open()?;
         let mut full = self.open_next()?;
         finish(&mut full)?;

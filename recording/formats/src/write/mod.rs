@@ -5,4 +5,4 @@ mod growing;
 mod mcap;
 mod parquet;
 
-pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, Rotation};
+pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
