@@ -9,11 +9,11 @@ use crate::curve::Curve;
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::gyroscopes::result::GyroscopeCalibration;
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
-use crate::order::{BIAS_EFFECT, Choice, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT, choose};
+use crate::order::{BIAS_EFFECT, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT};
 use crate::positions::{Observability, Position, specific_force};
 use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
 use crate::reduce::{Reduced, reduce};
-use crate::regression::{DataPoint, Regression, RegressionError};
+use crate::regression::RegressionError;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
@@ -487,34 +487,18 @@ fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
     })
 }
 
-/// Number of different values.
-fn distinct(values: impl Iterator<Item = f64>) -> usize {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.dedup();
-    values.len()
-}
-
 fn order_tables(
     values: &[SetPointValues],
     fixed: Option<usize>,
     highest: usize,
 ) -> Result<[[OrderTable; 3]; AXES], CalibrationError> {
     let of = |axis: usize, q: usize| -> Result<OrderTable, CalibrationError> {
-        let failed = |error| CalibrationError::Order { axis: AXIS_NAMES[axis], quantity: QUANTITIES[q], error };
-        let points: Vec<_> = values.iter().map(|value| value[axis][q]).map(|(x, y)| DataPoint::new(x, y)).collect();
-        let size = points.iter().map(|point| point.y.value().abs()).fold(0.0, f64::max);
-        // If the user requests an order, the table also shows up to two higher orders, as the number of points allows.
-        let shown = (highest + 2).min(values.len().saturating_sub(2)).min(MAX_ORDER).max(highest);
-        // Telemetry with few digits may be the same at several set points.
-        let possible = highest.min(distinct(points.iter().map(|point| point.x.value())).saturating_sub(2));
-        let regression = Regression::new(points, if fixed.is_some() { shown } else { possible }).map_err(failed)?;
+        let values = || values.iter().map(|value| value[axis][q]);
+        let size = values().map(|(_, y)| y.abs()).fold(0.0, f64::max);
         let (effect, unit) = if q == 0 { (BIAS_EFFECT, "g0") } else { (SCALE_FACTOR_EFFECT * size, "pulse/(s*g0)") };
-        let choice = match fixed {
-            Some(order) => Choice { order, reason: "asked for".to_owned() },
-            None => choose(&regression, &Rule { effect: Some(effect), unit, ..Rule::default() }),
-        };
-        Ok(OrderTable::new(regression, choice))
+        let rule = Rule { effect: Some(effect), unit, ..Rule::default() };
+        let failed = |error| CalibrationError::Order { axis: AXIS_NAMES[axis], quantity: QUANTITIES[q], error };
+        OrderTable::of_set_points(values(), fixed, highest, &rule).map_err(failed)
     };
     let axis = |axis: usize| Ok::<_, CalibrationError>([of(axis, 0)?, of(axis, 1)?, of(axis, 2)?]);
     Ok([axis(0)?, axis(1)?, axis(2)?])

@@ -33,12 +33,10 @@ use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, Severity, name};
 use crate::curve::Curve;
 use crate::noise;
-use crate::order::{Choice, OrderTable, QUANTITIES, Rule, choose};
-use crate::regression::{DataPoint, Regression};
+use crate::one_stage::{OneStageError, SetPointValues};
+use crate::order::{OrderTable, QUANTITIES, Rule};
 use earth::{EarthCheck, LeftOver};
-use fit::{
-    GyroscopeCurves, ReducedSetPoint, Run, RunTurn, SetPointValues, TriadSolution, corrected_values, reduce, solve,
-};
+use fit::{GyroscopeCurves, ReducedSetPoint, Run, RunTurn, TriadSolution, corrected_values, reduce, solve};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, GYROSCOPE_NAMES, Gyroscopes, Refusal};
 use isotherm_shared::units::BiasUnit;
@@ -112,11 +110,8 @@ pub fn calibrate(
     let data = Data::new(campaign, &calibration, &gyroscopes, &excluded_turns)?;
     let findings = checks::check(&data, &excluded_turns, gyroscopes.present);
     add_findings(&mut calibration, findings)?;
-    let (mut found, findings) = estimate(&data, &calibration, observability, first_finding)?;
+    let (found, findings) = estimate(&data, &calibration, observability, first_finding)?;
     let table = table(&calibration, &found.solution)?;
-    if let Some(gyroscopes) = &table.content().gyroscopes {
-        found.noise = noise::of_dwells(data.dwells.iter().map(|(_, dwell)| *dwell), &gyroscopes.axes);
-    }
     calibration.table = table.measured_on(found.turntable(calibration.solution.tilt, campaign.mount));
     calibration.gyroscopes = Some(found);
     add_findings(&mut calibration, findings)?;
@@ -297,7 +292,7 @@ fn estimate(
     let (orders, solution) = match options.method {
         Method::TwoStage => {
             let solution = two_stage(&runs, &reduced, &curves(&first_orders))
-                .ok_or(CalibrationError::Fit(crate::one_stage::OneStageError::Divergence))?;
+                .ok_or(CalibrationError::Fit(OneStageError::Divergence))?;
             (first_orders, solution)
         }
         Method::OneStage => {
@@ -326,6 +321,7 @@ fn estimate(
     findings
         .extend(outliers.iter().map(|outlier| quality::outlier(data.campaign, &data.set_points_c, &places, outlier)));
     findings.extend(quality::order_findings(&orders));
+    let noise = noise::of_dwells(data.dwells.iter().map(|(_, dwell)| *dwell), &axes(&solution)?);
     let found = GyroscopeCalibration {
         runs: places,
         observability,
@@ -336,7 +332,7 @@ fn estimate(
         left_over,
         outliers,
         first_finding,
-        noise: [0.0; AXES],
+        noise,
     };
     Ok((found, findings))
 }
@@ -347,37 +343,15 @@ fn order_tables(
     highest: usize,
 ) -> Result<[[OrderTable; 3]; AXES], CalibrationError> {
     let of = |axis: usize, q: usize| -> Result<OrderTable, CalibrationError> {
-        let failed = |error| CalibrationError::Order { axis: GYROSCOPE_NAMES[axis], quantity: QUANTITIES[q], error };
-        let points: Vec<_> = values.iter().map(|value| value[axis][q]).map(|(x, y)| DataPoint::new(x, y)).collect();
-        let size = points.iter().map(|point| point.y.value().abs()).fold(0.0, f64::max);
-        // If the user requests an order, the table also shows up to two higher orders, as the number of points allows.
-        let shown = (highest + 2).min(values.len().saturating_sub(2)).min(MAX_ORDER).max(highest);
-        let regression = Regression::new(points, if fixed.is_some() { shown } else { highest }).map_err(failed)?;
+        let values = || values.iter().map(|value| value[axis][q]);
+        let size = values().map(|(_, y)| y.abs()).fold(0.0, f64::max);
         let (effect, unit) = if q == 0 { (BIAS_EFFECT, "deg/h") } else { (SCALE_FACTOR_EFFECT * size, "pulse/arcsec") };
-        let choice = match fixed {
-            Some(order) => Choice { order, reason: "asked for".to_owned() },
-            None => at_least_cubic(
-                choose(&regression, &Rule { significance: SIGNIFICANCE, effect: Some(effect), unit }),
-                highest,
-            ),
-        };
-        Ok(OrderTable::new(regression, choice))
+        let rule = Rule { significance: SIGNIFICANCE, effect: Some(effect), unit, least: LEAST_ORDER };
+        let failed = |error| CalibrationError::Order { axis: GYROSCOPE_NAMES[axis], quantity: QUANTITIES[q], error };
+        OrderTable::of_set_points(values(), fixed, highest, &rule).map_err(failed)
     };
     let axis = |axis: usize| Ok::<_, CalibrationError>([of(axis, 0)?, of(axis, 1)?, of(axis, 2)?]);
     Ok([axis(0)?, axis(1)?, axis(2)?])
-}
-
-/// The choice, raised to the least order.
-fn at_least_cubic(choice: Choice, highest: usize) -> Choice {
-    let least = LEAST_ORDER.min(highest);
-    if choice.order >= least {
-        return choice;
-    }
-    let Choice { order, reason } = choice;
-    Choice {
-        order: least,
-        reason: format!("{least} at least, the order of the model; the data alone would give {order}: {reason}"),
-    }
 }
 
 /// Curves through the values of the set points, and the means of everything else.
@@ -393,8 +367,8 @@ fn two_stage(runs: &[Run<'_>], reduced: &[ReducedSetPoint], curves: &GyroscopeCu
     fit::JointModel::new(runs, reduced.len(), curves).fixed(constants, earth)
 }
 
-/// The table of both triads. Both get an alignment matrix, or neither.
-fn table(calibration: &Calibration, solution: &TriadSolution) -> Result<CoefficientTable, CalibrationError> {
+/// Bias, K+ and K- of the gyroscopes as a table has them.
+fn axes(solution: &TriadSolution) -> Result<[Axis; AXES], CalibrationError> {
     let refuse = |axis: usize, quantity: usize| {
         let key = format!("gyroscope.{}.{}", GYROSCOPE_NAMES[axis], QUANTITIES[quantity]);
         CalibrationError::Table(vec![Refusal { key, message: format!("tables hold orders up to {MAX_ORDER}") }])
@@ -411,6 +385,11 @@ fn table(calibration: &Calibration, solution: &TriadSolution) -> Result<Coeffici
             max_rate: None,
         })
     };
+    Ok([axis(0)?, axis(1)?, axis(2)?])
+}
+
+/// The table of both triads. Both get an alignment matrix, or neither.
+fn table(calibration: &Calibration, solution: &TriadSolution) -> Result<CoefficientTable, CalibrationError> {
     let aligned = match calibration.options.alignment {
         AlignmentChoice::IfNeeded => {
             accelerometers_need_alignment(&calibration.solution) || is_alignment_needed(solution)
@@ -423,7 +402,7 @@ fn table(calibration: &Calibration, solution: &TriadSolution) -> Result<Coeffici
     content.format = FORMAT;
     content.alignment = alignment(calibration.misalignment());
     content.gyroscopes = Some(Gyroscopes {
-        axes: [axis(0)?, axis(1)?, axis(2)?],
+        axes: axes(solution)?,
         g_sensitivity: [0, 1, 2].map(|axis| Some(solution.gyroscopes[axis].g_sensitivity)),
         alignment: alignment(result::misalignment(solution)),
     });

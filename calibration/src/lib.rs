@@ -14,6 +14,7 @@ pub mod double_double;
 pub mod gate;
 pub mod gravity;
 pub mod gyroscopes;
+mod least_squares;
 mod noise;
 pub mod one_stage;
 pub mod order;

@@ -29,17 +29,13 @@
 use crate::campaign::{Campaign, Dwell};
 use crate::checks::SetPoint;
 use crate::curve::{Curve, student_quantile};
+use crate::least_squares::{self, LeastSquares};
 use crate::positions::PARAMETERS;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.
 const MAX_STEPS: usize = 30;
-/// Condition number above which the dwells do not determine the unknowns. Powers are not orthogonal, so high orders reach
-/// some thousands; a real deficiency is far above.
-const MAX_CONDITION: f64 = 1e7;
-/// Most steps of the search for singular values; it needs a few for each.
-const MAX_SVD_STEPS: usize = 10_000;
 /// The tilt is estimated only if it increases the condition number by less than this factor.
 const MAX_TILT_CONDITION: f64 = 30.0;
 /// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and its
@@ -304,36 +300,7 @@ impl<'a> JointModel<'a> {
                 }
             }
         }
-        if rows < columns {
-            return None;
-        }
-        let scale = DVector::from_fn(columns, |j, _| jacobian.column(j).norm());
-        // A value that is not finite, or overflows, would keep the search for singular values from ending.
-        if !scale.iter().all(|norm| *norm > 0.0 && norm.is_finite()) {
-            return None;
-        }
-        let mut scaled = jacobian.clone();
-        for (mut column, norm) in scaled.column_iter_mut().zip(&scale) {
-            column /= *norm;
-        }
-        let qr = scaled.qr();
-        let r = qr.r();
-        let mut right = residual.clone();
-        qr.q_tr_mul(&mut right);
-        let sizes = r.clone().try_svd_unordered(false, false, f64::EPSILON, MAX_SVD_STEPS)?.singular_values;
-        let condition = sizes.max() / sizes.min();
-        if condition.is_nan() || condition > MAX_CONDITION {
-            return None;
-        }
-        let inverse = r.try_inverse()?;
-        let mut change = -(&inverse * right.rows(0, columns));
-        change.component_div_assign(&scale);
-        let mut inverse = &inverse * inverse.transpose();
-        for i in 0..columns {
-            for j in 0..columns {
-                inverse[(i, j)] /= scale[i] * scale[j];
-            }
-        }
+        let LeastSquares { change, inverse, condition } = least_squares::solve(&jacobian, &residual)?;
         Some(NewtonStep { jacobian, residual, inverse, change, condition })
     }
 

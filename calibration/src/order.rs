@@ -6,8 +6,9 @@
 //! any small effect is significant.
 
 use crate::diagnostics::Diagnostics;
-use crate::regression::{Fit, Partial, Regression, f_limit};
+use crate::regression::{DataPoint, Fit, Partial, Regression, RegressionError, f_limit};
 use core::fmt::Write as _;
+use isotherm_shared::polynomial::MAX_ORDER;
 use serde_json::{Value, json};
 
 /// Names of the three curves of an accelerometer, as in a table.
@@ -29,11 +30,13 @@ pub struct Rule {
     pub effect: Option<f64>,
     /// The unit of the quantity, for the text of the reason.
     pub unit: &'static str,
+    /// The lowest order that is chosen, as far as the fits reach: that of a model which is known. Usually 0.
+    pub least: usize,
 }
 
 impl Default for Rule {
     fn default() -> Self {
-        Self { significance: 0.01, effect: None, unit: "" }
+        Self { significance: 0.01, effect: None, unit: "", least: 0 }
     }
 }
 
@@ -49,6 +52,17 @@ pub struct Choice {
 /// Chooses an order among the fits of `regression`.
 #[must_use]
 pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
+    let least = rule.least.min(regression.fits().len().saturating_sub(1));
+    match by_the_data(regression, rule) {
+        Choice { order, reason } if order < least => Choice {
+            order: least,
+            reason: format!("{least} at least, the order of the model; the data alone would give {order}: {reason}"),
+        },
+        choice => choice,
+    }
+}
+
+fn by_the_data(regression: &Regression, rule: &Rule) -> Choice {
     let fits = regression.fits();
     if let Some(exact) = fits.iter().find(|fit| fit.sse == 0.0 && fit.df_residual > 0) {
         let reason = format!("order {} is the lowest that meets every point to within rounding", exact.order);
@@ -92,10 +106,15 @@ pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
 /// The highest order that is fitted if none is requested: 6, or less if there are few distinct x.
 #[must_use]
 pub fn default_order(x: impl IntoIterator<Item = f64>) -> usize {
-    let mut distinct: Vec<_> = x.into_iter().collect();
-    distinct.sort_by(f64::total_cmp);
-    distinct.dedup();
-    DEFAULT_ORDER.min(distinct.len().saturating_sub(2)).max(1)
+    DEFAULT_ORDER.min(distinct(x).saturating_sub(2)).max(1)
+}
+
+/// Number of different values.
+fn distinct(values: impl IntoIterator<Item = f64>) -> usize {
+    let mut values: Vec<_> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    values.dedup();
+    values.len()
 }
 
 /// The fits of all orders of one curve, with the choice.
@@ -115,6 +134,32 @@ impl OrderTable {
     pub fn new(regression: Regression, choice: Choice) -> Self {
         let diagnostics = Diagnostics::of(&regression, choice.order);
         Self { regression, choice, diagnostics }
+    }
+
+    /// The table of a curve through the values of set points, given as telemetry and value: of the order `fixed`, or of the one that `rule`
+    /// chooses up to `highest`.
+    ///
+    /// # Errors
+    /// If the points do not allow the order.
+    pub(crate) fn of_set_points(
+        values: impl Iterator<Item = (f64, f64)>,
+        fixed: Option<usize>,
+        highest: usize,
+        rule: &Rule,
+    ) -> Result<Self, RegressionError> {
+        let points: Vec<_> = values.map(|(x, y)| DataPoint::new(x, y)).collect();
+        let possible = match fixed {
+            // The table also shows up to two higher orders, as the number of points allows.
+            Some(order) => (order + 2).min(points.len().saturating_sub(2)).min(MAX_ORDER).max(order),
+            // Telemetry with few digits may be the same at several set points.
+            None => highest.min(distinct(points.iter().map(|point| point.x.value())).saturating_sub(2)),
+        };
+        let regression = Regression::new(points, possible)?;
+        let choice = match fixed {
+            Some(order) => Choice { order, reason: "asked for".to_owned() },
+            None => choose(&regression, rule),
+        };
+        Ok(Self::new(regression, choice))
     }
 
     /// A table with the order that `rule` chooses.

@@ -8,7 +8,8 @@
 //! ```
 //! with Earth's rate w0 and the specific force f0 in IMU coordinates at the start. It is exact for any angle and any speed profile. A dwell is
 //! theta = 0, J = T. phi, the angle so far, comes from the gyroscopes themselves: their pulses along k, cumulated, scaled to theta, linear within a
-//! row. What bias, Earth and gravity add to the pulses is taken for motion there; a bias of 1 deg/h moves M by 5e-9 rad through it.
+//! row. What bias, Earth and gravity add to the pulses is taken for motion there; a bias of 1 deg/h moves M by 5e-9 rad through it. In a rest it
+//! counts for 30 s at most.
 //!
 //! The weight is that of a random walk of the angle. In coordinates of the base, the two horizontal components of Earth's rate are unknowns
 //! that the gyroscopes share, if the campaign file has angles. Without them, the horizontal part is eliminated where it cancels
@@ -22,7 +23,8 @@
 
 use super::runs::{AT_REST, TurnBlock};
 use crate::curve::{Curve, student_quantile};
-use crate::one_stage::OneStageError;
+use crate::least_squares::{self, LeastSquares, MAX_SVD_STEPS};
+use crate::one_stage::{OneStageError, SetPointValues};
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -32,12 +34,8 @@ use std::collections::BTreeMap;
 const MAX_STEPS: usize = 30;
 /// The steps end when one moves no residual by more than this \[arcsec/sqrt(s)\].
 const CONVERGED: f64 = 1e-8;
-/// See [`one_stage`](crate::one_stage).
-const MAX_CONDITION: f64 = 1e7;
 /// Rest before and after the motion in which phi follows the pulses \[s\].
 const LONGEST_REST: f64 = 30.0;
-/// Most steps of the search for singular values.
-const MAX_SVD_STEPS: usize = 10_000;
 /// Curves of a gyroscope: D, K+, K-.
 const QUANTITIES: usize = 3;
 /// Parameters of a gyroscope at one set point: D, K+, K-, two misalignments, three g-sensitivities.
@@ -413,38 +411,8 @@ impl<'a> JointModel<'a> {
     /// Linearises at the current values and solves; `None` if the runs do not determine the unknowns.
     fn step(&mut self, counted: &[bool]) -> Option<NewtonStep> {
         let (jacobian, residual, operators) = self.linearised(counted)?;
-        let (rows, columns) = jacobian.shape();
-        if rows < columns {
-            return None;
-        }
-        let scale = DVector::from_fn(columns, |j, _| jacobian.column(j).norm());
-        // A value that is not finite would keep the search for singular values from ending.
-        if !scale.iter().all(|norm| *norm > 0.0 && norm.is_finite()) || !residual.iter().all(|r| r.is_finite()) {
-            return None;
-        }
-        let mut scaled = jacobian.clone();
-        for (mut column, norm) in scaled.column_iter_mut().zip(&scale) {
-            column /= *norm;
-        }
-        let qr = scaled.qr();
-        let r = qr.r();
-        let mut right = residual.clone();
-        qr.q_tr_mul(&mut right);
-        let sizes = r.clone().try_svd_unordered(false, false, f64::EPSILON, MAX_SVD_STEPS)?.singular_values;
-        let condition = sizes.max() / sizes.min();
-        if condition.is_nan() || condition > MAX_CONDITION {
-            return None;
-        }
-        let inverse = r.try_inverse()?;
-        let mut change = -(&inverse * right.rows(0, columns));
-        change.component_div_assign(&scale);
+        let LeastSquares { change, inverse, condition } = least_squares::solve(&jacobian, &residual)?;
         let moves = (&jacobian * &change).amax();
-        let mut inverse = &inverse * inverse.transpose();
-        for i in 0..columns {
-            for j in 0..columns {
-                inverse[(i, j)] /= scale[i] * scale[j];
-            }
-        }
         Some(NewtonStep { jacobian, residual, inverse, change, moves, condition, operators })
     }
 
@@ -733,9 +701,6 @@ pub(super) fn reduce(runs: &[Run<'_>], start: &GyroscopeCurves) -> Result<Reduce
         condition: step.condition,
     })
 }
-
-/// The values of one set point: for each gyroscope, D, K+ and K- as (effective telemetry, value).
-pub(super) type SetPointValues = [[(f64, f64); QUANTITIES]; AXES];
 
 /// Fits all unknowns, and gives D, K+ and K- of each set point without the drift within it: the curve at the effective telemetry plus the
 /// correction from the set point's residuals. A set point that does not determine its parameters keeps its reduced values.
