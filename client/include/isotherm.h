@@ -589,6 +589,11 @@ typedef struct {
      * Lagged telemetry, in the table's unit; NaN before the first reading.
      */
     double lagged;
+    /**
+     * The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked. Over 0.05 samples are sent
+     * without it.
+     */
+    double unknown;
 } isotherm_lagged_reading;
 
 /**
@@ -705,7 +710,8 @@ size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 uint64_t isotherm_session(const isotherm_acquisition *acquisition);
 
 /**
- * Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless isotherm_restore_lag follows.
+ * Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless isotherm_restore_lag or
+ * isotherm_forget_lag follows.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
  */
@@ -747,13 +753,22 @@ uint64_t isotherm_lag_ns(const isotherm_acquisition *acquisition);
 isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isotherm_lag *lag);
 
 /**
- * Goes on with a state that was saved, on the same clock, as if there had been no pause. Sensors whose telemetry or lagged telemetry is
- * not finite have had no reading.
+ * Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A sensor whose telemetry
+ * or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which is then of another clock, is unknown as
+ * after isotherm_forget_lag.
  *
  * ISOTHERM_OK.
  */
 isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition,
                                    const isotherm_lag *lag);
+
+/**
+ * Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
+ * are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_forget_lag(isotherm_acquisition *acquisition);
 
 /**
  * Creates a reader that connects when the service has started; does not wait for it. `domain` is as in isotherm_options. Close the
@@ -899,7 +914,7 @@ ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, angle_increment) == 56)
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, table) == 80);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 88);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 96);
-ISOTHERM_ASSERT(sizeof(isotherm_lagged_reading) == 24 && sizeof(isotherm_lag) == 144);
+ISOTHERM_ASSERT(sizeof(isotherm_lagged_reading) == 32 && sizeof(isotherm_lag) == 192);
 #undef ISOTHERM_ASSERT
 
 #endif /* ISOTHERM_H */

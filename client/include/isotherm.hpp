@@ -168,6 +168,10 @@ public:
     /// Goes on with a state that was saved, on the same clock.
     void restore_lag(const Lag &saved) { detail::check(isotherm_restore_lag(handle_.get(), &saved)); }
 
+    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
+    /// are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
+    void forget_lag() { detail::check(isotherm_forget_lag(handle_.get())); }
+
     /// Loans a sample to fill in. `session` and `sequence` are set already.
     [[nodiscard]] Sample loan()
     {
@@ -207,7 +211,7 @@ public:
     std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
     /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
-    /// Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless it is restored. Throws if samples are unanswered.
+    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this. Throws if samples are unanswered.
     void begin_session() { detail::check(isotherm_begin_session(handle_.get())); }
 
 private:

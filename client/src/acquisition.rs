@@ -180,8 +180,8 @@ impl Acquisition {
         self.session
     }
 
-    /// Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless it is
-    /// [restored](Self::restore_lag).
+    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
+    /// [restored](Self::restore_lag) or [forgotten](Self::forget_lag) after this.
     ///
     /// # Errors
     /// If samples are unanswered.
@@ -240,9 +240,18 @@ impl Acquisition {
         self.lag.state()
     }
 
-    /// Goes on with the readings of a lag that was saved, on the same clock, as if there had been no pause. Its time constant is not used.
+    /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on in the pause. Its time
+    /// constant is not used. A sensor without a saved reading, or whose next reading is earlier than the saved one, which is then of another
+    /// clock, is unknown as after [`forget_lag`](Self::forget_lag).
     pub fn restore_lag(&mut self, saved: &Lag) {
         self.lag.restore(saved);
+    }
+
+    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved lag. Increments are
+    /// flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed without the transient terms, until the readings span
+    /// three time constants: [`Lag::unknown`].
+    pub fn forget_lag(&mut self) {
+        self.lag.restore(&Lag::default());
     }
 
     /// Loans a sample in shared memory, to be filled in. After a send the next one is loaned already, so this call is cheap.

@@ -58,6 +58,8 @@ pub(crate) struct AcquisitionLag {
     lag: Lag,
     /// The sensors that the application has fed, one bit each.
     fed: u8,
+    /// The sensors whose last reading was handed over, and none has come since.
+    restored: u8,
     /// The table of the last increment that was flagged [`Flags::LAG_UNKNOWN`]; 0 before.
     flagged: u64,
     /// The table of the last status that was an answer, whose time constant is known; 0 before.
@@ -82,7 +84,7 @@ impl AcquisitionLag {
             LagOption::Fixed(time_constant) => time_constant.ns(),
             LagOption::Service | LagOption::None => 0,
         };
-        Self { option, lag: Lag::new(lag_ns), fed: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
+        Self { option, lag: Lag::new(lag_ns), fed: 0, restored: 0, flagged: 0, settled: 0, asking: None, retry_ns: 0 }
     }
 
     /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is asked again when its
@@ -153,6 +155,7 @@ impl AcquisitionLag {
     pub(crate) fn read(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
         if self.option != LagOption::None {
             self.fed |= 1 << sensor as u8;
+            self.check_clock(sensor as usize, time_ns);
             self.lag.read(sensor as usize, telemetry, time_ns);
         }
     }
@@ -160,24 +163,45 @@ impl AcquisitionLag {
     pub(crate) fn follow(&mut self, raw: &RawSample) {
         if self.option != LagOption::None {
             self.fed = ALL;
+            let time_ns = if raw.telemetry_ns != 0 { raw.telemetry_ns } else { raw.timestamp_ns };
+            (0..SENSORS).for_each(|sensor| self.check_clock(sensor, time_ns));
             self.lag.follow(raw);
+        }
+    }
+
+    /// Forgets a reading that was handed over if the first one after it is earlier: it is of another clock, for example of the time before the
+    /// machine was started anew, and tells nothing of the present one.
+    fn check_clock(&mut self, sensor: usize, time_ns: u64) {
+        if self.restored & 1 << sensor != 0 {
+            self.restored &= !(1 << sensor);
+            if self.lag.sensors[sensor].is_some_and(|kept| kept.time_ns > time_ns) {
+                self.lag.forget(sensor);
+            }
         }
     }
 
     /// A new session is soaked at its first telemetry.
     pub(crate) const fn reset(&mut self) {
         self.lag.reset();
+        self.restored = 0;
     }
 
     pub(crate) const fn state(&self) -> &Lag {
         &self.lag
     }
 
+    /// Goes on with kept readings. A sensor without one is unknown, not soaked.
     pub(crate) fn restore(&mut self, kept: &Lag) {
-        self.lag.sensors = kept.sensors;
-        for (sensor, _) in kept.sensors.iter().enumerate().filter(|(_, reading)| reading.is_some()) {
-            self.fed |= 1 << sensor;
+        (self.fed, self.restored) = (0, 0);
+        for (sensor, (reading, share)) in kept.sensors.iter().zip(kept.unknown).enumerate() {
+            self.lag.forget(sensor);
+            if reading.is_some_and(|reading| reading.telemetry.is_finite() && reading.lagged.is_finite()) {
+                self.lag.sensors[sensor] = *reading;
+                self.lag.unknown[sensor] = if (0.0..=1.0).contains(&share) { share } else { 1.0 };
+                self.fed |= 1 << sensor;
+            }
         }
+        self.restored = self.fed;
     }
 
     /// Fills time constant and lagged telemetry into a sample, unless the application has done so or feeds no readings.
@@ -185,19 +209,24 @@ impl AcquisitionLag {
     pub(crate) fn fill(&self, raw: &mut RawSample) {
         if raw.lag_ns == 0 && self.lag.lag_ns != 0 && self.fed != 0 {
             self.lag.fill(raw);
-            if self.fed != ALL {
-                self.mark_unfed(raw);
+            if !(0..SENSORS).all(|sensor| self.knows(sensor)) {
+                self.mark_unknown(raw);
             }
         }
     }
 
-    /// Without readings of a sensor its lagged telemetry is unknown, not equal to its telemetry. So its increments will be flagged, except for
-    /// gyroscopes that the IMU does not have.
-    fn mark_unfed(&self, raw: &mut RawSample) {
+    /// Whether the lagged telemetry of a sensor is known: it has been fed, since it was soaked or for long enough.
+    fn knows(&self, sensor: usize) -> bool {
+        self.fed & 1 << sensor != 0 && self.lag.is_known(sensor)
+    }
+
+    /// Lagged telemetry that is unknown is not equal to the telemetry. So the increments of the sensor will be flagged, except for gyroscopes
+    /// that the IMU does not have.
+    fn mark_unknown(&self, raw: &mut RawSample) {
         for (triad, first) in [(&mut raw.accelerometers, 0), (&mut raw.gyroscopes, AXES)] {
             if first == 0 || triad.head_temperature != [0.0; AXES] {
                 for (axis, lagged) in triad.head_lagged.iter_mut().enumerate() {
-                    if self.fed & 1 << (first + axis) == 0 {
+                    if !self.knows(first + axis) {
                         *lagged = f64::NAN;
                     }
                 }
@@ -209,6 +238,7 @@ impl AcquisitionLag {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isotherm_shared::lag::LaggedReading;
     use isotherm_shared::wire::Triad;
 
     const TELEMETRY: f64 = 2.5;
@@ -291,5 +321,55 @@ mod tests {
         let mut next = fixed();
         next.restore(&kept);
         assert_eq!(filled(&next, now), sent);
+    }
+
+    /// Known lagged telemetry of the six sensors of a sample.
+    fn known(lag: &AcquisitionLag, sample: RawSample) -> [bool; SENSORS] {
+        let sent = filled(lag, sample);
+        let [[a1, a2, a3], [g1, g2, g3]] =
+            [sent.accelerometers, sent.gyroscopes].map(|triad| triad.head_lagged.map(f64::is_finite));
+        [a1, a2, a3, g1, g2, g3].map(|finite| finite && sent.lag_ns != 0)
+    }
+
+    #[test]
+    fn without_a_state_nothing_is_known_until_three_time_constants_have_passed() {
+        let mut lag = fixed();
+        lag.restore(&Lag::default());
+        assert_eq!(filled(&lag, sample(TELEMETRY)), sample(TELEMETRY), "no reading: no lag");
+        for second in 0..40 {
+            lag.follow(&RawSample { telemetry_ns: 1 + second * 1_000_000_000, ..sample(TELEMETRY) });
+            assert_eq!(known(&lag, sample(TELEMETRY)), [second >= 30; SENSORS], "after {second} s");
+            // What is not known is handed over as that.
+            let mut next = fixed();
+            next.restore(lag.state());
+            assert_eq!(known(&next, sample(TELEMETRY)), [second >= 30; SENSORS], "after {second} s");
+        }
+        // An IMU without gyroscopes sends none.
+        lag.restore(&Lag::default());
+        lag.follow(&RawSample { telemetry_ns: 1, ..sample(0.0) });
+        assert_eq!(filled(&lag, sample(0.0)).gyroscopes, Triad::default());
+        lag.reset();
+        lag.follow(&RawSample { telemetry_ns: 1, ..sample(TELEMETRY) });
+        assert_eq!(known(&lag, sample(TELEMETRY)), [true; SENSORS], "a new session is soaked");
+    }
+
+    #[test]
+    fn a_kept_reading_of_another_clock_or_of_no_value_is_unknown() {
+        let reading = |time_ns, lagged| Some(LaggedReading { time_ns, telemetry: 2.0, lagged });
+        let (mut kept, late) = (Lag::new(0), 1_000_000_000);
+        kept.sensors =
+            [reading(5, 2.0), reading(late, 2.0), None, reading(5, f64::NAN), reading(5, 2.0), reading(5, 2.0)];
+        kept.unknown = [0.0, 0.0, 0.0, 0.0, f64::NAN, -1.0];
+        let right = [true, false, false, false, false, false];
+        let mut lag = fixed();
+        lag.restore(&kept);
+        Sensor::NAMES.iter().for_each(|(sensor, _)| lag.read(*sensor, TELEMETRY, 10));
+        assert_eq!(known(&lag, sample(TELEMETRY)), right);
+        lag.restore(&kept);
+        lag.follow(&RawSample { timestamp_ns: 10, ..sample(TELEMETRY) });
+        assert_eq!(known(&lag, sample(TELEMETRY)), right);
+        // Later the clock is the acquisition's own: a reading of an earlier time keeps L.
+        lag.read(Sensor::A1, TELEMETRY, 7);
+        assert_eq!(known(&lag, sample(TELEMETRY)), right);
     }
 }

@@ -1,12 +1,14 @@
 /*
  * An acquisition process: reads samples from a recording, sends them to the service, and prints the increments as CSV.
  *
- *     acquisition IMU RECORDING.csv [STATE]
+ *     acquisition IMU RECORDING.csv [STATE [unknown]]
  *
  * Several samples are in flight at once. None is lost when the service is restarted meanwhile. Replace next_sample() and the test
  * whether telemetry is new by your hardware. STATE is the file in which the lag of the telemetry is kept: a program that is started
- * again with it goes on as if there had been no pause. The environment variable ISOTHERM_DOMAIN names the domain.
+ * again with it goes on as if the telemetry had gone straight on in the pause. Where there is no such file, the IMU is taken to be soaked;
+ * with `unknown`, increments are flagged until three time constants have passed. The environment variable ISOTHERM_DOMAIN names the domain.
  */
+#include <errno.h>
 #include <inttypes.h>
 #include <isotherm.h>
 #include <stdio.h>
@@ -23,6 +25,7 @@
 /* Three accelerometers; six sensors where the recording has gyroscopes. */
 static unsigned sensors;
 static const char *state;
+static int unknown;
 
 static isotherm_triad *triad_of(isotherm_raw_sample *sample, unsigned sensor)
 {
@@ -65,16 +68,22 @@ static isotherm_code save(isotherm_acquisition *acquisition)
     return ISOTHERM_OK;
 }
 
-/* Goes on with a state that a predecessor of this process has saved. */
+/* Goes on with a state that a predecessor of this process has saved. Without one the IMU is soaked, if nothing else is said. */
 static isotherm_code restore(isotherm_acquisition *acquisition)
 {
     isotherm_lag lag;
-    FILE *file = state != NULL ? fopen(state, "rb") : NULL;
-    if (file == NULL)
+    if (state == NULL)
         return ISOTHERM_OK;
-    isotherm_code code = fread(&lag, sizeof lag, 1, file) == 1 ? isotherm_restore_lag(acquisition, &lag) : ISOTHERM_OK;
-    fclose(file);
-    return code;
+    FILE *file = fopen(state, "rb");
+    if (file == NULL && errno == ENOENT && !unknown)
+        return ISOTHERM_OK;
+    int complete = file != NULL && fread(&lag, sizeof lag, 1, file) == 1;
+    if (file != NULL)
+        fclose(file);
+    if (complete)
+        return isotherm_restore_lag(acquisition, &lag);
+    fprintf(stderr, "%s: no state of the lag; increments are flagged lag-unknown for three time constants\n", state);
+    return isotherm_forget_lag(acquisition);
 }
 
 /* Feeds the temperatures that have been measured since the last sample. In this recording those are the ones that have changed; your
@@ -152,8 +161,9 @@ static isotherm_code run(isotherm_acquisition *acquisition, FILE *recording, int
 int main(int count, char **words)
 {
     char header[1024];
-    if (count != 3 && count != 4) {
-        fprintf(stderr, "usage: %s IMU RECORDING.csv [STATE]\n", words[0]);
+    unknown = count == 5 && strcmp(words[4], "unknown") == 0;
+    if (count < 3 || count > 5 || (count == 5 && !unknown)) {
+        fprintf(stderr, "usage: %s IMU RECORDING.csv [STATE [unknown]]\n", words[0]);
         return 64;
     }
     state = words[3];

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,16 +24,30 @@ class Latched:
 
 
 def hardware(count: int) -> Iterator[Latched]:
-    """Replace this by your hardware. Here: an IMU at rest, whose temperatures are measured ten times a second."""
-    for number in range(1, count + 1):
-        measured = (number - 1) // 40 * 40 + 1
-        yield Latched(number * 2_500_000, (140, 0, 150), (0, 110, 0), (2.5, 2.5, 2.5), (2.5, 2.5, 2.5), measured * 2_500_000)
+    """Replace this by your hardware. Here: an IMU at rest, whose temperatures are measured in every 40th interval.
+
+    Its clock goes on when this process ends. Otherwise its successor could not go on with the lag.
+    """
+    measured_ns = 0
+    for number in range(count):
+        now_ns = time.monotonic_ns()
+        if number % 40 == 0:
+            measured_ns = now_ns
+        yield Latched(now_ns, (140, 0, 150), (0, 110, 0), (2.5, 2.5, 2.5), (2.5, 2.5, 2.5), measured_ns)
 
 
-def restore(acquisition: isotherm.Acquisition, state: Path | None) -> None:
-    """Goes on with the lag of the temperatures that a predecessor of this process has kept."""
-    if state is not None and state.exists():
+def restore(acquisition: isotherm.Acquisition, state: Path | None, unknown: bool) -> None:
+    """Goes on with the lag of the temperatures that a predecessor of this process has kept.
+
+    Without one the IMU is taken to be soaked, if nothing else is said.
+    """
+    if state is None or (not state.exists() and not unknown):
+        return
+    try:
         acquisition.restore_lag(json.loads(state.read_text()))
+    except (OSError, ValueError, TypeError) as error:
+        print(f"{state}: no state of the lag; flagged lag-unknown for three time constants: {error}")
+        acquisition.forget_lag()
 
 
 def save(acquisition: isotherm.Acquisition, state: Path | None) -> None:
@@ -48,12 +63,13 @@ def main() -> None:
     arguments.add_argument("--imu", default="imu-a")
     arguments.add_argument("--serial", help="serial number of the unit; the service flags samples of another one than the table's")
     arguments.add_argument("--state", type=Path, help="file that keeps the lag of the temperatures for a restart")
+    arguments.add_argument("--unknown", action="store_true", help="without that file, flag increments until the lag is known")
     arguments.add_argument("--count", type=int, default=400)
     options = arguments.parse_args()
     velocity, measured_ns = [0.0, 0.0, 0.0], 0
     # Waits up to 5 s for the service, in the domain that ISOTHERM_DOMAIN names.
     with isotherm.Acquisition(options.imu, serial=options.serial) as acquisition:
-        restore(acquisition, options.state)
+        restore(acquisition, options.state, options.unknown)
         for latched in hardware(options.count):
             if latched.telemetry_ns != measured_ns:  # new temperatures; a gyroscope's are read as "G1" to "G3"
                 measured_ns = latched.telemetry_ns

@@ -43,6 +43,7 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
         device: table.map(CoefficientTable::device).filter(|device| *device != 0).map(digits),
         other_device: imu.other_device().map(digits),
         lag_s: table.and_then(|table| table.content().lag_s),
+        sample_lag_s: Some(counters.lag_ns()).filter(|ns| *ns != 0).map(|ns| ns as f64 / 1e9),
         ranges: table.map(Ranges::of_accelerometers),
         head_temperature,
         board_temperature,

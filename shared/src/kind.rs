@@ -25,7 +25,7 @@ impl FileKind {
         let has = |keys: &[&str]| keys.iter().any(|key| document.has(key));
         if has(&["set_points", "soak", "dwell", "chamber", "limits", "patience", "verify"]) {
             Some(Self::Plan)
-        } else if has(&["position", "samples", "gravity_reference"]) {
+        } else if has(&["position", "ramp", "samples", "gravity_reference"]) {
             Some(Self::Campaign)
         } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
             Some(Self::Configuration)

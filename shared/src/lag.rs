@@ -20,6 +20,9 @@
 use crate::wire::{AXES, RawSample};
 use serde::{Deserialize, Serialize};
 
+/// L is known where an unknown start has at most this share in it. That is so after three time constants.
+pub const KNOWN_SHARE: f64 = 0.05;
+
 /// Number of sensors: A1, A2, A3, G1, G2, G3, in this order.
 pub const SENSORS: usize = 2 * AXES;
 
@@ -43,18 +46,34 @@ pub struct Lag {
     pub lag_ns: u64,
     /// The state of each sensor; `None` before its first reading.
     pub sensors: [Option<LaggedReading>; SENSORS],
+    /// The share of each sensor's L that rests on a start of which it is not known that the sensor was soaked: 0 where it was, else 1 at the
+    /// first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small enough.
+    pub unknown: [f64; SENSORS],
 }
 
 impl Lag {
     /// A lag without readings.
     #[must_use]
     pub const fn new(lag_ns: u64) -> Self {
-        Self { lag_ns, sensors: [None; SENSORS] }
+        Self { lag_ns, sensors: [None; SENSORS], unknown: [0.0; SENSORS] }
     }
 
     /// Forgets all readings: each sensor is soaked at its next one.
     pub const fn reset(&mut self) {
-        self.sensors = [None; SENSORS];
+        *self = Self::new(self.lag_ns);
+    }
+
+    /// Forgets the readings of a sensor, and that it was soaked: its L is unknown until its readings span three time constants.
+    pub fn forget(&mut self, sensor: usize) {
+        if let (Some(state), Some(unknown)) = (self.sensors.get_mut(sensor), self.unknown.get_mut(sensor)) {
+            (*state, *unknown) = (None, 1.0);
+        }
+    }
+
+    /// Whether the L of a sensor may be used: whether an unknown start has no more than [`KNOWN_SHARE`] in it.
+    #[must_use]
+    pub fn is_known(&self, sensor: usize) -> bool {
+        self.unknown.get(sensor).is_some_and(|share| *share <= KNOWN_SHARE)
     }
 
     /// Takes a new reading of one of the [`SENSORS`]: the head telemetry, and when it was measured on the acquisition's clock \[ns\].
@@ -66,10 +85,12 @@ impl Lag {
         if !telemetry.is_finite() || state.is_some_and(|last| last.time_ns == time_ns) {
             return;
         }
-        let lagged = state.map_or(telemetry, |last| last.advance(telemetry, time_ns, self.lag_ns));
-        // Only with numbers near the largest double, or in a state that was handed over.
-        let lagged = if lagged.is_finite() { lagged } else { telemetry };
-        *state = Some(LaggedReading { time_ns, telemetry, lagged });
+        let passed = state.and_then(|last| time_ns.checked_sub(last.time_ns));
+        if let Some(dt) = passed.filter(|_| self.lag_ns > 0) {
+            self.unknown[sensor] *= (-(dt as f64 / self.lag_ns as f64)).exp();
+        }
+        let soaked = LaggedReading { time_ns, telemetry, lagged: telemetry };
+        *state = Some(state.map_or(soaked, |last| last.next(telemetry, time_ns, self.lag_ns)));
     }
 
     /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording. Its time is `telemetry_ns`.
@@ -102,13 +123,18 @@ impl Lag {
 }
 
 impl LaggedReading {
-    /// L at the next reading.
-    fn advance(&self, telemetry: f64, time_ns: u64, lag_ns: u64) -> f64 {
-        let Some(dt) = time_ns.checked_sub(self.time_ns) else { return self.lagged };
-        let ratio = dt as f64 / lag_ns as f64;
-        // 1 - a without cancellation.
-        let k = -(-ratio).exp_m1() / ratio;
-        telemetry + (self.lagged - self.telemetry) * (-ratio).exp() - (telemetry - self.telemetry) * k
+    /// The state at the next reading, with the time constant `lag_ns` \[ns\]. A reading of the same or of an earlier time keeps L.
+    #[must_use]
+    pub fn next(&self, telemetry: f64, time_ns: u64, lag_ns: u64) -> Self {
+        let passed = time_ns.checked_sub(self.time_ns).filter(|dt| *dt > 0);
+        let lagged = passed.map_or(self.lagged, |dt| {
+            let ratio = dt as f64 / lag_ns as f64;
+            // 1 - a without cancellation.
+            let k = -(-ratio).exp_m1() / ratio;
+            telemetry + (self.lagged - self.telemetry) * (-ratio).exp() - (telemetry - self.telemetry) * k
+        });
+        // Only with numbers near the largest double, or in a state that was handed over.
+        Self { time_ns, telemetry, lagged: if lagged.is_finite() { lagged } else { telemetry } }
     }
 }
 
@@ -255,6 +281,40 @@ mod tests {
         assert_eq!(lag.sensors[0], Some(LaggedReading { time_ns: 7, telemetry: 2.5, lagged: before.lagged }));
         lag.read(0, 2.5, 7 + 100 * TAU_NS);
         assert!((lag.sensors[0].unwrap().lagged - 2.5).abs() < 1e-12, "soaked at last");
+    }
+
+    #[test]
+    fn an_unknown_start_is_known_after_three_time_constants() {
+        const SECOND: u64 = 1_000_000_000;
+        // Of two sensors with the same readings one was not soaked at the first, but 0.7 colder.
+        let telemetry = |seconds: u64| 1.2 + 1e-4 * seconds as f64;
+        let mut lag = Lag::new(TAU_NS);
+        lag.forget(0);
+        lag.forget(SENSORS);
+        assert_eq!(lag.unknown, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let mut right = LaggedReading { time_ns: 0, telemetry: telemetry(0), lagged: telemetry(0) - 0.7 };
+        for seconds in (0..1200).step_by(10) {
+            if seconds > 0 {
+                right = right.next(telemetry(seconds), seconds * SECOND, TAU_NS);
+            }
+            (0..2).for_each(|sensor| lag.read(sensor, telemetry(seconds), seconds * SECOND));
+            assert_eq!(lag.is_known(0), seconds >= 720, "after {seconds} s");
+            assert!(lag.is_known(1) && !lag.is_known(SENSORS));
+            // The share is that of the difference at the start which is left.
+            let left = lag.sensors[0].unwrap().lagged - right.lagged;
+            assert!((left - 0.7 * lag.unknown[0]).abs() < 1e-12, "{left} after {seconds} s");
+        }
+        assert_eq!(lag.sensors[0], lag.sensors[1]);
+        // A time constant that is not known yet, and a clock that was set back, tell nothing.
+        for (lag_ns, time_ns) in [(0, 10 * TAU_NS), (TAU_NS, 5)] {
+            let mut lag = Lag::new(lag_ns);
+            lag.forget(3);
+            [10, time_ns].into_iter().for_each(|time_ns| lag.read(3, 1.0, time_ns));
+            assert_eq!(lag.unknown[3].to_bits(), 1.0_f64.to_bits());
+        }
+        lag.forget(2);
+        lag.reset();
+        assert_eq!(lag, Lag::new(TAU_NS));
     }
 
     #[test]

@@ -91,6 +91,8 @@ pub struct ImuStatus {
     pub other_device: Option<String>,
     /// Time constant of the lagged telemetry in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
+    /// Time constant of the lagged telemetry of the last sample \[s\]; null if it has none, or before the first sample.
+    pub sample_lag_s: Option<f64>,
     /// The telemetry that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
     /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first sample.
@@ -144,6 +146,16 @@ impl ImuStatus {
     pub fn table_id(&self) -> u64 {
         let digits = self.table.as_deref().and_then(|digest| digest.strip_prefix("sha256:")?.get(..16));
         digits.and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or(0)
+    }
+
+    /// Which time constant the last sample has, in words, if that is not the one of the table in force. The transient terms are then left
+    /// out, and the increments flagged `lag-unknown`.
+    #[must_use]
+    pub fn other_lag(&self) -> Option<String> {
+        let ns = |seconds: f64| (seconds * 1e9).round() as u64;
+        let flagged = self.flagged.get("lag-unknown").is_some_and(|count| *count > 0);
+        let other = self.lag_s.is_some_and(|lag_s| self.sample_lag_s.map(ns) != Some(ns(lag_s)));
+        (flagged && other).then(|| self.sample_lag_s.map_or("none".to_owned(), |seconds| format!("{seconds} s")))
     }
 }
 

@@ -12,6 +12,7 @@
 )]
 
 pub mod laboratory;
+pub mod programs;
 
 use isotherm_client::{
     Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Options, RawSample, Triad, device,

@@ -3,123 +3,17 @@
 
 use isotherm_client::{Flags, RawSample};
 use isotherm_recording::RawCsvReader;
-use isotherm_shared::compensate::answer;
+use isotherm_tests::programs::{C, CPP, SERIAL, assert_exact, compile, rows, run, start, whole_csv};
 use isotherm_tests::{
-    Needs, RUN, TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, completed, recording, same, skip, table, text, wait_until,
-    whole_recording,
+    Needs, RUN, TABLE, TestDomain, WHOLE_TABLE, completed, recording, skip, table, wait_until, whole_recording,
 };
 use std::fs::{self, File};
 use std::io::Write as _;
-use std::os::unix::fs::symlink;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::path::Path;
+use std::process::Command;
 
 /// A recording of a whole IMU for [`WHOLE_TABLE`].
 const WHOLE_RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
-const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-const C: (&str, &str) = ("cc", "-std=c11");
-const CPP: (&str, &str) = ("c++", "-std=c++17");
-
-/// Compiles a program of the repository. Without the compiler it reports the test as skipped and returns `None`.
-fn compile(domain: &TestDomain, (compiler, standard): (&str, &str), source: &str) -> Option<PathBuf> {
-    if Command::new(compiler).arg("--version").output().is_err() {
-        skip(&format!("there is no {compiler}"), Needs::Program);
-        return None;
-    }
-    // The library of this build.
-    let built = std::env::current_exe().unwrap().with_file_name("libisotherm_client.so");
-    assert!(built.exists(), "{} is not built", built.display());
-    for name in ["libisotherm_client.so", "libisotherm_client.so.0"] {
-        let _ = symlink(&built, domain.path(name));
-    }
-    let name = format!("{compiler}-{}", source.replace('/', "-").replace('.', "_"));
-    let (folder, program) = (domain.path(""), domain.path(&name));
-    let mut command = Command::new(compiler);
-    // The language is the compiler's, whatever the file's name is.
-    command.args(["-x", if standard == CPP.1 { "c++" } else { "c" }]);
-    command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-pthread"]);
-    command
-        .arg(format!("-I{ROOT}/client/include"))
-        .arg(format!("{ROOT}/{source}"))
-        .args(["-x", "none", "-o"])
-        .arg(&program);
-    command.arg(format!("-L{}", folder.display())).arg(format!("-Wl,-rpath,{}", folder.display()));
-    let output = command.arg("-lisotherm_client").output().unwrap();
-    assert!(output.status.success(), "{source}:\n{}", text(&output.stderr));
-    Some(program)
-}
-
-/// The serial number that the examples tell the service.
-const SERIAL: &str = "SN 42";
-
-/// Starts a program in the test's domain. Its output goes to the file `out`.
-fn start(domain: &TestDomain, program: &Path, arguments: &[&str], out: &str) -> Child {
-    let mut command = Command::new(program);
-    command
-        .args(arguments)
-        .current_dir(domain.path(""))
-        .stdin(Stdio::piped())
-        .stdout(File::create(domain.path(out)).unwrap());
-    command.env("ISOTHERM_DOMAIN", domain.client_domain().name()).env("ISOTHERM_ROOT", domain.path(""));
-    command.env("SERIAL", SERIAL);
-    // Cargo's path comes before the program's own and may lead to the library of an older build.
-    command.env_remove("LD_LIBRARY_PATH");
-    let child = command.stderr(Stdio::inherit()).spawn().unwrap();
-    domain.register_process(child.id());
-    child
-}
-
-/// Runs a program and asserts that it succeeds.
-fn run(domain: &TestDomain, program: &Path, arguments: &[&str], out: &str) {
-    let status = start(domain, program, arguments, out).wait().unwrap();
-    assert!(status.success(), "{} {arguments:?}: {status}", program.display());
-}
-
-/// Asserts that the output of an example has the increment of every sample once, in order and exact to the bit.
-fn assert_exact(printed: &str, text: &str, samples: &[RawSample]) {
-    let exact = table(text);
-    let increments = if exact.gyroscopes().is_some() { 6 } else { 3 };
-    let rows: Vec<Vec<&str>> = printed.lines().map(|line| line.split(',').collect()).collect();
-    let sequences: Vec<_> = rows.iter().map(|row| row[0].to_owned()).collect();
-    assert_eq!(sequences, samples.iter().map(|sample| sample.sequence.to_string()).collect::<Vec<_>>());
-    for (row, sample) in rows.iter().zip(samples) {
-        let expected = answer(Some(&exact), sample);
-        let (values, rest) = row[1..].split_at(increments);
-        let values: Vec<u64> = values.iter().map(|value| value.parse::<f64>().unwrap().to_bits()).collect();
-        let exact = [expected.velocity_increment, expected.angle_increment].as_flattened()[..increments].to_vec();
-        assert_eq!(values, exact.into_iter().map(f64::to_bits).collect::<Vec<_>>(), "{row:?}");
-        if let [digits, flags] = rest {
-            assert_eq!(*digits, format!("{:016x}", expected.table));
-            let sample_flags: Vec<_> = flags.split('|').filter(|name| *name != "late").collect();
-            let none = if sample_flags.is_empty() { "-" } else { "" };
-            assert_eq!(sample_flags.join("|") + none, Flags(expected.flags).to_string());
-        }
-    }
-}
-
-/// The header and the rows of a recording of a whole IMU, in the columns of the examples.
-fn whole_csv(samples: &[RawSample]) -> (String, Vec<String>) {
-    let names = ["a1", "a2", "a3", "g1", "g2", "g3"];
-    let columns =
-        names.map(|name| ["positive", "negative", "head", "board"].map(|end| format!("{name}_{end}")).join(","));
-    let row = |sample: &RawSample| {
-        let sensors = [&sample.accelerometers, &sample.gyroscopes].map(|triad| {
-            let sensor = |axis: usize| {
-                let (positive, negative) = (triad.positive_pulses[axis], triad.negative_pulses[axis]);
-                format!("{positive},{negative},{:?},{:?}", triad.head_temperature[axis], triad.board_temperature[axis])
-            };
-            [0, 1, 2].map(sensor).join(",")
-        });
-        format!("{},{},{},{}\n", sample.sequence, sample.timestamp_ns, sample.interval_ns, sensors.join(","))
-    };
-    (format!("sequence,timestamp_ns,interval_ns,{}\n", columns.join(",")), samples.iter().map(row).collect())
-}
-
-/// The output of a program, without its first line.
-fn rows(domain: &TestDomain, out: &str) -> String {
-    let printed = fs::read_to_string(domain.path(out)).unwrap();
-    printed.split_once('\n').unwrap().1.to_owned()
-}
 
 #[test]
 fn the_examples_compensate_exactly() {
@@ -201,32 +95,6 @@ fn sample_bytes(raw: &RawSample) -> Vec<u8> {
 }
 
 #[test]
-fn a_killed_c_program_hands_its_lag_over() {
-    const PART: usize = 200;
-    let domain = TestDomain::new();
-    let service = domain.serve_whole();
-    let program = compile(&domain, C, "examples/c/acquisition.c").unwrap();
-    let samples = whole_recording(5 * PART);
-    let (header, lines) = whole_csv(&samples);
-    let expected = completed(&samples, table(WHOLE_TABLE).lag_ns(), SERIAL);
-    let mut reader = domain.reader("imu-g");
-    for (part, lines) in lines.chunks(PART).enumerate() {
-        let mut running = start(&domain, &program, &["imu-g", "/dev/stdin", "lag.state"], "out.csv");
-        let mut input = running.stdin.take().unwrap();
-        input.write_all((header.clone() + &lines.concat()).as_bytes()).unwrap();
-        // Its input stays open, so it waits for more when it is killed.
-        for raw in &expected[part * PART..(part + 1) * PART] {
-            let increment = reader.receive_timeout(TIMEOUT).unwrap().unwrap();
-            let exact = answer(Some(&table(WHOLE_TABLE)), &RawSample { session: increment.session, ..*raw });
-            assert!(same(&increment, &exact), "{increment:?}\n{exact:?}");
-        }
-        running.kill().unwrap();
-        running.wait().unwrap();
-    }
-    service.terminate();
-}
-
-#[test]
 fn the_c_reader_prints_every_increment() {
     // Fewer than the reader's queue holds, so that a slow reader loses none.
     const SENT: usize = 200;
@@ -299,7 +167,9 @@ fn the_cpp_wrapper_behaves_as_documented() {
 #[test]
 fn round_trips_allocate_nothing() {
     let domain = TestDomain::new();
-    let service = domain.serve_recording();
+    // With gyroscopes, transient terms and a lag.
+    domain.write("imu-a.toml", &WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\""));
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     let program = compile(&domain, C, "tests/programs/allocations.c").unwrap();
     run(&domain, &program, &["imu-a", "20000"], "out");
     assert_eq!(fs::read_to_string(domain.path("out")).unwrap(), "0\n");

@@ -190,6 +190,61 @@ fn reloads_with_other_time_constants_keep_the_lag() {
     service.terminate();
 }
 
+/// An acquisition whose time constant is not the table's is flagged and counted for every sample, and shown, until one adopts the table's.
+#[test]
+fn a_table_with_another_time_constant_is_shown_until_it_is_adopted() {
+    const SENT: u64 = 100;
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let samples = whole_recording(100_000);
+    let mut next = samples.iter();
+    let shows = |flagged: u64, lag_s: f64, sample_lag_s: f64, other: Option<&str>| {
+        let imu = domain.imu_status();
+        assert_eq!((&imu["flagged"]["lag-unknown"], &imu["lag_s"]), (&flagged.into(), &lag_s.into()));
+        assert_eq!(imu["sample_lag_s"], sample_lag_s);
+        let text = domain.run_ok(&["status"]);
+        let line = text.lines().find(|line| line.contains("OTHER LAG")).map(str::trim);
+        assert_eq!(line, other, "{text}");
+        assert!(flagged == 0 || text.contains(&format!("lag-unknown {flagged}")), "{text}");
+    };
+    let mut acquisition = connect(&domain, fixed(240.0), None);
+    (0..SENT).for_each(|_| assert!(!is_lag_unknown(&feed(&mut acquisition, next.next().unwrap()))));
+    shows(0, 240.0, 240.0, None);
+    let other = with_lag("120.0");
+    domain.replace("imu-g.toml", &other);
+    let mut flagged = 0;
+    while flagged < SENT {
+        let increment = feed(&mut acquisition, next.next().unwrap());
+        // All of the new table, and none of the old one.
+        assert_eq!(is_lag_unknown(&increment), increment.table == table(&other).id());
+        flagged += u64::from(is_lag_unknown(&increment));
+    }
+    let words = "OTHER LAG    that of the samples is 240 s: the transient terms are left out, flagged lag-unknown";
+    shows(SENT, 120.0, 240.0, Some(words));
+    drop(acquisition);
+    let mut acquisition = connect(&domain, LagOption::Service, None);
+    (0..SENT).for_each(|_| assert!(!is_lag_unknown(&feed(&mut acquisition, next.next().unwrap()))));
+    shows(SENT, 120.0, 120.0, None);
+    service.terminate();
+}
+
+#[test]
+fn a_state_of_another_clock_is_not_used() {
+    let domain = TestDomain::new();
+    domain.write("imu-g.toml", &with_lag("1.0"));
+    let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
+    let samples = whole_recording(300);
+    let mut kept = Lag::new(0);
+    kept.follow(&RawSample { telemetry_ns: u64::MAX / 2, ..samples[0] });
+    let mut acquisition = connect(&domain, LagOption::Service, None);
+    acquisition.restore_lag(&kept);
+    // As after a start of the machine: the clock begins again, and the lag is known after three time constants.
+    for sample in &samples {
+        assert_eq!(is_lag_unknown(&feed(&mut acquisition, sample)), sample.sequence < 60, "{}", sample.sequence);
+    }
+    service.terminate();
+}
+
 /// The subscribers of the status of a domain.
 fn status_readers(domain: &TestDomain) -> usize {
     let node = join(domain.client_domain()).unwrap();
@@ -252,7 +307,7 @@ fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
         }
         increment.table == table(&new).id() && !is_lag_unknown(&increment)
     });
-    assert_eq!(*acquisition.lag(), Lag { lag_ns: 120_000_000_000, sensors });
+    assert_eq!(*acquisition.lag(), Lag { lag_ns: 120_000_000_000, sensors, ..Lag::default() });
     service.terminate();
 }
 

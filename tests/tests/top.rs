@@ -1,7 +1,8 @@
 //! The live screen, on a pseudo-terminal.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_tests::{RUN, TIMEOUT, TestDomain, kill, text, wait_until};
+use isotherm_tests::programs::whole_csv;
+use isotherm_tests::{RUN, TIMEOUT, TestDomain, kill, text, wait_until, whole_recording};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -232,6 +233,23 @@ fn a_whole_imu_has_a_page_for_each_triad() {
     assert!(!screen.contains("A1 "), "{screen}");
     top.press("\x1b[C");
     top.wait_for("accelerometers", |screen| screen.contains("A3    ") && !screen.contains("G3 "));
+    top.press("q");
+    assert!(top.end().success());
+    drop(feed);
+    service.terminate();
+}
+
+#[test]
+fn another_time_constant_than_the_tables_is_shown() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let (header, lines) = whole_csv(&whole_recording(4000));
+    domain.write("whole.csv", &(header + &lines.concat()));
+    let feed = domain.spawn(&["feed", "--imu", "imu-g", "--rate", "100", "--lag", "100", "whole.csv"]);
+    let mut top = TopScreen::start(&domain, (80, 24), &[]);
+    for part in ["OTHER LAG: samples 100 s, table 240 s", "lag-unknown "] {
+        top.wait_for_text(part);
+    }
     top.press("q");
     assert!(top.end().success());
     drop(feed);

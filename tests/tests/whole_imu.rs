@@ -10,12 +10,13 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 28] = [
+const KEYS: [&str; 29] = [
     "id",
     "table",
     "table_file",
     "table_taken_unix_s",
     "table_modified_unix_s",
+    "sample_lag_s",
     "serial",
     "device",
     "other_device",

@@ -29,7 +29,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let spare = area.height.saturating_sub(FULL_LINES + 2);
     let curve = 1 + (spare / 5).min(3);
     let histogram = 3 + (spare - 3 * (curve - 1)).min(8);
-    let alerts = u16::from(imu.last_reload_error.is_some()) + u16::from(imu.other_device.is_some());
+    let alerts = alert_lines(theme, imu).len() as u16;
     let parts = [3 + alerts, 1 + AXES as u16, 1 + AXES as u16 * curve, 2 + histogram].map(Constraint::Length);
     let parts = parts.into_iter().chain([Constraint::Min(0)]);
     let [about, temperatures, increments, latency, flags] = Layout::vertical(parts).areas(area);
@@ -117,7 +117,8 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
     lines
 }
 
-/// Lines that say why the table file as it is now is not in force, and that the samples are of another unit than the table.
+/// Lines that say why the table file as it is now is not in force, and that the samples are of another unit, or have another lag, than the
+/// table.
 fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
     let refused = imu.last_reload_error.as_ref().map(|error| {
         let since = imu.refused_unix_s.map_or(String::new(), |then| format!(" {} ago", age(unix_s() - then)));
@@ -127,7 +128,14 @@ fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
         let serial = imu.serial.as_deref().unwrap_or_default();
         format!("OTHER UNIT: samples of {device}, table of serial {serial:?}")
     });
-    refused.into_iter().chain(other).map(|text| Line::styled(text, theme.level(AlertLevel::Bad))).collect()
+    let other_lag = imu.other_lag().zip(imu.lag_s);
+    let other_lag = other_lag.map(|(other, lag_s)| format!("OTHER LAG: samples {other}, table {lag_s} s"));
+    refused
+        .into_iter()
+        .chain(other)
+        .chain(other_lag)
+        .map(|text| Line::styled(text, theme.level(AlertLevel::Bad)))
+        .collect()
 }
 
 fn labelled(theme: Theme, label: &str, text: String) -> Line<'static> {

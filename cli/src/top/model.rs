@@ -235,6 +235,8 @@ impl Model {
         } else if Thermometer::all_of(imu).any(|place| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part)))
         {
             condition("out of range", bad)
+        } else if rises(|imu| imu.flagged.get("lag-unknown").copied().unwrap_or(0)) {
+            condition("lag unknown", warning)
         } else if rises(|imu| imu.flagged.iter().filter(|(name, _)| *name != "late").map(|(_, count)| count).sum()) {
             condition("flagged", warning)
         } else if rises(|imu| imu.flagged.get("late").copied().unwrap_or(0)) {

@@ -35,6 +35,7 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         device: None,
         other_device: None,
         lag_s: None,
+        sample_lag_s: None,
         ranges: Some(Ranges { unit: "V".to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] }),
         head_temperature: [Some(1.25), Some(1.5), Some(1.75)],
         board_temperature: [Some(1.5), Some(2.0), Some(2.5)],
@@ -102,7 +103,7 @@ fn point(value: f64) -> Option<CurvePoint> {
 
 /// Gives an IMU gyroscopes and a lag.
 fn give_gyroscopes(imu: &mut ImuStatus) {
-    imu.lag_s = Some(240.0);
+    (imu.lag_s, imu.sample_lag_s) = (Some(240.0), Some(240.0));
     imu.gyroscopes = Some(GyroscopeStatus {
         ranges: Ranges { unit: "V".to_owned(), head: [[0.0, 2.0]; 3], board: [[0.0, 4.0]; 3] },
         head_temperature: [Some(0.5), Some(1.0), Some(1.125)],
@@ -340,6 +341,20 @@ fn every_condition_is_shown() {
         &other,
         &["other unit", "OTHER UNIT: samples of 46a7426ef29cc83b, table of serial \"SN 42\"", "flags     none"],
     );
+    let lag = |sample_lag_s: Option<f64>| {
+        let change = |status: &mut ServiceStatus| {
+            give_gyroscopes(&mut status.imus[0]);
+            status.imus[0].sample_lag_s = sample_lag_s;
+            status.imus[0].flagged.insert("lag-unknown".to_owned(), 5);
+        };
+        text(&mut model(&["imu-a"], PLAIN, change), 80, 24)
+    };
+    has(&lag(Some(100.0)), &["lag unknown", "OTHER LAG: samples 100 s, table 240 s", "lag-unknown 5 (5.0/s)"]);
+    has(&lag(None), &["lag unknown", "OTHER LAG: samples none, table 240 s"]);
+    // A sensor that is not fed, or was not soaked.
+    let same = lag(Some(240.0));
+    has(&same, &["lag unknown", "lag-unknown 5"]);
+    assert!(!same.contains("OTHER LAG"), "{same}");
     let mut held = model(&["imu-a"], PLAIN, |status| status.workers[0].held_back_ms = 48.7);
     has(&text(&mut held, 80, 24), &["cpu 6 %, held 49 ms"]);
     let mut nan = model(&["imu-a"], PLAIN, |_| {});

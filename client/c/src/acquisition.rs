@@ -289,7 +289,8 @@ pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisiti
     number(acquisition, Acquisition::session)
 }
 
-/// Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless isotherm_restore_lag follows.
+/// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless isotherm_restore_lag or
+/// isotherm_forget_lag follows.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
 #[unsafe(no_mangle)]

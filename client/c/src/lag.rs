@@ -20,6 +20,9 @@ pub struct isotherm_lagged_reading {
     pub telemetry: f64,
     /// Lagged telemetry, in the table's unit; NaN before the first reading.
     pub lagged: f64,
+    /// The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked. Over 0.05 samples are sent
+    /// without it.
+    pub unknown: f64,
 }
 
 /// The state of an acquisition's lag. It may be saved as its bytes: it has no padding, and every bit pattern is valid.
@@ -78,10 +81,11 @@ pub unsafe extern "C" fn isotherm_save_lag(
 ) -> isotherm_code {
     with(acquisition, |content| {
         let output = NonNull::new(lag).ok_or(NULL)?;
+        let Lag { sensors, unknown, .. } = content.acquisition.lag();
         let none = LaggedReading { time_ns: 0, telemetry: 0.0, lagged: f64::NAN };
-        let sensors = content.acquisition.lag().sensors.map(|reading| {
-            let LaggedReading { time_ns, telemetry, lagged } = reading.unwrap_or(none);
-            isotherm_lagged_reading { time_ns, telemetry, lagged }
+        let sensors = core::array::from_fn(|sensor| {
+            let LaggedReading { time_ns, telemetry, lagged } = sensors[sensor].unwrap_or(none);
+            isotherm_lagged_reading { time_ns, telemetry, lagged, unknown: unknown[sensor] }
         });
         // SAFETY: not NULL, so it is writable, as the header requires.
         unsafe { output.write(isotherm_lag { sensors }) };
@@ -89,8 +93,9 @@ pub unsafe extern "C" fn isotherm_save_lag(
     })
 }
 
-/// Goes on with a state that was saved, on the same clock, as if there had been no pause. Sensors whose telemetry or lagged telemetry is
-/// not finite have had no reading.
+/// Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A sensor whose telemetry
+/// or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which is then of another clock, is unknown as
+/// after isotherm_forget_lag.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
@@ -104,10 +109,25 @@ pub unsafe extern "C" fn isotherm_restore_lag(
         }
         // SAFETY: not NULL, so it is readable, as the header requires.
         let isotherm_lag { sensors } = unsafe { lag.read() };
-        let sensors = sensors.map(|isotherm_lagged_reading { time_ns, telemetry, lagged }| {
-            (telemetry.is_finite() && lagged.is_finite()).then_some(LaggedReading { time_ns, telemetry, lagged })
-        });
-        content.acquisition.restore_lag(&Lag { lag_ns: 0, sensors });
+        let mut lag = Lag::new(0);
+        for (sensor, isotherm_lagged_reading { time_ns, telemetry, lagged, unknown }) in sensors.into_iter().enumerate()
+        {
+            lag.sensors[sensor] = Some(LaggedReading { time_ns, telemetry, lagged });
+            lag.unknown[sensor] = unknown;
+        }
+        content.acquisition.restore_lag(&lag);
+        Ok(())
+    })
+}
+
+/// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
+/// are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
+///
+/// ISOTHERM_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_forget_lag(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+    with(acquisition, |content| {
+        content.acquisition.forget_lag();
         Ok(())
     })
 }

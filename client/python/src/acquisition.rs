@@ -175,6 +175,11 @@ impl Acquisition {
         Ok(())
     }
 
+    fn forget_lag(&self) -> PyResult<()> {
+        self.owned.hold()?.open()?.client.forget_lag();
+        Ok(())
+    }
+
     fn loan(this: &Bound<'_, Self>) -> PyResult<Loan> {
         let mut held = this.get().owned.hold()?;
         let state = held.open()?;

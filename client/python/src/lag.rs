@@ -35,23 +35,27 @@ pub fn sensor(name: &str) -> PyResult<Sensor> {
     name.parse().map_err(|error: isotherm_client::UnknownSensor| PyValueError::new_err(error.to_string()))
 }
 
-/// The state of a lag: for each sensor None, or time \[ns\], telemetry and lagged telemetry of its last reading.
+/// The state of a lag: for each sensor None, or time \[ns\], telemetry and lagged telemetry of its last reading, and the share of an unknown
+/// start.
 #[derive(IntoPyObject)]
 #[pyo3(transparent)]
-pub struct LagState(Vec<Option<(u64, f64, f64)>>);
+pub struct LagState(Vec<Option<(u64, f64, f64, f64)>>);
 
 impl LagState {
     pub fn of(lag: &Lag) -> Self {
-        let numbers = |reading: LaggedReading| (reading.time_ns, reading.telemetry, reading.lagged);
-        Self(lag.sensors.iter().map(|reading| reading.map(numbers)).collect())
+        let numbers = |(reading, unknown): (&Option<LaggedReading>, f64)| {
+            reading.map(|reading| (reading.time_ns, reading.telemetry, reading.lagged, unknown))
+        };
+        Self(lag.sensors.iter().zip(lag.unknown).map(numbers).collect())
     }
 
     pub fn lag(&self) -> Lag {
         let mut lag = Lag::new(0);
-        for (sensor, reading) in lag.sensors.iter_mut().zip(&self.0) {
-            *sensor = reading
-                .filter(|(_, telemetry, lagged)| telemetry.is_finite() && lagged.is_finite())
-                .map(|(time_ns, telemetry, lagged)| LaggedReading { time_ns, telemetry, lagged });
+        for (sensor, numbers) in self.0.iter().enumerate() {
+            if let Some((time_ns, telemetry, lagged, unknown)) = *numbers {
+                lag.sensors[sensor] = Some(LaggedReading { time_ns, telemetry, lagged });
+                lag.unknown[sensor] = unknown;
+            }
         }
         lag
     }
@@ -63,14 +67,14 @@ impl<'py> FromPyObject<'_, 'py> for LagState {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         let wrong =
-            || PyValueError::new_err("give what lag_state() returned: None, or three numbers, for each of six sensors");
-        let reading = |item: Bound<'py, PyAny>| -> PyResult<Option<(u64, f64, f64)>> {
+            || PyValueError::new_err("give what lag_state() returned: None, or four numbers, for each of six sensors");
+        let reading = |item: Bound<'py, PyAny>| -> PyResult<Option<(u64, f64, f64, f64)>> {
             if item.is_none() {
                 return Ok(None);
             }
-            let [time_ns, telemetry, lagged] =
+            let [time_ns, telemetry, lagged, unknown] =
                 item.try_iter()?.collect::<PyResult<Vec<_>>>()?.try_into().map_err(|_| wrong())?;
-            Ok(Some((time_ns.extract()?, telemetry.extract()?, lagged.extract()?)))
+            Ok(Some((time_ns.extract()?, telemetry.extract()?, lagged.extract()?, unknown.extract()?)))
         };
         let sensors = object.try_iter()?.map(|item| reading(item?)).collect::<PyResult<Vec<_>>>()?;
         if sensors.len() == Sensor::NAMES.len() { Ok(Self(sensors)) } else { Err(wrong()) }

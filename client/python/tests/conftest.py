@@ -88,9 +88,9 @@ class DomainUnderTest:
         self.services: list[Service] = []
         self.processes: list[subprocess.Popen[str]] = []
 
-    def start(self, *command: str | Path, stdin: int | None = None) -> subprocess.Popen[str]:
+    def start(self, *command: str | Path, stdin: int | None = None, cwd: Path | None = None) -> subprocess.Popen[str]:
         """Starts a process whose output the test reads; `end` kills it."""
-        process = subprocess.Popen(command, stdin=stdin, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdin=stdin, stdout=subprocess.PIPE, text=True, cwd=cwd)
         self.processes.append(process)
         return process
 

@@ -217,19 +217,17 @@ def test_a_reload_with_another_time_constant(domain: DomainUnderTest, whole: iso
         assert acquisition.lag_ns == 60_000_000_000 and any(flags)
 
 
-def test_a_killed_process_hands_its_lag_over(domain: DomainUnderTest, whole_table: isotherm.Table, whole: isotherm.Records) -> None:
-    domain.serve_whole()
-    right = isotherm.replay(whole_table, whole)
-    np.save(domain.folder / "samples.npy", whole)
-    program = f"""
+# Sends the samples from BEGIN to END, one reading of each sensor in 20 samples. START says what it knows of the lag.
+ACQUISITION = """
 import json, os, sys, numpy as np, isotherm
-os.chdir({str(domain.folder)!r})
-samples, begin = np.load("samples.npy"), int(sys.argv[1])
-with isotherm.Acquisition("imu-g", timeout={TIMEOUT}) as acquisition:
-    if os.path.exists("lag.json"):
+samples, (begin, end), start = np.load("samples.npy"), map(int, sys.argv[1:3]), sys.argv[3]
+with isotherm.Acquisition("imu-g", timeout=20.0) as acquisition:
+    if start == "state":
         with open("lag.json") as file:
             acquisition.restore_lag(json.load(file))
-    for sample in samples[begin : begin + 100]:
+    elif start == "unknown":
+        acquisition.forget_lag()
+    for sample in samples[begin:end]:
         if sample["sequence"] % 20 == 0:
             heads = [head for triad in ("accelerometers", "gyroscopes") for head in sample[triad]["head_temperature"]]
             for name, head in zip(("A1", "A2", "A3", "G1", "G2", "G3"), heads):
@@ -237,18 +235,77 @@ with isotherm.Acquisition("imu-g", timeout={TIMEOUT}) as acquisition:
             with open("lag.json.new", "w") as file:
                 json.dump(acquisition.lag_state(), file)
             os.rename("lag.json.new", "lag.json")
-        acquisition.compensate(sample, {TIMEOUT})
+        acquisition.send(sample)
+        while acquisition.in_flight > 50 or acquisition.in_flight and sample["sequence"] == end - 1:
+            if acquisition.receive(20.0) is None:
+                sys.exit("no answer")
     print("done", flush=True)
     sys.stdin.read()
 """
+
+
+def run_and_kill(domain: DomainUnderTest, begin: int, end: int, start: str) -> None:
+    """Runs an acquisition process, and kills it while it waits for more."""
+    child = domain.start(sys.executable, "-c", ACQUISITION, str(begin), str(end), start, stdin=subprocess.PIPE, cwd=domain.folder)
+    assert child.stdout is not None and child.stdout.readline() == "done\n"
+    child.kill()
+    child.wait()
+
+
+def test_a_killed_process_hands_its_lag_over(domain: DomainUnderTest, whole_table: isotherm.Table, whole: isotherm.Records) -> None:
+    domain.serve_whole()
+    right = isotherm.replay(whole_table, whole)
+    np.save(domain.folder / "samples.npy", whole)
     with isotherm.IncrementReader("imu-g", timeout=TIMEOUT) as reader:
         for begin in range(0, 400, 100):
-            child = domain.start(sys.executable, "-c", program, str(begin), stdin=subprocess.PIPE)
-            assert child.stdout is not None and child.stdout.readline() == "done\n"
-            child.kill()
-            child.wait()
-            got = reader.read_available()
-            assert same(got, right[begin : begin + 100])
+            run_and_kill(domain, begin, begin + 100, "state" if begin else "soaked")
+            assert same(reader.read_available(), right[begin : begin + 100])
+
+
+def test_a_killed_process_that_hands_nothing_over(domain: DomainUnderTest, whole: isotherm.Records) -> None:
+    """It is flagged for three time constants, or begins soaked, as it is told."""
+    text = WHOLE_TABLE.read_text().replace("time_constant_s = 240.0", "time_constant_s = 1.0")
+    table = domain.folder / "imu-g.toml"
+    table.write_text(text)
+    domain.spawn("--imu", f"imu-g={table}").wait_until_ready()
+    np.save(domain.folder / "samples.npy", whole)
+    right = isotherm.replay(isotherm.Table.parse(text), whole)
+    soaked = isotherm.replay(isotherm.Table.parse(text), whole[100:200])
+    lag_unknown = np.uint64(isotherm.Flags.LAG_UNKNOWN)
+    with isotherm.IncrementReader("imu-g", timeout=TIMEOUT) as reader:
+        run_and_kill(domain, 0, 100, "soaked")
+        assert same(reader.read_available(), right[:100])
+        run_and_kill(domain, 100, 200, "unknown")
+        got = reader.read_available()
+        # The temperatures are read each second: for the fourth time with the 60th sample.
+        assert ((got["flags"] & lag_unknown) != 0).tolist() == [True] * 60 + [False] * 40
+        # Then the unknown start has a share of 5 % left in the lag, which is that of a soaked one.
+        assert same(got[60:], soaked[60:]) and not same(got[:60], soaked[:60])
+        run_and_kill(domain, 100, 200, "soaked")
+        assert same(reader.read_available(), soaked)
+    assert domain.status()["imus"][0]["flagged"]["lag-unknown"] == 60
+
+
+def test_a_killed_service_changes_no_lag(domain: DomainUnderTest, whole_table: isotherm.Table, whole: isotherm.Records) -> None:
+    service = domain.serve_whole()
+    with isotherm.Acquisition("imu-g", timeout=TIMEOUT) as acquisition:
+        got = []
+        for index, sample in enumerate(whole):
+            if index % 20 == 0:
+                for name, head in zip(SENSORS, heads(sample), strict=True):
+                    acquisition.reading(name, head, int(sample["timestamp_ns"]))
+            if index % 100 == 50:
+                service.pause()
+            if index % 100 == 80:
+                assert acquisition.in_flight == 30
+                service.kill()
+                service = domain.serve_whole()
+            acquisition.send(sample)
+            while index % 100 not in range(50, 80) and acquisition.in_flight:
+                increment = acquisition.receive(TIMEOUT)
+                assert increment is not None
+                got.append(increment.to_numpy())
+    assert same(np.array(got, isotherm.INCREMENT), isotherm.replay(whole_table, whole))
 
 
 def test_samples_of_another_unit_are_flagged(domain: DomainUnderTest, whole: isotherm.Records) -> None:

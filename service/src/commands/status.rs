@@ -88,6 +88,12 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
     }
     if let Some(lag_s) = imu.lag_s {
         writeln!(text, "  lag          {lag_s} s")?;
+        if let Some(other) = imu.other_lag() {
+            writeln!(
+                text,
+                "  OTHER LAG    that of the samples is {other}: the transient terms are left out, flagged lag-unknown"
+            )?;
+        }
     }
     if let Some(gyroscopes) = &imu.gyroscopes {
         describe_gyroscopes(text, gyroscopes)?;

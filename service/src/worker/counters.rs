@@ -59,6 +59,8 @@ struct Counters {
     device: AtomicU64,
     /// Which unit the last sample came from that had [`Flags::OTHER_DEVICE`].
     other_device: AtomicU64,
+    /// Time constant of the lagged telemetry of the last sample \[ns\].
+    lag_ns: AtomicU64,
     /// Temperature telemetry of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of the gyroscopes.
     telemetry: [AtomicU64; TELEMETRY],
     latency: Histogram,
@@ -132,6 +134,7 @@ impl CounterWriter {
             rest &= rest - 1;
         }
         counters.device.store(raw.device, Relaxed);
+        counters.lag_ns.store(raw.lag_ns, Relaxed);
         if flags.intersects(Flags::OTHER_DEVICE) {
             counters.other_device.store(raw.device, Relaxed);
         }
@@ -198,6 +201,11 @@ impl CounterReader {
     /// The unit of the last sample that was not of the table's unit, 0 if there was none.
     pub fn other_device(&self) -> u64 {
         self.0.other_device.load(Relaxed)
+    }
+
+    /// Time constant of the lagged telemetry of the last sample \[ns\], 0 if it has none.
+    pub fn lag_ns(&self) -> u64 {
+        self.0.lag_ns.load(Relaxed)
     }
 
     /// Telemetry of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come yet.

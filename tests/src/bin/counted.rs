@@ -10,7 +10,7 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 #![expect(unsafe_code, reason = "an allocator is unsafe to implement")]
 
-use isotherm_client::{Acquisition, LagOption, Options, Sensor, TimeConstant};
+use isotherm_client::{Acquisition, Flags, LagOption, Options, Sensor, TimeConstant};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use rustix::thread::{CapabilitySet, remove_capability_from_bounding_set};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -104,7 +104,8 @@ fn main() -> ExitCode {
 fn send(imu: &str, samples: u64) {
     const UNINTERRUPTED: Duration = Duration::from_millis(4);
     let options = Options::from_environment().unwrap();
-    let lag = LagOption::Fixed(TimeConstant::from_seconds(10.0).unwrap());
+    // The table's: the service computes the transient terms.
+    let lag = LagOption::Fixed(TimeConstant::from_seconds(240.0).unwrap());
     let options = Options { serial: Some("SN 42".to_owned()), lag, ..options };
     let mut acquisition = Acquisition::connect(&imu.parse().unwrap(), &options).unwrap();
     // The first part makes the connections and lets the queues grow to their final size.
@@ -113,19 +114,28 @@ fn send(imu: &str, samples: u64) {
         for number in 0..part {
             let (before, started) = (MINE.get(), Instant::now());
             // Not part of the sending path, but while the time constant stays it costs no more than that.
-            acquisition.reading(Sensor::A1, number as f64, number);
+            let head = 2.5 + (number % 10) as f64 * 0.01;
+            for (sensor, _) in Sensor::NAMES {
+                acquisition.reading(sensor, head, 1_000_000_000 * number);
+            }
             let mut loan = acquisition.loan().unwrap();
             loan.interval_ns = 1;
+            loan.accelerometers.head_temperature = [head; 3];
+            loan.gyroscopes.head_temperature = [head; 3];
             acquisition.send(loan).unwrap();
             let mut polls = 0_u64;
-            while acquisition.receive().unwrap().is_none() {
+            let increment = loop {
+                if let Some(increment) = acquisition.receive().unwrap() {
+                    break increment;
+                }
                 core::hint::spin_loop();
                 polls += 1;
                 if polls.is_multiple_of(1 << 24) {
                     // Without a service this loop does not end; the harness then kills this process.
                     std::thread::sleep(Duration::from_millis(1));
                 }
-            }
+            };
+            assert!(!Flags(increment.flags).intersects(Flags::LAG_UNKNOWN), "the transient terms are left out");
             if started.elapsed() < UNINTERRUPTED {
                 allocations += MINE.get() - before;
             }
