@@ -14,9 +14,10 @@ use crate::positions::{Observability, Position, specific_force};
 use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
 use crate::reduce::{Reduced, reduce};
 use crate::regression::RegressionError;
+use crate::transients::{LagChoice, Transients, TransientsError};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::polynomial::MAX_ORDER;
-use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, Refusal};
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
@@ -52,6 +53,10 @@ pub struct CalibrationOptions {
     pub accept: Vec<&'static str>,
     /// Whether every warning that is not accepted is a fault.
     pub strict: bool,
+    /// How the time constant of the lag is found, from ramps.
+    pub lag: LagChoice,
+    /// Time constant of the table in force \[s\]: it is kept where it lies within the interval that the ramps show.
+    pub predecessor_lag_s: Option<f64>,
 }
 
 /// Why no table can be made of a campaign.
@@ -92,6 +97,15 @@ pub enum CalibrationError {
         /// Why the order cannot be fitted.
         error: RegressionError,
     },
+    /// An option is not for this campaign.
+    #[error("{0}")]
+    Options(String),
+    /// The table `curves` is not for these ramps.
+    #[error("{}", .0.join("\n"))]
+    Curves(Vec<String>),
+    /// Nothing can be estimated from the ramps.
+    #[error(transparent)]
+    Transients(#[from] TransientsError),
     /// The joint fit failed.
     #[error(transparent)]
     Fit(#[from] OneStageError),
@@ -129,6 +143,8 @@ pub struct Calibration {
     pub suspect_position: Option<u32>,
     /// The gyroscopes, of a campaign with turns; see [`gyroscopes::calibrate`](crate::gyroscopes::calibrate).
     pub gyroscopes: Option<GyroscopeCalibration>,
+    /// What the ramps show, of a campaign with ramps; see [`gyroscopes::calibrate`](crate::gyroscopes::calibrate).
+    pub transients: Option<Transients>,
 }
 
 impl Method {
@@ -244,15 +260,20 @@ impl CalibrationError {
         symptoms: bool,
     ) -> Failure {
         let exit = match self {
-            Self::Positions(_) => Exit::Config,
-            Self::NothingToExclude(..) => Exit::Usage,
+            Self::Positions(_) | Self::Curves(_) => Exit::Config,
+            Self::NothingToExclude(..) | Self::Options(_) => Exit::Usage,
             Self::Fit(_) | Self::Table(_) => Exit::Failed,
-            Self::Empty | Self::Faults { .. } | Self::SetPoint { .. } | Self::Order { .. } => Exit::Data,
+            Self::Empty | Self::Faults { .. } | Self::SetPoint { .. } | Self::Order { .. } | Self::Transients(_) => {
+                Exit::Data
+            }
         };
         let message = match self {
             Self::Faults { .. } => self.lines(symptoms, |finding| finding.tagged(&locate)).join("\n"),
             Self::NothingToExclude(..) => format!("--exclude: {self}"),
-            Self::Positions(deficiencies) => {
+            Self::Options(_) => self.to_string(),
+            // The name of the recording is in the message.
+            Self::Transients(_) => format!("{}: the ramps: {self}", campaign.display()),
+            Self::Positions(deficiencies) | Self::Curves(deficiencies) => {
                 let line = |deficiency: &String| format!("{}: {deficiency}", campaign.display());
                 deficiencies.iter().map(line).collect::<Vec<_>>().join("\n")
             }
@@ -260,8 +281,8 @@ impl CalibrationError {
         };
         let failure = Failure::new(exit, message);
         match self {
-            Self::Positions(_) => failure.at(campaign, None),
-            Self::NothingToExclude(..) => failure,
+            Self::Positions(_) | Self::Curves(_) | Self::Transients(_) => failure.at(campaign, None),
+            Self::NothingToExclude(..) | Self::Options(_) => failure,
             // Each finding has its own line.
             _ => failure.at(samples, None),
         }
@@ -310,6 +331,26 @@ pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, acc
             }
         }
     }
+}
+
+/// The findings as the options judge them: accepted faults are warnings, and with `strict` every other warning is a fault. Adds the names of
+/// those that are accepted to `accepted`; an error if a fault is left.
+pub(crate) fn admit(
+    mut findings: Vec<Finding>,
+    options: &CalibrationOptions,
+    accepted: &mut Vec<&'static str>,
+) -> Result<Vec<Finding>, CalibrationError> {
+    findings.sort_by_key(|finding| (finding.severity == Severity::Warning, finding.line));
+    accept(&mut findings, options, accepted);
+    if options.strict {
+        for finding in findings.iter_mut().filter(|finding| !options.accept.contains(&finding.name)) {
+            finding.severity = Severity::Fault;
+        }
+    }
+    if any_fault(&findings) {
+        return Err(CalibrationError::Faults { diagnosis: None, findings });
+    }
+    Ok(findings)
 }
 
 /// Whether one of the findings is a fault.
@@ -435,6 +476,7 @@ pub fn calibrate(
         outliers,
         suspect_position,
         gyroscopes: None,
+        transients: None,
     })
 }
 
@@ -549,7 +591,7 @@ fn table(
         serial: campaign.serial.clone(),
         gravity: campaign.gravity_reference,
         temperature_unit: campaign.temperature_unit.clone(),
-        out_of_range: campaign.out_of_range,
+        out_of_range: campaign.out_of_range.unwrap_or(OutOfRange::Clamp),
         max_age_s: campaign.max_age_s,
         lag_s: None,
         axes: [axis(0)?, axis(1)?, axis(2)?],

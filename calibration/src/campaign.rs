@@ -1,18 +1,25 @@
 //! A campaign: the campaign file (campaign.toml) and the dwells made from the samples.
+//!
+//! It has positions, ramps beside them, or ramps alone. Ramps alone give bias curves at one attitude; another table gives the rest.
 
+mod direction;
 mod dwell;
+mod ramp;
 
 pub use dwell::{Block, Dwell, DwellSums, RowSteps, range};
+pub use ramp::Ramp;
 
 use crate::gravity::fault;
 use crate::gyroscopes::turn::{Turn, turns};
-use crate::positions::{Position, SAME_DIRECTION, contradiction, mount, specific_force};
+use crate::positions::{Position, contradiction, mount, specific_force};
+use direction::{DIRECTION, direction};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_RANGE, OutOfRange};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
 use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
+use ramp::ramps;
 
 /// The content of a campaign file.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +28,8 @@ pub struct Campaign {
     pub imu: ImuId,
     /// Serial number, free text.
     pub serial: Option<String>,
-    /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order.
+    /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order. Not required with ramps
+    /// alone.
     pub samples: Vec<String>,
     /// The value of 1 g0 \[m/s2\]; it is written into the table.
     pub gravity_reference: f64,
@@ -29,8 +37,8 @@ pub struct Campaign {
     pub gravity_local: f64,
     /// Unit of the telemetry; only a label.
     pub temperature_unit: String,
-    /// The table's policy for telemetry out of range.
-    pub out_of_range: OutOfRange,
+    /// The table's policy for telemetry out of range, if stated; else a fitted table clamps, and one of ramps alone keeps the policy of its predecessor `curves`.
+    pub out_of_range: Option<OutOfRange>,
     /// Telemetry older than this is flagged \[s\]; it is written into the table.
     pub max_age_s: Option<f64>,
     /// Largest plausible rate of both channels together \[pulse/s\]; a higher rate means saturation. It is written into the
@@ -38,7 +46,7 @@ pub struct Campaign {
     pub max_rate: Option<f64>,
     /// Least time between two set points \[s\], if stated.
     pub soak_s: Option<f64>,
-    /// The positions. If `mount` only exchanges axes or their signs, the directions are computed exactly from the angles.
+    /// The positions; none with ramps alone. If `mount` only exchanges axes or their signs, the directions are computed exactly from the angles.
     pub positions: Vec<Position>,
     /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`].
     pub mount: Option<Matrix3<f64>>,
@@ -46,6 +54,10 @@ pub struct Campaign {
     pub turns: Vec<Turn>,
     /// Latitude of the station \[deg\], north positive; always there with turns.
     pub latitude_deg: Option<f64>,
+    /// The ramps, for the transients; none if they are not estimated.
+    pub ramps: Vec<Ramp>,
+    /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and only with them.
+    pub curves: Option<String>,
 }
 
 impl Campaign {
@@ -59,6 +71,12 @@ impl Campaign {
         let campaign = campaign(&root);
         root.finish();
         document.finish(campaign)
+    }
+
+    /// Whether there are ramps, and no positions: the samples give bias curves and transients, nothing else.
+    #[must_use]
+    pub const fn has_ramps_alone(&self) -> bool {
+        self.positions.is_empty()
     }
 
     /// Specific force along A1, A2, A3 in `position` \[g0\], and its derivatives by the base's tilt \[g0/rad\].
@@ -89,7 +107,13 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     }
     let imu = root.imu_id("imu");
     let serial = root.optional_string("serial").map(str::to_owned);
-    let samples = root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files");
+    // Ramps have their own files.
+    let ramps_alone = root.has("ramp") && !root.has("position");
+    let samples = if ramps_alone && !root.has("samples") {
+        Some(Vec::new())
+    } else {
+        root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files")
+    };
     let gravity = |key, right| {
         let value = root.number(key, right);
         let [low, high] = GRAVITY_RANGE;
@@ -101,7 +125,7 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     let gravity_local = gravity("gravity_local", "gravity at the station in m/s2");
     let latitude_deg = place(root, gravity_local);
     let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
-    let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES).unwrap_or(OutOfRange::Clamp);
+    let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
     let positive = |key| {
         let value = root.optional_number(key);
         let wrong = value.filter(|value| *value <= 0.0);
@@ -110,9 +134,11 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
     };
     let (max_age_s, max_rate, soak_s) = (positive("max_age_s"), positive("max_rate"), positive("soak_s"));
     let sections = root.list("position");
-    if sections.is_empty() {
+    if sections.is_empty() && !ramps_alone {
         root.fault("position", "none; give one [[position]] each, with number and specific_force");
     }
+    let curves = curves(root, ramps_alone);
+    let ramps = ramps(root);
     let mut positions: Vec<Position> = Vec::new();
     let mut complete = true;
     for section in sections {
@@ -136,6 +162,12 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         }
     }
     // All keys are asked for before the first one that is missing ends this function.
+    if ramps_alone && root.has("turn") {
+        root.fault(
+            "turn",
+            "turns need positions, and there are none; give [[position]] and samples, or leave them out",
+        );
+    }
     let turns = turns(root, complete.then_some(&positions), mount, latitude_deg);
     Some(Campaign {
         imu: imu?,
@@ -152,7 +184,34 @@ fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
         positions: complete.then_some(positions)?,
         mount,
         latitude_deg,
+        ramps: ramps?,
+        curves: curves?.map(str::to_owned),
     })
+}
+
+/// The table that gives what ramps alone do not show; the outer `None` if the key is wrong, or missing.
+fn curves<'d>(root: &Section<'d, '_>, ramps_alone: bool) -> Option<Option<&'d str>> {
+    const TABLE: &str = "name the table that has them, for example curves = \"imu.toml\"";
+    let curves = root.optional_string("curves");
+    let fault = match curves {
+        None if ramps_alone && !root.has("curves") => Some(format!(
+            "missing; ramps alone show neither scale factors nor misalignments nor the constant of a bias: {TABLE}, or give [[position]] and samples"
+        )),
+        Some("") => Some(format!("is empty; {TABLE}")),
+        Some(_) if !ramps_alone && root.has("position") => {
+            Some("is for ramps alone: here the positions give the curves; leave it out".to_owned())
+        }
+        Some(_) if !ramps_alone => {
+            Some("is for ramps alone, and there is no [[ramp]]; give one, or leave it out".to_owned())
+        }
+        _ => None,
+    };
+    if root.has("curves") && curves.is_none() {
+        return None;
+    }
+    let right = fault.is_none();
+    root.refuse("curves", fault);
+    right.then_some(curves)
 }
 
 /// Checks local gravity by the place of the station, if it is stated. Returns the latitude \[deg\].
@@ -178,8 +237,6 @@ fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) -> Option<f64> {
 }
 
 fn position(section: &Section<'_, '_>) -> Option<Position> {
-    const FORCE: &str = "the direction of the specific force along A1, A2, A3 in units of the local gravity, length 1: \
-                         [0, 0, 1] where A3 points up";
     let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
     if number.is_none() && !section.has("number") {
         section.fault("number", "missing; give the number that the samples carry");
@@ -191,21 +248,11 @@ fn position(section: &Section<'_, '_>) -> Option<Position> {
     }
     let angles = outer.zip(inner).map(|(outer, inner)| [outer, inner]);
     let force = if section.has("specific_force") {
-        let force = section.numbers("specific_force", FORCE)?;
-        let force = <[f64; AXES]>::try_from(force).ok();
-        let length = force.map(|f| f.iter().map(|f| f * f).sum::<f64>().sqrt());
-        match (force, length) {
-            // A few digits are enough for a direction; it is scaled to length 1.
-            (Some(force), Some(length)) if (length - 1.0).abs() < SAME_DIRECTION => Some(force.map(|f| f / length)),
-            _ => {
-                section.fault("specific_force", format!("give {FORCE}"));
-                None
-            }
-        }
+        direction(section)
     } else if let Some([outer, inner]) = angles {
         Some(specific_force(outer, inner))
     } else {
-        section.fault("specific_force", format!("missing; give {FORCE}, or both angles"));
+        section.fault("specific_force", format!("missing; give {DIRECTION}, or both angles"));
         None
     };
     Some(Position { number: u32::try_from(number?).ok()?, label, angles, specific_force: force? })

@@ -11,6 +11,8 @@ const SIGNIFICANCE: f64 = 0.01;
 const MIN_LEG: usize = 4;
 /// A reversal of x by less than this part of its range is noise.
 const MIN_TURN: f64 = 0.1;
+/// A variance inflation factor over this leaves under 1 % of a column's scatter to its coefficient.
+const INFLATED: f64 = 1e4;
 /// A residual over this many robust standard deviations is an outlier.
 const OUTLIER: f64 = 6.0;
 
@@ -74,6 +76,15 @@ impl Diagnostics {
                  hysteresis or thermal lag, which no polynomial of x removes and F does not see; soak longer, or give \
                  each direction the same weight",
                 test.value, test.p
+            ));
+        }
+        for term in regression.fits()[order].linear.iter().filter(|term| term.variance_inflation > INFLATED) {
+            warnings.push(format!(
+                "{} follows from the other columns except for {:.2} % of its scatter (variance inflation factor {:.1e}): its \
+                 coefficient rests on this rest; look whether the rest is more than rounding",
+                term.column,
+                100.0 / term.variance_inflation.sqrt(),
+                term.variance_inflation
             ));
         }
         Self { lag1, runs, heating_cooling, outliers, warnings }

@@ -26,7 +26,7 @@ pub use runs::{FittedRun, Measurements, OtherDevice, Place, read};
 
 use crate::alignment::{AlignmentChoice, is_needed as accelerometers_need_alignment};
 use crate::calibrate::{
-    Calibration, CalibrationError, CalibrationOptions, MAX_AUTO_ORDER, Method, accept, any_fault,
+    Calibration, CalibrationError, CalibrationOptions, MAX_AUTO_ORDER, Method, admit,
     calibrate as calibrate_accelerometers, observable as accelerometers_observable,
 };
 use crate::campaign::{Campaign, Dwell, range};
@@ -35,6 +35,7 @@ use crate::curve::Curve;
 use crate::noise;
 use crate::one_stage::{OneStageError, SetPointValues};
 use crate::order::{OrderTable, QUANTITIES, Rule};
+use crate::ramps::{add_transients, refuse_options};
 use earth::{EarthCheck, LeftOver};
 use fit::{GyroscopeCurves, ReducedSetPoint, Run, RunTurn, TriadSolution, corrected_values, reduce, solve};
 use isotherm_shared::polynomial::MAX_ORDER;
@@ -71,16 +72,32 @@ pub fn observable(campaign: &Campaign) -> Result<TriadObservability, Calibration
     if deficiencies.is_empty() { Ok(found) } else { Err(CalibrationError::Positions(deficiencies)) }
 }
 
-/// Makes a coefficient table of both triads from a campaign; of the accelerometers only, if the campaign file has no turns.
+/// Makes a coefficient table of both triads from a campaign; of the accelerometers only, if the campaign file has no turns. Ramps beside the
+/// positions give lag and transients. Ramps alone are for [`ramps::calibrate`](crate::ramps::calibrate).
 ///
 /// # Errors
-/// If the data, the positions or the turns do not allow a valid table.
+/// If the data, the positions, the turns or the ramps do not allow a valid table.
 pub fn calibrate(
+    campaign: &Campaign,
+    mut measurements: Measurements,
+    options: CalibrationOptions,
+) -> Result<Calibration, CalibrationError> {
+    refuse_options(campaign, &options)?;
+    let ramps = core::mem::take(&mut measurements.ramps);
+    let mut calibration = calibrate_static(campaign, measurements, options)?;
+    if !ramps.is_empty() {
+        add_transients(campaign, &mut calibration, &ramps)?;
+    }
+    Ok(calibration)
+}
+
+/// The table of dwells and turns.
+fn calibrate_static(
     campaign: &Campaign,
     measurements: Measurements,
     options: CalibrationOptions,
 ) -> Result<Calibration, CalibrationError> {
-    let Measurements { dwells, gyroscopes, other_device } = measurements;
+    let Measurements { dwells, gyroscopes, other_device, .. } = measurements;
     let devices: Vec<_> = other_device.map(|other| other.finding(campaign)).into_iter().collect();
     // Before anything is said about samples of another unit.
     if !devices.is_empty() && !options.accept.contains(&name::OTHER_DEVICE) {
@@ -119,18 +136,9 @@ pub fn calibrate(
 }
 
 /// Adds findings of the gyroscopes to those of the accelerometers; an error if one of them is a fault that is not accepted.
-fn add_findings(calibration: &mut Calibration, mut findings: Vec<Finding>) -> Result<(), CalibrationError> {
-    findings.sort_by_key(|finding| (finding.severity == Severity::Warning, finding.line));
-    accept(&mut findings, &calibration.options, &mut calibration.accepted);
-    if calibration.options.strict {
-        for finding in findings.iter_mut().filter(|finding| !calibration.options.accept.contains(&finding.name)) {
-            finding.severity = Severity::Fault;
-        }
-    }
-    if any_fault(&findings) {
-        return Err(CalibrationError::Faults { diagnosis: None, findings });
-    }
-    calibration.findings.extend(findings);
+fn add_findings(calibration: &mut Calibration, findings: Vec<Finding>) -> Result<(), CalibrationError> {
+    let Calibration { options, accepted, findings: known, .. } = calibration;
+    known.extend(admit(findings, options, accepted)?);
     Ok(())
 }
 

@@ -6,7 +6,7 @@
 //! any small effect is significant.
 
 use crate::diagnostics::Diagnostics;
-use crate::regression::{DataPoint, Fit, Partial, Regression, RegressionError, f_limit};
+use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError, f_limit};
 use core::fmt::Write as _;
 use isotherm_shared::polynomial::MAX_ORDER;
 use serde_json::{Value, json};
@@ -90,6 +90,9 @@ fn by_the_data(regression: &Regression, rule: &Rule) -> Choice {
         );
     } else {
         let _ = write!(reason, "no term is both significant (limit {limit:.1e}) and large enough: a constant");
+        if regression.linear().next().is_some() {
+            reason.push_str(" and the linear columns");
+        }
     }
     let above: Vec<_> = fits[order + 1..].iter().filter_map(|fit| Some((fit, last(fit)?.1))).collect();
     for (fit, p) in above {
@@ -103,10 +106,12 @@ fn by_the_data(regression: &Regression, rule: &Rule) -> Choice {
     Choice { order, reason }
 }
 
-/// The highest order that is fitted if none is requested: 6, or less if there are few distinct x.
+/// The highest order that is fitted if none is requested: 6, or less if there are few distinct x, or few points for `linear` linear
+/// columns.
 #[must_use]
-pub fn default_order(x: impl IntoIterator<Item = f64>) -> usize {
-    DEFAULT_ORDER.min(distinct(x).saturating_sub(2)).max(1)
+pub fn default_order(x: &[f64], linear: usize) -> usize {
+    let points = x.len().saturating_sub(linear + 2);
+    DEFAULT_ORDER.min(distinct(x.iter().copied()).saturating_sub(2)).min(points).max(1)
 }
 
 /// Number of different values.
@@ -173,11 +178,12 @@ impl OrderTable {
     #[must_use]
     pub fn json(&self) -> Value {
         let Self { regression, choice, diagnostics } = self;
-        json!({
+        let linear: Vec<_> = regression.linear().collect();
+        let mut document = json!({
             "n": regression.n(),
             "center": regression.center(),
             "scale": regression.scale(),
-            "orders": regression.fits().iter().skip(1).map(fit_json).collect::<Vec<_>>(),
+            "orders": self.shown().iter().map(fit_json).collect::<Vec<_>>(),
             "selected": choice.order,
             "reason": choice.reason,
             "residuals": regression.residuals(choice.order),
@@ -188,19 +194,30 @@ impl OrderTable {
                 "outliers": diagnostics.outliers,
             },
             "warnings": diagnostics.warnings,
-        })
+        });
+        if !linear.is_empty() {
+            document["linear"] = json!(linear);
+        }
+        document
+    }
+
+    /// The fits that the table shows. Order 0 is of interest only with linear columns.
+    fn shown(&self) -> &[Fit] {
+        &self.regression.fits()[usize::from(self.regression.linear().next().is_none())..]
     }
 
     /// The table as text; `x` and `y` are the names of the columns.
     #[must_use]
     pub fn text(&self, x: &str, y: &str) -> String {
         let Self { regression, choice, .. } = self;
+        let columns: Vec<_> = regression.linear().collect();
+        let linear = if columns.is_empty() { String::new() } else { format!(", and linear in {}", columns.join(", ")) };
         let mut text = format!(
-            "{y} as a polynomial of {x}: {} points\n\n order  residual sd          R2           R            F        p   \
+            "{y} as a polynomial of {x}{linear}: {} points\n\n order  residual sd          R2           R            F        p   \
              leave-one-out rms         max      effect\n",
             regression.n()
         );
-        let fits = &regression.fits()[1..];
+        let fits = self.shown();
         // Writing to a String cannot fail.
         for fit in fits {
             let _ = writeln!(
@@ -240,16 +257,46 @@ impl OrderTable {
                     number(partial.p, 8)
                 );
             }
+            text.push_str(&linear_text(&fit.linear));
         }
         let _ = writeln!(text, "\nChosen: order {}; {}.", choice.order, choice.reason);
         text
     }
 }
 
+/// The terms of the linear columns of a fit, each in a row.
+fn linear_text(terms: &[LinearTerm]) -> String {
+    let width = terms.iter().map(|term| term.column.chars().count()).max().unwrap_or(0).max("column".len());
+    let mut text = String::new();
+    if !terms.is_empty() {
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "  {:width$}            coefficient  standard error     partial sum            F        p   variance inflation",
+            "column"
+        );
+    }
+    for term in terms {
+        let _ = writeln!(
+            text,
+            "  {:width$} {:>22.14e} {} {} {} {} {}",
+            term.column,
+            term.coefficient,
+            number(term.standard_error, 15),
+            number(Some(term.sum_of_squares), 15),
+            number(term.f, 12),
+            number(term.p, 8),
+            number(Some(term.variance_inflation), 20)
+        );
+    }
+    text
+}
+
 fn fit_json(fit: &Fit) -> Value {
     let mut value = serde_json::to_value(fit).unwrap_or_default();
+    let terms = fit.order + fit.linear.len();
     let limit = |d1: usize, p: f64| (fit.df_residual > 0).then(|| f_limit(p, d1 as f64, fit.df_residual as f64));
-    value["f_limit"] = json!({"0.05": limit(fit.order, 0.05), "0.01": limit(fit.order, 0.01)});
+    value["f_limit"] = json!({"0.05": limit(terms, 0.05), "0.01": limit(terms, 0.01)});
     value["partial_f_limit"] = json!({"0.05": limit(1, 0.05), "0.01": limit(1, 0.01)});
     value
 }

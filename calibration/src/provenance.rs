@@ -2,7 +2,9 @@
 //! part of the digest. It is for people and scripts; of it, programs read only `gravity_local` and Earth's rate, which `verify` takes if the user
 //! states none: an edited value passes unnoticed.
 //!
-//! Over 400 lines: the records of the section, key by key.
+//! Over 400 lines: the records of the section, key by key; those of ramps are in `transients`.
+
+mod transients;
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
@@ -10,6 +12,7 @@ use crate::campaign::Campaign;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::earth::{EarthCheck, LeftOver};
 use crate::order::QUANTITIES;
+use crate::ramps::RampCalibration;
 use crate::triad::{CalibratedTriad, beside_diagonal};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -18,6 +21,7 @@ use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 use std::io::{self, Read, Write};
 use std::time::SystemTime;
+use transients::TransientsRecord;
 
 /// Facts about the source that only the caller knows.
 #[derive(Clone, Debug)]
@@ -30,8 +34,10 @@ pub struct CampaignSource {
     pub campaign: String,
     /// SHA-256 of the campaign file, in hexadecimal.
     pub campaign_sha256: String,
-    /// SHA-256 of the samples, in hexadecimal.
+    /// SHA-256 of the samples, in hexadecimal; empty with ramps alone.
     pub samples_sha256: String,
+    /// SHA-256 of each ramp's recording, in hexadecimal, in the order of the campaign file.
+    pub ramps_sha256: Vec<String>,
 }
 
 /// Name and version of this program, for [`CampaignSource::tool`].
@@ -51,11 +57,31 @@ pub fn now() -> String {
 /// # Errors
 /// If the text does not give the same table, or if the provenance cannot be written.
 pub fn sealed_table(campaign: &Campaign, calibration: &Calibration, source: &CampaignSource) -> Result<String, String> {
+    sealed(campaign, &calibration.table, provenance(campaign, calibration, source))
+}
+
+/// The text of the table file of ramps alone, as [`sealed_table`].
+///
+/// # Errors
+/// As [`sealed_table`].
+pub fn sealed_ramp_table(
+    campaign: &Campaign,
+    calibration: &RampCalibration,
+    source: &CampaignSource,
+) -> Result<String, String> {
+    sealed(campaign, &calibration.table, transients::of_ramps(campaign, calibration, source))
+}
+
+fn sealed(
+    campaign: &Campaign,
+    table: &CoefficientTable,
+    provenance: Result<String, toml::ser::Error>,
+) -> Result<String, String> {
     let failed = |cause: String| format!("writing the table: {cause}");
-    let section = provenance(campaign, calibration, source).map_err(|error| failed(error.to_string()))?;
-    let text = format!("{}\n{section}", calibration.table.to_toml());
+    let section = provenance.map_err(|error| failed(error.to_string()))?;
+    let text = format!("{}\n{section}", table.to_toml());
     match CoefficientTable::from_toml(&text, Some(&campaign.imu)) {
-        Ok(table) if table == calibration.table => Ok(text),
+        Ok(read) if read == *table => Ok(text),
         Ok(_) => Err(failed("it does not read back the same".to_owned())),
         Err(faults) => Err(failed(faults.to_string())),
     }
@@ -150,6 +176,8 @@ struct Provenance<'a> {
     warnings: Vec<String>,
     #[serde(flatten)]
     gyroscopes: Option<GyroscopeProvenance>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    transients: Option<TransientsRecord<'a>>,
     curve: Vec<CurveRecord<'a>>,
     two_stage: Vec<SetPointRecord>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -321,6 +349,7 @@ pub fn provenance(
             accepted: calibration.accepted.clone(),
             warnings: calibration.findings.iter().map(ToString::to_string).collect(),
             gyroscopes: gyroscopes.as_ref().map(|(found, triad)| of_triad(campaign, calibration, found, triad)),
+            transients: calibration.transients.as_ref().map(|found| TransientsRecord::of(campaign, found, source)),
             curve: curves(&accelerometers).chain(of_gyroscopes).collect(),
             two_stage: calibration
                 .set_points

@@ -14,19 +14,27 @@
 //! for the raw powers x^j, and for the powers of the centred (x - center)/scale. The errata of the printed equations are in
 //! docs/paper.md.
 //!
+//! Other columns z1 .. zq may enter linearly beside the polynomial: y = a0 + a1 x + .. + am x^m + b1 z1 + .. + bq zq. Then m is
+//! the order of the polynomial still, and the degrees of freedom of the regression are m + q in the place of m.
+//!
 //! # Algorithm
 //! The equations are only the definition: solving the normal equations (7) would lose half the digits. x is centred and
-//! scaled to -1..1. Givens rotations reduce `[1 x x^2 .. x^M | y]` row by row to its upper triangle R. This one
-//! factorisation serves every order up to M. The factorisation and the expansion to powers of the raw x use double-double
+//! scaled to -1..1, as is each z. Givens rotations reduce `[1 z1 .. zq x x^2 .. x^M | y]` row by row to its upper triangle R. This
+//! one factorisation serves every order up to M. The factorisation and the expansion to powers of the raw x use double-double
 //! arithmetic, on data read as decimals. No refinement is needed: of 32 digits, the worst data sets lose about 15.
 //!
 //! Over 400 lines: one factorisation and the figures derived from it, in the notation of the paper.
 
 use crate::double_double::DoubleDouble;
 use core::cmp::Ordering;
+use linear::CentredColumn;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use statrs::function::beta::beta_reg;
+
+mod linear;
+
+pub use linear::{LinearColumn, LinearTerm};
 
 /// Highest order of a regression.
 pub const MAX_ORDER: usize = 15;
@@ -60,6 +68,37 @@ pub enum RegressionError {
         order: usize,
         /// Number of distinct x.
         distinct: usize,
+    },
+    /// More coefficients than points.
+    #[error("order {order} beside {linear} linear columns needs {} points, there are {points}", order + linear + 1)]
+    TooFewRows {
+        /// The requested order.
+        order: usize,
+        /// Number of linear columns.
+        linear: usize,
+        /// Number of points.
+        points: usize,
+    },
+    /// A linear column that has not one value for each point.
+    #[error("the column {column} has {values} values for {points} points")]
+    Length {
+        /// Its name.
+        column: String,
+        /// Number of its values.
+        values: usize,
+        /// Number of points.
+        points: usize,
+    },
+    /// A linear column without variation.
+    #[error("the column {0} has the same value in every row: it cannot be told from the constant; leave it out")]
+    Constant(String),
+    /// Columns of which each follows from the others to within its last digit.
+    #[error("{}", linear::dependent(columns, *power))]
+    Dependent {
+        /// The columns and powers of x.
+        columns: Vec<String>,
+        /// The highest power of x among them.
+        power: usize,
     },
     /// An order over [`MAX_ORDER`].
     #[error("order {0} is over {MAX_ORDER}")]
@@ -119,6 +158,9 @@ pub struct Fit {
     pub partial: Vec<Partial>,
     /// Tests of the terms 1 to m as powers of the centred and scaled x.
     pub partial_centred: Vec<Partial>,
+    /// The terms of the linear columns.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub linear: Vec<LinearTerm>,
     /// Sequential sum of squares: Q of order m-1, minus Q.
     pub sequential_ss: f64,
     /// Largest difference from the curve of order m-1 at a point, in the unit of y.
@@ -136,6 +178,7 @@ pub struct Regression {
     points: Vec<DataPoint>,
     center: DoubleDouble,
     scale: DoubleDouble,
+    linear: Vec<CentredColumn>,
     /// Inverse of the triangle R, row by row.
     inverse: Vec<Vec<DoubleDouble>>,
     /// Q'y.
@@ -150,6 +193,20 @@ impl Regression {
     /// If `max_order` is over [`MAX_ORDER`] or not below the number of distinct x, or if the numbers leave the range of
     /// doubles.
     pub fn new(points: Vec<DataPoint>, max_order: usize) -> Result<Self, RegressionError> {
+        Self::with_linear(points, "x", Vec::new(), max_order)
+    }
+
+    /// Fits every order from 0 to `max_order`, each beside the columns `linear`. `x` is the name of x, for messages.
+    ///
+    /// # Errors
+    /// As of [`new`](Self::new); or if a linear column has another length than the points, if there are fewer points than
+    /// coefficients, or if columns are linearly dependent.
+    pub fn with_linear(
+        points: Vec<DataPoint>,
+        x: &str,
+        linear: Vec<LinearColumn>,
+        max_order: usize,
+    ) -> Result<Self, RegressionError> {
         if max_order > MAX_ORDER {
             return Err(RegressionError::OrderTooHigh(max_order));
         }
@@ -157,22 +214,34 @@ impl Regression {
         if distinct <= max_order {
             return Err(RegressionError::TooFewPoints { order: max_order, distinct });
         }
-        let (center, scale) = center_and_scale(&points);
-        let columns = max_order + 2;
-        let mut triangle = vec![vec![DoubleDouble::ZERO; columns]; columns];
-        for point in &points {
+        if let Some(LinearColumn { name, values }) = linear.iter().find(|column| column.values.len() != points.len()) {
+            return Err(RegressionError::Length { column: name.clone(), values: values.len(), points: points.len() });
+        }
+        let count = max_order + linear.len() + 1;
+        if points.len() < count {
+            let (linear, points) = (linear.len(), points.len());
+            return Err(RegressionError::TooFewRows { order: max_order, linear, points });
+        }
+        let (center, scale) = center_and_scale(points.iter().map(|point| point.x));
+        let linear = linear.into_iter().map(|column| CentredColumn::new(column, &points)).collect();
+        let mut regression =
+            Self { points, center, scale, linear, inverse: Vec::new(), rotated: Vec::new(), fits: Vec::new() };
+        let mut triangle = vec![vec![DoubleDouble::ZERO; count + 1]; count + 1];
+        for (index, point) in regression.points.iter().enumerate() {
             let weight = point.weight.sqrt();
-            let mut row = powers((point.x - center) / scale, max_order);
+            let mut row = regression.row(point.x, regression.linear_values(index), max_order);
             row.push(point.y);
             rotate_in(&mut triangle, row.into_iter().map(|value| value * weight).collect());
         }
-        let rotated: Vec<_> = triangle.iter().map(|row| row[max_order + 1]).collect();
-        let inverse = invert(&triangle, max_order + 1);
-        let mut regression = Self { points, center, scale, inverse, rotated, fits: Vec::new() };
+        linear::check_rank(&regression, x, &triangle, max_order)?;
+        regression.rotated = triangle.iter().map(|row| row[count]).collect();
+        regression.inverse = invert(&triangle, count);
         regression.fits = regression.all_fits(max_order);
         let finite = |fit: &Fit| {
             let partial = fit.partial.iter().chain(&fit.partial_centred);
-            let mut figures = fit.coefficients.iter().copied().chain(partial.map(|partial| partial.sum_of_squares));
+            let linear = fit.linear.iter().flat_map(|term| [term.coefficient, term.sum_of_squares]);
+            let partial = partial.map(|partial| partial.sum_of_squares);
+            let mut figures = fit.coefficients.iter().copied().chain(partial).chain(linear);
             fit.sse.is_finite() && figures.all(f64::is_finite)
         };
         if regression.fits.iter().all(finite) { Ok(regression) } else { Err(RegressionError::OutOfRange) }
@@ -196,6 +265,11 @@ impl Regression {
         &self.points
     }
 
+    /// The names of the linear columns.
+    pub fn linear(&self) -> impl Iterator<Item = &str> {
+        self.linear.iter().map(|column| column.name.as_str())
+    }
+
     /// The centre: it is subtracted from x in the centred basis.
     #[must_use]
     pub fn center(&self) -> f64 {
@@ -208,57 +282,81 @@ impl Regression {
         self.scale.value()
     }
 
+    /// Index of the coefficient of x^`power` among all coefficients, in the order of the columns of R.
+    fn term(&self, power: usize) -> usize {
+        if power == 0 { 0 } else { self.linear.len() + power }
+    }
+
+    /// Number of coefficients of the fit of `order`.
+    fn count(&self, order: usize) -> usize {
+        self.linear.len() + order + 1
+    }
+
     /// y - fit of `order` at every point.
     #[must_use]
     pub fn residuals(&self, order: usize) -> Vec<f64> {
-        let residual = |point: &DataPoint| {
+        let residual = |(index, point): (usize, &DataPoint)| {
+            let basis = self.basis(point.x, self.linear_values(index));
             let fitted: DoubleDouble =
-                self.basis(point.x).iter().zip(&self.rotated).take(order + 1).map(|(&q, &z)| q * z).sum();
+                basis.iter().zip(&self.rotated).take(self.count(order)).map(|(&q, &z)| q * z).sum();
             (point.y - fitted).value()
         };
-        self.points.iter().map(residual).collect()
+        self.points.iter().enumerate().map(residual).collect()
     }
 
-    /// Value of the fit of `order` at `x` and its standard error (none without degrees of freedom).
+    /// Value of the fit of `order` at `x` and its standard error (none without degrees of freedom), with every linear column in the
+    /// middle of its range.
     #[must_use]
     pub fn at(&self, order: usize, x: f64) -> (f64, Option<f64>) {
-        let basis = self.basis(x.into());
-        let value: DoubleDouble = basis.iter().zip(&self.rotated).take(order + 1).map(|(&q, &z)| q * z).sum();
-        let size: DoubleDouble = basis.iter().take(order + 1).map(|&q| q * q).sum();
+        let basis = self.basis(x.into(), self.linear.iter().map(|_| DoubleDouble::ZERO));
+        let value: DoubleDouble = basis.iter().zip(&self.rotated).take(self.count(order)).map(|(&q, &z)| q * z).sum();
+        let size: DoubleDouble = basis.iter().take(self.count(order)).map(|&q| q * q).sum();
         let sd = self.fits.get(order).and_then(|fit| fit.residual_sd);
         (value.value(), sd.map(|sd| sd * size.sqrt().value()))
     }
 
-    /// Coefficients of order `order` for the powers of the centred and scaled x, and their covariance.
+    /// Coefficients of order `order` for the powers of the centred and scaled x, and their covariance; not those of linear columns.
     #[must_use]
     pub fn centred(&self, order: usize) -> (DVector<f64>, Option<DMatrix<f64>>) {
-        let count = order + 1;
-        let sum = |terms: &dyn Fn(usize) -> DoubleDouble| (0..count).map(terms).sum::<DoubleDouble>().value();
-        let coefficients = DVector::from_fn(count, |i, _| sum(&|k| self.inverse[i][k] * self.rotated[k]));
-        let covariance = self.fits[order]
-            .ms_residual
-            .map(|ms| DMatrix::from_fn(count, count, |i, j| ms * sum(&|k| self.inverse[i][k] * self.inverse[j][k])));
+        let (count, term) = (order + 1, |power| self.term(power));
+        let sum =
+            |terms: &dyn Fn(usize) -> DoubleDouble| (0..self.count(order)).map(terms).sum::<DoubleDouble>().value();
+        let coefficients = DVector::from_fn(count, |i, _| sum(&|k| self.inverse[term(i)][k] * self.rotated[k]));
+        let entry = |i: usize, j: usize| sum(&|k| self.inverse[term(i)][k] * self.inverse[term(j)][k]);
+        let covariance = self.fits[order].ms_residual.map(|ms| DMatrix::from_fn(count, count, |i, j| ms * entry(i, j)));
         (coefficients, covariance)
     }
 
-    /// The orthonormal polynomials of order 0, 1, .. at `x`: R^-T (1, x, x^2, ..).
-    fn basis(&self, x: DoubleDouble) -> Vec<DoubleDouble> {
-        let order = self.inverse.len() - 1;
-        let powers = powers((x - self.center) / self.scale, order);
-        (0..=order).map(|j| (0..=j).map(|i| self.inverse[i][j] * powers[i]).sum()).collect()
+    /// The centred and scaled values of the linear columns at a point.
+    fn linear_values(&self, index: usize) -> impl Iterator<Item = DoubleDouble> {
+        self.linear.iter().map(move |column| column.values[index])
+    }
+
+    /// The row (1, z1, .., x, x^2, ..) of centred and scaled values, up to the power `max_order`.
+    fn row(&self, x: DoubleDouble, linear: impl Iterator<Item = DoubleDouble>, max_order: usize) -> Vec<DoubleDouble> {
+        let mut row = powers((x - self.center) / self.scale, max_order);
+        row.splice(1..1, linear);
+        row
+    }
+
+    /// The orthonormal functions in the order of the columns of R: R^-T (1, z1, .., x, x^2, ..).
+    fn basis(&self, x: DoubleDouble, linear: impl Iterator<Item = DoubleDouble>) -> Vec<DoubleDouble> {
+        let count = self.inverse.len();
+        let row = self.row(x, linear, count - 1 - self.linear.len());
+        (0..count).map(|j| (0..=j).map(|i| self.inverse[i][j] * row[i]).sum()).collect()
     }
 
     fn all_fits(&self, max_order: usize) -> Vec<Fit> {
-        let count = max_order + 1;
+        let count = self.count(max_order);
         // Coefficients of the raw powers = expansion * centred coefficients; centred coefficients = R^-1 Q'y.
-        let expansion = expansion(self.center, self.scale, count);
+        let expansion = self.expansion(max_order);
         let product = |matrix: &[Vec<DoubleDouble>]| -> Vec<Vec<DoubleDouble>> {
             let entry = |i: usize, j: usize| (0..count).map(|k| matrix[i][k] * self.inverse[k][j]).sum();
             (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect()
         };
         let raw = product(&expansion);
         let squares: Vec<_> = self.rotated.iter().map(|&z| z * z).collect();
-        let sse = |order: usize| squares[order + 1..].iter().copied().sum::<DoubleDouble>();
+        let sse = |order: usize| squares[self.count(order)..].iter().copied().sum::<DoubleDouble>();
         let rounding = self.rounding();
         let scans = self.point_scans(max_order);
         (0..=max_order)
@@ -269,6 +367,22 @@ impl Regression {
                 self.fit(order, residual, previous, &raw, &scans[order])
             })
             .collect()
+    }
+
+    /// The matrix that transforms the coefficients of centred and scaled columns into those of the raw ones.
+    fn expansion(&self, max_order: usize) -> Vec<Vec<DoubleDouble>> {
+        let count = self.count(max_order);
+        let mut matrix = vec![vec![DoubleDouble::ZERO; count]; count];
+        for (i, row) in expansion(self.center, self.scale, max_order + 1).into_iter().enumerate() {
+            for (j, value) in row.into_iter().enumerate() {
+                matrix[self.term(i)][self.term(j)] = value;
+            }
+        }
+        for (column, k) in self.linear.iter().zip(1..) {
+            matrix[k][k] = DoubleDouble::ONE / column.scale;
+            matrix[0][k] = -column.center / column.scale;
+        }
+        matrix
     }
 
     /// Largest residual sum of squares that the rounding of y can explain; a fit at or below it is perfect. If every y is a
@@ -290,7 +404,7 @@ impl Regression {
         raw: &[Vec<DoubleDouble>],
         scan: &PointScan,
     ) -> Fit {
-        let terms = order + 1;
+        let terms = self.count(order);
         let df = self.n() - terms;
         let total: DoubleDouble = self.rotated[1..].iter().map(|&z| z * z).sum();
         let mean_square = (df > 0).then(|| sse / DoubleDouble::from(df as f64));
@@ -308,23 +422,41 @@ impl Regression {
         let coefficient = |matrix: &[Vec<DoubleDouble>], i: usize| -> DoubleDouble {
             (0..terms).map(|k| matrix[i][k] * self.rotated[k]).sum()
         };
+        let test = |matrix: &[Vec<DoubleDouble>], i: usize| {
+            let c = coefficient(matrix, i) / size(matrix, i);
+            let sum_of_squares = c * c / variance(matrix, i);
+            let f = tested.map(|ms| (sum_of_squares / ms).value());
+            (sum_of_squares.value(), f, f.map(|f| f_tail(f, 1.0, df as f64)))
+        };
         let partial = |matrix: &[Vec<DoubleDouble>]| -> Vec<Partial> {
             let of_term = |term: usize| {
-                let c = coefficient(matrix, term) / size(matrix, term);
-                let sum_of_squares = c * c / variance(matrix, term);
-                let f = tested.map(|ms| (sum_of_squares / ms).value());
-                Partial { term, sum_of_squares: sum_of_squares.value(), f, p: f.map(|f| f_tail(f, 1.0, df as f64)) }
+                let (sum_of_squares, f, p) = test(matrix, self.term(term));
+                Partial { term, sum_of_squares, f, p }
             };
-            (1..terms).map(of_term).collect()
+            (1..=order).map(of_term).collect()
+        };
+        let standard_error = |i: usize| mean_square.map(|ms| (size(raw, i) * (variance(raw, i) * ms).sqrt()).value());
+        let linear = |(column, i): (&CentredColumn, usize)| {
+            let (sum_of_squares, f, p) = test(raw, i);
+            let inflation = variance(&self.inverse, i) * column.sum_of_squares;
+            LinearTerm {
+                column: column.name.clone(),
+                coefficient: coefficient(raw, i).value(),
+                standard_error: standard_error(i),
+                sum_of_squares,
+                f,
+                p,
+                variance_inflation: (inflation * size(&self.inverse, i) * size(&self.inverse, i)).value(),
+            }
         };
         let ratio = (total > DoubleDouble::ZERO).then(|| sse / total);
         let r_squared = ratio.map(|ratio| DoubleDouble::ONE - ratio);
-        let f = tested.filter(|_| order > 0).map(|ms| (explained / DoubleDouble::from(order as f64) / ms).value());
+        let f =
+            tested.filter(|_| terms > 1).map(|ms| (explained / DoubleDouble::from((terms - 1) as f64) / ms).value());
         Fit {
             order,
-            coefficients: (0..terms).map(|i| coefficient(raw, i).value()).collect(),
-            standard_errors: mean_square
-                .map(|ms| (0..terms).map(|i| (size(raw, i) * (variance(raw, i) * ms).sqrt()).value()).collect()),
+            coefficients: (0..=order).map(|power| coefficient(raw, self.term(power)).value()).collect(),
+            standard_errors: (0..=order).map(|power| standard_error(self.term(power))).collect(),
             residual_sd: mean_square.map(|ms| ms.sqrt().value()),
             sse: sse.value(),
             ss_regression: explained.value(),
@@ -339,9 +471,10 @@ impl Regression {
             }),
             r: r_squared.map(|r_squared| r_squared.sqrt().value()),
             f,
-            f_p: f.map(|f| f_tail(f, order as f64, df as f64)),
+            f_p: f.map(|f| f_tail(f, (terms - 1) as f64, df as f64)),
             partial: partial(raw),
             partial_centred: partial(&self.inverse),
+            linear: self.linear.iter().zip(1..).map(linear).collect(),
             sequential_ss: (previous - sse).value(),
             effect: scan.effect,
             leave_one_out_rms: scan.press.map(|press| (press / self.n() as f64).sqrt()),
@@ -352,12 +485,17 @@ impl Regression {
     /// The figures of each order that need a pass over all points.
     fn point_scans(&self, max_order: usize) -> Vec<PointScan> {
         let mut scans = vec![PointScan { effect: 0.0, press: Some(0.0), worst: 0.0 }; max_order + 1];
-        for point in &self.points {
+        for (index, point) in self.points.iter().enumerate() {
             let (mut rest, mut leverage) = (point.y, DoubleDouble::ZERO);
-            for ((scan, q), &z) in scans.iter_mut().zip(self.basis(point.x)).zip(&self.rotated) {
-                rest -= q * z;
-                leverage += q * q * point.weight;
-                scan.effect = scan.effect.max((q * z).value().abs());
+            let basis = self.basis(point.x, self.linear_values(index));
+            let mut next = 0;
+            for (order, scan) in scans.iter_mut().enumerate() {
+                for (&q, &z) in basis.iter().zip(&self.rotated).take(self.count(order)).skip(next) {
+                    rest -= q * z;
+                    leverage += q * q * point.weight;
+                    scan.effect = scan.effect.max((q * z).value().abs());
+                }
+                next = self.count(order);
                 let free = (DoubleDouble::ONE - leverage).value();
                 let error = rest.value() / free;
                 scan.press = scan.press.filter(|_| free > 1e-12).map(|press| press + error * error);
@@ -412,10 +550,10 @@ fn distinct(points: &[DataPoint]) -> usize {
     x.len()
 }
 
-/// Middle and half width of the range of x. Both are rounded to doubles, so that a user can repeat the centring.
-fn center_and_scale(points: &[DataPoint]) -> (DoubleDouble, DoubleDouble) {
-    let x = || points.iter().map(|point| point.x.value());
-    let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(f64::NEG_INFINITY, f64::max));
+/// Middle and half width of the range. Both are rounded to doubles, so that a user can repeat the centring.
+fn center_and_scale(values: impl Iterator<Item = DoubleDouble> + Clone) -> (DoubleDouble, DoubleDouble) {
+    let values = || values.clone().map(DoubleDouble::value);
+    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     let half = (high - low) / 2.0;
     (DoubleDouble::from(low + half), DoubleDouble::from(if half > 0.0 { half } else { 1.0 }))
 }

@@ -6,14 +6,20 @@
 mod axis;
 pub mod calibration;
 pub mod json;
+pub mod loops;
 pub mod page;
 pub mod plot;
+pub mod ramps;
 mod svg;
 pub mod text;
 mod thin;
+mod transients;
 pub mod verification;
 
-use page::Cell;
+use crate::campaign::Campaign;
+use crate::provenance::CampaignSource;
+use isotherm_shared::table::CoefficientTable;
+use page::{Cell, Page};
 
 /// Column headings of a table whose rows [`navigation`] makes.
 const NAVIGATION: [&str; 5] =
@@ -29,4 +35,28 @@ fn navigation(what: &str, error: f64) -> Vec<Cell> {
         Cell::number(acceleration * 60.0, 3),
         Cell::number(0.5 * acceleration * 3600.0, 1),
     ]
+}
+
+/// The section on where a table comes from. `samples` are lines on the samples of the positions.
+fn provenance(
+    page: &mut Page,
+    campaign: &Campaign,
+    source: &CampaignSource,
+    samples: &[(&str, &str)],
+    table: &CoefficientTable,
+) {
+    page.heading(2, "provenance", "Provenance");
+    let digest = table.digest().to_string();
+    let mut rows = vec![
+        ("Tool", source.tool.as_str()),
+        ("Time", &source.time),
+        ("Campaign file", &source.campaign),
+        ("its SHA-256", &source.campaign_sha256),
+    ];
+    rows.extend(samples);
+    for (ramp, sha256) in campaign.ramps.iter().zip(&source.ramps_sha256) {
+        rows.extend([("Ramp", ramp.samples.as_str()), ("its SHA-256", sha256)]);
+    }
+    rows.push(("Table", &digest));
+    page.key_values(&rows);
 }

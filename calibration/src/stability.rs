@@ -29,11 +29,15 @@ mod coverage;
 pub mod earth_rate;
 mod figures;
 pub mod gyroscopes;
+mod loops;
+mod stillness;
 
 pub use coverage::{Coverage, DRIVEN};
 pub use earth_rate::EarthRate;
 pub use figures::AxisStability;
 pub use gyroscopes::GyroscopeStability;
+pub use loops::{LoopBand, Loops};
+pub use stillness::LeftOut;
 
 use crate::campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
 use crate::checks::time::{CLOCK_TOLERANCE, cause, part};
@@ -48,12 +52,13 @@ use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
 use nalgebra::{Matrix3, Vector3};
+use stillness::{ACCELEROMETERS, PARTS, mark};
 
-/// A window counts for the stability if every axis is within this of the specific force of the attitude \[g0\].
-const ATTITUDE_TOLERANCE: f64 = 5e-3;
-/// A window was still if it differs from its neighbours by less than this \[g0\].
-const STILL_TOLERANCE: f64 = 1e-3;
-/// Largest difference between the length of the output at rest and gravity \[g0\].
+/// At another attitude than the one stated, an axis is over this off \[g0\]: 6 degrees. With its own table no IMU is.
+const OTHER_ATTITUDE: f64 = 0.1;
+/// An axis that is on average over this off the stated specific force gives a warning \[g0\].
+const ATTITUDE_WARNING: f64 = 5e-3;
+/// Largest difference between the length of the output and gravity, in windows that do not count \[g0\].
 const GRAVITY_TOLERANCE: f64 = 0.02;
 /// Fewest windows that a requirement is judged by: two groups.
 const MIN_JUDGED: usize = 2 * MIN_GROUP;
@@ -180,6 +185,12 @@ pub struct Stability {
     pub resolution: [[Option<f64>; 2]; AXES],
     /// Number of samples without a valid interval; they have no velocity.
     pub left_out: u64,
+    /// The windows that do not count.
+    pub windows_left_out: LeftOut,
+    /// The loops between heating and cooling.
+    pub loops: Loops,
+    /// What is left out of the loops at the beginning of a session, where the lagged telemetry begins soaked \[s\]; `None` if nothing is.
+    pub unsettled_s: Option<f64>,
     /// Telemetry at which the coefficients are frozen: head and board, by axis.
     pub middle: [[f64; 2]; AXES],
     /// What of the table the run exercises.
@@ -208,12 +219,30 @@ impl Stability {
     /// Why the table is not judged over the whole run, if too many windows are left out.
     #[must_use]
     pub fn unjudged(&self) -> Option<String> {
-        let left_out = self.windows.iter().filter(|window| !window.counts).count();
-        let windows = self.windows.len();
-        (left_out as f64 > MAX_UNJUDGED * windows as f64).then(|| {
+        unjudged(&self.windows_left_out, "at the attitude")
+    }
+
+    /// How many windows of each triad are judged, and why the others are not; of gyroscopes only if it is not the same.
+    #[must_use]
+    pub fn judged_windows(&self) -> String {
+        let of_gyroscopes = self.judged_gyroscopes().map(|found| &found.windows_left_out);
+        let more = of_gyroscopes.filter(|left_out| left_out.count() > left_out.by_accelerometers);
+        let more = more.map(|left_out| format!("; of the gyroscopes {left_out}")).unwrap_or_default();
+        format!("{}{more}", self.windows_left_out)
+    }
+
+    /// A warning if the output is far off the stated attitude.
+    #[must_use]
+    pub fn attitude_warning(&self) -> Option<String> {
+        let counted: Vec<_> = self.windows.iter().filter(|window| window.counts).collect();
+        let off = [0, 1, 2].map(|axis| {
+            counted.iter().map(|window| window.after[axis] - self.specific_force[axis]).sum::<f64>()
+                / counted.len() as f64
+        });
+        (self.stated && off.iter().any(|off| off.abs() > ATTITUDE_WARNING)).then(|| {
             format!(
-                "{left_out} of {windows} windows are not at the attitude, at most 1 % may be left out: there the output is not a number or \
-                 over {ATTITUDE_TOLERANCE} g0 off, or the IMU was not at rest"
+                "the output is on average off the stated specific force by {}: the attitude was another one, or the table is off by as much",
+                Force(off)
             )
         })
     }
@@ -223,8 +252,10 @@ impl Stability {
     pub fn gravity_mismatch(&self) -> Option<String> {
         // The tolerance is wide enough for every place on Earth.
         let gravity = if self.gravity_source.value().is_some() { self.gravity } else { 1.0 };
-        let lengths = self.windows.iter().map(Window::length);
-        let off: Vec<f64> = lengths.filter(|length| (length - gravity).abs() > GRAVITY_TOLERANCE).collect();
+        // In a window that counts it is the error that is to be judged.
+        let tolerance = |window: &Window| if window.counts { OTHER_ATTITUDE } else { GRAVITY_TOLERANCE };
+        let off = self.windows.iter().filter(|window| (window.length() - gravity).abs() > tolerance(window));
+        let off: Vec<f64> = off.map(Window::length).collect();
         let windows = self.windows.len();
         (off.len() as f64 > MAX_UNJUDGED * windows as f64).then(|| {
             let (count, length) = (off.len(), crate::diagnostics::median(off));
@@ -261,6 +292,15 @@ impl Stability {
             if ratio > 1.0 { "longer" } else { "shorter" }
         ))
     }
+}
+
+/// Why a triad is not judged over the whole run, if too many windows are left out, because they are not `at` what counts.
+fn unjudged(left_out: &LeftOut, at: &str) -> Option<String> {
+    let (count, windows) = (left_out.count(), left_out.windows);
+    (count as f64 > MAX_UNJUDGED * windows as f64).then(|| {
+        let enough = if left_out.over_half() { "; under half of the run is not enough to judge by" } else { "" };
+        format!("{count} of {windows} windows are not {at}, at most 1 % may be left out: {}{enough}", left_out.causes())
+    })
 }
 
 /// `1 window`, `3 windows`.
@@ -321,8 +361,8 @@ pub enum StabilityError {
     },
     /// Too few windows are at the attitude.
     #[error(
-        "only {counted} of {windows} windows are within {ATTITUDE_TOLERANCE} g0 of the {} specific force {force}: the output is {output}, {:.4} g0 long; {}",
-        if *.stated { "stated" } else { "median" },
+        "only {counted} of {windows} windows are {} specific force {force}: the output is {output}, {:.4} g0 long; {}",
+        if *.stated { format!("still and within {OTHER_ATTITUDE} g0 of the stated") } else { "still at the median".to_owned() },
         output.0.iter().map(|f| f * f).sum::<f64>().sqrt(),
         if *.stated {
             "this is another attitude than the one stated (--attitude, --angles), the table of another IMU, cables that are exchanged, or the IMU was not at rest"
@@ -366,6 +406,10 @@ struct WindowSums {
     begin_s: f64,
     end_s: f64,
     seconds: f64,
+    /// Time since the last complete part of the window \[s\].
+    part_seconds: f64,
+    /// Whether the lagged telemetry has not forgotten yet how it began.
+    unsettled: bool,
     accelerometers: TriadSums,
     gyroscopes: TriadSums,
     /// Sums of the intervals and of the timestamps' steps, of samples with consecutive sequences \[s\].
@@ -381,17 +425,45 @@ struct TriadSums {
     board: [f64; AXES],
     /// Increments of the full model \[m/s or rad\].
     increment: [f64; AXES],
+    /// Increments of the static model.
+    static_increment: [f64; AXES],
+    /// Increments of the full model since the last complete part.
+    part: [f64; AXES],
+    /// Lowest and highest mean of the complete parts.
+    parts: Option<[[f64; 2]; AXES]>,
     flagged: bool,
 }
 
 impl TriadSums {
-    fn add(&mut self, triad: &Triad, seconds: f64, increment: [f64; AXES], flagged: bool) {
+    fn end_part(&mut self, seconds: f64) {
+        let means = core::mem::take(&mut self.part).map(|increment| increment / seconds);
+        let parts = self.parts.get_or_insert(means.map(|mean| [mean; 2]));
+        for ([low, high], mean) in parts.iter_mut().zip(means) {
+            (*low, *high) = (low.min(mean), high.max(mean));
+        }
+    }
+
+    /// Largest difference of the means of the parts, in the base unit; `unit` is its size in that of the increments per second.
+    fn spread(&self, unit: f64) -> [f64; AXES] {
+        self.parts.unwrap_or_default().map(|[low, high]| (high - low) / unit)
+    }
+
+    fn add(
+        &mut self,
+        triad: &Triad,
+        seconds: f64,
+        increment: [f64; AXES],
+        static_increment: [f64; AXES],
+        flagged: bool,
+    ) {
         for (axis, increment) in increment.into_iter().enumerate() {
             self.positive[axis] += f64::from(triad.positive_pulses[axis]);
             self.negative[axis] += f64::from(triad.negative_pulses[axis]);
             self.head[axis] += triad.head_temperature[axis] * seconds;
             self.board[axis] += triad.board_temperature[axis] * seconds;
             self.increment[axis] += increment;
+            self.static_increment[axis] += static_increment[axis];
+            self.part[axis] += increment;
         }
         self.flagged |= flagged;
     }
@@ -401,6 +473,8 @@ impl TriadSums {
 #[derive(Clone, Debug)]
 pub struct Collector<'a> {
     table: &'a CoefficientTable,
+    /// The table without its transients, if it has a lag.
+    static_table: Option<CoefficientTable>,
     window_s: f64,
     begin_ns: Option<u64>,
     open: WindowSums,
@@ -412,6 +486,8 @@ pub struct Collector<'a> {
     has_gyroscopes: bool,
     /// Session, sequence and timestamp of the last sample.
     last: Option<(u64, u64, u64)>,
+    /// Session of the last sample, and when its lagged telemetry has forgotten how it began \[ns\].
+    settled: Option<(u64, u64)>,
 }
 
 /// Finds the smallest step of one telemetry signal.
@@ -457,6 +533,7 @@ impl<'a> Collector<'a> {
         let telemetry = [[telemetry; 2]; 3];
         Self {
             table,
+            static_table: loops::static_table(table),
             window_s,
             begin_ns: None,
             open: WindowSums::default(),
@@ -466,6 +543,7 @@ impl<'a> Collector<'a> {
             other_device: 0,
             has_gyroscopes: false,
             last: None,
+            settled: None,
         }
     }
 
@@ -474,6 +552,7 @@ impl<'a> Collector<'a> {
         let compensation = compensate(self.table, raw);
         self.other_device += u64::from(compensation.flags.intersects(Flags::OTHER_DEVICE));
         self.has_gyroscopes |= raw.gyroscopes != Triad::default();
+        let unsettled = self.is_unsettled(raw);
         if compensation.flags.intersects(Flags::INTERVAL) {
             self.left_out += 1;
             return;
@@ -487,6 +566,8 @@ impl<'a> Collector<'a> {
         }
         open.end_s = end_s;
         open.seconds += seconds;
+        open.part_seconds += seconds;
+        open.unsettled |= unsettled;
         let last = self.last.replace((raw.session, raw.sequence, raw.timestamp_ns));
         if let Some((session, sequence, timestamp_ns)) = last
             && (session, sequence.wrapping_add(1)) == (raw.session, raw.sequence)
@@ -495,10 +576,18 @@ impl<'a> Collector<'a> {
             open.steps[1] += raw.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
         }
         let spoiled = |flags: Flags| compensation.flags.0 & flags.0 & !HARMLESS.0 != 0;
+        let of_static = self.static_table.as_ref().map_or(compensation, |table| compensate(table, raw));
         let Compensation { velocity_increment, angle_increment, .. } = compensation;
-        open.accelerometers.add(&raw.accelerometers, seconds, velocity_increment, spoiled(Flags(!OF_GYROSCOPES.0)));
+        let (velocity, angle) = (of_static.velocity_increment, of_static.angle_increment);
+        let of_accelerometers = spoiled(Flags(!OF_GYROSCOPES.0));
+        open.accelerometers.add(&raw.accelerometers, seconds, velocity_increment, velocity, of_accelerometers);
         let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN);
-        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, of_gyroscopes);
+        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes);
+        if open.part_seconds + 0.5 * seconds >= self.window_s / PARTS {
+            let seconds = core::mem::take(&mut open.part_seconds);
+            open.accelerometers.end_part(seconds);
+            open.gyroscopes.end_part(seconds);
+        }
         for axis in 0..AXES {
             self.telemetry[axis][0].add(raw.accelerometers.head_temperature[axis]);
             self.telemetry[axis][1].add(raw.accelerometers.board_temperature[axis]);
@@ -507,6 +596,23 @@ impl<'a> Collector<'a> {
         if open.seconds + 0.5 * seconds >= self.window_s {
             self.windows.push(core::mem::take(open));
         }
+    }
+
+    /// Whether the lagged telemetry of a sample has not forgotten yet that it began soaked: equal to the telemetry, as it does where the recording of an
+    /// acquisition begins, and where it is computed from a recording that has none.
+    fn is_unsettled(&mut self, raw: &RawSample) -> bool {
+        let lag_ns = self.table.lag_ns();
+        if lag_ns == 0 {
+            return false;
+        }
+        if self.settled.is_none_or(|(session, _)| session != raw.session) {
+            let triads = [&raw.accelerometers, &raw.gyroscopes];
+            let pairs = triads.into_iter().flat_map(|it| it.head_temperature.into_iter().zip(it.head_lagged));
+            let soaked = raw.lag_ns != 0 && pairs.into_iter().all(|(head, lagged)| head == lagged || head.is_nan());
+            let soak_ns = if soaked { loops::SOAK.saturating_mul(lag_ns) } else { 0 };
+            self.settled = Some((raw.session, raw.timestamp_ns.saturating_add(soak_ns)));
+        }
+        self.settled.is_some_and(|(_, settled_ns)| raw.timestamp_ns < settled_ns)
     }
 
     /// Length of the output over gravity, of all samples, also of those in no complete window.
@@ -549,36 +655,48 @@ impl<'a> Collector<'a> {
         };
         let mut windows: Vec<_> = self.windows.iter().map(window).collect();
         let output = [0, 1, 2].map(|axis| median(&windows, axis));
-        let known = setup.gravity.value().map(|gravity| gravity / self.table.content().gravity);
-        let gravity = known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
-        let specific_force = match setup.attitude {
-            Some(direction) => direction.map(|f| f * gravity),
-            None => output,
-        };
         if let Some(axis) =
             (0..AXES).find(|&axis| output[axis].is_nan() || windows.iter().all(|w| w.after[axis].is_nan()))
         {
             return Err(StabilityError::NotANumber { axis: AXIS_NAMES[axis], index: axis + 1 });
         }
-        mark(&mut windows, specific_force);
+        let known = setup.gravity.value().map(|gravity| gravity / self.table.content().gravity);
+        let gravity = |output: [f64; AXES]| known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
+        let force =
+            |output: [f64; AXES]| setup.attitude.map_or(output, |direction| direction.map(|f| f * gravity(output)));
+        let spreads: Vec<_> = self.windows.iter().map(|sums| sums.accelerometers.spread(content.gravity)).collect();
+        let windows_left_out = mark(&mut windows, &spreads, &ACCELEROMETERS, |middle| {
+            let stated = setup.attitude.map(|_| force(output));
+            stated.is_none_or(|force| (0..AXES).all(|axis| (middle[axis] - force[axis]).abs() < OTHER_ATTITUDE))
+        });
         let counted: Vec<_> = windows.iter().filter(|window| window.counts).collect();
         if counted.len() < MIN_WINDOWS {
             let (counted, windows) = (counted.len(), windows.len());
             return Err(StabilityError::OffAttitude {
                 counted,
                 windows,
-                force: Force(specific_force),
+                force: Force(force(output)),
                 output: Force(output),
                 stated: setup.attitude.is_some(),
             });
         }
+        // The windows that do not count are those of another output.
+        let output = [0, 1, 2].map(|axis| crate::diagnostics::median(counted.iter().map(|window| window.after[axis])));
+        let (specific_force, gravity) = (force(output), gravity(output));
         let axes = figures(&counted, specific_force);
         let resolution = self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite())));
         let verdict = Verdict::of(&windows, specific_force, setup.attitude.is_some(), known);
         let covered = Coverage::of(&windows, SensorKind::Accelerometer, &content.axes, &content.temperature_unit);
         let covered = covered.driven_by(specific_force);
         let gyroscopes = self.gyroscopes(setup, &windows);
+        let unsettled: Vec<_> = self.windows.iter().map(|sums| sums.unsettled).collect();
+        let static_output = self.static_output(|sums| &sums.accelerometers, content.gravity);
+        let loops = Loops::of(&windows, static_output.as_deref(), &unsettled, specific_force, &content.axes);
+        let soak_s = loops::SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
         Ok(Stability {
+            windows_left_out,
+            loops,
+            unsettled_s: unsettled.contains(&true).then_some(soak_s),
             covered,
             interval_ratio: Some(ratio).filter(|ratio| ratio.is_finite()),
             windows,
@@ -594,6 +712,13 @@ impl<'a> Collector<'a> {
             gyroscopes,
             other_device: self.other_device,
         })
+    }
+
+    /// The outputs of the static model in all windows, if the table has a lag; `unit` is the size of the base unit in that of the increments per second.
+    fn static_output(&self, triad: fn(&WindowSums) -> &TriadSums, unit: f64) -> Option<Vec<[f64; AXES]>> {
+        self.static_table.as_ref()?;
+        let output = |sums: &WindowSums| triad(sums).static_increment.map(|sum| sum / sums.seconds / unit);
+        Some(self.windows.iter().map(output).collect())
     }
 
     /// The gyroscopes, or why they are not judged; `None` if there are none. `windows` are those of the accelerometers.
@@ -623,6 +748,9 @@ impl<'a> Collector<'a> {
             unit: &content.temperature_unit,
             aligned: alignment.is_some(),
             middle,
+            spreads: self.windows.iter().map(|sums| sums.gyroscopes.spread(ARCSEC)).collect(),
+            static_output: self.static_output(|sums| &sums.gyroscopes, ARCSEC),
+            unsettled: self.windows.iter().map(|sums| sums.unsettled).collect(),
         };
         Some(GyroscopeStability::of(windows.collect(), &conditions))
     }
@@ -670,25 +798,9 @@ impl WindowSums {
             head: mean(triad.head),
             board: mean(triad.board),
             flagged: triad.flagged,
-            counts: false,
-            still: false,
+            counts: true,
+            still: true,
         }
-    }
-}
-
-/// Sets `counts` and `still` of every window.
-fn mark(windows: &mut [Window], force: [f64; AXES]) {
-    let distance = |a: &[f64; AXES], b: &[f64; AXES]| {
-        // `f64::max` ignores NaN. The distance must be NaN if one axis is: NaN is below no tolerance.
-        let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
-        differences.fold(0.0, |most: f64, d| if most.is_nan() || d.is_nan() { f64::NAN } else { most.max(d) })
-    };
-    let after: Vec<_> = windows.iter().map(|window| window.after).collect();
-    for (index, window) in windows.iter_mut().enumerate() {
-        window.counts = distance(&window.after, &force) < ATTITUDE_TOLERANCE;
-        let neighbours = [index.checked_sub(1), Some(index + 1)];
-        let mut near = neighbours.iter().flatten().filter_map(|&other| after.get(other));
-        window.still = near.all(|other| distance(&window.after, other) < STILL_TOLERANCE);
     }
 }
 

@@ -8,6 +8,7 @@ use crate::gyroscopes::GyroscopeCalibration;
 use crate::order::OrderTable;
 use crate::positions::PARAMETERS;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
+use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
 /// What the figures of a triad are shown in.
@@ -62,6 +63,14 @@ const GYROSCOPES: TriadUnits = TriadUnits {
 };
 
 impl TriadUnits {
+    /// Those of a kind of sensors.
+    pub(crate) const fn of(kind: SensorKind) -> &'static Self {
+        match kind {
+            SensorKind::Accelerometer => &ACCELEROMETERS,
+            SensorKind::Gyroscope => &GYROSCOPES,
+        }
+    }
+
     /// Unit of a quantity in the table: of the bias, then of K+ and K-.
     pub(crate) const fn in_table(&self, quantity: usize) -> &'static str {
         if quantity == 0 { self.bias } else { self.scale_factor }

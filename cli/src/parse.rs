@@ -25,6 +25,12 @@ pub fn lag(text: &str) -> Result<u64, String> {
     TimeConstant::from_seconds(seconds).map(TimeConstant::ns).map_err(|error| error.to_string())
 }
 
+/// A time constant \[s\].
+pub fn time_constant(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
+    TimeConstant::from_seconds(seconds).map(|_| seconds).map_err(|error| error.to_string())
+}
+
 /// Set points \[degC\]. It is a type of its own, because clap takes a plain `Vec` for an option with many values.
 #[derive(Clone, Debug)]
 pub struct SetPoints(pub Vec<f64>);
@@ -82,6 +88,11 @@ pub fn size(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "give a number from 0 up".to_owned())
 }
 
+/// A number over 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    size(text).ok().filter(|size| *size > 0.0).ok_or_else(|| "give a number over 0".to_owned())
+}
+
 pub fn direction(text: &str) -> Result<[f64; AXES], String> {
     let direction = numbers::<AXES>(text)?;
     let right = direction.iter().any(|part| part.abs() > 1e-6) && direction.iter().all(|part| part.abs() < 1e6);
@@ -91,6 +102,15 @@ pub fn direction(text: &str) -> Result<[f64; AXES], String> {
 pub fn ramp(text: &str) -> Result<f64, String> {
     let [ramp] = list(text, ',').ok_or("give a number of degC/h")?;
     if (0.1..=3600.0).contains(&ramp) { Ok(ramp) } else { Err("give a ramp from 0.1 to 3600 degC/h".to_owned()) }
+}
+
+/// Rates of ramps \[degC/h\]; a type of its own, as [`SetPoints`].
+#[derive(Clone, Debug)]
+pub struct Rates(pub Vec<f64>);
+
+/// One rate or several, with commas between them.
+pub fn rates(text: &str) -> Result<Rates, String> {
+    text.split(',').map(ramp).collect::<Result<_, _>>().map(Rates)
 }
 
 pub fn gravity(text: &str) -> Result<f64, String> {
@@ -144,5 +164,10 @@ mod tests {
         assert_eq!((lag("240"), lag("none"), lag("0.1")), (Ok(240_000_000_000), Ok(0), Ok(100_000_000)));
         assert!(["0", "0.09", "86401", "-1", "nan", "None", ""].into_iter().all(|text| lag(text).is_err()));
         assert!(ramp("0").is_err() && ramp("20").is_ok());
+        assert_eq!(rates("20, 70").map(|rates| rates.0), Ok(vec![20.0, 70.0]));
+        assert!(["", "20,", "20,0", "20;70"].into_iter().all(|text| rates(text).is_err()));
+        assert_eq!((time_constant("240"), positive("0.1")), (Ok(240.0), Ok(0.1)));
+        assert!(["none", "0", "1e5", "nan"].into_iter().all(|text| time_constant(text).is_err()));
+        assert!(["0", "-1", "inf", "1,2"].into_iter().all(|text| positive(text).is_err()));
     }
 }

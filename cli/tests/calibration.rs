@@ -58,6 +58,8 @@ fn the_closed_loop() {
     println!("factors {factors:?}");
     assert!(factors.iter().all(|factor| *factor > 10.0), "{out}");
     assert!(out.contains("length: |output| minus local gravity, 1620 still windows"), "{out}");
+    assert!(out.starts_with("all 1620 windows are judged\nLocal gravity "), "{out}");
+    assert!(out.contains("\n  hysteresis band not judged: only one direction\n"), "{out}");
     assert!(
         out.contains("  covered: ") && out.contains("channels K+ of A1, K- of A2, K+ of A3; not judged beyond"),
         "{out}"
@@ -105,6 +107,11 @@ fn the_closed_loop() {
     let (out, err) = run(folder.path(), 0, &part[..6]);
     assert!(err.contains("part.csv: 1580 of 1620 windows are not at the attitude"), "{err}");
     assert!(out.lines().last().unwrap().starts_with("Nothing can be claimed: 1580 of 1620"), "{out}");
+    assert!(
+        out.starts_with("1580 of 1620 windows left out: in 1580 an output is not a number\n")
+            && out.ends_with("; under half of the run is not enough to judge by.\n"),
+        "{out}"
+    );
     let (out, err) = run(folder.path(), 1, &part);
     assert!(err.contains("is not met:\n  Nothing can be claimed: 1580 of 1620 windows"), "{err}");
     assert!(out.contains(" ug0, at most 20.000 ug0 is required: not judged"), "{out}");
@@ -278,6 +285,12 @@ fn has_unit(key: &str) -> bool {
         "windows_at_attitude",
         "samples_left_out",
         "groups",
+        "count",
+        "not_a_number",
+        "not_still",
+        "elsewhere",
+        "by_accelerometers",
+        "shared_bins",
     ];
     units.iter().any(|unit| key.ends_with(unit))
         || none.contains(&key)
@@ -433,6 +446,121 @@ fn regress_writes_what_scripts_rely_on() {
     fs::write(folder.path().join("bad.csv"), "x,y\n0,1\n1,one\n").unwrap();
     let (_, err) = run(folder.path(), 65, &["regress", "bad.csv", "--x", "x", "--y", "y"]);
     assert!(err.contains("bad.csv:3: y is \"one\", give a finite number, 0 or of size"), "{err}");
+}
+
+/// Telemetry, the same behind a lag, a column whose name has a minus sign, and a quantity that depends on all, with these separators.
+fn ramp(separator: &str, decimal: &str, rows: i32) -> String {
+    let header = ["u", "u_lagged", "board-2", "y"].join(separator);
+    let row = |i: i32| {
+        let time = f64::from(i) / 20.0;
+        let (u, lagged) = (2.5 - 1.4 * time.cos(), 2.5 - 1.4 * (time - 0.2).cos());
+        let y = 800.0 - 30.0 * u + 35.0 * (lagged - u) + 0.5 * (1e4 * (time + 0.3)).sin();
+        let numbers = [u, lagged, f64::from(i % 7) - 3.5, y].map(|value| format!("{value:.5}").replace('.', decimal));
+        numbers.join(separator) + "\n"
+    };
+    format!("{header}\n{}", (0..rows).map(row).collect::<String>())
+}
+
+#[test]
+fn regress_takes_further_columns_and_differences_linearly() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("ramp.csv"), ramp(",", ".", 260)).unwrap();
+    let regress = ["regress", "ramp.csv", "--x", "u", "--x", "u_lagged-u", "--x", "board-2", "--y", "y"];
+    let (out, _) = run(folder.path(), 0, &regress);
+    assert!(out.starts_with("y as a polynomial of u, and linear in u_lagged-u, board-2: 260 points\n"), "{out}");
+    assert!(out.contains("variance inflation") && out.contains("\nChosen: order 1; "), "{out}");
+    let document: Value =
+        serde_json::from_str(&run(folder.path(), 0, &[&regress[..], &["--json"]].concat()).0).unwrap();
+    assert_eq!((&document["x"], &document["linear"]), (&"u".into(), &serde_json::json!(["u_lagged-u", "board-2"])));
+    let fit = &document["orders"][1];
+    assert_eq!((&fit["order"], &document["selected"]), (&1.into(), &1.into()));
+    let transient = &fit["linear"][0];
+    assert!((transient["coefficient"].as_f64().unwrap() - 35.0).abs() < 0.5, "{transient}");
+    for key in ["standard_error", "sum_of_squares", "f", "p", "variance_inflation"] {
+        assert!(transient[key].is_number(), "{key}");
+    }
+    assert!(fit["linear"][1]["p"].as_f64().unwrap() > 1e-4, "{fit}");
+    // The difference of quantities too.
+    run(folder.path(), 0, &["regress", "ramp.csv", "--x", "u", "--y", "y - u"]);
+    for (wrong, cause) in [
+        (
+            &["--x", "u", "--x", "u_lagged", "--x", "u_lagged-u"][..],
+            "columns u_lagged, u_lagged-u and u are linearly dependent",
+        ),
+        (&["--x", "u", "--x", "u"], "columns u and u are linearly dependent"),
+        (&["--x", "u", "--x", "u-u"], "the column u-u has the same value in every row"),
+        (&["--x", "u", "--x", "lag-u"], "missing columns: lag-u; found: u, u_lagged, board-2, y"),
+    ] {
+        let (_, err) = run(folder.path(), 65, &[&["regress", "ramp.csv", "--y", "y"], wrong].concat());
+        assert!(err.contains("ramp.csv:") && err.contains(cause), "{err}");
+    }
+    // A name that is a column is no difference, and one that may be two differences is refused.
+    fs::write(folder.path().join("names.csv"), "a,b,c,a-b,b-c\n1,2,9,1,4\n2,2,8,7,5\n3,7,1,2,6\n4,1,2,5,2\n").unwrap();
+    let coefficient = |x: &str| {
+        let arguments = ["regress", "names.csv", "--x", x, "--y", "c", "--max-order", "1", "--json"];
+        let document: Value = serde_json::from_str(&run(folder.path(), 0, &arguments).0).unwrap();
+        document["orders"][0]["coefficients"][1].as_f64().unwrap()
+    };
+    // By hand: the slopes of 9, 8, 1, 2 on 1, 7, 2, 5, and on 1-9, 2-8, 3-1, 4-2.
+    assert!((coefficient("a-b") - 2.0 / 22.75).abs() < 1e-12 && (coefficient("a-c") + 64.0 / 83.0).abs() < 1e-12);
+    let (_, err) = run(folder.path(), 65, &["regress", "names.csv", "--x", "a-b-c", "--y", "c"]);
+    assert!(err.contains("names.csv:1: a-b-c may be \"a\" less \"b-c\", or \"a-b\" less \"c\"; give"), "{err}");
+}
+
+#[test]
+fn regress_detects_separators_and_decimal_commas_or_says_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let regress = |data: &str| {
+        fs::write(folder.path().join("data.txt"), data).unwrap();
+        ["regress", "data.txt", "--x", "u", "--x", "u_lagged-u", "--y", "y", "--json"]
+    };
+    let read = |data: &str| {
+        let (out, err) = run(folder.path(), 0, &regress(data));
+        let mut document: Value = serde_json::from_str(&out).unwrap();
+        let notes = document.as_object_mut().unwrap().remove("notes");
+        (document, notes.map(|notes| notes[0].as_str().unwrap().to_owned()), err)
+    };
+    let (plain, no_note, _) = read(&ramp(",", ".", 60));
+    assert_eq!(no_note, None);
+    for (separator, decimal, note) in [
+        (";", ".", "columns separated by semicolons, numbers with decimal points"),
+        (";", ",", "columns separated by semicolons, numbers with decimal commas"),
+        ("\t", ",", "columns separated by tabs, numbers with decimal commas"),
+        ("   ", ".", "columns separated by spaces, numbers with decimal points"),
+        (" ", ",", "columns separated by spaces, numbers with decimal commas"),
+    ] {
+        let (document, told, err) = read(&ramp(separator, decimal, 60));
+        assert_eq!(document, plain, "{note}");
+        assert_eq!(told.as_deref(), Some(format!("data.txt: {note}").as_str()));
+        assert!(err.contains(note), "{err}");
+    }
+    let quoted =
+        ramp(";", ",", 60).lines().map(|line| format!("\"{}\"\n", line.replace(';', "\",\""))).collect::<String>();
+    assert_eq!(read(&quoted).0, plain);
+    let three_digits =
+        |separator: &str| "u u_lagged y\n1 2 3\n1,234 1,250 7,001\n2,345 2,300 8,001\n".replace(' ', separator);
+    for (data, cause) in [
+        (
+            ramp(",", ",", 60),
+            "data.txt:2: 8 fields, but the header has 4; if the comma is also the decimal mark, separate",
+        ),
+        (
+            three_digits("\t"),
+            "data.txt:3: 1,234 is 1.234 or 1234: every comma in these numbers stands before three digits",
+        ),
+        (
+            "u;u_lagged;y\n1;2;3\n1,5;2;3\n2.5;2;3\n".to_owned(),
+            "data.txt:4: u is \"2.5\", give a number with a decimal comma as in line 3",
+        ),
+        (
+            "u;u_lagged;y\n1.234,5;2;3\n".to_owned(),
+            "data.txt:2: u is \"1.234,5\", give a number without thousands separators",
+        ),
+        ("u;u_lagged;z\n1;2;3\n".to_owned(), "data.txt:1: missing columns: y; found: u, u_lagged, z"),
+    ] {
+        let (_, err) = run(folder.path(), 65, &regress(&data));
+        assert!(err.contains(cause), "{err}");
+    }
 }
 
 #[test]

@@ -1,12 +1,21 @@
-//! Rows of a comma-separated text, with line numbers for messages.
+//! Rows of a comma-separated text, with line numbers for messages. Other separators are detected on request.
+//!
+//! Over 400 lines: rows, their fields and the fast parsers of numbers, with their tests.
 
 use crate::columns::{BINARY_FORMATS, hex};
 use crate::error::RecordingError;
 use core::str::FromStr;
+use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Read};
+
+mod numbers;
+
+pub use numbers::{DecimalMark, Separator};
 
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 16;
+/// The first bytes of a text in UTF-16.
+const UTF_16: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
 /// Longest line \[bytes\].
 const MAX_LINE: u64 = 1 << 16;
 
@@ -17,6 +26,7 @@ pub struct CsvColumn(String, usize);
 /// The rows of a CSV text, one per line, with their line numbers. Blank lines are skipped.
 pub struct Rows<R> {
     source: BufReader<R>,
+    separator: Separator,
     parser: csv_core::Reader,
     text: Vec<u8>,
     line: u64,
@@ -34,6 +44,7 @@ impl<R: Read> Rows<R> {
     pub fn new(source: R) -> Self {
         Self {
             source: BufReader::with_capacity(BUFFER, source),
+            separator: Separator::Comma,
             parser: csv_core::Reader::new(),
             text: Vec::new(),
             line: 0,
@@ -49,6 +60,7 @@ impl<R: Read> Rows<R> {
     /// # Errors
     /// If the source cannot be read, a quotation mark is not closed or a lone carriage return is inside a row.
     pub fn next_row(&mut self) -> Result<bool, RecordingError> {
+        // There is no current row after the last one.
         self.fields.clear();
         loop {
             self.text.clear();
@@ -60,6 +72,9 @@ impl<R: Read> Rows<R> {
                 && let Some((_, format)) = BINARY_FORMATS.iter().find(|(magic, _)| self.text.starts_with(magic))
             {
                 return Err(self.error(format!("a recording in {format}, not comma-separated text")));
+            }
+            if self.line == 1 && UTF_16.iter().any(|mark| self.text.starts_with(mark)) {
+                return Err(self.error("a text in UTF-16; save it as UTF-8".to_owned()));
             }
             if self.text.len() as u64 == MAX_LINE {
                 return Err(
@@ -73,6 +88,12 @@ impl<R: Read> Rows<R> {
                 break;
             }
         }
+        self.split().map(|()| true)
+    }
+
+    /// Finds the fields of the current line.
+    fn split(&mut self) -> Result<(), RecordingError> {
+        self.fields.clear();
         let content = self.text.strip_suffix(b"\n").unwrap_or(&self.text);
         let content = content.strip_suffix(b"\r").unwrap_or(content);
         if memchr::memchr(b'\r', content).is_some() {
@@ -85,15 +106,27 @@ impl<R: Read> Rows<R> {
             return self.parse_quoted();
         }
         let mut begin = 0;
-        for comma in memchr::memchr_iter(b',', content) {
-            self.fields.push((begin, comma));
-            begin = comma + 1;
+        let mut field = |end: usize| {
+            self.fields.push((begin, end));
+            begin = end + 1;
+        };
+        match self.separator {
+            Separator::Spaces => memchr::memchr2_iter(b' ', b'\t', content).for_each(&mut field),
+            separator => memchr::memchr_iter(separator.byte(), content).for_each(&mut field),
         }
-        self.fields.push((begin, content.len()));
-        Ok(true)
+        field(content.len());
+        self.drop_blanks();
+        Ok(())
     }
 
-    fn parse_quoted(&mut self) -> Result<bool, RecordingError> {
+    /// Several spaces are one separator, so there are no empty fields between them.
+    fn drop_blanks(&mut self) {
+        if self.separator == Separator::Spaces {
+            self.fields.retain(|(begin, end)| begin < end);
+        }
+    }
+
+    fn parse_quoted(&mut self) -> Result<(), RecordingError> {
         // No line needs more room than this, so one call parses it.
         self.unquoted.resize(self.text.len() + 1, 0);
         self.ends.resize(self.text.len() + 1, 0);
@@ -107,10 +140,38 @@ impl<R: Read> Rows<R> {
             self.fields.push((begin, end));
             begin = end;
         }
+        self.drop_blanks();
         match result {
-            csv_core::ReadRecordResult::Record => Ok(true),
+            csv_core::ReadRecordResult::Record => Ok(()),
             _ => Err(self.error("a quotation mark is not closed; a field may not span lines".to_owned())),
         }
+    }
+
+    /// Chooses the separator by the header, which must be the current row: the first with which `has_columns` is true of the names,
+    /// or else the one that gives the most columns. Without this, commas separate.
+    ///
+    /// # Errors
+    /// If a quotation mark is not closed.
+    pub fn detect_separator(&mut self, has_columns: impl Fn(&[String]) -> bool) -> Result<Separator, RecordingError> {
+        let mut most = (0, Separator::Comma);
+        for separator in Separator::ALL {
+            self.separate_by(separator)?;
+            let names: Vec<_> = self.names().collect();
+            if has_columns(&names) {
+                return Ok(separator);
+            }
+            if names.len() > most.0 {
+                most = (names.len(), separator);
+            }
+        }
+        self.separate_by(most.1)?;
+        Ok(most.1)
+    }
+
+    fn separate_by(&mut self, separator: Separator) -> Result<(), RecordingError> {
+        self.separator = separator;
+        self.parser = csv_core::ReaderBuilder::new().delimiter(separator.byte()).build();
+        self.split()
     }
 
     /// Number of fields of the current row.
@@ -201,7 +262,7 @@ impl<R: Read> Rows<R> {
         expected: &str,
         parse: impl Fn(&str) -> Option<T>,
     ) -> Result<T, RecordingError> {
-        self.parse_or(column, |text| parse(text).ok_or(expected))
+        self.parse_or(column, |text| parse(text).ok_or(Cow::Borrowed(expected)))
     }
 
     /// Parses the field of `column`. An error of `parse` describes a valid value.
@@ -211,10 +272,10 @@ impl<R: Read> Rows<R> {
     pub fn parse_or<'r, T>(
         &self,
         CsvColumn(name, index): &CsvColumn,
-        parse: impl Fn(&str) -> Result<T, &'r str>,
+        parse: impl FnOnce(&str) -> Result<T, Cow<'r, str>>,
     ) -> Result<T, RecordingError> {
         let field = self.field(*index);
-        core::str::from_utf8(field).map_err(|_| "text in UTF-8").and_then(parse).map_err(|expected| {
+        core::str::from_utf8(field).map_err(|_| Cow::Borrowed("text in UTF-8")).and_then(parse).map_err(|expected| {
             let shown: String = String::from_utf8_lossy(field).chars().take(40).collect();
             self.error(format!("{name} is {shown:?}, give {expected}"))
         })
@@ -361,6 +422,35 @@ mod tests {
             assert!(rows.integer::<u32>(&column(wrong)).is_err(), "{wrong}");
         }
         assert!(rows.integer::<u64>(&column(3)).is_err());
+    }
+
+    #[test]
+    fn the_separator_is_the_one_with_which_the_columns_are_found() {
+        for (header, separator, names) in [
+            ("u,a b;c,y\n", Separator::Comma, vec!["u", "a b;c", "y"]),
+            ("u;a,b;y\n", Separator::Semicolon, vec!["u", "a,b", "y"]),
+            ("u\ta b\ty\r\n", Separator::Tab, vec!["u", "a b", "y"]),
+            ("  u \t a   y \n", Separator::Spaces, vec!["u", "a", "y"]),
+            ("\"u\" \"a\"  \"y\"", Separator::Spaces, vec!["u", "a", "y"]),
+            ("\"u\";\"a;b\";\"y\"\n", Separator::Semicolon, vec!["u", "a;b", "y"]),
+            // Without y, as many columns as possible.
+            ("u;v;w x\n", Separator::Semicolon, vec!["u", "v", "w x"]),
+            ("z\n", Separator::Comma, vec!["z"]),
+        ] {
+            let mut rows = row(header);
+            let has = |names: &[String]| ["u", "y"].iter().all(|name| names.iter().any(|other| other == name));
+            assert_eq!(rows.detect_separator(has).unwrap(), separator, "{header:?}");
+            assert_eq!(rows.names().collect::<Vec<_>>(), names);
+        }
+        let mut rows = Rows::new(&b"u\ty\n\t2\n 1 \t\n"[..]);
+        assert!(rows.next_row().unwrap());
+        rows.detect_separator(|names| names == ["u", "y"]).unwrap();
+        for fields in [["", "2"], ["1", ""]] {
+            assert!(rows.next_row().unwrap());
+            assert_eq!(rows.names().collect::<Vec<_>>(), fields, "an empty field between tabs is a field");
+        }
+        let wide = Rows::new(&b"\xff\xfeu\0\n\0"[..]).next_row().unwrap_err().to_string();
+        assert_eq!(wide, "line 1: a text in UTF-16; save it as UTF-8");
     }
 
     #[test]

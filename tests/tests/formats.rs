@@ -244,6 +244,7 @@ fn regress_reads_every_format_and_pieces_in_any_order() {
     let variants = variants(&domain, &fs::read_to_string(format!("{EXAMPLES}/cubic.csv")).unwrap());
     // Rows without a time are read in the order of the arguments. The fit does not depend on it.
     assert_alike(&domain, &variants, &["regress", "--x", "x", "--y", "y"]);
+    assert_alike(&domain, &variants, &["regress", "--x", "x", "--y", "y-x"]);
 }
 
 #[test]

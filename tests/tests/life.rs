@@ -73,7 +73,7 @@ fn on_sigterm_and_sigint_the_service_drains_and_exits_with_0() {
 fn a_service_killed_during_a_feed_loses_nothing() {
     let domain = TestDomain::new();
     let mut service = domain.serve_recording();
-    let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "2000", "--window", "32", RUN, "-o", "fed.csv"]);
+    let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "500", "--window", "32", RUN, "-o", "fed.csv"]);
     for received in [500, 300, 300] {
         wait_until("some samples", || domain.imu_status()["received"].as_u64().unwrap() > received);
         service.kill();

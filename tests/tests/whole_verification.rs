@@ -128,6 +128,10 @@ fn earths_rate_is_taken_off_with_the_angles_and_not_judged_without() {
     let document: Value = serde_json::from_str(&out).unwrap();
     let part = &document["gyroscopes"];
     let right = in_imu(ANGLES, EARTH);
+    assert_eq!(document["windows_left_out"]["count"], 0);
+    assert_eq!(part["axes"][0]["hysteresis"]["not_judged"], "only one direction");
+    // The lag is computed, from a filter that begins soaked.
+    assert_eq!(document["hysteresis_left_out_s"], 720.0);
     for axis in 0..3 {
         let constant = &part["axes"][axis]["constant_deg_h"];
         assert!(constant["value"].as_f64().unwrap().abs() < 0.002, "{part}");

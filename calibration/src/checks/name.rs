@@ -87,8 +87,13 @@ pub const NO_TURNS: &str = "no-turns";
 /// Rows are of another unit than the campaign file says, or of two units.
 pub const OTHER_DEVICE: &str = "other-device";
 
+/// A warning about lag and transients.
+pub const TRANSIENT: &str = "transient";
+/// Only one of ramps and table has gyroscopes.
+pub const RAMP_GYROSCOPES: &str = "ramp-gyroscopes";
+
 /// Every name, and whether a fault of this name can be accepted: those that cannot leave nothing to fit.
-pub const ALL: [(&str, bool); 42] = [
+pub const ALL: [(&str, bool); 44] = [
     (MISSING_POSITION, false),
     (SET_POINTS, false),
     (NO_PULSES, false),
@@ -131,6 +136,8 @@ pub const ALL: [(&str, bool); 42] = [
     (EARTH_RATE, true),
     (NO_TURNS, true),
     (OTHER_DEVICE, true),
+    (TRANSIENT, true),
+    (RAMP_GYROSCOPES, true),
 ];
 
 /// The name of a finding that the user accepts.

@@ -3,6 +3,7 @@
 use super::turn::Turn;
 use crate::campaign::{Campaign, Dwell, read as read_dwells};
 use crate::checks::{Finding, RunNumber, Severity, name};
+use crate::transients::RampRecording;
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, Triad, device};
@@ -22,6 +23,8 @@ pub struct Measurements {
     pub gyroscopes: GyroscopeRuns,
     /// The first row that another unit took.
     pub other_device: Option<OtherDevice>,
+    /// The ramps, in the order of the campaign file. They have their own recordings, which [`RampRecording::read`] reduces.
+    pub ramps: Vec<RampRecording>,
 }
 
 /// A row of another unit than that of the campaign file's serial number or, without one, than that of the rows before.
@@ -192,7 +195,7 @@ pub fn read(
         Ok(row)
     });
     let dwells = read_dwells(campaign, rows)?;
-    Ok(Measurements { dwells, gyroscopes: runs, other_device })
+    Ok(Measurements { dwells, gyroscopes: runs, other_device, ramps: Vec::new() })
 }
 
 /// Adds a row. `previous` has set point and number of the row before.

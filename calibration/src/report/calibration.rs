@@ -53,6 +53,9 @@ pub fn html(campaign: &Campaign, calibration: &Calibration, source: &CampaignSou
         }
         report.set_points(&mut page, triad);
     }
+    if let Some(found) = &calibration.transients {
+        super::transients::sections(&mut page, found, &campaign.temperature_unit);
+    }
     report.dwells(&mut page);
     report.turns(&mut page);
     report.positions(&mut page);
@@ -329,16 +332,9 @@ impl Report<'_> {
     }
 
     fn provenance(&self, page: &mut Page) {
-        page.heading(2, "provenance", "Provenance");
-        page.key_values(&[
-            ("Tool", self.source.tool.as_str()),
-            ("Time", &self.source.time),
-            ("Campaign file", &self.source.campaign),
-            ("its SHA-256", &self.source.campaign_sha256),
-            ("Samples", &self.campaign.samples.join(", ")),
-            ("their SHA-256", &self.source.samples_sha256),
-            ("Table", &self.calibration.table.digest().to_string()),
-        ]);
+        let samples = self.campaign.samples.join(", ");
+        let samples = [("Samples", samples.as_str()), ("their SHA-256", &self.source.samples_sha256)];
+        super::provenance(page, self.campaign, self.source, &samples, &self.calibration.table);
     }
 }
 

@@ -8,10 +8,13 @@ use crate::checks::{Finding, RunNumber, Severity};
 use crate::curve::CONFIDENCE;
 use crate::gyroscopes::observability::TriadObservability;
 use crate::gyroscopes::{GyroscopeCalibration, is_alignment_needed};
+use crate::hysteresis::band;
 use crate::order::QUANTITIES;
+use crate::ramps::RampCalibration;
 use crate::requirement::Requirement;
-use crate::stability::{Coverage, GyroscopeStability, Stability};
-use crate::triad::CalibratedTriad;
+use crate::stability::{Coverage, GyroscopeStability, LeftOut, Loops, Stability};
+use crate::transients::{BiasTransient, Condition, Transients};
+use crate::triad::{CalibratedTriad, TriadUnits};
 use crate::verdict::Errors;
 use isotherm_failure::Failure;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
@@ -56,7 +59,82 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
     if let Some(found) = &calibration.gyroscopes {
         document["gyroscopes"] = gyroscopes(calibration, found);
     }
+    if let Some(found) = &calibration.transients {
+        document["transients"] = transients(found);
+    }
     document
+}
+
+/// A calibration from ramps alone: digest, what the table does not know, transients and findings. `locate` gives file and line of a row.
+#[must_use]
+pub fn ramps(calibration: &RampCalibration, locate: impl Fn(u64) -> String) -> Value {
+    let content = calibration.table.content();
+    json!({
+        "imu": content.imu.to_string(),
+        "digest": calibration.table.digest().to_string(),
+        "curves_digest": calibration.curves.digest().to_string(),
+        "method": "ramps",
+        "ramps": calibration.recordings,
+        "accuracy": calibration.accuracy(),
+        "not_known": calibration.not_known(),
+        "unit": content.temperature_unit,
+        "transients": transients(&calibration.transients),
+        "accepted": calibration.accepted,
+        "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
+    })
+}
+
+/// What the ramps show. The figures of a bias are in its `unit`: `transient`, `estimate` and `standard_error` per unit of telemetry, `t_tau` times
+/// seconds.
+fn transients(found: &Transients) -> Value {
+    let tau = &found.time_constant;
+    let condition = |condition: &Condition| {
+        json!({
+            "name": condition.name,
+            "figure": condition.figure,
+            "limit": condition.limit,
+            "must_be": if condition.above { "above" } else { "below" },
+            "met": condition.met,
+            "decides": condition.decides,
+        })
+    };
+    let conditions = |all: &[Condition]| all.iter().map(condition).collect::<Vec<_>>();
+    let bias = |bias: &BiasTransient| {
+        let units = TriadUnits::of(bias.kind);
+        let shown = |value: f64| value * units.bias_factor;
+        json!({
+            "name": bias.name(),
+            "unit": units.bias,
+            "transient": shown(bias.transient),
+            "estimate": shown(bias.estimate),
+            "standard_error": shown(bias.standard_error),
+            "t_tau": shown(bias.estimate * tau.value_s),
+            "prediction": bias.prediction.map(|it| json!({
+                "static": shown(it.static_curve),
+                "hysteresis": shown(it.hysteresis),
+                "lag_and_hysteresis": shown(it.lag_and_hysteresis),
+                "written": shown(it.written),
+            })),
+            "band": { "before": band(&bias.before).map(shown), "after": band(&bias.after).map(shown) },
+            "carried_g0": bias.carried_g0,
+            "conditions": conditions(&bias.conditions),
+        })
+    };
+    json!({
+        "verdict": found.verdict.name(),
+        "words": found.words,
+        "time_constant": {
+            "value_s": tau.value_s,
+            "interval_s": tau.interval_s,
+            "given": tau.given,
+            "kept": tau.kept,
+            "at_end": tau.at_end,
+            "search": tau.search.iter().map(|(s, objective)| json!({ "s": s, "objective": objective })).collect::<Vec<_>>(),
+        },
+        "conditions": conditions(&found.conditions),
+        "biases": found.biases.iter().map(bias).collect::<Vec<_>>(),
+        "warnings": found.warnings,
+    })
 }
 
 /// The curves of a triad, in the units of the fit.
@@ -189,6 +267,7 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
         value["sd_after_g0"] = json!(figures.sd_after);
         value["rms_after_g0"] = json!(figures.rms_after);
         value["factor"] = json!(figures.factor());
+        value["hysteresis"] = hysteresis(&stability.loops, axis, "g0");
         value
     };
     let (name, worst) = verdict.largest();
@@ -199,6 +278,7 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
         "window_s": window_s,
         "windows": stability.windows.len(),
         "windows_at_attitude": stability.windows.iter().filter(|window| window.counts).count(),
+        "windows_left_out": left_out(&stability.windows_left_out),
         "samples_left_out": stability.left_out,
         "attitude_stated": stability.stated,
         "specific_force_g0": stability.specific_force,
@@ -219,6 +299,8 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
         "too_short_for_a_requirement": stability.too_short(),
         "interval_ratio": stability.interval_ratio,
         "interval_warning": stability.interval_warning(),
+        "attitude_warning": stability.attitude_warning(),
+        "hysteresis_left_out_s": stability.unsettled_s,
         "covered": covered(&stability.covered),
     });
     match &stability.gyroscopes {
@@ -236,6 +318,7 @@ fn gyroscope_stability(found: &GyroscopeStability) -> Value {
         let mut value = errors(&found.errors[axis], "deg_h");
         value["axis"] = json!(GYROSCOPE_NAMES[axis]);
         value["random_walk_deg_sqrt_h"] = json!(found.random_walk[axis]);
+        value["hysteresis"] = hysteresis(&found.loops, axis, "deg_h");
         value["sd_before_deg_h"] = json!(figures.sd_before);
         value["rms_before_deg_h"] = json!(figures.rms_before);
         value["sd_after_deg_h"] = json!(figures.sd_after);
@@ -249,6 +332,7 @@ fn gyroscope_stability(found: &GyroscopeStability) -> Value {
         "axes": [axis(0), axis(1), axis(2)],
         "earth_rate_deg_h": found.earth_rate.map(|earth| earth.rate),
         "earth_rate_interval_deg_h": found.earth_rate.and_then(|earth| earth.interval),
+        "windows_left_out": left_out(&found.windows_left_out),
         "windows_at_rest": found.windows.iter().filter(|window| window.counts).count(),
         "groups": found.groups,
         "windows_in_group": found.windows_in_group,
@@ -257,6 +341,31 @@ fn gyroscope_stability(found: &GyroscopeStability) -> Value {
         "not_the_whole_run": found.unjudged(),
         "covered": covered(&found.covered),
     })
+}
+
+/// The windows that are not judged, by cause; in words even if there are none.
+fn left_out(left_out: &LeftOut) -> Value {
+    json!({
+        "count": left_out.count(),
+        "not_a_number": left_out.not_a_number,
+        "not_still": left_out.moved,
+        "elsewhere": left_out.elsewhere,
+        "by_accelerometers": left_out.by_accelerometers,
+        "words": left_out.to_string(),
+    })
+}
+
+/// The hysteresis band of an axis for the static and the full model, or why it is not judged.
+fn hysteresis(loops: &Loops, axis: usize, unit: &str) -> Value {
+    let band = loops.band(axis);
+    let found = band.ok();
+    let keys = [
+        (format!("static_{unit}"), json!(found.map(|band| band.static_model))),
+        (format!("full_{unit}"), json!(found.map(|band| band.full))),
+        ("shared_bins".to_owned(), json!(found.map(|band| band.bins))),
+        ("not_judged".to_owned(), json!(band.err())),
+    ];
+    keys.into_iter().collect()
 }
 
 /// Of each axis the telemetry of run and table, and the part of the table's range that the run covers; the channels that the run drives.

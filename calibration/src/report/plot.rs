@@ -35,6 +35,8 @@ pub struct Plot {
     series: Vec<PlotSeries>,
     markers: Vec<(f64, String)>,
     upper: Option<UpperAxis>,
+    /// Values that the range of y includes beside those of the series.
+    also_y: Vec<f64>,
     zero: bool,
 }
 
@@ -76,7 +78,16 @@ impl Plot {
     #[must_use]
     pub fn new(title: &str, x_label: &str, y_label: &str) -> Self {
         let [title, x_label, y_label] = [title, x_label, y_label].map(String::from);
-        Self { title, x_label, y_label, series: Vec::new(), markers: Vec::new(), upper: None, zero: false }
+        Self {
+            title,
+            x_label,
+            y_label,
+            series: Vec::new(),
+            markers: Vec::new(),
+            upper: None,
+            also_y: Vec::new(),
+            zero: false,
+        }
     }
 
     /// Adds a series of (x, y). The legend appears with the second one.
@@ -110,6 +121,13 @@ impl Plot {
     #[must_use]
     pub fn zero_line(mut self) -> Self {
         self.zero = true;
+        self
+    }
+
+    /// Extends the range of y to include these values: figures with the same ones, whose own values are among them, have one scale.
+    #[must_use]
+    pub fn include_y(mut self, values: impl IntoIterator<Item = f64>) -> Self {
+        self.also_y.extend(values);
         self
     }
 
@@ -149,7 +167,7 @@ impl Plot {
         let xs = points().map(|p| p.0).chain(rows().map(|r| r.0)).chain(self.markers.iter().map(|m| m.0));
         let bars = || self.series.iter().flat_map(PlotSeries::bars);
         let ys = points().map(|p| p.1).chain(rows().flat_map(|r| [r.1, r.2])).chain(self.zero.then_some(0.0));
-        let ys = ys.chain(bars().flat_map(|(_, low, high)| [low, high]));
+        let ys = ys.chain(bars().flat_map(|(_, low, high)| [low, high])).chain(self.also_y.iter().copied());
         let (x_axis, y_axis) = (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8));
 
         let left = 10.0 + y_axis.ticks.iter().map(|(_, label)| text_width(label)).fold(22.0, f64::max);

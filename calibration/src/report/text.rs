@@ -1,13 +1,18 @@
 //! Results as the text that the commands print.
+//!
+//! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
 use crate::curve::CONFIDENCE;
 use crate::gyroscopes::GyroscopeCalibration;
+use crate::hysteresis::{BINS, band};
 use crate::order::QUANTITIES;
+use crate::ramps::RampCalibration;
 use crate::requirement::Judgement;
-use crate::stability::{AxisStability, Force, GyroscopeStability, Stability};
-use crate::triad::CalibratedTriad;
+use crate::stability::{AxisStability, Force, GyroscopeStability, LoopBand, Loops, Stability};
+use crate::transients::Transients;
+use crate::triad::{CalibratedTriad, TriadUnits};
 use crate::verdict::{Errors, Estimate};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -42,6 +47,10 @@ pub fn calibration(calibration: &Calibration) -> String {
     }
     text.extend(gyroscopes.and_then(earth));
     text += &alignment(calibration);
+    if let Some(found) = &calibration.transients {
+        text.push('\n');
+        text += &transients(found, &calibration.table.content().temperature_unit);
+    }
     text.push('\n');
     for triad in &triads {
         let accuracy = Accuracy::of_triad(calibration, triad);
@@ -51,6 +60,72 @@ pub fn calibration(calibration: &Calibration) -> String {
         if let Some(caution) = accuracy.caution() {
             let _ = writeln!(text, "  caution: {caution}");
         }
+    }
+    text
+}
+
+/// A calibration from ramps alone in a few lines: what the table does not know, and the transients.
+#[must_use]
+pub fn ramps(calibration: &RampCalibration) -> String {
+    let (content, count) = (calibration.table.content(), calibration.recordings);
+    let noun = if count == 1 { "recording" } else { "recordings" };
+    let mut text = format!(
+        "{count} {noun} of ramps alone, curves {}, digest {}\n\nnot known:\n",
+        calibration.curves.digest(),
+        calibration.table.digest()
+    );
+    for sentence in calibration.not_known() {
+        text += &format!("  {sentence}\n");
+    }
+    text.push('\n');
+    text += &transients(&calibration.transients, &content.temperature_unit);
+    text + "\n" + &calibration.accuracy() + "\n"
+}
+
+/// The verdict of the ramps with its reasons, then the biases, a line each.
+fn transients(found: &Transients, unit: &str) -> String {
+    let mut text =
+        "transients, rms of the sweeps left out, and hysteresis band without and with the estimate:\n".to_owned();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        text,
+        "  {:4} {:<13} {:>12} {:>24} {:>13}   {:>10} {:>10} {:>10} {:>10}   {:>10} {:>10}",
+        "",
+        format!("unit, per {unit}"),
+        "written",
+        "estimate +- its error",
+        "t tau / s",
+        "static",
+        "hysteresis",
+        "with lag",
+        "in a table",
+        "without",
+        "with"
+    );
+    for bias in &found.biases {
+        let units = TriadUnits::of(bias.kind);
+        let decimals = units.bias_decimals;
+        let shown = |value: f64| format!("{:.decimals$}", value * units.bias_factor);
+        let known = |value: Option<f64>| value.map_or_else(|| "not known".to_owned(), shown);
+        let prediction = |of: fn(&crate::transients::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
+        let _ = writeln!(
+            text,
+            "  {:4} {:<13} {:>12} {:>24} {:>13}   {:>10} {:>10} {:>10} {:>10}   {:>10} {:>10}",
+            bias.name(),
+            units.bias,
+            shown(bias.transient),
+            format!("{} +- {}", shown(bias.estimate), shown(bias.standard_error)),
+            format!("{:.1}", bias.estimate * units.bias_factor * found.time_constant.value_s),
+            prediction(|it| it.static_curve),
+            prediction(|it| it.hysteresis),
+            prediction(|it| it.lag_and_hysteresis),
+            prediction(|it| it.written),
+            known(band(&bias.before)),
+            known(band(&bias.after)),
+        );
+    }
+    for sentence in &found.words {
+        let _ = writeln!(text, "  {sentence}");
     }
     text
 }
@@ -158,13 +233,14 @@ fn figure(value: Option<f64>, text: &dyn Fn(f64) -> String) -> String {
     value.map_or_else(|| "not known".to_owned(), text)
 }
 
-/// The stability of a recording: the paper's table 4, then the verdict. `window` is the length of the windows \[s\]; `aligned` says
+/// The stability of a recording: how many windows are judged, the paper's table 4, the hysteresis band, then the verdict. `window` is the length of the windows \[s\]; `aligned` says
 /// whether the table has an alignment matrix.
 #[must_use]
 pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     let counted = stability.windows.iter().filter(|window| window.counts).count();
     let mut text = format!(
-        "Local gravity {}\n\nOutput stability: means over {window} s of output minus specific force [1e-6 g0]\n{}",
+        "{}\nLocal gravity {}\n\nOutput stability: means over {window} s of output minus specific force [1e-6 g0]\n{}",
+        stability.judged_windows(),
         stability.gravity_source,
         figures(&AXIS_NAMES, &stability.axes, MICRO_G0)
     );
@@ -183,17 +259,18 @@ pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     if flagged > 0 {
         let _ = writeln!(
             text,
-            "  {flagged} windows have flagged samples: telemetry out of the table's range, or not plausible"
+            "  {flagged} windows have flagged samples: telemetry out of the table's range or not plausible, or a lag that is not the table's"
         );
     }
     let _ = writeln!(text, "  covered: {}", stability.covered);
-    if let Some(warning) = stability.interval_warning() {
+    for warning in stability.interval_warning().into_iter().chain(stability.attitude_warning()) {
         let _ = writeln!(text, "  {warning}");
     }
+    text.push_str(&hysteresis(&AXIS_NAMES, &stability.loops, stability.unsettled_s, MICRO_G0, "1e-6 g0"));
     text.push('\n');
     text.push_str(&verdict(stability, aligned));
     match &stability.gyroscopes {
-        Some(Ok(found)) => text.push_str(&gyroscopes(found, window)),
+        Some(Ok(found)) => text.push_str(&gyroscopes(found, window, stability.unsettled_s)),
         Some(Err(reason)) => {
             let _ = writeln!(text, "The gyroscopes are not judged: {reason}.");
         }
@@ -226,6 +303,51 @@ fn figures(names: &[&str; AXES], axes: &[AxisStability; AXES], (factor, places):
     text
 }
 
+/// The hysteresis bands of a triad, with their header. If no axis is judged, a line says why.
+fn hysteresis(
+    names: &[&str; AXES],
+    loops: &Loops,
+    unsettled_s: Option<f64>,
+    (factor, places): Shown,
+    unit: &str,
+) -> String {
+    let bands = [0, 1, 2].map(|axis| loops.band(axis));
+    if let [Err(a), Err(b), Err(c)] = bands
+        && a == b
+        && b == c
+    {
+        return format!("  hysteresis band not judged: {a}\n");
+    }
+    let mut text = format!(
+        "\nHysteresis band: error in heating less that in cooling, rms over the bins of telemetry that have both [{unit}]\n          static model   \
+         full model   bins\n"
+    );
+    // Writing to a String cannot fail.
+    for (name, band) in names.iter().zip(bands) {
+        let _ = match band {
+            Ok(LoopBand { static_model, full, bins }) => {
+                let static_model =
+                    static_model.map_or_else(|| "-".to_owned(), |it| format!("{:.places$}", it * factor));
+                let full = full * factor;
+                writeln!(text, "  {name} {static_model:>17} {full:>12.places$} {bins:>3} of {BINS}")
+            }
+            Err(why) => writeln!(text, "  {name} not judged: {why}"),
+        };
+    }
+    if loops.static_model.is_some() {
+        text.push_str("  static model: the table without its transients\n");
+    } else {
+        text.push_str("  the table has no lag: there is one model only\n");
+    }
+    if let Some(seconds) = unsettled_s {
+        let _ = writeln!(
+            text,
+            "  the first {seconds} s are left out of it, 3 time constants: there the lagged telemetry begins soaked, which the IMU may not have been"
+        );
+    }
+    text
+}
+
 const ERRORS_HEADER: &str =
     "          constant            largest variation   worst               noise of a window   largest window";
 
@@ -243,7 +365,7 @@ fn errors_line(name: &str, errors: &Errors, (factor, places): Shown) -> String {
 }
 
 /// The stability of the gyroscopes, then their errors.
-fn gyroscopes(found: &GyroscopeStability, window: f64) -> String {
+fn gyroscopes(found: &GyroscopeStability, window: f64, unsettled_s: Option<f64>) -> String {
     let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
     let mut text = format!(
         "\nGyroscopes: means over {window} s of output minus {what} [deg/h]\n{}",
@@ -259,6 +381,7 @@ fn gyroscopes(found: &GyroscopeStability, window: f64) -> String {
         let _ = writeln!(text, "  {flagged} windows have flagged samples of the gyroscopes");
     }
     let _ = writeln!(text, "  covered: {}", found.covered);
+    text.push_str(&hysteresis(&GYROSCOPE_NAMES, &found.loops, unsettled_s, DEGREES_PER_HOUR, "deg/h"));
     let _ = writeln!(
         text,
         "\nErrors of the full model, means of {} groups of {} windows in order of time, 95 % [deg/h]\n{ERRORS_HEADER}      random walk [deg/sqrt(h)]",

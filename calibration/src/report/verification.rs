@@ -1,10 +1,14 @@
 //! The report of a verification: the paper's table 4 and figure 6 for a recording.
+//!
+//! Over 400 lines: one page, with one function for each of its parts.
 
+use super::loops::pictures;
 use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
+use crate::hysteresis::BINS;
 use crate::requirement::Requirement;
-use crate::stability::{AxisStability, Force, Stability, Window};
+use crate::stability::{AxisStability, Force, LoopBand, Loops, Stability, Window};
 use crate::verdict::{Errors, Estimate};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -35,6 +39,8 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
     result(&mut page, table, stability, source);
     verdict(&mut page, stability);
     figures(&mut page, table, stability);
+    page.heading(2, "loops", "Heating and cooling");
+    hysteresis(&mut page, AXIS_NAMES, &stability.loops, stability.unsettled_s, (MICRO_G0, "ug0"));
     length(&mut page, table, stability);
     budget(&mut page, table, stability);
     gyroscopes(&mut page, table, stability, source.window_s);
@@ -52,6 +58,7 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
 
 fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &VerificationSource) {
     page.heading(2, "result", "Stability");
+    page.paragraph(&format!("{}.", stability.judged_windows()));
     for judgement in source.required.iter().flat_map(|required| required.judge(stability)) {
         let (kind, word) =
             if judgement.met { (NoteKind::Good, "Requirement met") } else { (NoteKind::Bad, "Requirement missed") };
@@ -60,8 +67,9 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     }
     let flagged = stability.windows.iter().filter(|window| window.flagged).count();
     if flagged > 0 {
-        let text =
-            format!("In {flagged} windows samples are flagged: telemetry out of the table's range, or not plausible.");
+        let text = format!(
+            "In {flagged} windows samples are flagged: telemetry out of the table's range or not plausible, or a lag that is not the table's."
+        );
         page.note(NoteKind::Warning, "Flagged samples", &text);
     }
     if let Some(reason) = stability.nothing_claimed().filter(|_| source.required.is_none()) {
@@ -72,6 +80,9 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     }
     if let Some(warning) = stability.interval_warning() {
         page.note(NoteKind::Warning, "Intervals", &warning);
+    }
+    if let Some(warning) = stability.attitude_warning() {
+        page.note(NoteKind::Warning, "Attitude", &warning);
     }
     if stability.stated && table.content().alignment.is_none() {
         let text =
@@ -224,6 +235,62 @@ fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, 
     page.figures(&both);
     page.figures(&after);
     page.figures(&rates);
+    page.heading(3, "gyroscope-loops", "Heating and cooling");
+    hysteresis(page, GYROSCOPE_NAMES, &found.loops, stability.unsettled_s, (DEGREES_PER_HOUR, "deg/h"));
+}
+
+/// The hysteresis bands of a triad with their loops, where the run shows them.
+fn hysteresis(
+    page: &mut Page,
+    names: [&str; AXES],
+    loops: &Loops,
+    unsettled_s: Option<f64>,
+    ((factor, places), unit): (Shown, &str),
+) {
+    let row = |(axis, name): (usize, &&str)| {
+        let figure = |it: Option<f64>, none: &str| {
+            Cell::Number(it.map_or_else(|| none.to_owned(), |it| format!("{:.places$}", it * factor)))
+        };
+        match loops.band(axis) {
+            Ok(LoopBand { static_model, full, bins }) => vec![
+                Cell::text(*name),
+                figure(static_model, "no lag"),
+                figure(Some(full), ""),
+                Cell::Number(format!("{bins} of {BINS}")),
+                Cell::text(""),
+            ],
+            Err(why) => {
+                vec![
+                    Cell::text(*name),
+                    figure(None, ""),
+                    figure(None, ""),
+                    figure(None, ""),
+                    Cell::text(format!("not judged: {why}")),
+                ]
+            }
+        }
+    };
+    let caption = format!("Hysteresis band [{unit}]");
+    let rows: Vec<_> = names.iter().enumerate().map(row).collect();
+    page.table(&caption, &["Axis", "Static model", "Full model", "Bins", ""], &rows);
+    page.paragraph(
+        "The error in heating less that in cooling, rms over those of 12 bins of telemetry that have both. The static model is the table without its \
+         transients. Lag, hysteresis and a drift with time all open the loop.",
+    );
+    if let Some(seconds) = unsettled_s {
+        page.paragraph(&format!(
+            "The first {seconds} s are left out, 3 time constants: there the lagged telemetry begins soaked, which the IMU may not have been."
+        ));
+    }
+    let figures = (0..AXES).filter(|axis| loops.band(*axis).is_ok()).flat_map(|axis| {
+        let full = &loops.full[axis];
+        let static_model = loops.static_model.as_ref().map_or(full, |points| &points[axis]);
+        pictures(names[axis], unit, factor, static_model, full)
+    });
+    let figures: Vec<_> = figures.collect();
+    if !figures.is_empty() {
+        page.figures(&figures);
+    }
 }
 
 /// Figure 6 of the paper.

@@ -1,7 +1,7 @@
 //! Requirements, read and judged.
 
 use super::*;
-use crate::stability::{AxisStability, Coverage, LocalGravity};
+use crate::stability::{AxisStability, Coverage, LeftOut, LocalGravity, Loops};
 use crate::verdict::Verdict;
 use crate::verdict::tests::{FORCE, windows};
 use isotherm_shared::units::SensorKind;
@@ -112,6 +112,16 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             verdict,
             resolution: [[None; 2]; AXES],
             left_out: 0,
+            windows_left_out: LeftOut {
+                kind: SensorKind::Accelerometer,
+                windows: count,
+                not_a_number: 0,
+                moved: 0,
+                elsewhere: 0,
+                by_accelerometers: 0,
+            },
+            loops: Loops::default(),
+            unsettled_s: None,
             middle: [[0.0; 2]; AXES],
             covered: Coverage {
                 kind: SensorKind::Accelerometer,

@@ -357,15 +357,7 @@ pub fn campaign_toml(
     temperature_unit: &str,
     positions: &[Position],
 ) -> String {
-    let quoted = |text: &str| toml::Value::from(text).to_string();
-    let mut text = format!(
-        "format = 1\nimu = \"{imu}\"\nsamples = {}\n\
-         gravity_reference = {gravity_reference}   # m/s2, the value of 1 g0\n\
-         gravity_local = {gravity_local}   # m/s2, at the station\n\
-         temperature_unit = {}\n",
-        quoted(samples),
-        quoted(temperature_unit)
-    );
+    let mut text = heading_toml(imu, ["samples", samples], gravity_reference, gravity_local, temperature_unit);
     for Position { number, label, angles, specific_force } in positions {
         // Writing to a String cannot fail.
         let _ = write!(text, "\n[[position]]\nnumber = {number}\nup = {}\n", quoted(label));
@@ -377,6 +369,29 @@ pub fn campaign_toml(
         let _ = writeln!(text, "specific_force = [{a1}, {a2}, {a3}]   # along A1, A2, A3, in local gravity");
     }
     text
+}
+
+/// `text` as a string of TOML.
+fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
+}
+
+/// The keys before the sections of a campaign file: those of [`campaign_toml`], and `file`, a key with the path of a file.
+pub(super) fn heading_toml(
+    imu: &str,
+    [key, file]: [&str; 2],
+    gravity_reference: f64,
+    gravity_local: f64,
+    temperature_unit: &str,
+) -> String {
+    format!(
+        "format = 1\nimu = \"{imu}\"\n{key} = {}\n\
+         gravity_reference = {gravity_reference}   # m/s2, the value of 1 g0\n\
+         gravity_local = {gravity_local}   # m/s2, at the station\n\
+         temperature_unit = {}\n",
+        quoted(file),
+        quoted(temperature_unit)
+    )
 }
 
 /// Seconds as whole nanoseconds; negative seconds give 0.

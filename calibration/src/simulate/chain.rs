@@ -103,16 +103,22 @@ pub struct Noise {
     /// Error of the angle of each turn \[rad\]. The axis that stands is exact.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub turn_rad: f64,
+    /// Random walk of each accelerometer's bias \[g0/sqrt(h)\]. It begins at 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub bias_walk: f64,
+    /// Random walk of each gyroscope's bias \[deg/h/sqrt(h)\]. It begins at 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub gyroscope_bias_walk: f64,
 }
 
 /// Whether a value says nothing, as those of the gyroscopes do where there are none.
-fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+pub(super) fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
 impl Default for Noise {
     /// Accelerometers 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003 deg/sqrt(h), visits
-    /// 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec.
+    /// 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec. No random walk of a bias.
     fn default() -> Self {
         Self {
             sensor_g0: 5e-6,
@@ -124,6 +130,8 @@ impl Default for Noise {
             gyroscope_bias: 0.003,
             gyroscope_scale_factor: 0.5e-6,
             turn_rad: 0.2 * ARCSEC,
+            bias_walk: 0.0,
+            gyroscope_bias_walk: 0.0,
         }
     }
 }
@@ -140,5 +148,7 @@ impl Noise {
         gyroscope_bias: 0.0,
         gyroscope_scale_factor: 0.0,
         turn_rad: 0.0,
+        bias_walk: 0.0,
+        gyroscope_bias_walk: 0.0,
     };
 }

@@ -1,6 +1,7 @@
 //! The truth: the true values that data are simulated from.
 
 use super::chain::Chain;
+use super::hysteresis::Play;
 use super::random::RandomGenerator;
 use crate::gyroscopes::earth::{horizontal, vertical};
 use isotherm_shared::polynomial::{Polynomial, Side};
@@ -35,8 +36,11 @@ pub const HEADING_DEG: f64 = 30.0;
 /// The true values that the data are simulated from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Bias and scale factors. Its alignment is the inverse of `misalignment`, or absent without misalignment.
+    /// Bias and scale factors, the time constant of the sensing elements behind the true head telemetry, and the transients of the biases. Its
+    /// alignment is the inverse of `misalignment`, or absent without misalignment.
     pub table: CoefficientTable,
+    /// Hysteresis of the biases, which no table describes.
+    pub plays: Vec<Play>,
     /// M: indicated = M * specific force + bias. One row for each sensor; columns A1, A2, A3.
     pub misalignment: Matrix3<f64>,
     /// Tilt (tx, ty) of the turntable's base about the laboratory's X and Y \[rad\].
@@ -50,8 +54,8 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// A truth from `content`. Its alignment is replaced by the inverse of `misalignment`. The turntable is at [`LATITUDE_DEG`] and
-    /// [`HEADING_DEG`].
+    /// A truth from `content`, without plays. Its alignment is replaced by the inverse of `misalignment`. The turntable is at [`LATITUDE_DEG`]
+    /// and [`HEADING_DEG`].
     ///
     /// # Errors
     /// If `misalignment` has no inverse; else every reason why the table is not valid.
@@ -64,10 +68,18 @@ impl Truth {
         let singular = || vec![Refusal { key: "misalignment".to_owned(), message: "has no inverse".to_owned() }];
         content.alignment = Some(misalignment.try_inverse().ok_or_else(singular)?);
         let table = CoefficientTable::new(content)?;
-        Ok(Self { table, misalignment, tilt_rad, gravity_local, latitude_deg: LATITUDE_DEG, heading_deg: HEADING_DEG })
+        Ok(Self {
+            table,
+            plays: Vec::new(),
+            misalignment,
+            tilt_rad,
+            gravity_local,
+            latitude_deg: LATITUDE_DEG,
+            heading_deg: HEADING_DEG,
+        })
     }
 
-    /// A truth from `table` as it is. The misalignment is the inverse of its alignment, if it has one. No tilt; the local
+    /// A truth from `table` as it is. The misalignment is the inverse of its alignment, if it has one. No plays, no tilt; the local
     /// gravity is 1 g0. The turntable is at [`LATITUDE_DEG`] and [`HEADING_DEG`].
     #[must_use]
     pub fn of(table: CoefficientTable) -> Self {
@@ -75,12 +87,25 @@ impl Truth {
         let gravity_local = table.content().gravity;
         Self {
             table,
+            plays: Vec::new(),
             misalignment,
             tilt_rad: [0.0; 2],
             gravity_local,
             latitude_deg: LATITUDE_DEG,
             heading_deg: HEADING_DEG,
         }
+    }
+
+    /// The table without time constant and transients, as a static campaign gives it.
+    #[must_use]
+    pub fn static_table(&self) -> CoefficientTable {
+        let mut content = self.table.content().clone();
+        let gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
+        content.axes.iter_mut().chain(gyroscopes).for_each(|axis| axis.transient = 0.0);
+        content.lag_s = None;
+        content.format = content.least_format();
+        // A table with fewer terms is as valid.
+        CoefficientTable::new(content).unwrap_or_else(|_| self.table.clone())
     }
 
     /// M of the gyroscopes, the inverse of the table's gyroscope alignment: indicated = M * rate + bias. One row for each gyroscope; columns along
@@ -166,9 +191,9 @@ impl Truth {
     }
 
     /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the truth (with gyroscopes
-    /// also their misalignment, latitude, heading and Earth's rate along the base's X, Y and Z), the `tool`, the `seed`, and all parameters of
-    /// the schedule, a [`CampaignSchedule`](super::CampaignSchedule) or a
-    /// [`RunSchedule`](super::RunSchedule).
+    /// also their misalignment, latitude, heading and Earth's rate along the base's X, Y and Z; plays), the `tool`, the `seed`, and all parameters of
+    /// the schedule, a [`CampaignSchedule`](super::CampaignSchedule), a [`RunSchedule`](super::RunSchedule) or
+    /// [`RampSchedule`](super::RampSchedule)s.
     ///
     /// # Errors
     /// If the seed is over 2^63 - 1, the largest integer of TOML.
@@ -184,6 +209,8 @@ impl Truth {
             gyroscopes: Option<GyroscopeProvenance>,
             #[serde(flatten)]
             schedule: &'a T,
+            #[serde(skip_serializing_if = "<[Play]>::is_empty")]
+            plays: &'a [Play],
         }
         #[derive(Serialize)]
         struct GyroscopeProvenance {
@@ -205,7 +232,16 @@ impl Truth {
             earth_rate_deg_h: self.earth_rate(),
         });
         let misalignment = rows(self.misalignment);
-        let provenance = TruthProvenance { tool, seed, gravity_local, tilt_rad, misalignment, gyroscopes, schedule };
+        let provenance = TruthProvenance {
+            tool,
+            seed,
+            gravity_local,
+            tilt_rad,
+            misalignment,
+            gyroscopes,
+            schedule,
+            plays: &self.plays,
+        };
         Ok(format!("{}\n{}", self.table.to_toml(), toml::to_string(&TruthFile { provenance })?))
     }
 }

@@ -9,7 +9,7 @@
 //! g-sensitivity s_i \[deg/h/g0\] and the mean specific force f \[g0\],
 //!
 //! ```text
-//! x = M_i . S w dt + (D(U_head) + offset of the visit) T + s_i . f T + random walk                    [arcsec]
+//! x = M_i . S w dt + (D(U_head) + memory + offset of the visit) T + s_i . f T + random walk           [arcsec]
 //! ```
 
 use super::model::Truth;
@@ -114,21 +114,21 @@ impl SimulatedGyroscopes {
         self.triad.visit(bias, scale_factor, normal);
     }
 
-    /// Adds the pulses of a period of `seconds` with this `motion` to `pulses`. `head` and `board` are the true telemetry; `walk` is what the
-    /// random walk adds \[arcsec\].
+    /// Adds the pulses of a period of `seconds` with this `motion` to `pulses`. `head` and `board` are the true telemetry; `added` is
+    /// what random walk and the memory of the biases add \[arcsec\].
     pub fn feel(
         &mut self,
         motion: &InertialMotion,
         seconds: f64,
         [head, board]: [[f64; AXES]; 2],
-        walk: [f64; AXES],
+        added: [f64; AXES],
         pulses: &mut Triad,
     ) {
         let angle = self.misalignment * Vector3::from(motion.angle);
         let force = Vector3::from(motion.specific_force);
         let indicated = core::array::from_fn(|i| {
             let rate = self.triad.bias(i, head[i]) + Vector3::from(self.g_sensitivity[i]).dot(&force);
-            angle[i] + rate * seconds + walk[i]
+            angle[i] + rate * seconds + added[i]
         });
         let scale_factors = self.triad.scale_factors(board);
         self.triad.convert(indicated, &scale_factors, pulses);

@@ -13,7 +13,10 @@
 
 use super::coverage::Coverage;
 use super::earth_rate::EarthRate;
-use super::figures::{AxisStability, MAX_UNJUDGED, figures, median};
+use super::figures::{AxisStability, figures, median};
+use super::loops::Loops;
+use super::stillness::{GYROSCOPES, LeftOut, mark};
+use super::unjudged;
 use crate::curve::{CONFIDENCE, student_quantile_of};
 use crate::verdict::{Errors, Estimate, errors, group_size, noise_freedom};
 use crate::window::{MIN_WINDOWS, Window};
@@ -22,8 +25,6 @@ use isotherm_shared::table::{Axis, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
-/// A window counts if every gyroscope is within this of its median \[deg/h\]: 0.02 deg/s. Over it, the IMU turned.
-const AT_REST: f64 = 72.0;
 /// Why the constant error is not judged, and how to state Earth's rate, for a table that has it.
 const NO_ANGLES: [&str; 2] = [
     "without the angles of the turntable only the variation of the gyroscopes can be judged: Earth's rate along them is not known",
@@ -63,6 +64,10 @@ pub struct GyroscopeStability {
     pub middle: [[f64; 2]; AXES],
     /// What of the bias curves the run exercises.
     pub covered: Coverage,
+    /// The windows that do not count.
+    pub windows_left_out: LeftOut,
+    /// The loops between heating and cooling.
+    pub loops: Loops,
 }
 
 /// What is known of the place and of the table.
@@ -73,6 +78,11 @@ pub(super) struct Conditions<'a> {
     pub unit: &'a str,
     pub aligned: bool,
     pub middle: [[f64; 2]; AXES],
+    /// Of each window: largest difference of the means of its parts; output of the static model, if the table has a lag; whether the lagged telemetry
+    /// has not forgotten yet how it began.
+    pub spreads: Vec<[f64; AXES]>,
+    pub static_output: Option<Vec<[f64; AXES]>>,
+    pub unsettled: Vec<bool>,
 }
 
 impl GyroscopeStability {
@@ -98,20 +108,16 @@ impl GyroscopeStability {
                 "the output of {name} is not a number: its telemetry is, or the table rejects it; look at g{index}_head and g{index}_board"
             ));
         }
-        for window in &mut windows {
-            // NaN is within no tolerance.
-            let at_rest = (0..AXES).all(|axis| (window.after[axis] - middle[axis]).abs() < AT_REST);
-            window.counts &= at_rest;
-            window.still &= at_rest;
-        }
+        let windows_left_out = mark(&mut windows, &conditions.spreads, &GYROSCOPES, |_| true);
         let counted: Vec<&Window> = windows.iter().filter(|window| window.counts).collect();
         if counted.len() < MIN_WINDOWS {
             return Err(format!(
-                "in only {} of {} windows the IMU was at the attitude and within {AT_REST} deg/h of the median output; hold it still",
+                "in only {} of {} windows the IMU was at the attitude and did not turn; hold it still",
                 counted.len(),
                 windows.len()
             ));
         }
+        let middle = [0, 1, 2].map(|axis| crate::diagnostics::median(counted.iter().map(|window| window.after[axis])));
         let subtracted = conditions.earth_rate.map_or(middle, |earth| earth.rate);
         let seconds = counted.iter().map(|window| window.seconds).sum::<f64>() / counted.len() as f64;
         let values =
@@ -143,6 +149,14 @@ impl GyroscopeStability {
             aligned: conditions.aligned,
             middle: conditions.middle,
             covered: Coverage::of(&windows, SensorKind::Gyroscope, conditions.axes, conditions.unit),
+            loops: Loops::of(
+                &windows,
+                conditions.static_output.as_deref(),
+                &conditions.unsettled,
+                subtracted,
+                conditions.axes,
+            ),
+            windows_left_out,
             windows,
         })
     }
@@ -150,14 +164,7 @@ impl GyroscopeStability {
     /// Why nothing can be claimed of the gyroscopes, if too many windows are left out.
     #[must_use]
     pub fn unjudged(&self) -> Option<String> {
-        let left_out = self.windows.iter().filter(|window| !window.counts).count();
-        let windows = self.windows.len();
-        (left_out as f64 > MAX_UNJUDGED * windows as f64).then(|| {
-            format!(
-                "{left_out} of {windows} windows are not at rest, at most 1 % may be left out: there an output is not a number, the \
-                 accelerometers are not at the attitude, or a gyroscope is over {AT_REST} deg/h off its median"
-            )
-        })
+        unjudged(&self.windows_left_out, "at rest")
     }
 
     /// What cannot be judged because Earth's rate is not known, and how to state it; `None` if all is judged.

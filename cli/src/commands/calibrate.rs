@@ -4,15 +4,18 @@ use super::common::{Refused, inputs, or_document};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{CalibrationOptions, Method};
+use isotherm_calibration::calibrate::{CalibrationError, CalibrationOptions, Method};
 use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::checks::name;
+use isotherm_calibration::checks::{Finding, name};
 use isotherm_calibration::gyroscopes::{Measurements, calibrate, observable, read};
-use isotherm_calibration::provenance::{CampaignSource, now, sealed_table, sha256, tool};
+use isotherm_calibration::provenance::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
+use isotherm_calibration::ramps;
 use isotherm_calibration::report;
+use isotherm_calibration::transients::{LagChoice, RampRecording};
 use isotherm_failure::{Exit, Failure, printable, tell};
-use isotherm_files::{LoadError, StagedText, WorldWritable, print_data, read_text, refuse_overlap};
+use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, print_data, read_text, refuse_overlap};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
+use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -20,10 +23,11 @@ use std::path::{Path, PathBuf};
 /// Make a coefficient table from a campaign in the temperature chamber
 ///
 /// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
-/// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too.
+/// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too. Ramps give the lag of the sensing
+/// elements behind their telemetry, and transients of the biases where they show them; ramps alone also the bias curves at one attitude.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3"
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240"
 )]
 pub struct Calibrate {
     /// Campaign file; it names the samples
@@ -56,6 +60,12 @@ pub struct Calibrate {
     /// Print one JSON document to stdout instead of the text to stderr, also of a failure
     #[arg(long)]
     json: bool,
+    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
+    /// found in the ramps]
+    ///
+    /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the sweeps left out
+    #[arg(long, value_name = "S|none", value_parser = lag)]
+    lag: Option<LagChoice>,
     /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated
     #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = place)]
     exclude: Vec<(f64, u32)>,
@@ -101,6 +111,22 @@ fn place(text: &str) -> Result<(f64, u32), String> {
     place.ok_or_else(|| "give SET_POINT/NUMBER, for example -25/3".to_owned())
 }
 
+pub(super) fn lag(text: &str) -> Result<LagChoice, String> {
+    let lag_ns = crate::parse::lag(text)?;
+    Ok(if lag_ns == 0 { LagChoice::None } else { LagChoice::Given(lag_ns as f64 / 1e9) })
+}
+
+/// What the samples gave, ready to be written.
+struct Results {
+    /// Text of the table file.
+    table: String,
+    findings: Vec<Finding>,
+    text: String,
+    /// Empty without a report.
+    html: String,
+    json: Value,
+}
+
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.make_table())
@@ -115,72 +141,130 @@ impl Calibrate {
         let campaign = Campaign::from_toml(&text);
         let campaign = campaign.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
         let folder = self.campaign.parent().unwrap_or(Path::new(""));
-        let samples = match self.samples.is_empty() {
-            true => campaign.samples.iter().map(|name| folder.join(name)).collect(),
-            false => self.samples.clone(),
-        };
+        let samples = self.sample_files(&campaign, folder)?;
+        let ramp_files: Vec<_> = campaign.ramps.iter().map(|ramp| folder.join(&ramp.samples)).collect();
+        let curves_file = campaign.curves.as_ref().map(|name| folder.join(name));
         let mut files = inputs(&samples);
+        files.extend(inputs(&ramp_files));
+        files.extend(curves_file.iter().map(|path| (path.as_path(), "the table curves")));
         files.push((&self.campaign, "the campaign file"));
         refuse_overlap(&files, &[Some(&self.output), self.report.as_deref()])?;
         let first = samples.first().unwrap_or(&self.campaign);
-        // Checked first, because reading may take minutes.
-        observable(&campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
+        let curves = curves_file.as_ref().map(|path| load_table(path, Some(&campaign.imu), WorldWritable::Allow));
+        let curves = curves.transpose()?.map(|(table, _)| table);
+        if curves.is_none() {
+            // Checked first, because reading may take minutes.
+            observable(&campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
+        }
         // Both files are created before the fit, so that either both are written or none.
         let table = StagedText::create(Some(&self.output))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
-        let (measurements, places, samples_sha256) = read_samples(&campaign, &samples)?;
-        let locate = |line| places.locate(line);
-        let accept: Vec<_> = self.accept.into_iter().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect();
-        let options = CalibrationOptions {
-            method: self.method,
-            order: match self.order {
-                PolynomialOrder::Auto => None,
-                PolynomialOrder::Fixed(order) => Some(order),
-            },
-            alignment: AlignmentChoice::of(self.alignment, self.no_alignment),
-            exclude: self.exclude,
-            accept: accept.clone(),
-            strict: self.strict,
+        let (mut measurements, places, samples_sha256) = match &curves {
+            Some(_) => <_>::default(),
+            None => read_samples(&campaign, &samples)?,
         };
-        let spinner = spinner("fitting");
-        let calibration = calibrate(&campaign, measurements, options);
-        spinner.finish_and_clear();
-        let calibration = calibration.map_err(|error| {
-            let mut failure = error.failure_with(&self.campaign, first, locate, self.verbose);
-            let left = error.acceptable();
-            if !accept.is_empty() && !left.is_empty() {
-                let all: Vec<_> = accept.iter().chain(&left).copied().collect();
-                let _ = write!(
-                    failure.message,
-                    "\nthese faults must be accepted too, for a table in spite of all: --accept {}",
-                    all.join(",")
-                );
-            }
-            Refused { document: report::json::refusal(&error, &failure, locate), failure }
-        })?;
+        let (recordings, ramps_sha256) = read_ramps(&campaign, &ramp_files)?;
+        let locate = |line| places.locate(line);
+        let options = self.options();
         let source = CampaignSource {
             tool: tool(),
             time: now(),
             campaign: self.campaign.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             campaign_sha256: sha256(text.as_bytes()),
             samples_sha256,
+            ramps_sha256,
         };
-        let sealed = sealed_table(&campaign, &calibration, &source);
-        let sealed = sealed.map_err(|message| Failure::new(Exit::Failed, message))?;
-        for finding in &calibration.findings {
+        let refused = |error: CalibrationError| self.refused(&error, first, locate);
+        let failed = |message| Failure::new(Exit::Failed, message);
+        let spinner = spinner("fitting");
+        let results = if let Some(curves) = &curves {
+            let fitted = ramps::calibrate(&campaign, &recordings, curves, options);
+            spinner.finish_and_clear();
+            let fitted = fitted.map_err(refused)?;
+            let html = || report::ramps::html(&campaign, &fitted, &source);
+            Results {
+                table: sealed_ramp_table(&campaign, &fitted, &source).map_err(failed)?,
+                text: report::text::ramps(&fitted),
+                html: page.as_ref().map_or_else(String::new, |_| html()),
+                json: report::json::ramps(&fitted, locate),
+                findings: fitted.findings,
+            }
+        } else {
+            measurements.ramps = recordings;
+            let fitted = calibrate(&campaign, measurements, options);
+            spinner.finish_and_clear();
+            let fitted = fitted.map_err(refused)?;
+            let html = || report::calibration::html(&campaign, &fitted, &source);
+            Results {
+                table: sealed_table(&campaign, &fitted, &source).map_err(failed)?,
+                text: report::text::calibration(&fitted),
+                html: page.as_ref().map_or_else(String::new, |_| html()),
+                json: report::json::calibration(&fitted, locate),
+                findings: fitted.findings,
+            }
+        };
+        for finding in &results.findings {
             tell("isotherm", finding.tagged(locate));
         }
         if !self.json {
-            let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
+            let _ = io::stderr().write_all(printable(&results.text).as_bytes());
         }
-        let html = || report::calibration::html(&campaign, &calibration, &source);
-        let mut texts = vec![table.write(&sealed)?];
-        texts.extend(page.map(|page| page.write(&html())).transpose()?);
+        let mut texts = vec![table.write(&results.table)?];
+        texts.extend(page.map(|page| page.write(&results.html)).transpose()?);
         StagedText::finish_together(texts)?;
         if self.json {
-            print_data(&format!("{:#}\n", report::json::calibration(&calibration, locate)))?;
+            print_data(&format!("{:#}\n", results.json))?;
         }
         Ok(())
+    }
+
+    /// The files of the samples: those that are given, or that the campaign file names.
+    fn sample_files(&self, campaign: &Campaign, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+        match self.samples.is_empty() {
+            true => Ok(campaign.samples.iter().map(|name| folder.join(name)).collect()),
+            false if campaign.has_ramps_alone() => {
+                let message =
+                    "samples are for positions, and the campaign file has ramps alone; name them as [[ramp]] in it";
+                Err(Failure::new(Exit::Usage, message))
+            }
+            false => Ok(self.samples.clone()),
+        }
+    }
+
+    /// Names of the faults that are accepted.
+    fn accepted(&self) -> Vec<&'static str> {
+        self.accept.iter().copied().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect()
+    }
+
+    fn options(&self) -> CalibrationOptions {
+        CalibrationOptions {
+            method: self.method,
+            order: match self.order {
+                PolynomialOrder::Auto => None,
+                PolynomialOrder::Fixed(order) => Some(order),
+            },
+            alignment: AlignmentChoice::of(self.alignment, self.no_alignment),
+            exclude: self.exclude.clone(),
+            accept: self.accepted(),
+            strict: self.strict,
+            lag: self.lag.unwrap_or_default(),
+            predecessor_lag_s: None,
+        }
+    }
+
+    /// The failure that `error` is. `first` is the first file of the samples.
+    fn refused(&self, error: &CalibrationError, first: &Path, locate: impl Fn(u64) -> String + Copy) -> Refused {
+        let mut failure = error.failure_with(&self.campaign, first, locate, self.verbose);
+        let (accept, left) = (self.accepted(), error.acceptable());
+        if !accept.is_empty() && !left.is_empty() {
+            let all: Vec<_> = accept.iter().chain(&left).copied().collect();
+            let _ = write!(
+                failure.message,
+                "\nthese faults must be accepted too, for a table in spite of all: --accept {}",
+                all.join(",")
+            );
+        }
+        Refused { document: report::json::refusal(error, &failure, locate), failure }
     }
 }
 
@@ -194,4 +278,19 @@ fn read_samples(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Measurements,
     let measurements = measurements.map_err(|error| rows.failure(&error))?;
     let places = rows.places().clone();
     Ok((measurements, places, rows.sha256()?))
+}
+
+/// Reads the ramps. Returns them with the SHA-256 of each.
+fn read_ramps(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Vec<RampRecording>, Vec<String>), Failure> {
+    let bar = bytes_bar(paths, "reading ramps");
+    let (mut recordings, mut digests) = (Vec::new(), Vec::new());
+    for path in paths {
+        let choice = ImuChoice::Prefer(campaign.imu.clone());
+        let mut rows = Recording::open_hashed(core::slice::from_ref(path), RowKind::Sample, choice, &bar)?;
+        let recording = RampRecording::read(path.display().to_string(), &mut rows);
+        recordings.push(recording.map_err(|error| rows.failure(&error))?);
+        digests.push(rows.sha256()?);
+    }
+    bar.finish_and_clear();
+    Ok((recordings, digests))
 }

@@ -1,11 +1,13 @@
 //! `campaign`: the automatic campaign.
 
+use super::calibrate::lag;
 use super::common::{joined, options};
 use crate::parse::seconds;
 use clap::{Args, Subcommand};
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::checks::name;
 use isotherm_calibration::requirement::Requirement;
+use isotherm_calibration::transients::LagChoice;
 use isotherm_campaign::control::{self, Lock, runner_pid, snapshot};
 use isotherm_campaign::finish::Finish;
 use isotherm_campaign::journal::{self, Entry, Journal};
@@ -49,7 +51,7 @@ enum CampaignAction {
     Stop(StopCampaign),
 }
 
-/// Run the campaign, or go on with the first dwell that is missing
+/// Run the campaign, or go on with the first dwell, turn, ramp or run that is missing
 ///
 /// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: turntable stopped, chamber in standby. Run it
 /// again to go on.
@@ -76,6 +78,10 @@ struct RunCampaign {
     /// Give the table no alignment matrix
     #[arg(long, requires = "calibrate")]
     no_alignment: bool,
+    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
+    /// found in the ramps]
+    #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag)]
+    lag: Option<LagChoice>,
     /// Make the table in spite of a fault of this name; may be repeated
     #[arg(long, value_name = "NAME", requires = "calibrate", value_parser = name::acceptable)]
     accept: Vec<&'static str>,
@@ -183,7 +189,7 @@ impl RunCampaign {
         }
         let (mut journal, _) = Journal::open(&plan)?;
         let alignment = AlignmentChoice::of(self.alignment, self.no_alignment);
-        let finish = Finish { require, alignment, accept: self.accept };
+        let finish = Finish { require, alignment, lag: self.lag.unwrap_or_default(), accept: self.accept };
         finish.run(&plan, &mut journal, &options, &ended)
     }
 }

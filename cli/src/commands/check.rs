@@ -32,11 +32,19 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
 fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
     let campaign = Campaign::from_toml(text);
     let campaign = campaign.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    let ramps = match campaign.ramps.len() {
+        0 => String::new(),
+        1 => ", 1 ramp".to_owned(),
+        ramps => format!(", {ramps} ramps"),
+    };
+    if let Some(curves) = campaign.curves.as_ref().filter(|_| campaign.has_ramps_alone()) {
+        return Ok(format!("campaign of {}{ramps} alone, curves of {curves}", campaign.imu));
+    }
     observable(&campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
     let turns = match campaign.turns.len() {
         0 => String::new(),
         turns => format!(" and {turns} turns"),
     };
     let positions = campaign.positions.len();
-    Ok(format!("campaign of {}, {positions} positions{turns} that observe everything", campaign.imu))
+    Ok(format!("campaign of {}, {positions} positions{turns} that observe everything{ramps}", campaign.imu))
 }

@@ -26,7 +26,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 14] = [
+pub const WITHOUT_DOMAIN: [&str; 15] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -39,6 +39,7 @@ pub const WITHOUT_DOMAIN: [&str; 14] = [
     "replay",
     "rollback",
     "simulate campaign",
+    "simulate ramp",
     "simulate run",
     "verify",
 ];

@@ -5,11 +5,11 @@ use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_calibration::double_double::DoubleDouble;
 use isotherm_calibration::order::{OrderTable, Rule, default_order};
-use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
+use isotherm_calibration::regression::{DataPoint, LinearColumn, MAX_ORDER, Regression};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{check_stdout, check_written, print, print_data};
-use isotherm_recording_formats::read::{ImuChoice, NumberRow, read_numbers};
+use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_numbers};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -19,13 +19,14 @@ const WEIGHT: &str = "a weight over 0, and from 1e-140 to 1e140";
 /// Most outliers whose lines are listed.
 const NAMED: usize = 20;
 
-/// Fit polynomials of one column on another: order table, chosen order, and warnings
+/// Fit polynomials of one column on another, and other columns linearly: order table, chosen order, and warnings
 ///
-/// Every order from 1 to the highest is fitted, in double-double arithmetic on the decimals as they are written. The chosen
+/// A column may be `a-b`, the difference of the columns a and b. Columns separated by commas, semicolons, tabs or spaces are detected, and
+/// decimal commas where commas do not separate the columns. Every order from 1 to the highest is fitted, in double-double arithmetic on the decimals as they are written. The chosen
 /// order is the highest whose last term is both significant and moves the curve by more than a threshold.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json"
+    after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json\n  isotherm regress ramp.csv --x a1_head --x a1_head_lagged-a1_head --y a1_positive-a1_negative"
 )]
 pub struct Regress {
     /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; - is stdin
@@ -34,9 +35,9 @@ pub struct Regress {
     /// The IMU whose columns are read, in a recording of several IMUs
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Column of the variable, for example the telemetry
-    #[arg(long, value_name = "COLUMN")]
-    x: String,
+    /// Column of the variable, for example the telemetry. Each further --x enters linearly
+    #[arg(long, value_name = "COLUMN", required = true)]
+    x: Vec<String>,
     /// Column of the quantity
     #[arg(long, value_name = "COLUMN")]
     y: String,
@@ -57,28 +58,40 @@ pub struct Regress {
 impl Regress {
     pub fn run(self) -> Result<(), Failure> {
         check_written(None, check_stdout())?;
-        let mut names = vec![self.x.as_str(), self.y.as_str()];
-        names.extend(self.weights.as_deref());
+        let (x, linear) = self.x.split_first().ok_or_else(|| Failure::new(Exit::Usage, "--x is missing"))?;
+        let names: Vec<_> = self.x.iter().chain([&self.y]).chain(&self.weights).map(String::as_str).collect();
+        let y_index = self.x.len();
         let choice = self.imu.clone().map_or(ImuChoice::Any, ImuChoice::Only);
         let bar = bytes_bar(&self.data, "reading");
-        let read = read_numbers(&self.data, &names, &choice, &bar, |column, text| {
+        let read = read_numbers(&self.data, &names, &choice, &bar, |name, text| {
             let number = DoubleDouble::parse(text);
-            match column {
-                2 => number.filter(|weight| *weight > DoubleDouble::ZERO).ok_or(WEIGHT),
-                _ => number.ok_or(NUMBER),
+            if name > y_index {
+                number.filter(|weight| *weight > DoubleDouble::ZERO).ok_or(WEIGHT)
+            } else {
+                number.ok_or(NUMBER)
             }
         });
         bar.finish_and_clear();
-        let (rows, places) = read?;
+        let NumberTable { rows, places, notes } = read?;
+        for note in &notes {
+            tell("isotherm", format_args!("{note}"));
+        }
         let point = |row: &NumberRow<DoubleDouble>| {
-            let weight = row.values.get(2).copied().unwrap_or(DoubleDouble::ONE);
-            DataPoint { x: row.values[0], y: row.values[1], weight }
+            let weight = row.values.get(y_index + 1).copied().unwrap_or(DoubleDouble::ONE);
+            DataPoint { x: row.values[0], y: row.values[y_index], weight }
         };
         let points: Vec<_> = rows.iter().map(point).collect();
-        let highest = self.max_order.map(usize::from);
-        let highest = highest.unwrap_or_else(|| default_order(points.iter().map(|point| point.x.value())));
+        let column = |(name, index): (&String, usize)| LinearColumn {
+            name: name.clone(),
+            values: rows.iter().map(|row| row.values[index]).collect(),
+        };
+        let linear: Vec<_> = linear.iter().zip(1..).map(column).collect();
+        let highest = self.max_order.map(usize::from).unwrap_or_else(|| {
+            let values: Vec<_> = points.iter().map(|point| point.x.value()).collect();
+            default_order(&values, linear.len())
+        });
         let spinner = spinner("fitting");
-        let regression = Regression::new(points, highest);
+        let regression = Regression::with_linear(points, x, linear, highest);
         let table = regression
             .map(|regression| OrderTable::choose(regression, &Rule { effect: self.min_effect, ..Rule::default() }));
         spinner.finish_and_clear();
@@ -104,16 +117,19 @@ impl Regress {
             tell("isotherm", format_args!("warning: {warning}"));
         }
         if !self.json {
-            return print(&table.text(&self.x, &self.y));
+            return print(&table.text(x, &self.y));
         }
         let mut document = table.json();
-        document["x"] = json!(self.x);
+        document["x"] = json!(x);
         document["y"] = json!(self.y);
         let lines: Vec<_> = outliers.iter().map(|line| places.within_piece(*line)).collect();
         let located: Vec<_> = outliers.iter().map(|line| places.locate(*line)).collect();
         document["diagnostics"]["outlier_lines"] = json!(lines);
         document["diagnostics"]["outlier_places"] = json!(located);
         document["warnings"] = json!(warnings);
+        if !notes.is_empty() {
+            document["notes"] = json!(notes);
+        }
         print_data(&format!("{document:#}\n"))
     }
 }

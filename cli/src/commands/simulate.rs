@@ -1,20 +1,25 @@
 //! `simulate`: data of an IMU with known coefficients, and a whole simulated station.
 
+mod memory;
 mod options;
+mod ramp;
 mod station;
 
-use crate::parse::{SetPoints, direction, interval, numbers, ramp, scheme, seconds, set_points, size};
+use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme, seconds, set_points, size};
 use crate::progress::rows_bar;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
 use isotherm_calibration::positions::Scheme;
-use isotherm_calibration::simulate::{self as simulation, CampaignSchedule, Chain, RunSchedule, Truth, TurnSchedule};
+use isotherm_calibration::simulate::{
+    self as simulation, CampaignSchedule, Chain, RampSchedule, RunSchedule, Truth, TurnSchedule,
+};
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
 use isotherm_files::{check_stdout, check_written};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{AXES, RawSample};
 use options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml, usage};
+use ramp::{RATES, RampDocument, RampRecordings};
 use serde::Serialize;
 use std::fmt::Display;
 use std::fs;
@@ -30,13 +35,13 @@ const WHOLE_TURNS_DEG: f64 = 720.0;
 /// Rows between two updates of the progress bar.
 const BAR_ROWS: u64 = 4096;
 
-/// Make a campaign or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
+/// Make a campaign, ramps or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
 ///
 /// The coefficients that the data come from are written beside them as truth.toml.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
-    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate run -o run"
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate ramp -o ramps --lag 240 --transient 35,-20,12\n  isotherm simulate run -o run"
 )]
 pub struct Simulate {
     #[command(subcommand)]
@@ -46,16 +51,17 @@ pub struct Simulate {
 #[derive(Debug, Subcommand)]
 enum Simulation {
     Campaign(SimulateCampaign),
+    Ramp(ramp::SimulateRamp),
     Run(SimulateRun),
     Station(station::SimulateStation),
     #[command(hide = true)]
     StationPart(station::StationPart),
 }
 
-/// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml
+/// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml, and ramps if you like
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9"
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9\n  isotherm simulate campaign -o moving --lag 240 --transient 35,-20,12 --ramps"
 )]
 struct SimulateCampaign {
     #[command(flatten)]
@@ -84,15 +90,18 @@ struct SimulateCampaign {
     /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes
     #[arg(long, value_name = "DEG", value_parser = PossibleValuesParser::new(["360", "720"]).map(|angle| if angle == "360" { 360.0 } else { 720.0 }))]
     turn_angle: Option<f64>,
+    /// Record ramps too, from the first set point to the last and back, with A3 up and holds of 1800 s: ramp-1.csv and one more for each rate [degC/h]
+    #[arg(long, value_name = "R1,R2", num_args = 0..=1, default_missing_value = RATES, value_parser = rates)]
+    ramps: Option<Rates>,
     /// Time between two telemetry readings [s]; 0 for a reading in every row
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     telemetry_every: f64,
 }
 
-/// A temperature run at rest, ramped from cold to hot: run.csv, truth.toml
+/// A temperature run at rest, ramped from cold to hot, or both ways: run.csv, truth.toml
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes"
+    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes\n  isotherm simulate run -o moving --lag 240 --transient 35,-20,12 --both-ways"
 )]
 struct SimulateRun {
     #[command(flatten)]
@@ -107,9 +116,12 @@ struct SimulateRun {
     #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
     temperatures: [f64; 2],
     /// Ramp of the chamber [degC/h]
-    #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = ramp)]
+    #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = crate::parse::ramp)]
     ramp: f64,
-    /// Hold before the ramp, and again after it [s]
+    /// Ramp back too, and hold again: heating and cooling
+    #[arg(long)]
+    both_ways: bool,
+    /// Hold before the ramp, and again after each [s]
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
     /// Time between two telemetry readings [s]; 0 for a reading in every row
@@ -120,12 +132,13 @@ struct SimulateRun {
 impl Simulate {
     /// Whether the command writes files, ends by itself and handles no signals of its own.
     pub fn writes_and_ends(&self) -> bool {
-        matches!(self.simulation, Simulation::Campaign(_) | Simulation::Run(_))
+        matches!(self.simulation, Simulation::Campaign(_) | Simulation::Ramp(_) | Simulation::Run(_))
     }
 
     pub fn run(self, domain: &Domain) -> Result<(), Failure> {
         match self.simulation {
             Simulation::Campaign(campaign) => campaign.run(),
+            Simulation::Ramp(ramp) => ramp.run(),
             Simulation::Run(run) => run.run(),
             Simulation::Station(station) => station.run(domain),
             Simulation::StationPart(part) => part.run(domain.clone()),
@@ -164,14 +177,29 @@ impl SimulateCampaign {
         if step_c / schedule.ramp_c_per_s >= schedule.soak_s {
             return Err(usage("the chamber would still be ramping when the soak ends; give a longer --soak"));
         }
+        let ramps = self.ramps.as_ref().map(|rates| ramps_beside(&truth, &schedule, rates)).transpose()?;
         let SimulatedImuOptions { output, seed, .. } = &self.imu;
         let rows = simulation::campaign(&truth, &schedule, *seed)
             .map(|row| (format!("{},{}", row.set_point_c, row.position), row.raw));
         let columns = Columns { leading: "set_point_c,position", ..Columns::of(&truth, &chain) };
-        let mut files = write_rows(output, "samples.csv", columns, schedule.rows(), rows)?;
-        let text = truth_toml(&truth, "isotherm simulate campaign", *seed, &schedule)?;
-        files.add(output.join("truth.toml"), &text)?;
-        let text = schedule.campaign_toml(&truth, "samples.csv");
+        let mut files = SimulatedFiles::default();
+        write_rows(output, "samples.csv", columns, schedule.rows(), rows, &mut files)?;
+        #[derive(Serialize)]
+        struct CampaignDocument<'a> {
+            #[serde(flatten)]
+            campaign: &'a CampaignSchedule,
+            #[serde(skip_serializing_if = "Vec::is_empty")]
+            ramps: Vec<RampDocument<'a>>,
+        }
+        let mut document = CampaignDocument { campaign: &schedule, ramps: Vec::new() };
+        let mut text = schedule.campaign_toml(&truth, "samples.csv");
+        if let Some(ramps) = &ramps {
+            ramps.write(&truth, output, *seed, &mut files)?;
+            document.ramps = ramps.documents(&truth);
+            ramps.ramps().iter().for_each(|ramp| text += &format!("\n{}", ramp.to_toml()));
+        }
+        let truth_text = truth_toml(&truth, "isotherm simulate campaign", *seed, &document)?;
+        files.add(output.join("truth.toml"), &truth_text)?;
         files.add(output.join("campaign.toml"), &text)?;
         files.finish()
     }
@@ -183,6 +211,7 @@ impl SimulateRun {
         let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
         let [from_c, to_c] = self.temperatures;
         let run = RunSchedule {
+            legs: if self.both_ways { 2 } else { 1 },
             direction: self.attitude,
             from_c,
             to_c,
@@ -194,30 +223,54 @@ impl SimulateRun {
         };
         reachable(&truth, &chain, &self.temperatures)?;
         #[derive(Serialize)]
-        struct RunScheduleDocument<'a> {
-            /// \[g0\]
-            specific_force: [f64; AXES],
-            /// \[deg\]
+        struct RunDocument<'a> {
             #[serde(flatten)]
-            angles: Option<Angles>,
+            attitude: AttitudeDocument,
             #[serde(flatten)]
             run: &'a RunSchedule,
         }
-        #[derive(Serialize)]
-        struct Angles {
-            outer_deg: f64,
-            inner_deg: f64,
-        }
-        let columns = Columns::of(&truth, &chain);
-        let [outer_deg, inner_deg] = run.angles_deg(&truth);
-        let angles = columns.layout.gyroscopes.then_some(Angles { outer_deg, inner_deg });
-        let schedule = RunScheduleDocument { specific_force: run.specific_force(&truth), angles, run: &run };
+        let schedule = RunDocument { attitude: AttitudeDocument::of(&truth, &run), run: &run };
         let SimulatedImuOptions { output, seed, .. } = &self.imu;
         let rows = simulation::run(&truth, &run, *seed).map(|raw| ("", raw));
-        let mut files = write_rows(output, "run.csv", columns, run.samples(), rows)?;
+        let mut files = SimulatedFiles::default();
+        write_rows(output, "run.csv", Columns::of(&truth, &chain), run.samples(), rows, &mut files)?;
         let text = truth_toml(&truth, "isotherm simulate run", *seed, &schedule)?;
         files.add(output.join("truth.toml"), &text)?;
         files.finish()
+    }
+}
+
+/// The ramps beside the positions of `schedule`.
+fn ramps_beside(truth: &Truth, schedule: &CampaignSchedule, rates: &Rates) -> Result<RampRecordings, Failure> {
+    let CampaignSchedule { interval_ns, chain, noise, .. } = *schedule;
+    let mut ends_c = schedule.set_points_c.iter().copied();
+    let from_c = ends_c.next().unwrap_or_default();
+    let to_c = ends_c.next_back().unwrap_or(from_c);
+    let run = RunSchedule { from_c, to_c, interval_ns, chain, noise, ..RampSchedule::default().run };
+    RampRecordings::new(truth, run, rates)
+}
+
+/// What truth.toml says of the attitude of a run.
+#[derive(Serialize)]
+struct AttitudeDocument {
+    /// \[g0\]
+    specific_force: [f64; AXES],
+    /// \[deg\]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outer_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    inner_deg: Option<f64>,
+}
+
+impl AttitudeDocument {
+    /// Only gyroscopes feel the angles.
+    fn of(truth: &Truth, run: &RunSchedule) -> Self {
+        let angles = truth.table.content().gyroscopes.as_ref().map(|_| run.angles_deg(truth));
+        Self {
+            specific_force: run.specific_force(truth),
+            outer_deg: angles.map(|[outer, _]| outer),
+            inner_deg: angles.map(|[_, inner]| inner),
+        }
     }
 }
 
@@ -247,21 +300,21 @@ impl Columns {
     }
 }
 
-/// Writes `rows` into `name`, with a progress bar on a terminal. Returns the file, which is not visible yet.
+/// Adds the file `name` with `rows` to `files`, with a progress bar on a terminal.
 fn write_rows(
     folder: &Path,
     name: &str,
     columns: Columns,
     count: u64,
     rows: impl Iterator<Item = (impl Display, RawSample)>,
-) -> Result<SimulatedFiles, Failure> {
+    files: &mut SimulatedFiles,
+) -> Result<(), Failure> {
     if count > MAX_ROWS {
         return Err(usage(format!("{count} rows; up to {MAX_ROWS} can be simulated, give a longer interval")));
     }
     check_written(None, check_stdout())?;
     fs::create_dir_all(folder).map_err(|error| Failure::io("making", folder, &error))?;
     let bar = rows_bar(count);
-    let mut files = SimulatedFiles::default();
     files.add_with(folder.join(name), |sink| {
         let mut writer = RawCsvWriter::with_layout(sink, columns.leading, columns.telemetry_ns, columns.layout)?;
         for (index, (leading, raw)) in (0u64..).zip(rows) {
@@ -272,6 +325,5 @@ fn write_rows(
         }
         bar.finish_and_clear();
         Ok(())
-    })?;
-    Ok(files)
+    })
 }

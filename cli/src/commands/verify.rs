@@ -23,7 +23,10 @@ use std::time::Duration;
 /// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
 /// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the IMU was still, the
 /// length of the output is compared with local gravity. If it is off by more than any place on Earth allows, or if over 1 % of the windows are
-/// not at the attitude, nothing is claimed, and no requirement is met.
+/// not at the attitude, nothing is claimed, and no requirement is met. The first line says how many windows are left out, and why: those in which
+/// the output shows that the IMU moved. A drift of a bias leaves none out.
+///
+/// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the table's transients and without.
 ///
 /// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table whose provenance
 /// has it, it is taken off; otherwise only their variation is judged.
@@ -112,7 +115,7 @@ impl Verify {
         }
         // With a requirement the failure at the end says it.
         let nothing = stability.nothing_claimed().filter(|_| require.is_none());
-        for warning in nothing.into_iter().chain(stability.interval_warning()) {
+        for warning in nothing.into_iter().chain(stability.interval_warning()).chain(stability.attitude_warning()) {
             tell("isotherm", format_args!("warning: {recording}: {warning}"));
         }
         // Before the results are printed: then nothing but the judgement can fail after them.

@@ -11,10 +11,13 @@ use isotherm_calibration::campaign::{Campaign, Dwell};
 use isotherm_calibration::checks::{Finding, Severity, name};
 use isotherm_calibration::gyroscopes::{FittedRun, Measurements, calibrate as fit, observable, read};
 use isotherm_calibration::order::OrderTable;
-use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_table, sha256};
-use isotherm_calibration::report::calibration::html;
-use isotherm_calibration::report::json;
+use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
+use isotherm_calibration::ramps::{RampCalibration, calibrate as fit_ramps};
+use isotherm_calibration::report::{calibration, json, ramps};
+use isotherm_calibration::transients::{LagChoice, RampRecording};
+use isotherm_client::TimeConstant;
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
+use isotherm_shared::table::CoefficientTable;
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -30,17 +33,26 @@ const ROW: usize = RAW + 16;
 #[pyclass(frozen, module = "isotherm._isotherm")]
 pub struct Calibration {
     campaign: Campaign,
-    figures: Figures,
+    result: FittedCampaign,
     source: CampaignSource,
     /// File of the samples, or `samples`.
     place: String,
     text: String,
 }
 
-/// The sample files that a campaign file's text names.
+/// What the campaign gave.
+enum FittedCampaign {
+    /// Positions, and the ramps beside them.
+    Positions(Box<Figures>),
+    /// Ramps alone.
+    Ramps(Box<RampCalibration>),
+}
+
+/// The sample files that a campaign file's text names; None with ramps alone.
 #[pyfunction]
-pub fn samples_of(text: &str, name: &str) -> PyResult<Vec<String>> {
-    Campaign::from_toml(text).map(|campaign| campaign.samples).map_err(|all| faults(name, &all))
+pub fn samples_of(text: &str, name: &str) -> PyResult<Option<Vec<String>>> {
+    let campaign = Campaign::from_toml(text).map_err(|all| faults(name, &all))?;
+    Ok((!campaign.has_ramps_alone()).then_some(campaign.samples))
 }
 
 /// Text of a campaign file.
@@ -49,7 +61,8 @@ pub fn read_text(path: PathBuf) -> PyResult<String> {
     crate::table::read_text(&path)
 }
 
-/// Calibrates: makes a table from a campaign; `samples` is a path, or the bytes of rows.
+/// Calibrates: makes a table from a campaign; `samples` is a path, or the bytes of rows; None with ramps alone. `folder` is that of the campaign
+/// file, and `lag` a time constant \[s\], 0 for no transients or None.
 #[pyfunction]
 #[expect(
     clippy::too_many_arguments,
@@ -59,7 +72,8 @@ pub fn calibrate(
     py: Python<'_>,
     text: &str,
     name: String,
-    samples: &Bound<'_, PyAny>,
+    folder: PathBuf,
+    samples: Option<&Bound<'_, PyAny>>,
     order: Option<usize>,
     method: &str,
     alignment: Option<bool>,
@@ -67,6 +81,7 @@ pub fn calibrate(
     accept: Vec<String>,
     strict: bool,
     other_device: bool,
+    lag: Option<f64>,
 ) -> PyResult<Calibration> {
     let campaign = Campaign::from_toml(text).map_err(|all| faults(&name, &all))?;
     let found = Method::NAMES.iter().find(|(_, known)| *known == method);
@@ -80,29 +95,85 @@ pub fn calibrate(
     let mut accept = accept.map_err(|message| PyValueError::new_err(format!("accept: {message}")))?;
     accept.extend(other_device.then_some(name::OTHER_DEVICE));
     let alignment = AlignmentChoice::of(alignment == Some(true), alignment == Some(false));
-    let options = CalibrationOptions { method: *method, order, alignment, exclude, accept, strict };
-    observable(&campaign).map_err(|error| failed("", &error))?;
-    let (place, (measurements, samples_sha256)) = match samples.extract::<PathBuf>() {
-        Ok(path) => {
-            (path.display().to_string(), py.detach(|| of_file(&campaign, &path)).map_err(|e| recording(&path, &e))?)
-        }
-        Err(_) => {
-            let rows: PyReadonlyArray1<'_, u8> = samples.extract()?;
-            let rows = rows.as_slice()?;
-            let read = py.detach(|| of_rows(&campaign, rows));
-            ("samples".to_owned(), read.map_err(|error| recording(Path::new("samples"), &error))?)
+    let lag = match lag {
+        None => LagChoice::Search,
+        Some(0.0) => LagChoice::None,
+        Some(seconds) => {
+            let checked = TimeConstant::from_seconds(seconds);
+            checked.map_err(|error| PyValueError::new_err(format!("lag: {error}")))?;
+            LagChoice::Given(seconds)
         }
     };
-    let figures = py.detach(|| fit(&campaign, measurements, options)).map_err(|error| failed(&place, &error))?;
-    let source = CampaignSource {
+    let options =
+        CalibrationOptions { method: *method, order, alignment, exclude, accept, strict, lag, predecessor_lag_s: None };
+    let alone = campaign.has_ramps_alone();
+    if !alone {
+        observable(&campaign).map_err(|error| failed("", &error))?;
+    }
+    let no_samples = || PyValueError::new_err("samples: positions need them, and ramps alone have none");
+    let (place, (mut measurements, samples_sha256)) = match samples {
+        None if alone => (String::new(), Default::default()),
+        Some(samples) if !alone => read_samples(py, &campaign, samples)?,
+        _ => return Err(no_samples()),
+    };
+    let (recordings, ramps_sha256) = py.detach(|| read_ramps(&campaign, &folder))?;
+    let mut source = CampaignSource {
         tool: tool(),
-        time: python(py, "_files", "now")?.call0()?.extract()?,
+        time: String::new(),
         campaign: name,
         campaign_sha256: sha256(text.as_bytes()),
         samples_sha256,
+        ramps_sha256,
     };
-    let text = sealed_table(&campaign, &figures, &source).map_err(CalibrationError::new_err)?;
-    Ok(Calibration { campaign, figures, source, place, text })
+    let result = match campaign.curves.as_ref().filter(|_| alone) {
+        Some(file) => {
+            let path = folder.join(file);
+            let table = CoefficientTable::from_toml(&crate::table::read_text(&path)?, Some(&campaign.imu));
+            let table = table.map_err(|all| faults(&path.display().to_string(), &all))?;
+            let fitted = py.detach(|| fit_ramps(&campaign, &recordings, &table, options));
+            FittedCampaign::Ramps(Box::new(fitted.map_err(|error| failed(&place, &error))?))
+        }
+        None => {
+            measurements.ramps = recordings;
+            let fitted = py.detach(|| fit(&campaign, measurements, options));
+            FittedCampaign::Positions(Box::new(fitted.map_err(|error| failed(&place, &error))?))
+        }
+    };
+    source.time = python(py, "_files", "now")?.call0()?.extract()?;
+    let text = match &result {
+        FittedCampaign::Positions(figures) => sealed_table(&campaign, figures, &source),
+        FittedCampaign::Ramps(figures) => sealed_ramp_table(&campaign, figures, &source),
+    };
+    let text = text.map_err(CalibrationError::new_err)?;
+    Ok(Calibration { campaign, result, source, place, text })
+}
+
+/// What messages call the samples, and what they are with their SHA-256.
+fn read_samples(
+    py: Python<'_>,
+    campaign: &Campaign,
+    samples: &Bound<'_, PyAny>,
+) -> PyResult<(String, (Measurements, String))> {
+    if let Ok(path) = samples.extract::<PathBuf>() {
+        let read = py.detach(|| of_file(campaign, &path)).map_err(|e| recording(&path, &e))?;
+        return Ok((path.display().to_string(), read));
+    }
+    let rows: PyReadonlyArray1<'_, u8> = samples.extract()?;
+    let rows = rows.as_slice()?;
+    let read = py.detach(|| of_rows(campaign, rows));
+    Ok(("samples".to_owned(), read.map_err(|error| recording(Path::new("samples"), &error))?))
+}
+
+/// The ramps of a campaign file in `folder`, with the SHA-256 of each.
+fn read_ramps(campaign: &Campaign, folder: &Path) -> PyResult<(Vec<RampRecording>, Vec<String>)> {
+    let one = |path: &Path| {
+        let mut hashed = Hashed::new(File::open(path)?);
+        let recording = RampRecording::from_csv(path.display().to_string(), &mut hashed)?;
+        Ok((recording, hashed.finish().1))
+    };
+    let paths = campaign.ramps.iter().map(|ramp| folder.join(&ramp.samples));
+    let all: PyResult<Vec<_>> = paths.map(|path| one(&path).map_err(|error| recording(&path, &error))).collect();
+    Ok(all?.into_iter().unzip())
 }
 
 fn of_file(campaign: &Campaign, path: &Path) -> Result<(Measurements, String), RecordingError> {
@@ -169,9 +240,17 @@ fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError
 }
 
 impl Calibration {
+    /// The calibration of the positions; None with ramps alone.
+    fn positions(&self) -> Option<&Figures> {
+        match &self.result {
+            FittedCampaign::Positions(figures) => Some(figures),
+            FittedCampaign::Ramps(_) => None,
+        }
+    }
+
     /// The dwells and turns of the gyroscopes.
     fn runs(&self) -> &[FittedRun] {
-        self.figures.gyroscopes.as_ref().map_or(&[], |found| &found.runs)
+        self.positions().and_then(|figures| figures.gyroscopes.as_ref()).map_or(&[], |found| &found.runs)
     }
 }
 
@@ -179,7 +258,11 @@ impl Calibration {
 impl Calibration {
     #[getter]
     fn table(&self) -> Table {
-        Table(Arc::new(self.figures.table.clone()))
+        let table = match &self.result {
+            FittedCampaign::Positions(figures) => &figures.table,
+            FittedCampaign::Ramps(figures) => &figures.table,
+        };
+        Table(Arc::new(table.clone()))
     }
 
     #[getter]
@@ -189,39 +272,54 @@ impl Calibration {
 
     #[getter]
     fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
-        self.figures.findings.iter().map(|each| finding("", each)).collect()
+        let findings = match &self.result {
+            FittedCampaign::Positions(figures) => &figures.findings,
+            FittedCampaign::Ramps(figures) => &figures.findings,
+        };
+        findings.iter().map(|each| finding("", each)).collect()
     }
 
-    /// The bottom line of the accelerometers.
+    /// The bottom line: of the accelerometers, or of ramps alone.
     #[getter]
     fn accuracy(&self) -> String {
-        Accuracy::of(&self.figures).to_string()
+        match &self.result {
+            FittedCampaign::Positions(figures) => Accuracy::of(figures).to_string(),
+            FittedCampaign::Ramps(figures) => figures.accuracy(),
+        }
     }
 
     /// The bottom line of the gyroscopes.
     #[getter]
     fn gyroscope_accuracy(&self) -> Option<String> {
-        Accuracy::of_gyroscopes(&self.figures).map(|accuracy| accuracy.to_string())
+        self.positions().and_then(Accuracy::of_gyroscopes).map(|accuracy| accuracy.to_string())
     }
 
     /// The document of `isotherm calibrate --json`.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        document(py, &json::calibration(&self.figures, |line| format!("{}:{line}", self.place)))
+        let locate = |line| format!("{}:{line}", self.place);
+        let summary = match &self.result {
+            FittedCampaign::Positions(figures) => json::calibration(figures, locate),
+            FittedCampaign::Ramps(figures) => json::ramps(figures, locate),
+        };
+        document(py, &summary)
     }
 
     /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
     fn orders(&self) -> String {
-        let gyroscopes = self.figures.gyroscopes.iter().flat_map(|found| &found.orders);
-        let sensors = self.figures.orders.iter().chain(gyroscopes);
+        let figures = self.positions().into_iter();
+        let gyroscopes =
+            figures.clone().filter_map(|figures| figures.gyroscopes.as_ref()).flat_map(|found| &found.orders);
+        let sensors = figures.flat_map(|figures| &figures.orders).chain(gyroscopes);
         let tables = sensors.map(|sensor| sensor.iter().map(OrderTable::json).collect());
         Value::Array(tables.collect()).to_string()
     }
 
     /// The residuals by dwell and axis \[g0\].
     fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let all: Vec<f64> = self.figures.solution.residuals.iter().flatten().copied().collect();
-        PyArray1::from_vec(py, all).reshape([self.figures.dwells.len(), 3])
+        let residuals = self.positions().map_or(&[][..], |figures| &figures.solution.residuals);
+        let all: Vec<f64> = residuals.iter().flatten().copied().collect();
+        PyArray1::from_vec(py, all).reshape([residuals.len(), 3])
     }
 
     /// For each dwell: set point, number of the position, first and last row, seconds.
@@ -231,7 +329,7 @@ impl Calibration {
             let [first, last] = dwell.lines;
             (dwell.set_point_c, number, first, last, dwell.sums.seconds)
         };
-        self.figures.dwells.iter().map(one).collect()
+        self.positions().map_or(&[][..], |figures| &figures.dwells).iter().map(one).collect()
     }
 
     /// The residuals of the gyroscopes by dwell or turn \[arcsec\]; no row without gyroscopes.
@@ -242,8 +340,9 @@ impl Calibration {
 
     /// For each dwell and then each turn of the gyroscopes: set point, number, first and last row, seconds.
     fn gyroscope_runs(&self) -> Vec<(f64, u32, u64, u64, f64)> {
+        let Some(figures) = self.positions() else { return Vec::new() };
         let one = |run: &FittedRun| {
-            let set_point_c = self.figures.set_points[run.set_point].set_point_c;
+            let set_point_c = figures.set_points[run.set_point].set_point_c;
             let [first, last] = run.lines;
             (set_point_c, run.place.number(&self.campaign).value(), first, last, run.seconds)
         };
@@ -251,6 +350,9 @@ impl Calibration {
     }
 
     fn html(&self) -> String {
-        html(&self.campaign, &self.figures, &self.source)
+        match &self.result {
+            FittedCampaign::Positions(figures) => calibration::html(&self.campaign, figures, &self.source),
+            FittedCampaign::Ramps(figures) => ramps::html(&self.campaign, figures, &self.source),
+        }
     }
 }

@@ -5,7 +5,7 @@ use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, i
 use crate::table::Table;
 use isotherm_calibration::double_double::DoubleDouble;
 use isotherm_calibration::order::{OrderTable, Rule, default_order};
-use isotherm_calibration::regression::{DataPoint, MAX_ORDER, Regression};
+use isotherm_calibration::regression::{DataPoint, LinearColumn, MAX_ORDER, Regression};
 use isotherm_calibration::report::json::verification;
 use isotherm_calibration::report::verification::{VerificationSource, html};
 use isotherm_calibration::requirement::Requirement;
@@ -170,11 +170,13 @@ pub fn regress(
     x: PyReadonlyArray1<'_, f64>,
     y: PyReadonlyArray1<'_, f64>,
     weights: Option<PyReadonlyArray1<'_, f64>>,
+    linear: Vec<(String, PyReadonlyArray1<'_, f64>)>,
     max_order: Option<usize>,
     min_effect: Option<f64>,
 ) -> PyResult<String> {
     let (x, y, weights) =
         (x.as_slice()?, y.as_slice()?, weights.as_ref().map(|weights| weights.as_slice()).transpose()?);
+    let linear = linear.iter().map(|(name, values)| Ok((name, values.as_slice()?))).collect::<PyResult<Vec<_>>>()?;
     if x.len() != y.len() || weights.is_some_and(|weights| weights.len() != x.len()) {
         return Err(PyValueError::new_err("x, y and weights must be of one length"));
     }
@@ -187,23 +189,29 @@ pub fn regress(
     let document = py.detach(|| {
         let points =
             (0..x.len()).map(|i| point(i, x[i], y[i], weights.map(|weights| weights[i]))).collect::<Result<_, _>>()?;
-        let order = max_order.unwrap_or_else(|| default_order(x.iter().copied()));
-        let regression = Regression::new(points, order).map_err(|error| error.to_string())?;
+        let column = |&(name, values): &(&String, &[f64])| {
+            let values =
+                values.iter().enumerate().map(|(i, value)| decimal(name, i, *value)).collect::<Result<_, _>>()?;
+            Ok::<_, String>(LinearColumn { name: name.clone(), values })
+        };
+        let linear: Vec<_> = linear.iter().map(column).collect::<Result<_, _>>()?;
+        let order = max_order.unwrap_or_else(|| default_order(x, linear.len()));
+        let regression = Regression::with_linear(points, "x", linear, order).map_err(|error| error.to_string())?;
         Ok::<_, String>(OrderTable::choose(regression, &Rule { effect: min_effect, ..Rule::default() }).json())
     });
     document.map(|document| document.to_string()).map_err(PyValueError::new_err)
 }
 
-/// Converts each double to the shortest decimal number that reads back to it, as a file would contain it.
+/// The shortest decimal number that reads back to `value`, as a file would contain it; `name[index]` stands in the error.
+fn decimal(name: &str, index: usize, value: f64) -> Result<DoubleDouble, String> {
+    DoubleDouble::parse(&format!("{value:?}"))
+        .ok_or_else(|| format!("{name}[{index}] is {value:?}, give a finite number, 0 or of size 1e-140 to 1e140"))
+}
+
 fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<DataPoint, String> {
-    let decimal = |name: &str, value: f64| {
-        let number = DoubleDouble::parse(&format!("{value:?}"));
-        number
-            .ok_or_else(|| format!("{name}[{index}] is {value:?}, give a finite number, 0 or of size 1e-140 to 1e140"))
-    };
-    let weight = weight.map_or(Ok(DoubleDouble::ONE), |weight| decimal("weights", weight))?;
+    let weight = weight.map_or(Ok(DoubleDouble::ONE), |weight| decimal("weights", index, weight))?;
     if weight > DoubleDouble::ZERO {
-        Ok(DataPoint { x: decimal("x", x)?, y: decimal("y", y)?, weight })
+        Ok(DataPoint { x: decimal("x", index, x)?, y: decimal("y", index, y)?, weight })
     } else {
         Err(format!("weights[{index}] is not over 0"))
     }

@@ -481,6 +481,12 @@ def test_regress_is_the_command(tmp_path: Path) -> None:
     )
     got = isotherm.regress(frame["x"].to_numpy(), frame["y"].tolist(), weights=frame["w"], max_order=4, min_effect=0.5)
     assert got["orders"] == right["orders"] and got["reason"] == right["reason"]
+    # A further --x of the command is a linear column here.
+    frame["step"] = 1.0 * (frame.index % 4 > 1)
+    frame.to_csv(tmp_path / "columns.csv", index=False)
+    right = json.loads(command("regress", tmp_path / "columns.csv", "--x", "x", "--x", "step", "--y", "y", "--json"))
+    got = isotherm.regress(frame["x"], frame["y"], linear={"step": frame["step"]})
+    assert got["orders"] == right["orders"] and got["linear"] == right["linear"] == ["step"]
     # A perfect fit has no F value.
     assert isotherm.regress([1, 2, 3, 4], [1, 2, 3, 4], max_order=1)["orders"][0]["f"] is None
     for x, y, options, match in [
@@ -489,6 +495,9 @@ def test_regress_is_the_command(tmp_path: Path) -> None:
         ([1, 1, 1], [1, 2, 3], {"max_order": 2}, "different values"),
         ([1, 2, 3], [1, 2, 3], {"max_order": 16}, "max_order"),
         ([1, 2, 3], [1, 2, 3], {"weights": [1, 0, 1]}, r"weights\[1\]"),
+        ([1, 2, 3, 5], [1, 2, 3, 4], {"linear": {"u": [0, np.inf, 1, 1]}, "max_order": 1}, r"u\[1\]"),
+        ([1, 2, 3, 5], [1, 2, 3, 4], {"linear": {"u": [0, 1]}, "max_order": 1}, "u"),
+        ([1, 2, 3, 5], [1, 2, 3, 4], {"linear": {"twice": [2, 4, 6, 10]}, "max_order": 1}, "twice"),
         ([1, 2, 3], [1, 2, 3], {"min_effect": -1.0}, "min_effect"),
     ]:
         with pytest.raises(ValueError, match=match):
@@ -526,6 +535,10 @@ def test_verify_is_the_command(still: Path, tmp_path: Path) -> None:
     off = windows["after"][windows["counts"]] - stability.specific_force
     assert np.allclose(off.std(axis=0, ddof=1), stability.sd_after, rtol=1e-9)
     assert stability.stated and stability.warning is None and stability.verdict["length"] is not None
+    assert text.splitlines()[0] == f"all {len(windows)} windows are judged"
+    assert stability.verdict["windows_left_out"]["count"] == 0
+    # The run only heats.
+    assert stability.verdict["axes"][0]["hysteresis"] == {"static_g0": None, "full_g0": None, "shared_bins": None, "not_judged": "only one direction"}
     stability.report(tmp_path / "verify.html", require=10.0)
     assert "</svg>" in (tmp_path / "verify.html").read_text()
     assert min(isotherm.verify(table, pd.read_csv(still / "run.csv"), window=20.0).factor) > 10.0

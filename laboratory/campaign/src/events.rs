@@ -45,6 +45,7 @@ pub fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
             Entry::Discarded { reason } => {
                 let name = match unit {
                     Some(Unit::Run(_)) => "repeated run",
+                    Some(Unit::Ramp(_)) => "repeated ramp",
                     Some(Unit::Turn { .. }) => "repeated turn",
                     Some(Unit::Dwell { .. }) | None => "repeated dwell",
                 };

@@ -18,6 +18,7 @@ use isotherm_calibration::provenance::{CampaignSource, Hashed, now, sealed_table
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::requirement::Requirement;
 use isotherm_calibration::stability::{Collector, EarthRate, LocalGravity, Setup, Stability};
+use isotherm_calibration::transients::{LagChoice, RampRecording};
 use isotherm_calibration::verdict::Estimate;
 use isotherm_client::{Options, fetch_status};
 use isotherm_failure::{Exit, Failure, printable, tell};
@@ -44,6 +45,8 @@ pub struct Finish {
     pub require: Option<Requirement>,
     /// Whether the table gets an alignment matrix. If it is not said, the table in force decides, and the fit if there is none.
     pub alignment: AlignmentChoice,
+    /// How the time constant of the lag is found, from the ramps.
+    pub lag: LagChoice,
     /// Names of faults that count as warnings.
     pub accept: Vec<&'static str>,
 }
@@ -87,6 +90,8 @@ impl Finish {
             Some(gyroscopes) => format!("accelerometers: {accuracy}; gyroscopes: {gyroscopes}"),
             None => accuracy.to_string(),
         };
+        let transients = fit.calibration.transients.iter().flat_map(|found| &found.words);
+        let accuracy = transients.fold(accuracy, |accuracy, words| format!("{accuracy}; {words}"));
         journal.write_synced(Entry::Calibrated { digest: fit.digest(), accuracy })?;
         let left_aside = plan.output.join(TABLE);
         let left_aside = left_aside.display();
@@ -234,7 +239,9 @@ impl Finish {
         let source = open_recording(&samples).map_err(|error| Failure::io("opening the samples", &samples, &error))?;
         let mut hashed = Hashed::new(source);
         let measurements = CampaignCsvReader::new(&mut hashed).and_then(|rows| read(&campaign, rows));
-        let measurements = measurements.map_err(|error| error.failure(&samples))?;
+        let mut measurements = measurements.map_err(|error| error.failure(&samples))?;
+        let (ramps, ramps_sha256) = read_ramps(folder, &campaign)?;
+        measurements.ramps = ramps;
         let locate = |line| format!("{}:{line}", samples.display());
         // A vehicle is boresighted with the axes of the table in force, so an installation keeps them.
         let alignment = match (self.alignment, in_force) {
@@ -248,7 +255,13 @@ impl Finish {
             }
             (choice, _) => choice,
         };
-        let options = CalibrationOptions { alignment, accept: self.accept.clone(), ..CalibrationOptions::default() };
+        let options = CalibrationOptions {
+            alignment,
+            accept: self.accept.clone(),
+            lag: self.lag,
+            predecessor_lag_s: in_force.and_then(|table| table.content().lag_s),
+            ..CalibrationOptions::default()
+        };
         let calibration = calibrate(&campaign, measurements, options);
         let calibration = calibration.map_err(|error| error.failure(&file, &samples, locate))?;
         let source = CampaignSource {
@@ -257,6 +270,7 @@ impl Finish {
             campaign: "campaign.toml".to_owned(),
             campaign_sha256: sha256(text.as_bytes()),
             samples_sha256: hashed.finish().1,
+            ramps_sha256,
         };
         let sealed = sealed_table(&campaign, &calibration, &source);
         let sealed = sealed.map_err(|message| Failure::new(Exit::Failed, message))?;
@@ -365,6 +379,18 @@ impl FittedTable {
         }
         Ok(target)
     }
+}
+
+/// The ramps of the campaign in `folder`, and the SHA-256 of each.
+fn read_ramps(folder: &Path, campaign: &Campaign) -> Result<(Vec<RampRecording>, Vec<String>), Failure> {
+    let read = |name: &String| {
+        let path = folder.join(name);
+        let source = open_recording(&path).map_err(|error| Failure::io("opening the ramp", &path, &error))?;
+        let mut hashed = Hashed::new(source);
+        let recording = RampRecording::from_csv(name, &mut hashed).map_err(|error| error.failure(&path))?;
+        Ok((recording, hashed.finish().1))
+    };
+    campaign.ramps.iter().map(|ramp| read(&ramp.samples)).collect()
 }
 
 /// The stability of a recording under a table.

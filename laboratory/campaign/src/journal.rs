@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: the entries, their writing and their reading define one file format.
 
-use super::plan::{Plan, RUN_KEY, SAMPLES, without_comment};
+use super::plan::{BACK, Plan, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
 use isotherm_calibration::provenance::sha256;
 use isotherm_calibration::provenance::tool;
 use isotherm_client::unix_s;
@@ -266,8 +266,7 @@ impl Journal {
             return Ok((journal, History::default()));
         }
         let mut history = history(&lines);
-        let runs = history.kept.iter().filter(|kept| kept.file != SAMPLES).count();
-        let same = match check_same_plan(&path, &lines, plan, runs) {
+        let same = match check_same_plan(&path, &lines, plan, &history.kept) {
             // Another plan may take the folder over while no unit is kept.
             Err(_) if history.kept.is_empty() => false,
             same => same?,
@@ -385,9 +384,11 @@ fn begin_entry(plan: &Plan) -> Entry {
     Entry::Begin { format: FORMAT, tool: tool(), plan: plan.identity() }
 }
 
-/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`, of which `runs` verification runs are kept.
-/// Returns whether it is the same plan: runs that are not taken yet may differ.
-fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, runs: usize) -> Result<bool, Failure> {
+/// Checks that `plan` gives the same data as the plan in the last [`Entry::Begin`] of `lines`, of which these units are kept.
+/// Returns whether it is the same plan: verification runs that are not taken yet may differ, and so may ramps before the first run.
+fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept]) -> Result<bool, Failure> {
+    let runs = kept.iter().filter(|kept| kept.file.starts_with(RUN_FILE)).count();
+    let ramps = kept.iter().filter(|kept| kept.file != SAMPLES).count() - runs;
     let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
     let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
@@ -402,8 +403,11 @@ fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, runs: usize)
     keys.dedup();
     keys.retain(|key| value(&before, key) != value(&now, key));
     let same = keys.is_empty();
-    let to_come =
-        |key: &str| key.strip_prefix(RUN_KEY).and_then(|run| run.parse().ok()).is_some_and(|run: usize| run > runs);
+    let number = |key: &str, begin: &str| key.strip_prefix(begin).and_then(|number| number.parse::<usize>().ok());
+    let to_come = |key: &str| {
+        number(key, RUN_KEY).is_some_and(|run| run > runs)
+            || runs == 0 && number(key, RAMP_KEY).is_some_and(|ramp| ramp > ramps)
+    };
     keys.retain(|key| !to_come(key));
     if keys.is_empty() {
         return Ok(same);
@@ -416,7 +420,8 @@ fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, runs: usize)
     ))
 }
 
-/// The settings as this version writes them: one key for each verification run, and no comments.
+/// The settings as this version writes them: one key for each verification run, and no comments. The runs of an older version went one way;
+/// those that are taken stay as they are.
 fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for (key, value) in settings {
@@ -425,6 +430,9 @@ fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
             Some((runs, each)) => found.extend((1..=runs).map(|run| (format!("{RUN_KEY}{run}"), each.to_owned()))),
             None => found.push((key.clone(), without_comment(value).to_owned())),
         }
+    }
+    for (_, value) in found.iter_mut().filter(|(key, value)| key.starts_with(RUN_KEY) && !value.contains(BACK)) {
+        *value = value.replacen(" degC at ", &format!(" degC{BACK} at "), 1);
     }
     found
 }

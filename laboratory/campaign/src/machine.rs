@@ -5,12 +5,13 @@
 //!    ^          |            ^_______________| the turntable left its position
 //!    `----------'____________________________| the chamber left its set point, or an interruption
 //! ```
-//! In a turn the phase `turn` takes the place of `dwell`: samples are taken while the turntable rests, turns and rests again. In a verification run
-//! it is `sweep`: samples are taken while the chamber ramps. A dwell, a turn or a verification run is a unit. A unit is kept whole or not at all.
+//! In a turn the phase `turn` takes the place of `dwell`: samples are taken while the turntable rests, turns and rests again. In a ramp or a
+//! verification run it is `sweep`: samples are taken while the chamber goes there and back. A dwell, a turn, a ramp or a verification run is a
+//! unit. A unit is kept whole or not at all.
 //!
 //! Over 400 lines: this is one state machine, and its transitions are read together. Those within a turn are in [`turn`].
 
-use super::plan::{Plan, PlannedTurn};
+use super::plan::{Plan, PlannedTurn, ThereAndBack};
 use super::stability::Trends;
 use isotherm_instruments::{ChamberReading, TurntableReading, turn_deg};
 
@@ -42,6 +43,8 @@ pub enum Unit {
         /// Index into the plan's turns.
         turn: usize,
     },
+    /// A ramp, counted from 0.
+    Ramp(usize),
     /// A verification run, counted from 0.
     Run(usize),
 }
@@ -57,24 +60,39 @@ impl Unit {
                 Some(turn) => Self::Turn { visit, turn },
             });
         }
-        let run = index - plan.set_points_c.len() * each;
+        let ramp = index - plan.set_points_c.len() * each;
+        let Some(run) = ramp.checked_sub(plan.ramps.len()) else { return Some(Self::Ramp(ramp)) };
         let runs = plan.verify.as_ref().map_or(0, |verify| verify.runs as usize);
         (run < runs).then_some(Self::Run(run))
     }
 
-    /// Index of the unit's set point; `None` for a verification run.
+    /// Index of the unit's set point; `None` for a ramp or a verification run.
     const fn visit(self) -> Option<usize> {
         match self {
             Self::Dwell { visit, .. } | Self::Turn { visit, .. } => Some(visit),
-            Self::Run(_) => None,
+            Self::Ramp(_) | Self::Run(_) => None,
         }
+    }
+
+    /// The chamber's way in a ramp or a verification run; `None` for other units.
+    pub fn way(self, plan: &Plan) -> Option<&ThereAndBack> {
+        match self {
+            Self::Dwell { .. } | Self::Turn { .. } => None,
+            Self::Ramp(ramp) => plan.ramps.get(ramp).map(|ramp| &ramp.way),
+            Self::Run(_) => plan.verify.as_ref().map(|verify| &verify.way),
+        }
+    }
+
+    /// Whether the unit has a file of its own: a ramp or a verification run.
+    pub const fn has_own_file(self) -> bool {
+        self.visit().is_none()
     }
 
     /// The chamber's set point at the beginning of the unit \[degC\].
     pub fn set_point_c(self, plan: &Plan) -> f64 {
         match self {
             Self::Dwell { visit, .. } | Self::Turn { visit, .. } => plan.set_points_c[visit],
-            Self::Run(_) => plan.verify.as_ref().map_or(0.0, |verify| verify.from_c),
+            Self::Ramp(_) | Self::Run(_) => self.way(plan).map_or(0.0, |way| way.from_c),
         }
     }
 
@@ -82,7 +100,7 @@ impl Unit {
     pub fn end_angles_deg(self, plan: &Plan) -> [f64; 2] {
         match self {
             Self::Turn { turn, .. } => plan.turns[turn].to_deg,
-            Self::Dwell { .. } | Self::Run(_) => self.angles_deg(plan),
+            Self::Dwell { .. } | Self::Ramp(_) | Self::Run(_) => self.angles_deg(plan),
         }
     }
 
@@ -91,6 +109,7 @@ impl Unit {
         match self {
             Self::Dwell { position, .. } => plan.positions[position].angles,
             Self::Turn { turn, .. } => Some(plan.turns[turn].from_deg),
+            Self::Ramp(ramp) => plan.ramps.get(ramp).and_then(|ramp| ramp.attitude.angles),
             Self::Run(run) => plan.verify.as_ref().and_then(|verify| verify.attitude(run).angles),
         }
         .unwrap_or_default()
@@ -108,6 +127,7 @@ impl Unit {
                 let (from, to, axis_name) = (from_deg[axis], to_deg[axis], ["outer", "inner"][axis]);
                 format!("{} degC, turn {number} ({axis_name} {from} to {to} deg)", plan.set_points_c[visit])
             }
+            Self::Ramp(ramp) => format!("ramp {}", ramp + 1),
             Self::Run(run) => format!("verification run {}", run + 1),
         }
     }
@@ -207,17 +227,38 @@ pub enum Phase {
     },
     /// Samples are taken while the turntable rests, turns and rests again.
     Turn(TurnState),
-    /// Samples are taken while the chamber ramps.
+    /// Samples are taken while the chamber goes there and back.
     Sweep {
-        /// When the phase began.
-        begun: f64,
-        /// When the chamber arrived at the end of the ramp.
-        arrived: Option<f64>,
+        /// How far it is.
+        leg: Leg,
+        /// When the hold began at the end of the leg; `None` while the chamber ramps.
+        held: Option<f64>,
     },
     /// All positions and turns are done; the shortest time at the set point is not over yet.
     Stay,
     /// The campaign is complete.
     Done,
+}
+
+/// How far the chamber is on its way there and back.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Leg {
+    /// It has not left where it begins.
+    Begin,
+    /// It goes to the other end, or holds there.
+    There,
+    /// It goes back, or holds there.
+    Back,
+}
+
+impl Leg {
+    /// The set point at the end of the leg \[degC\].
+    pub const fn end_c(self, way: &ThereAndBack) -> f64 {
+        match self {
+            Self::Begin | Self::Back => way.from_c,
+            Self::There => way.to_c,
+        }
+    }
 }
 
 /// The state of a turn.
@@ -405,7 +446,7 @@ impl<'p> CampaignMachine<'p> {
             Phase::Settle { begun, since } => self.settle(unit, observation, begun, since),
             Phase::Dwell { begun, complete } => self.dwell(unit, observation, begun, complete),
             Phase::Turn(state) => self.turn(unit, observation, state),
-            Phase::Sweep { begun, arrived } => self.sweep(unit, observation, begun, arrived),
+            Phase::Sweep { leg, held } => self.sweep(unit, observation, leg, held),
             Phase::Stay => {
                 let left_at = self.reached.unwrap_or(observation.now) + self.plan.soak.stay_s;
                 if observation.now >= left_at {
@@ -613,7 +654,7 @@ impl<'p> CampaignMachine<'p> {
                     before_deg: [f64::NAN; 2],
                     stage: TurnStage::Before { complete: None },
                 }),
-                Unit::Run(_) => Phase::Sweep { begun: observation.now, arrived: None },
+                Unit::Ramp(_) | Unit::Run(_) => Phase::Sweep { leg: Leg::Begin, held: Some(observation.now) },
             };
             return Ok(Action::Collect(unit));
         }
@@ -659,43 +700,50 @@ impl<'p> CampaignMachine<'p> {
         &mut self,
         unit: Unit,
         observation: &Observation<'_>,
-        begun: f64,
-        arrived: Option<f64>,
+        leg: Leg,
+        held: Option<f64>,
     ) -> Result<Action, Halt> {
         if let Some(reason) =
             self.turntable_deviation(unit, observation).or_else(|| observation.spoiled.map(str::to_owned))
         {
-            // The chamber is on its ramp; therefore the whole run begins again.
+            // The chamber is on its way; therefore the whole unit begins again.
             return self.retry_from(Phase::Approach { commanded_at: None }, reason);
         }
-        let Some(verify) = &self.plan.verify else { return Ok(Action::Wait) };
-        if observation.now - begun < verify.hold_s {
-            return match self.chamber_deviation(unit, observation) {
+        let Some(way) = unit.way(self.plan) else { return Ok(Action::Wait) };
+        let Some(since) = held else { return self.ramp(leg, leg.end_c(way), way.ramp_c_per_s, observation) };
+        if observation.now - since < way.hold_s {
+            return match self.chamber_deviation(unit, observation).filter(|_| leg == Leg::Begin) {
                 Some(reason) => self.retry_from(Phase::Approach { commanded_at: None }, reason),
                 None => Ok(Action::Wait),
             };
         }
-        if arrived.is_none() && observation.now - begun - verify.hold_s < MAX_CATCH_UP_S.max(self.min_timeout_s / 50.0)
-        {
-            // The ramp begins at the end of the hold, not at the last command.
-            self.commanded = self.commanded.map(|(commanded, at)| (commanded, at.max(begun + verify.hold_s)));
-        }
-        if self.advance_set_point(verify.to_c, verify.ramp_c_per_s, observation).is_some() {
+        let leg = match leg {
+            Leg::Begin => Leg::There,
+            Leg::There => Leg::Back,
+            Leg::Back => return Ok(self.complete_unit(unit, None, observation)),
+        };
+        // The ramp begins at the end of the hold, not at the last command.
+        self.commanded = self.commanded.map(|(commanded, at)| (commanded, at.max(since + way.hold_s)));
+        // It leaves the set point: a unit that is interrupted from now on is soaked anew.
+        self.reached = None;
+        self.phase = Phase::Sweep { leg, held: None };
+        Ok(Action::Wait)
+    }
+
+    /// The ramp of a leg, until the chamber's air is at its end.
+    fn ramp(&mut self, leg: Leg, end_c: f64, ramp_c_per_s: f64, observation: &Observation<'_>) -> Result<Action, Halt> {
+        if self.advance_set_point(end_c, ramp_c_per_s, observation).is_some() {
             return self.command_set_point(observation);
         }
-        if self.commanded_c() != Some(verify.to_c) {
+        if self.commanded_c() != Some(end_c) {
             return Ok(Action::Wait);
         }
-        if arrived.is_none() && (observation.chamber.0.air_c - verify.to_c).abs() > self.plan.soak.tolerance_c {
+        if (observation.chamber.0.air_c - end_c).abs() > self.plan.soak.tolerance_c {
             let commanded_at = self.commanded.map_or(observation.now, |(_, at)| at);
-            return self.wait_for_chamber(verify.to_c, commanded_at, observation);
+            return self.wait_for_chamber(end_c, commanded_at, observation);
         }
-        let arrived = arrived.unwrap_or(observation.now);
-        self.phase = Phase::Sweep { begun, arrived: Some(arrived) };
-        if observation.now - arrived < verify.hold_s {
-            return Ok(Action::Wait);
-        }
-        Ok(self.complete_unit(unit, None, observation))
+        self.phase = Phase::Sweep { leg, held: Some(observation.now) };
+        Ok(Action::Wait)
     }
 
     /// Counts `unit`, the one in progress, as complete, and chooses the next phase.

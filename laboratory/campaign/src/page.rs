@@ -63,7 +63,12 @@ pub fn rewrite(plan: &Plan) -> Result<(), Failure> {
 
 fn html(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves, events: &[Event]) -> String {
     let written = utc(snapshot.unix_s);
-    let kinds = if plan.turns.is_empty() { "dwells and runs" } else { "dwells, turns and runs" };
+    let kinds = match (plan.turns.is_empty(), plan.ramps.is_empty()) {
+        (true, true) => "dwells and runs",
+        (false, true) => "dwells, turns and runs",
+        (true, false) => "dwells, ramps and runs",
+        (false, false) => "dwells, turns, ramps and runs",
+    };
     let subtitle =
         format!("{} of {} {kinds} · {} left · {written}", snapshot.unit, snapshot.units, snapshot.remaining());
     let mut page = Page::new(&format!("Campaign of {}", plan.imu), &subtitle);

@@ -2,13 +2,19 @@
 
 mod model;
 mod number;
+mod ramps;
 mod read;
+mod stay;
 mod turns;
 mod warnings;
 
 pub use turns::MAX_ROW_DEG;
 
-pub use model::{DwellPlan, Motion, Patience, Plan, PlannedTurn, SAMPLES, Soak, TurnPlan, VerificationPlan};
+pub use model::{
+    DwellPlan, Motion, Patience, Plan, PlannedTurn, RUN_FILE, RampPlan, SAMPLES, Soak, ThereAndBack, TurnPlan,
+    VerificationPlan,
+};
+pub use ramps::ramp_file;
 
 use isotherm_calibration::positions::Position;
 use isotherm_files::{LoadError, WorldWritable, read_text};
@@ -56,13 +62,18 @@ impl Plan {
         self.positions.len() + self.turns.len()
     }
 
-    /// Positions and turns of each set point, as messages show them.
+    /// Set points with positions and turns, and ramps, as messages show them.
     #[must_use]
     pub fn size(&self) -> String {
         let turns = if self.turns.is_empty() { String::new() } else { format!(" and {} turns", self.turns.len()) };
         let (set_points, positions) = (self.set_points_c.len(), self.positions.len());
         let [open, close] = if turns.is_empty() { ["", ""] } else { ["(", ")"] };
-        format!("{set_points} set points x {open}{positions} positions{turns}{close}")
+        let ramps = match self.ramps.len() {
+            0 => String::new(),
+            1 => ", 1 ramp".to_owned(),
+            ramps => format!(", {ramps} ramps"),
+        };
+        format!("{set_points} set points x {open}{positions} positions{turns}{close}{ramps}")
     }
 
     /// The settings that determine the data, as keys and values. The journal keeps them to recognise the plan that it belongs to.
@@ -89,15 +100,15 @@ impl Plan {
         identity.push(pair("set_points", format!("{:?}", self.set_points_c)));
         identity.extend(soak.telemetry_per_h.map(|limit| pair("soak.telemetry_per_h", format!("{limit:?}"))));
         if let Some(verify) = &self.verify {
-            let VerificationPlan { runs, from_c, to_c, ramp_c_per_s, hold_s, .. } = verify;
-            let ramp = ramp_c_per_s * 3600.0;
-            identity.extend((1..=*runs as usize).map(|run| {
-                let angles = verify.attitude(run - 1).angles.unwrap_or_default();
-                let value =
-                    format!("{from_c:?} to {to_c:?} degC at {ramp:?} degC/h, hold {hold_s:?} s, at {angles:?} deg");
-                (format!("{RUN_KEY}{run}"), value)
-            }));
+            let runs = (1..=verify.runs as usize).map(|run| (run, verify.attitude(run - 1)));
+            identity
+                .extend(runs.map(|(run, attitude)| (format!("{RUN_KEY}{run}"), there_and_back(&verify.way, attitude))));
         }
+        let ramps = (1..).zip(&self.ramps);
+        identity
+            .extend(ramps.map(|(ramp, RampPlan { way, attitude })| {
+                (format!("{RAMP_KEY}{ramp}"), there_and_back(way, attitude))
+            }));
         // The keys before the first section of the campaign file: imu, gravity and others.
         let top = self.campaign_toml.lines().take_while(|line| !line.starts_with('['));
         let top = top.filter_map(|line| line.split_once(" = "));
@@ -125,6 +136,17 @@ impl Plan {
 
 /// Begin of the keys of [`Plan::identity`] for the verification runs; the number of the run follows, from 1.
 pub const RUN_KEY: &str = "verify.";
+/// The same for the ramps.
+pub const RAMP_KEY: &str = "ramp.";
+/// What the identity of a chamber's way there and back says of its end.
+pub const BACK: &str = " and back";
+
+/// A ramp or a verification run in [`Plan::identity`].
+fn there_and_back(way: &ThereAndBack, attitude: &Position) -> String {
+    let ThereAndBack { from_c, to_c, ramp_c_per_s, hold_s } = way;
+    let (ramp, angles) = (ramp_c_per_s * 3600.0, attitude.angles.unwrap_or_default());
+    format!("{from_c:?} to {to_c:?} degC{BACK} at {ramp:?} degC/h, hold {hold_s:?} s, at {angles:?} deg")
+}
 
 /// A value of the campaign file without its comment. Only numbers have comments there.
 pub fn without_comment(value: &str) -> &str {

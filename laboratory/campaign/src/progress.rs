@@ -29,7 +29,7 @@ pub struct Snapshot {
     pub speed: f64,
     /// The machine's phase.
     pub phase: String,
-    /// Name of the unit in progress: set point and position, or verification run.
+    /// Name of the unit in progress: set point and position, ramp or verification run.
     pub place: String,
     /// Number of complete units.
     pub unit: usize,
@@ -37,7 +37,7 @@ pub struct Snapshot {
     pub units: usize,
     /// What the machine waits for.
     pub waits_for: String,
-    /// Chamber: set point of the unit in progress \[degC\]; null when all are complete.
+    /// Chamber: set point of the unit in progress, in a ramp or a verification run that of the end it goes to \[degC\]; null when all are complete.
     pub target_c: Option<f64>,
     /// Chamber: commanded set point \[degC\]; null before the first command.
     pub commanded_c: Option<f64>,

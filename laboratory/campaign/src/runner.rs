@@ -9,7 +9,7 @@
 use super::journal::{Entry, History, Journal, Kept, TurnReadBacks};
 use super::machine::{Action, CampaignMachine, Halt, Observation, Phase, Unit};
 use super::page;
-use super::plan::Plan;
+use super::plan::{Plan, ThereAndBack};
 use super::progress::{Progress, Snapshot};
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleTap, file_of};
@@ -305,7 +305,7 @@ impl<'p> Runner<'p> {
                 self.progress.event(&format!("{set_point_c} degC reached"));
             }
             Action::Collect(unit) => {
-                let kept = if matches!(unit, Unit::Run(_)) { 0 } else { self.kept_bytes };
+                let kept = if unit.has_own_file() { 0 } else { self.kept_bytes };
                 self.recorder.begin(unit, self.clock.now(), kept)?;
             }
             Action::Discard(reason) => self.discard(reason)?,
@@ -318,7 +318,7 @@ impl<'p> Runner<'p> {
     fn keep(&mut self, unit: Unit, turned_deg: Option<[[f64; 2]; 2]>) -> Result<(), Failure> {
         let number = self.machine.completed() - 1;
         let Some(kept) = self.recorder.keep(number)? else { return Ok(()) };
-        if !matches!(unit, Unit::Run(_)) {
+        if !unit.has_own_file() {
             self.kept_bytes = kept.to;
         }
         let mut message = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
@@ -495,12 +495,15 @@ impl<'p> Runner<'p> {
         self.machine.unit().map_or_else(|| "end".to_owned(), |unit| unit.name(self.plan))
     }
 
-    /// Fraction of the dwell or turn in progress that is taken, 0 to 1; 0 outside one.
+    /// Fraction of the unit in progress that is taken, 0 to 1; 0 outside one.
     fn unit_fraction(&self) -> f64 {
         let takes_s = match self.machine.unit() {
             Some(Unit::Dwell { .. }) => self.plan.dwell.time_s,
             Some(Unit::Turn { turn, .. }) => turn_s(self.plan, &self.plan.turns[turn]),
-            Some(Unit::Run(_)) | None => return 0.0,
+            Some(unit @ (Unit::Ramp(_) | Unit::Run(_))) => {
+                unit.way(self.plan).map_or(f64::INFINITY, ThereAndBack::time_s)
+            }
+            None => return 0.0,
         };
         (self.recorder.collected_s() / takes_s).min(1.0)
     }
@@ -509,9 +512,17 @@ impl<'p> Runner<'p> {
     fn left_s(&self) -> f64 {
         let unit = self.machine.completed();
         let takes_s = unit_s(self.plan, unit).unwrap_or_default();
-        let soaked =
-            self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(self.plan.soak.time_s));
-        let first = matches!(self.machine.unit(), Some(Unit::Dwell { position: 0, .. } | Unit::Run(_)));
+        let soak_s = self.plan.soak.time_s;
+        let soaked = match self.machine.phase() {
+            // The chamber may have left the set point where it was soaked.
+            Phase::Sweep { .. } => soak_s,
+            _ => self.machine.reached().map_or(0.0, |reached| (self.clock.now() - reached).min(soak_s)),
+        };
+        let first = match self.machine.unit() {
+            Some(Unit::Dwell { position, .. }) => position == 0,
+            Some(unit) => unit.has_own_file(),
+            None => false,
+        };
         let done = self.recorder.collected_s() + if first { soaked } else { 0.0 };
         left_s(self.plan, unit) - done.min(takes_s)
     }
@@ -536,6 +547,15 @@ impl<'p> Runner<'p> {
         }
     }
 
+    /// The set point that the chamber goes to or holds \[degC\]; `None` after the last unit.
+    fn target_c(&self) -> Option<f64> {
+        let unit = self.machine.unit()?;
+        match (self.machine.phase(), unit.way(self.plan)) {
+            (Phase::Sweep { leg, .. }, Some(way)) => Some(leg.end_c(way)),
+            _ => Some(unit.set_point_c(self.plan)),
+        }
+    }
+
     fn snapshot(&self) -> Snapshot {
         let waits_for = match self.machine.phase() {
             Phase::Soak { .. } => {
@@ -546,8 +566,12 @@ impl<'p> Runner<'p> {
                     self.trends.unsettled(&self.plan.soak).unwrap_or_default()
                 }
             }
-            Phase::Dwell { .. } | Phase::Turn(_) | Phase::Sweep { .. } => {
-                format!("{:.0} s taken", self.recorder.collected_s())
+            Phase::Dwell { .. } | Phase::Turn(_) => format!("{:.0} s taken", self.recorder.collected_s()),
+            Phase::Sweep { held, .. } => {
+                let taken = super::timeline::duration(self.recorder.collected_s());
+                let target = self.target_c().unwrap_or_default();
+                let does = if held.is_some() { "holds at" } else { "ramps to" };
+                format!("the chamber {does} {target} degC, {taken} taken")
             }
             _ => String::new(),
         };
@@ -560,7 +584,7 @@ impl<'p> Runner<'p> {
             unit: self.units_kept,
             units: units(self.plan),
             waits_for,
-            target_c: self.machine.unit().map(|unit| unit.set_point_c(self.plan)),
+            target_c: self.target_c(),
             commanded_c: self.machine.commanded_c(),
             air_c: read_at(self.chamber.1).then_some(self.chamber.0.air_c),
             chamber_c_per_h: self.trends.chamber_c_per_h(),

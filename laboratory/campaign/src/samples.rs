@@ -16,7 +16,7 @@
 
 use super::journal::Kept;
 use super::machine::Unit;
-use super::plan::{MAX_ROW_DEG, Plan, SAMPLES};
+use super::plan::{MAX_ROW_DEG, Plan, RUN_FILE, SAMPLES, ramp_file};
 use isotherm_calibration::campaign::implausible;
 use isotherm_calibration::gyroscopes::runs::implausible as gyroscopes_implausible;
 use isotherm_calibration::provenance::Hashed;
@@ -167,7 +167,8 @@ impl ClockOffset {
 pub fn file_of(unit: Unit) -> String {
     match unit {
         Unit::Dwell { .. } | Unit::Turn { .. } => SAMPLES.to_owned(),
-        Unit::Run(run) => format!("verify-{}.csv", run + 1),
+        Unit::Ramp(ramp) => ramp_file(ramp),
+        Unit::Run(run) => format!("{RUN_FILE}{}.csv", run + 1),
     }
 }
 
@@ -403,7 +404,7 @@ impl<'p> SampleRecorder<'p> {
             Unit::Turn { visit, turn } => {
                 format!("{},{},{}", self.plan.set_points_c[visit], self.plan.turns[turn].number, written.session)
             }
-            Unit::Run(_) => written.session.to_string(),
+            Unit::Ramp(_) | Unit::Run(_) => written.session.to_string(),
         };
         let file = file_of(open.unit);
         open.sink.write(leading, &written).map_err(|error| self.failed("writing", &file, &error))
@@ -447,7 +448,7 @@ impl<'p> SampleRecorder<'p> {
         let layout = if kept == 0 { self.layout() } else { layout_of(&file)? };
         file.seek(SeekFrom::Start(kept))?;
         let sink = Hashed::new(BufWriter::new(file));
-        let leading = if matches!(unit, Unit::Run(_)) { "session" } else { "set_point_c,position,session" };
+        let leading = if unit.has_own_file() { "session" } else { "set_point_c,position,session" };
         if kept == 0 {
             RawCsvWriter::with_layout(sink, leading, true, layout)
         } else {

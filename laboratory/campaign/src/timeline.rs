@@ -1,7 +1,7 @@
 //! The estimated duration of a plan: its own times, and the times that turntable and chamber need for their motions and ramps.
 
 use super::machine::Unit;
-use super::plan::{Plan, PlannedTurn};
+use super::plan::{Plan, PlannedTurn, ThereAndBack};
 
 /// Assumed temperature of the chamber at the beginning \[degC\].
 const ROOM_C: f64 = 20.0;
@@ -46,13 +46,7 @@ fn own_s(plan: &Plan, unit: usize) -> Option<f64> {
     Some(match this {
         Unit::Dwell { .. } => travel + plan.dwell.time_s + plan.dwell.row_s.max(0.0),
         Unit::Turn { turn, .. } => travel + turn_s(plan, &plan.turns[turn]),
-        Unit::Run(_) => {
-            let sweep = plan
-                .verify
-                .as_ref()
-                .map_or(0.0, |verify| (verify.to_c - verify.from_c).abs() / verify.ramp_c_per_s + 2.0 * verify.hold_s);
-            travel + sweep
-        }
+        Unit::Ramp(_) | Unit::Run(_) => travel + this.way(plan).map_or(0.0, |way| way.time_s()),
     })
 }
 
@@ -60,19 +54,19 @@ fn own_s(plan: &Plan, unit: usize) -> Option<f64> {
 pub fn unit_s(plan: &Plan, unit: usize) -> Option<f64> {
     let (this, own) = (Unit::of(plan, unit)?, own_s(plan, unit)?);
     let (positions, each) = (plan.positions.len(), plan.units_of_set_point());
-    let is_run = matches!(this, Unit::Run(_));
+    let is_sweep = this.way(plan).is_some();
     let number = unit % each;
-    let approach = if number == 0 || is_run {
+    let approach = if number == 0 || is_sweep {
         let from_c = match unit.checked_sub(1).and_then(|before| Unit::of(plan, before)) {
             None => ROOM_C,
-            Some(Unit::Run(_)) => plan.verify.as_ref().map_or(ROOM_C, |verify| verify.to_c),
+            // A ramp or a verification run ends where it began.
             Some(before) => before.set_point_c(plan),
         };
         (this.set_point_c(plan) - from_c).abs() / plan.ramp_c_per_s + plan.soak.time_s
     } else {
         0.0
     };
-    let stay = if number + 1 == each && !is_run {
+    let stay = if number + 1 == each && !is_sweep {
         // The shortest time at the set point may be longer than soak, dwells and turns together.
         let dwell = own_s(plan, unit - number + positions - 1)?;
         let turns: f64 = (unit - number + positions..=unit).filter_map(|unit| own_s(plan, unit)).sum();
@@ -90,10 +84,11 @@ pub fn left_s(plan: &Plan, unit: usize) -> f64 {
 
 /// Number of units of the plan.
 pub fn units(plan: &Plan) -> usize {
-    plan.set_points_c.len() * plan.units_of_set_point() + plan.verify.as_ref().map_or(0, |verify| verify.runs as usize)
+    let runs = plan.verify.as_ref().map_or(0, |verify| verify.runs as usize);
+    plan.set_points_c.len() * plan.units_of_set_point() + plan.ramps.len() + runs
 }
 
-/// The time line: one entry for each set point and each verification run, and the end.
+/// The time line: one entry for each set point, each ramp and each verification run, and the end.
 pub fn moments(plan: &Plan) -> Vec<Moment> {
     let mut at_s = 0.0;
     let mut moments = Vec::new();
@@ -115,10 +110,9 @@ pub fn moments(plan: &Plan) -> Vec<Moment> {
                 Some(format!("to {set_point} degC, soak, positions {} to {}{turns}", numbers[0], numbers[1]))
             }
             Unit::Dwell { .. } | Unit::Turn { .. } => None,
-            Unit::Run(_) => plan.verify.as_ref().map(|verify| {
+            Unit::Ramp(_) | Unit::Run(_) => this.way(plan).map(|ThereAndBack { from_c, to_c, .. }| {
                 let [outer, inner] = this.angles_deg(plan);
-                let (from_c, to_c) = (verify.from_c, verify.to_c);
-                format!("{}: {from_c} to {to_c} degC at rest, at {outer}/{inner} deg", this.name(plan))
+                format!("{}: {from_c} to {to_c} degC and back, at rest at {outer}/{inner} deg", this.name(plan))
             }),
         };
         moments.extend(event.map(|event| Moment { at_s, event }));

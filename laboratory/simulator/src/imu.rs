@@ -1,4 +1,6 @@
 //! The process of the IMU: it simulates one control period after the other and publishes raw samples, as an acquisition does.
+//!
+//! Over 400 lines: one IMU: its thermal state, its sensors and its test against closed forms.
 
 use super::link::{Answer, DeviceEvent, LinkClient};
 use super::positioning::PositioningErrors;
@@ -46,7 +48,8 @@ pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domai
     let table = load_table(&folder.join("truth.toml"), None, WorldWritable::Allow)?.0;
     let serial = table.content().serial.clone();
     let SimulatedStation { tilt_rad, gravity_local, latitude_deg, heading_deg, .. } = *station;
-    let truth = Truth { tilt_rad, gravity_local, latitude_deg, heading_deg, ..Truth::of(table) };
+    let plays = station.plays.clone();
+    let truth = Truth { plays, tilt_rad, gravity_local, latitude_deg, heading_deg, ..Truth::of(table) };
     let mut devices = [LinkClient::new(io::stdin()).map_err(failed)?, LinkClient::new(io::stdout()).map_err(failed)?];
     let mut imu_model = MountedImu::new(station, &truth);
     let mut output = SampleSender::new(imu, serial, domain, Arc::clone(&ended));
@@ -221,6 +224,7 @@ impl SampleSender {
             self.last_progress = Instant::now();
         }
         let Some(acquisition) = &mut self.acquisition else { return };
+        acquisition.follow(raw);
         let Ok(mut loan) = acquisition.loan() else { return };
         let session = loan.session;
         *loan = RawSample { session, ..*raw };
@@ -270,7 +274,7 @@ mod tests {
     use super::*;
     use crate::{ChamberProtocol, TurntableProtocol};
     use isotherm_calibration::gyroscopes::earth::EARTH_RATE;
-    use isotherm_calibration::simulate::{Chain, Noise};
+    use isotherm_calibration::simulate::{Chain, Noise, Play};
     use isotherm_shared::compensate::compensate;
     use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::units::ARCSEC;
@@ -302,6 +306,7 @@ mod tests {
             heading_deg: 30.0,
             chain: Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..Chain::default() },
             noise: Noise::NONE,
+            plays: Vec::new(),
         }
     }
 
@@ -384,5 +389,36 @@ mod tests {
         // A new position is off by its own error.
         let off = imu.errors.rest_deg(0, 77.0) - 77.0;
         assert!(off.abs() * 3600.0 > 1.5, "{off}");
+    }
+
+    /// The station's IMU remembers its temperature: on a ramp the element is behind its head by the time constant times the rate, and a play is at its end.
+    #[test]
+    fn lag_and_hysteresis_of_the_truth_are_felt() {
+        let mut station = station(1_000_000_000);
+        let still = truth(&station);
+        let still = Truth { table: still.static_table(), ..still };
+        station.plays =
+            vec![Play { half_width: 0.1, accelerometers: [0.0, 3e-3, 0.0], gyroscopes: [0.0, 0.0, -200.0] }];
+        let mut content = still.table.content().clone();
+        content.lag_s = Some(120.0);
+        content.format = content.least_format();
+        content.axes[0].transient = 2e-3 / content.axes[0].bias_unit.factor();
+        content.gyroscopes.as_mut().unwrap().axes[1].transient = 500.0;
+        let table = CoefficientTable::new(content).unwrap();
+        let moving = Truth { table, plays: station.plays.clone(), ..still.clone() };
+        let mut imus = [&still, &moving].map(|truth| MountedImu::new(&station, truth));
+        // 0.6 degC/min up: after 40 min heads and elements follow at that rate.
+        let ramp = DeviceEvent::Chamber { target_c: 80.0, ramp_c_per_s: 0.01 };
+        let [resting, moving] = imus.each_mut().map(|imu| {
+            imu.truth = &still;
+            imu.events.push_back((0.0, ramp));
+            compensated(imu, 2400.0);
+            compensated(imu, 100.0).map(|sums| sums.map(|sum| sum / 100.0))
+        });
+        // 0.01 degC/s are 4e-4 V/s: 48 mV behind; sums of 100 s are true to two pulses.
+        let [angle, force] = [0, 1].map(|kind| [0, 1, 2].map(|i| moving[kind][i] - resting[kind][i]));
+        let lag_v = -120.0 * 4e-4;
+        assert_near(force.map(|f| f * 1e3), [2.0 * lag_v, 3.0 * -0.1, 0.0], 2e-3);
+        assert_near(angle, [0.0, 500.0 * lag_v, -200.0 * -0.1], 0.15);
     }
 }

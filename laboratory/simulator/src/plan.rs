@@ -41,7 +41,7 @@ impl SimulatedStation {
              tolerance_deg = 0.005\nstill_deg_s = 0.01\nsettle_s = 10\n\n\
              [limits]\nchamber_c = [-30, 50]\nouter_deg = [-5, 365]\ninner_deg = [-5, 365]\n\n\
              [safe]\nchamber = \"standby\"\n\n\
-             [verify]\nruns = 4\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
+             [verify]\nruns = 2\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
             self.speed,
             self.imu,
             content.gravity,

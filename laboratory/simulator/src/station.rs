@@ -1,6 +1,6 @@
 //! What a station is: its description, its processes and the protocols that its devices can have.
 
-use isotherm_calibration::simulate::{Chain, Noise};
+use isotherm_calibration::simulate::{Chain, Noise, Play};
 use isotherm_client::monotonic_ns;
 use serde::{Deserialize, Serialize};
 
@@ -43,6 +43,9 @@ pub struct SimulatedStation {
     pub chain: Chain,
     /// The random errors.
     pub noise: Noise,
+    /// The hysteresis of the IMU's biases, which its true table does not describe.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub plays: Vec<Play>,
 }
 
 impl SimulatedStation {

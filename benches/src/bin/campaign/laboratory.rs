@@ -21,7 +21,7 @@ pub const SHORT: [(&str, &str); 7] = [
     // Waits are long in laboratory time, because the machine may be busy with other work.
     ("[limits]", "[patience]\npause_s = 60000\nstream_s = 30000\nsettle_s = 20000\nstable_s = 60000\n\n[limits]"),
     (
-        "\n[verify]\nruns = 4\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
+        "\n[verify]\nruns = 2\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
         "",
     ),
 ];

@@ -1,5 +1,6 @@
 //! Options of the simulated IMU, which all simulations share, and functions that write their files.
 
+use super::memory::MemoryOptions;
 use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
 use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
@@ -54,6 +55,8 @@ pub struct SimulatedImuOptions {
     /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
     #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = vibration)]
     vibration: [f64; 2],
+    #[command(flatten)]
+    memory: MemoryOptions,
 }
 
 impl SimulatedImuOptions {
@@ -77,6 +80,8 @@ impl SimulatedImuOptions {
             content.gyroscopes = typical_gyroscopes(&chain_in(&content.temperature_unit)?.0);
             content.format = FORMAT;
         }
+        self.memory.apply(&mut content)?;
+        let plays = self.memory.plays(content.gyroscopes.is_some())?;
         if self.latitude.is_some() && content.gyroscopes.is_none() {
             return Err(usage("--latitude: only gyroscopes feel it; give --gyroscopes too"));
         }
@@ -92,6 +97,7 @@ impl SimulatedImuOptions {
         Ok(Truth {
             gravity_local: self.gravity_local.unwrap_or(truth.gravity_local),
             latitude_deg: self.latitude.unwrap_or(truth.latitude_deg),
+            plays,
             ..truth
         })
     }

@@ -149,6 +149,7 @@ impl SimulateStation {
             heading_deg: truth.heading_deg,
             chain,
             noise,
+            plays: truth.plays.clone(),
         };
         #[derive(Serialize)]
         struct StationSchedule {

@@ -16,7 +16,7 @@ _Path = str | os.PathLike[str]
 _Triple = tuple[float, float, float]
 _Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
 _Telemetry = Sequence[float] | npt.NDArray[np.floating[Any]]
-_Lagged = tuple[int, float, float]
+_Lagged = tuple[int, float, float, float]
 
 __all__ = [
     "FLAGS",
@@ -86,7 +86,7 @@ class Acquisition:
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def begin_session(self) -> None:
-        """Begins a new session: the next sample may have any sequence. The lagged telemetry begins anew, unless it is restored.
+        """Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this.
 
         Raises IsothermError if samples are unanswered.
         """
@@ -99,9 +99,18 @@ class Acquisition:
     def lag_ns(self) -> int:
         """The time constant that samples are sent with [ns]; 0 while there is none."""
     def lag_state(self) -> list[_Lagged | None]:
-        """The state of the lag, which `json` can keep: for each sensor None, or time, telemetry and lagged telemetry of its last reading."""
+        """The state of the lag, which `json` can keep: for each sensor None, or time, telemetry and lagged telemetry of its last reading,
+        and the share of an unknown start."""
     def restore_lag(self, state: Sequence[Sequence[float] | None]) -> None:
-        """Goes on with a state of `lag_state`, on the same clock, as if there had been no pause."""
+        """Goes on with a state of `lag_state`, on the same clock, as if the telemetry had gone straight on in the pause.
+
+        A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`.
+        """
+    def forget_lag(self) -> None:
+        """Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a kept state.
+
+        Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
+        """
     def loan(self) -> Loan:
         """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once."""
     def send(self, sample: Loan | Records | np.void) -> None:
@@ -457,13 +466,20 @@ def device(serial: str) -> int:
     """The number of the unit with this serial number, which every sample carries; 0 for blanks."""
 
 def read_text(path: _Path) -> str: ...
-def samples_of(text: str, name: str) -> list[str]: ...
+def samples_of(text: str, name: str) -> list[str] | None: ...
 def replay(table: Table, samples: _Bytes) -> _Bytes: ...
 def read_recording(path: _Path) -> _Bytes: ...
 def read_increments(path: _Path) -> _Bytes: ...
 def write_recording(path: _Path, samples: _Bytes) -> None: ...
 def write_increments(path: _Path, increments: _Bytes, delivery: bool) -> None: ...
-def regress(x: _Doubles, y: _Doubles, weights: _Doubles | None, max_order: int | None, min_effect: float | None) -> str: ...
+def regress(
+    x: _Doubles,
+    y: _Doubles,
+    weights: _Doubles | None,
+    linear: list[tuple[str, _Doubles]],
+    max_order: int | None,
+    min_effect: float | None,
+) -> str: ...
 def verify(
     table: Table,
     samples: _Bytes,
@@ -477,7 +493,8 @@ def verify(
 def calibrate(
     text: str,
     name: str,
-    samples: _Path | _Bytes,
+    folder: _Path,
+    samples: _Path | _Bytes | None,
     order: int | None,
     method: str,
     alignment: bool | None,
@@ -485,4 +502,5 @@ def calibrate(
     accept: Sequence[str],
     strict: bool,
     other_device: bool,
+    lag: float | None,
 ) -> Calibration: ...

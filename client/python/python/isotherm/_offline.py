@@ -24,7 +24,7 @@ AnyPath: TypeAlias = str | os.PathLike[str]
 QUANTITIES = ("bias", "positive_scale_factor", "negative_scale_factor")
 SENSORS = ("A1", "A2", "A3", "G1", "G2", "G3")
 # The sections of a campaign file of which there may be several.
-LISTS = ("position", "turn")
+LISTS = ("position", "turn", "ramp")
 
 
 @overload
@@ -119,16 +119,19 @@ def regress(
     x: npt.ArrayLike,
     y: npt.ArrayLike,
     *,
+    linear: Mapping[str, npt.ArrayLike] | None = None,
     max_order: int | None = None,
     weights: npt.ArrayLike | None = None,
     min_effect: float | None = None,
 ) -> dict[str, Any]:
     """One polynomial regression with its order table: the document of `isotherm regress --json` as a dictionary.
 
-    Each number is taken as the shortest decimal number that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
+    The fit is a polynomial of x; `linear` has further columns by name, of the length of x, each with one coefficient: the further --x of the
+    command. Each number is taken as the shortest decimal number that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
     """
     w = None if weights is None else flat_doubles(weights)
-    document = json.loads(_isotherm.regress(flat_doubles(x), flat_doubles(y), w, max_order, min_effect))
+    columns = [(name, flat_doubles(values)) for name, values in (linear or {}).items()]
+    document = json.loads(_isotherm.regress(flat_doubles(x), flat_doubles(y), w, columns, max_order, min_effect))
     assert isinstance(document, dict)
     return document
 
@@ -160,7 +163,10 @@ class Calibration:
 
     @property
     def accuracy(self) -> str:
-        """The bottom line: 95 % half widths of the curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ..."."""
+        """The bottom line: 95 % half widths of the curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ...".
+
+        With ramps alone: what was measured, and that nothing else was.
+        """
         return self._native.accuracy
 
     @property
@@ -174,7 +180,8 @@ class Calibration:
 
         By axis `bias_interval_g0`, `scale_factor_interval_ppm`, `misalignment_rad` and their 95 % half widths; then the orders of
         the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings. Under
-        `gyroscopes`, of a campaign with turns, the same of them, with g-sensitivities, random walk and Earth's rate.
+        `gyroscopes`, of a campaign with turns, the same of them, with g-sensitivities, random walk and Earth's rate. Under `transients`, of a
+        campaign with ramps, the verdict, the time constant, and each bias with its conditions. Ramps alone have that, and `not_known`.
         """
         return self._native.summary
 
@@ -238,6 +245,7 @@ def calibrate(
     accept: Iterable[str] = (),
     strict: bool = False,
     other_device: bool = False,
+    lag: float | Literal["none"] | None = None,
 ) -> Calibration:
     """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
 
@@ -251,6 +259,10 @@ def calibrate(
     `accept` lists names of findings: a fault of this name is only a warning, and the provenance has the name. With `strict` every
     warning that is not accepted is a fault. Faults raise CalibrationError. Samples of another unit than the campaign's serial number says,
     or of two units, are a fault unless `other_device`.
+
+    The ramps that the campaign names are read too, as CSV files relative to it (of a mapping: to the current folder). `lag` is the time constant
+    of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. With ramps alone there are no
+    `samples`.
     """
     if isinstance(campaign, Mapping):
         text, name, folder = campaign_toml(campaign), "campaign", Path()
@@ -259,9 +271,12 @@ def calibrate(
     given: Any
     if samples is None:
         files = _isotherm.samples_of(text, name)
-        if len(files) != 1:
+        if files is None:
+            given = None
+        elif len(files) != 1:
             raise ValueError(f"{name} names {len(files)} files of samples; read them and give them as samples")
-        given = folder / files[0]
+        else:
+            given = folder / files[0]
     elif isinstance(samples, (str, os.PathLike)):
         given = samples
     else:
@@ -269,12 +284,19 @@ def calibrate(
     fixed = None if order == "auto" else order
     # Of one name alone, `list` would make its letters.
     names = [accept] if isinstance(accept, str) else list(accept)
-    return Calibration(_isotherm.calibrate(text, name, given, fixed, method, alignment, list(exclude), names, strict, other_device))
+    if lag == 0:
+        raise ValueError('lag is 0, give a time constant in s, or "none"')
+    seconds = 0.0 if lag == "none" else lag
+    native = _isotherm.calibrate(
+        text, name, folder, given, fixed, method, alignment, list(exclude), names, strict, other_device, seconds
+    )
+    return Calibration(native)
 
 
 def campaign_toml(campaign: Mapping[str, Any]) -> str:
     """A campaign's settings as the text of a campaign file."""
-    plain = {"samples": "samples"} | {key: value for key, value in campaign.items() if key not in LISTS and value is not None}
+    alone = campaign.get("ramp") and not campaign.get("position")
+    plain = ({} if alone else {"samples": "samples"}) | {key: value for key, value in campaign.items() if key not in LISTS and value is not None}
     lines = [f"{json.dumps(key)} = {_toml(value)}" for key, value in plain.items()]
     for name in LISTS:
         for section in campaign.get(name) or ():

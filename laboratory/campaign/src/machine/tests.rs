@@ -16,7 +16,7 @@ fn small() -> Plan {
         text.replace("start_c = -25", "start_c = 10")
             .replace("stop_c = 45", "stop_c = 20")
             .replace("telemetry_per_h = 0.03", "")
-            .replace("runs = 3", "runs = 1")
+            .replace("runs = 2\nattitudes_deg = [[50, 130], [230, 130]]", "runs = 1")
     })
 }
 
@@ -24,7 +24,7 @@ fn small() -> Plan {
 fn whole(change: impl Fn(&str) -> String) -> Plan {
     let text = include_str!("../../../../examples/plan-whole.toml");
     let text = change(text).replace("start_c = -25", "start_c = 10").replace("stop_c = 45", "stop_c = 20");
-    let text = text.replace("telemetry_per_h = 0.03", "").replace("runs = 4", "runs = 2");
+    let text = text.replace("telemetry_per_h = 0.03", "");
     Plan::from_toml(&text, Path::new("")).unwrap()
 }
 
@@ -341,6 +341,115 @@ fn a_verification_run_is_kept_only_if_the_chamber_has_gone_all_the_way() {
     let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
     assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("does not get to 45.0")), "{halt:?}");
     assert_eq!(laboratory.kept(), vec![]);
+}
+
+/// The small plan with two ramps: heating first, and cooling first.
+fn with_ramps() -> Plan {
+    let ramps = "\n[[ramp]]\nfrom_c = 10\nto_c = 40\nramp_c_per_h = 30\nhold_s = 1200\n\
+                 [[ramp]]\nfrom_c = 40\nto_c = 10\nramp_c_per_h = 60\nhold_s = 0\nouter_deg = 90\n";
+    plan(|text| {
+        let text = text.replace("start_c = -25", "start_c = 20").replace("stop_c = 45", "stop_c = 20");
+        text.replace("telemetry_per_h = 0.03", "").replace("from_c = -25", "from_c = 10") + ramps
+    })
+}
+
+#[test]
+fn a_ramp_goes_there_and_back_with_its_holds_at_its_rate() {
+    let plan = with_ramps();
+    let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 0, 5.0), SimulatedLaboratory::new(&plan));
+    assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&plan));
+    assert_eq!(laboratory.kept()[12..], [Unit::Ramp(0), Unit::Ramp(1), Unit::Run(0), Unit::Run(1)]);
+    let estimate = left_s(&plan, 0);
+    assert!((laboratory.now - estimate).abs() < 0.05 * estimate, "{} {estimate}", laboratory.now);
+    for unit in &laboratory.kept()[12..] {
+        let way = unit.way(&plan).unwrap();
+        let of_unit = laboratory.actions.iter().skip_while(|(_, action)| *action != Action::Collect(*unit));
+        let until_kept = of_unit.take_while(|(_, action)| !matches!(action, Action::Keep { .. }));
+        let (mut last, mut turned) = (None, None);
+        let mut commanded = vec![way.from_c];
+        let mut collected = 0.0;
+        for (at, action) in until_kept {
+            match action {
+                Action::Collect(_) => collected = *at,
+                Action::SetPoint(celsius) => {
+                    if let Some((last_at, last_c)) = last {
+                        let rate_c_per_s = f64::abs(celsius - last_c) / (at - last_at);
+                        let turns = turned.is_none() && (celsius - last_c) * (way.to_c - way.from_c) < 0.0;
+                        if turns {
+                            turned = Some(*at);
+                            assert!(at - last_at >= way.hold_s, "{unit:?} holds at the other end");
+                        } else {
+                            assert!(rate_c_per_s <= 1.1 * way.ramp_c_per_s, "{unit:?}: {rate_c_per_s}");
+                        }
+                    } else {
+                        assert!(at - collected >= way.hold_s, "{unit:?} holds at the beginning");
+                    }
+                    last = Some((*at, *celsius));
+                    commanded.push(*celsius);
+                }
+                other => panic!("{unit:?}: {other:?}"),
+            }
+        }
+        let turn = commanded.iter().position(|celsius| *celsius == way.to_c).unwrap();
+        let heats = way.to_c > way.from_c;
+        assert!(commanded[..=turn].is_sorted_by(|a, b| (a < b) == heats) && commanded.last() == Some(&way.from_c));
+        assert!(commanded[turn..].is_sorted_by(|a, b| (a > b) == heats), "{commanded:?}");
+    }
+}
+
+#[test]
+fn an_interrupted_ramp_is_taken_again_from_its_soak_wherever_it_was() {
+    let plan = with_ramps();
+    // In the last hold the chamber is where it was soaked; but it has been away.
+    let places = [(Leg::Begin, true), (Leg::There, false), (Leg::There, true), (Leg::Back, false), (Leg::Back, true)];
+    for place in places {
+        let soaks = place.0 != Leg::Begin;
+        let mut machine = CampaignMachine::new(&plan, 12, 5.0);
+        let mut laboratory = SimulatedLaboratory::new(&plan);
+        laboratory.until(&mut machine, |action| *action == Action::Collect(Unit::Ramp(0)));
+        while !matches!(machine.phase(), Phase::Sweep { leg, held } if (leg, held.is_some()) == place) {
+            laboratory.step(&mut machine).unwrap();
+        }
+        let reached = machine.reached();
+        assert_eq!(reached.is_none(), soaks, "{place:?}");
+        let mut machine = CampaignMachine::new(&plan, 12, 5.0);
+        laboratory.collecting = None;
+        laboratory.trends.clear();
+        laboratory.now += 100.0;
+        machine.resume(laboratory.now, 100.0, reached, &laboratory.chamber).unwrap();
+        let back = laboratory.now;
+        laboratory.until(&mut machine, |action| *action == Action::Collect(Unit::Ramp(0)));
+        assert_eq!(laboratory.now - back >= plan.soak.time_s, soaks, "{place:?}");
+        assert!((laboratory.chamber.air_c - 10.0).abs() < plan.soak.tolerance_c);
+        assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+        assert_eq!(laboratory.kept(), all(&plan)[12..]);
+    }
+}
+
+#[test]
+fn a_chamber_that_does_not_come_back_ends_the_campaign() {
+    let plan = with_ramps();
+    let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 12, 5.0), SimulatedLaboratory::new(&plan));
+    laboratory.until(&mut machine, |action| *action == Action::SetPoint(40.0));
+    laboratory.until(&mut machine, |action| matches!(action, Action::SetPoint(_)));
+    laboratory.off.0 = 2.0;
+    let halt = laboratory.run(&mut machine, 60.0).unwrap_err();
+    assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("does not get to 10.0")), "{halt:?}");
+    assert_eq!(laboratory.kept(), vec![]);
+}
+
+#[test]
+fn a_turntable_that_moves_in_a_ramp_costs_the_whole_ramp() {
+    let plan = with_ramps();
+    let (mut machine, mut laboratory) = (CampaignMachine::new(&plan, 12, 5.0), SimulatedLaboratory::new(&plan));
+    laboratory.until(&mut machine, |action| *action == Action::SetPoint(40.0));
+    laboratory.off.1 = 0.02;
+    laboratory.until(&mut machine, is_discarded);
+    laboratory.off.1 = 0.0;
+    laboratory.until(&mut machine, |action| *action == Action::Reached(10.0));
+    assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
+    assert_eq!(laboratory.kept(), all(&plan)[12..]);
 }
 
 #[test]

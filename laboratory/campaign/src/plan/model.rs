@@ -10,6 +10,9 @@ use std::path::PathBuf;
 /// The file of the dwells' samples in the campaign's folder.
 pub const SAMPLES: &str = "campaign.csv";
 
+/// Begin of the names of the verification runs' files; the number of the run follows, from 1.
+pub const RUN_FILE: &str = "verify-";
+
 /// A checked plan. Times are laboratory time \[s\].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -29,6 +32,8 @@ pub struct Plan {
     pub turns: Vec<PlannedTurn>,
     /// How a turn is taken.
     pub turn: TurnPlan,
+    /// The ramps, after the last set point, in order; none if no transients are estimated.
+    pub ramps: Vec<RampPlan>,
     /// Ramp of the chamber's set point \[degC/s\].
     pub ramp_c_per_s: f64,
     /// How the turntable moves, and when it counts as arrived.
@@ -148,19 +153,43 @@ pub struct Patience {
     pub attempts: u32,
 }
 
-/// The verification runs: the IMU is at rest while the chamber ramps.
+/// The chamber's way there and back in a ramp or a verification run: it holds, ramps to the other end, holds, ramps back, and holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThereAndBack {
+    /// Set point of the chamber at the beginning, and at the end \[degC\].
+    pub from_c: f64,
+    /// Set point of the chamber at the other end \[degC\].
+    pub to_c: f64,
+    /// The ramp of both ways \[degC/s\].
+    pub ramp_c_per_s: f64,
+    /// Hold time at the beginning, at the other end, and at the end \[s\].
+    pub hold_s: f64,
+}
+
+impl ThereAndBack {
+    /// Duration of the whole way \[s\].
+    #[must_use]
+    pub fn time_s(&self) -> f64 {
+        2.0 * (self.to_c - self.from_c).abs() / self.ramp_c_per_s + 3.0 * self.hold_s
+    }
+}
+
+/// A ramp: the IMU is at rest at one attitude while the chamber goes there and back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RampPlan {
+    /// The chamber's way.
+    pub way: ThereAndBack,
+    /// The attitude; it has angles.
+    pub attitude: Position,
+}
+
+/// The verification runs: the IMU is at rest while the chamber goes there and back.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerificationPlan {
     /// Number of runs.
     pub runs: u32,
-    /// Set point of the chamber at the beginning \[degC\].
-    pub from_c: f64,
-    /// Set point of the chamber at the end \[degC\].
-    pub to_c: f64,
-    /// The ramp between them \[degC/s\].
-    pub ramp_c_per_s: f64,
-    /// Hold time before the ramp, and again after it \[s\].
-    pub hold_s: f64,
+    /// The chamber's way.
+    pub way: ThereAndBack,
     /// The attitudes of the runs, which alternate over them: at least one, all have angles.
     pub attitudes: Vec<Position>,
 }

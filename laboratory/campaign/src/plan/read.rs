@@ -2,20 +2,22 @@
 //!
 //! Over 400 lines: one file format, with one function for each of its sections.
 
-use super::model::{DwellPlan, Motion, Patience, Plan, SAMPLES, Soak, VerificationPlan};
+use super::model::{DwellPlan, Motion, Patience, Plan, RampPlan, SAMPLES, Soak, VerificationPlan};
 use super::number::{at_most, not_negative, positive};
+use super::ramps::{ramp_file, ramps};
+use super::stay::{AirLimits, position_at, way};
 use super::turns::{self, turn_plan};
 use crate::limits::{self, Limits};
-use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::campaign::{Campaign, Ramp};
 use isotherm_calibration::gyroscopes::observable;
 use isotherm_calibration::gyroscopes::turn::Turn;
-use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme, specific_force};
+use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme};
 use isotherm_calibration::simulate::campaign_toml;
 use isotherm_files::target_of;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::document::Section;
 use isotherm_shared::stream::ImuId;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -48,6 +50,7 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     let dwell = dwell(root);
     let patience = patience(root);
     let ambient_c = safe(root, limits);
+    let ramps = ramps(root, &rotation, &air);
     let verify = root.optional_section("verify").and_then(|section| verify(section, &rotation, &air));
     // Valid positions and turns replace missing ones, so that the other parts are checked.
     let known = positions.clone().unwrap_or_else(|| Scheme::SixFacesTwoHeadings.positions());
@@ -56,7 +59,7 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         Some(turns) => turns.iter().map(|(turn, _)| turn.clone()).collect(),
         None => placeholder().unwrap_or_default().into_iter().map(|(turn, _)| turn).collect(),
     };
-    let campaign_toml = header.campaign(&known, &turns_in_file);
+    let campaign_toml = header.campaign(&known, &turns_in_file, ramps.as_deref().unwrap_or_default());
     let campaign = match Campaign::from_toml(&campaign_toml) {
         Ok(campaign) => campaign,
         // The keys are the same in both files; therefore the faults are reported as faults of the plan.
@@ -77,6 +80,7 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         dwell,
         turns: turns?.into_iter().map(|(_, planned)| planned).collect(),
         turn,
+        ramps: ramps?,
         ramp_c_per_s,
         motion,
         limits: *limits,
@@ -128,7 +132,7 @@ impl<'d> CampaignHeader<'d> {
     }
 
     /// The text of the campaign file. A valid value replaces a missing one, which is reported as a fault already.
-    fn campaign(&self, positions: &[Position], turns: &[Turn]) -> String {
+    fn campaign(&self, positions: &[Position], turns: &[Turn], ramps: &[RampPlan]) -> String {
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -141,26 +145,11 @@ impl<'d> CampaignHeader<'d> {
         let imu = self.imu.as_ref().map_or("imu", ImuId::as_str);
         let [reference, local] = self.gravity.map(|gravity| gravity.unwrap_or(9.8));
         text += &campaign_toml(imu, SAMPLES, reference, local, self.unit.unwrap_or("V"), positions);
-        turns.iter().fold(text, |text, turn| text + "\n" + &turn.to_toml())
-    }
-}
-
-/// The limits of the chamber's air, for the check of a set point.
-struct AirLimits<'l> {
-    limits: &'l Limits,
-    /// The air may differ from a set point by this without an alarm \[degC\].
-    tolerance_c: f64,
-}
-
-impl AirLimits<'_> {
-    /// The fault of a set point \[degC\]; `None` if it is valid.
-    fn set_point(&self, celsius: f64) -> Option<String> {
-        let limits = self.limits;
-        limits.chamber(celsius).or_else(|| {
-            let ends = [celsius - self.tolerance_c, celsius + self.tolerance_c];
-            let fault = ends.into_iter().find_map(|air| limits.chamber(air));
-            fault.map(|fault| format!("{celsius:?} degC, within chamber.tolerance_c: {fault}"))
-        })
+        let turns = turns.iter().map(Turn::to_toml);
+        let ramps = ramps.iter().enumerate().map(|(number, ramp)| {
+            Ramp { samples: ramp_file(number), specific_force: Some(ramp.attitude.specific_force) }.to_toml()
+        });
+        turns.chain(ramps).fold(text, |text, section| text + "\n" + &section)
     }
 }
 
@@ -297,25 +286,6 @@ fn positions(root: &Section<'_, '_>, mounting: &Matrix3<f64>, limits: &Limits) -
     complete.then_some(positions)
 }
 
-/// The position at these angles of the turntable \[deg\]. Without a label it is named after the axis that points up, or after its
-/// angles.
-fn position_at(number: u32, label: &str, [outer, inner]: [f64; 2], mounting: &Matrix3<f64>) -> Position {
-    let force = mounted(mounting, [outer, inner]);
-    let up = force.iter().position(|f| (f.abs() - 1.0).abs() < 1e-9);
-    let named = up.map_or_else(
-        || format!("{outer}/{inner}"),
-        |axis| format!("{}{}", if force[axis] > 0.0 { '+' } else { '-' }, ["x", "y", "z"][axis]),
-    );
-    let label = if label.is_empty() { named } else { label.to_owned() };
-    Position { number, label, angles: Some([outer, inner]), specific_force: force }
-}
-
-/// Direction of the specific force along A1, A2, A3 at these angles of the turntable \[deg\].
-fn mounted(mounting: &Matrix3<f64>, [outer, inner]: [f64; 2]) -> [f64; 3] {
-    // Adding 0 turns -0 into 0.
-    (mounting * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into()
-}
-
 fn position(section: &Section<'_, '_>, mounting: &Matrix3<f64>) -> Option<Position> {
     let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
     if !section.has("number") {
@@ -416,16 +386,7 @@ fn safe(root: &Section<'_, '_>, limits: &Limits) -> Option<f64> {
 
 fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>) -> Option<VerificationPlan> {
     let runs = section.optional_integer("runs", 1..=100).unwrap_or(3) as u32;
-    let temperature = |key, right| {
-        let celsius = section.number(key, right);
-        section.refuse(key, celsius.and_then(|celsius| air.set_point(celsius)));
-        celsius
-    };
-    let from_c = temperature("from_c", "the chamber's temperature at the beginning in degC");
-    let to_c = temperature("to_c", "the chamber's temperature at the end in degC");
-    let ramp_c_per_h = positive(&section, "ramp_c_per_h", 20.0);
-    section.refuse("ramp_c_per_h", air.limits.ramp(ramp_c_per_h / 60.0));
-    let hold_s = not_negative(&section, "hold_s", 1800.0);
+    let way = way(&section, air);
     let attitudes = attitudes(&section, mounting, air.limits);
     let few = attitudes.as_ref().map(Vec::len).filter(|attitudes| *attitudes > runs as usize);
     section.refuse(
@@ -433,14 +394,7 @@ fn verify(section: Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>
         few.map(|attitudes| format!("is {runs}, give at least one for each of the {attitudes} attitudes")),
     );
     section.finish();
-    Some(VerificationPlan {
-        runs,
-        from_c: from_c?,
-        to_c: to_c?,
-        ramp_c_per_s: ramp_c_per_h / 3600.0,
-        hold_s,
-        attitudes: attitudes?,
-    })
+    Some(VerificationPlan { runs, way: way?, attitudes: attitudes? })
 }
 
 /// The attitudes of the verification runs: `attitudes_deg`, or one with `outer_deg` and `inner_deg`.

@@ -19,7 +19,7 @@ fn the_example_says_what_is_the_default_anyway() {
     assert_eq!((plan.set_points_c.len(), plan.set_points_c[0], plan.set_points_c[14]), (15, -25.0, 45.0));
     assert_eq!(plan.positions, Scheme::SixFacesTwoHeadings.positions());
     assert_eq!(plan.campaign.positions, plan.positions);
-    assert_eq!((plan.soak.time_s, plan.verify.as_ref().unwrap().runs, plan.ambient_c), (3600.0, 4, None));
+    assert_eq!((plan.soak.time_s, plan.verify.as_ref().unwrap().runs, plan.ambient_c), (3600.0, 2, None));
     assert_eq!(plan.warnings(), Vec::<String>::new());
     let without: String = EXAMPLE
         .lines()
@@ -416,4 +416,62 @@ fn every_fault_of_the_turns_is_named() {
         assert!(faults.contains(part), "{part}:\n{faults}");
         assert!(faults.contains("line "), "{faults}");
     }
+}
+
+/// The example's plan with this ramp.
+fn ramping(lines: &str) -> String {
+    format!("{EXAMPLE}\n[[ramp]]\n{lines}")
+}
+
+#[test]
+fn a_ramp_is_one_recording_of_the_campaign_file() {
+    let text = ramping("from_c = 45\nto_c = -25\nramp_c_per_h = 60\nhold_s = 5400\n");
+    let two = plan(&(text + "[[ramp]]\nfrom_c = 10\nto_c = 20\nouter_deg = 90\ninner_deg = 90\n"));
+    let [first, second] = [&two.ramps[0], &two.ramps[1]];
+    let way = ThereAndBack { from_c: 45.0, to_c: -25.0, ramp_c_per_s: 60.0 / 3600.0, hold_s: 5400.0 };
+    assert_eq!((first.way, first.attitude.angles), (way, Some([0.0; 2])));
+    assert_eq!(way.time_s(), 2.0 * 70.0 * 60.0 + 3.0 * 5400.0);
+    assert_eq!((second.way.ramp_c_per_s * 3600.0, second.way.hold_s), (20.0, 1800.0));
+    assert_eq!(two.size(), "15 set points x 12 positions, 2 ramps");
+    let files: Vec<_> = two.campaign.ramps.iter().map(|ramp| (ramp.samples.as_str(), ramp.specific_force)).collect();
+    let force = |ramp: &RampPlan| Some(ramp.attitude.specific_force);
+    assert_eq!(files, [("ramp-1.csv", force(first)), ("ramp-2.csv", force(second))]);
+    assert_eq!(first.attitude.specific_force, [0.0, 0.0, 1.0]);
+    let identity = two.identity();
+    let settings = |key: &str| identity.iter().find(|(known, _)| known == key).map(|(_, value)| value.as_str());
+    assert_eq!(
+        settings("ramp.1"),
+        Some("45.0 to -25.0 degC and back at 60.0 degC/h, hold 5400.0 s, at [0.0, 0.0] deg")
+    );
+    assert!(settings("ramp.2").is_some() && settings("ramp.3").is_none());
+}
+
+#[test]
+fn a_ramp_beyond_the_limits_is_refused_with_line_and_key() {
+    let right = "from_c = -25\nto_c = 45\nramp_c_per_h = 60\nhold_s = 1800\nouter_deg = 0\ninner_deg = 0\n";
+    let line = EXAMPLE.lines().count() + 2;
+    for (from, to, after, part) in [
+        (
+            "from_c = -25",
+            "from_c = -31",
+            1,
+            "ramp.1.from_c: -31.0 degC is outside limits.chamber_c, -30.0 to 50.0 degC",
+        ),
+        ("to_c = 45", "to_c = 49.8", 2, "ramp.1.to_c: 49.8 degC, within chamber.tolerance_c: 50.3 degC is outside"),
+        ("to_c = 45", "to_c = -24", 2, "ramp.1.to_c: is -24.0, as from_c within chamber.tolerance_c"),
+        ("to_c = 45\n", "", 0, "ramp.1.to_c: missing; give the chamber's temperature at the other end"),
+        ("= 60", "= 181", 3, "ramp.1.ramp_c_per_h: 3.017 degC/min is over limits.ramp_c_per_min, 3.0"),
+        ("= 60", "= 0", 3, "ramp.1.ramp_c_per_h: is 0.0"),
+        ("hold_s = 1800", "hold_s = -1", 4, "ramp.1.hold_s: is -1.0"),
+        ("hold_s = 1800", "hold = 1800", 4, "ramp.1.hold: unknown key"),
+        ("outer_deg = 0", "outer_deg = 400", 0, "ramp.1: outer angle 400.0 deg is outside limits.outer_deg"),
+    ] {
+        let faults = faults(&ramping(&right.replacen(from, to, 1)));
+        let place = format!("line {}", line + after);
+        assert!(
+            faults.contains(part) && faults.contains(&place) && faults.lines().count() == 1,
+            "{place}: {part}\n{faults}"
+        );
+    }
+    assert_eq!(faults(&ramping(right)), "");
 }

@@ -26,7 +26,7 @@ impl Plan {
             format!("verify: no run drives {missing}: mistakes there stay unseen; {remedy}")
         });
         let [low, high] = self.range_c();
-        let [from, to] = [verify.from_c.min(verify.to_c), verify.from_c.max(verify.to_c)];
+        let [from, to] = [verify.way.from_c.min(verify.way.to_c), verify.way.from_c.max(verify.way.to_c)];
         let part = ((to.min(high) - from.max(low)) / (high - low)).max(0.0);
         let range = (high > low && part < COVERED).then(|| {
             format!(

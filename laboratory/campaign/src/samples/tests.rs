@@ -323,20 +323,23 @@ fn a_file_keeps_the_columns_that_it_was_begun_with() {
     feed_whole(&mut recorder, (12..20).map(|number| whole_sample(&clock, number, SECOND)));
     recorder.keep(1).unwrap().unwrap();
     // A new file has the column.
-    recorder.begin(Unit::Run(0), 19.0, 0).unwrap();
-    feed_whole(&mut recorder, (20..40).map(|number| whole_sample(&clock, number, SECOND)));
-    recorder.keep(2).unwrap().unwrap();
+    for (unit, begin) in [(Unit::Ramp(0), 20), (Unit::Run(0), 40)] {
+        recorder.begin(unit, (begin - 1) as f64, 0).unwrap();
+        feed_whole(&mut recorder, (begin..begin + 20).map(|number| whole_sample(&clock, number, SECOND)));
+        recorder.keep(2).unwrap().unwrap();
+    }
     let lines = |name: &str| {
         let text = fs::read_to_string(folder.path().join(name)).unwrap();
         text.lines().map(|line| line.split(',').count()).collect::<Vec<_>>()
     };
     let samples = lines(SAMPLES);
     assert!(samples.len() > 8 && samples.iter().all(|columns| *columns == samples[0]), "{samples:?}");
-    let run = fs::read_to_string(folder.path().join("verify-1.csv")).unwrap();
-    assert!(
-        run.starts_with("session,sequence,") && run.lines().next().unwrap().ends_with(",g3_board,telemetry_ns,device")
-    );
-    assert!(run.lines().nth(1).unwrap().ends_with(&format!(",{:016x}", device("SN 42"))), "{run}");
+    for file in ["ramp-1.csv", "verify-1.csv"] {
+        let run = fs::read_to_string(folder.path().join(file)).unwrap();
+        let header = run.lines().next().unwrap();
+        assert!(header.starts_with("session,sequence,") && header.ends_with(",g3_board,telemetry_ns,device"));
+        assert!(run.lines().nth(1).unwrap().ends_with(&format!(",{:016x}", device("SN 42"))), "{run}");
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ mod places;
 mod recording;
 mod table;
 
-pub use numbers::{NumberRow, read_numbers};
+pub use numbers::{NumberRow, NumberTable, read_numbers};
 pub use places::Places;
 pub use recording::{Recording, RowKind, Samples};
 pub use table::ImuChoice;

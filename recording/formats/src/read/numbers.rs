@@ -1,15 +1,17 @@
-//! Reads columns of numbers by name, from files of every format.
+//! Reads columns of numbers by name, and differences of two columns, from files of every format.
 
 use super::mcap::McapReader;
 use super::parquet::ParquetReader;
 use super::places::Places;
 use super::recording::{Opened, in_order, open_source, time_column};
 use super::table::{ImuChoice, TableReader, WantedColumn};
+use core::ops::Sub;
 use indicatif::ProgressBar;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::RecordingError;
-use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, TIMESTAMP_NS};
-use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_recording::columns::{RAW, RECORDED_NS, TIMESTAMP_NS};
+use isotherm_recording::csv::{CsvColumn, DecimalMark, Rows, Separator};
+use std::borrow::Cow;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -18,135 +20,267 @@ use std::path::{Path, PathBuf};
 pub struct NumberRow<T> {
     /// Its line or row number, counted over all pieces.
     pub line: u64,
-    /// The values of the wanted columns, in the order of the request.
+    /// The wanted values, in the order of the request.
     pub values: Vec<T>,
 }
 
-/// Reads the columns `names` of all pieces. `parse` gets the index of a column and a text; it returns a value, or a description
-/// of a valid one. A double of a binary format is passed as text, in the shortest form that reads back as the same double.
+/// The wanted numbers of all pieces.
+#[derive(Clone, Debug)]
+pub struct NumberTable<T> {
+    /// The rows of all pieces.
+    pub rows: Vec<NumberRow<T>>,
+    /// Where they come from.
+    pub places: Places,
+    /// A sentence for each text whose columns are not separated by commas, or whose numbers have decimal commas.
+    pub notes: Vec<String>,
+}
+
+/// Reads numbers of all pieces. Each of `names` is a column, or `a-b`: the difference of the columns `a` and `b`, of a file that has
+/// no column `a-b`. `parse` gets the index of a name and a text; it returns a value, or a description of a valid one. A double of a
+/// binary format is passed as text, in the shortest form that reads back as the same double.
 ///
-/// Pieces are sorted by their first `recorded_ns`, else by their first `timestamp_ns`, if all of them have it.
+/// The columns of a text are separated by commas, semicolons, tabs or spaces, as its header shows; [`DecimalMark`] says which decimal
+/// commas are read. Pieces are sorted by their first `recorded_ns`, else by their first `timestamp_ns`, if all of them have it.
 ///
 /// # Errors
-/// If a piece cannot be opened, lacks a column, or a value is refused.
-pub fn read_numbers<T>(
+/// If a piece cannot be opened, lacks a column, has several columns that a name may mean, or a value is refused.
+pub fn read_numbers<T: Sub<Output = T>>(
     paths: &[PathBuf],
     names: &[&str],
     choice: &ImuChoice,
     bar: &ProgressBar,
     parse: impl Fn(usize, &str) -> Result<T, &'static str>,
-) -> Result<(Vec<NumberRow<T>>, Places), Failure> {
-    let times = [RECORDED_NS, TIMESTAMP_NS].map(|index| RAW[index].name);
-    let wanted: Vec<_> = names.iter().map(|name| WantedColumn::number(name)).collect();
-    let timed: Vec<_> = wanted.iter().cloned().chain(times.map(time_column)).collect();
+) -> Result<NumberTable<T>, Failure> {
+    let times = [RECORDED_NS, TIMESTAMP_NS].map(|index| time_column(RAW[index].name));
     let first_times = |path: &Path| {
-        let mut source = Numbers::open(path, &timed, choice, &ProgressBar::hidden())?;
+        let mut source = Numbers::open(path, names, &times, choice, &ProgressBar::hidden())?;
         let row = source.next().map_err(|error| error.failure(path))?;
-        Ok(row.then(|| [0, 1].map(|time| source.integer(names.len() + time))))
+        Ok(row.then(|| [0, 1].map(|time| source.time(time))))
     };
     let ordered = in_order(paths, first_times, |firsts: &[Option<[Option<u64>; 2]>]| {
         let all_have = |time: usize| firsts.iter().flatten().all(|times| times[time].is_some());
         let time = (0..times.len()).find(|time| all_have(*time));
         firsts.iter().map(|times| time.and_then(|time| times.as_ref()?[time])).collect()
     })?;
-    let (mut rows, mut places, mut before) = (Vec::new(), Places::default(), 0);
+    let mut table = NumberTable { rows: Vec::new(), places: Places::default(), notes: Vec::new() };
+    let mut before = 0;
     for path in &ordered {
-        let mut source = Numbers::open(path, &wanted, choice, bar)?;
-        places.begin(path, source.unit(), before);
+        let mut source = Numbers::open(path, names, &[], choice, bar)?;
+        table.places.begin(path, source.unit(), before);
         let failed = |error: RecordingError| error.failure(path);
         while source.next().map_err(failed)? {
             let line = before + source.place();
-            let values = (0..names.len()).map(|column| source.parse(column, &parse)).collect::<Result<_, _>>();
-            rows.push(NumberRow { line, values: values.map_err(failed)? });
+            let values = (0..names.len()).map(|index| source.value(index, &parse)).collect::<Result<_, _>>();
+            table.rows.push(NumberRow { line, values: values.map_err(failed)? });
         }
+        let note = source.note().map_err(failed)?;
+        table.notes.extend(note.map(|note| format!("{}: {note}", path.display())));
         before += source.place();
     }
     if ordered.is_empty() {
         return Err(Failure::new(Exit::Usage, "no data are named"));
     }
-    Ok((rows, places))
+    Ok(table)
+}
+
+/// The columns that names stand for.
+#[derive(Default)]
+struct Operands {
+    /// The columns, each once.
+    columns: Vec<String>,
+    /// For each name, the index of its column, and that of the column which is subtracted from it.
+    terms: Vec<(usize, Option<usize>)>,
+}
+
+impl Operands {
+    /// Resolves `names` in a file; `has` tells whether the file has a column. A name that is neither a column nor a difference of
+    /// columns is taken for a column, which is then missing.
+    fn resolve(names: &[&str], has: impl Fn(&str) -> bool) -> Result<Self, String> {
+        let mut operands = Self::default();
+        for &name in names {
+            let splits = name.match_indices('-').map(|(at, _)| (name[..at].trim(), name[at + 1..].trim()));
+            let splits: Vec<_> = splits.filter(|(minuend, subtrahend)| has(minuend) && has(subtrahend)).collect();
+            let term = match splits[..] {
+                _ if has(name) => (operands.index(name), None),
+                [] => (operands.index(name), None),
+                [(minuend, subtrahend)] => (operands.index(minuend), Some(operands.index(subtrahend))),
+                [(a, b), (c, d), ..] => {
+                    return Err(format!(
+                        "{name} may be {a:?} less {b:?}, or {c:?} less {d:?}; give one of the columns another name"
+                    ));
+                }
+            };
+            operands.terms.push(term);
+        }
+        Ok(operands)
+    }
+
+    fn index(&mut self, column: &str) -> usize {
+        let found = self.columns.iter().position(|other| other == column);
+        found.unwrap_or_else(|| {
+            self.columns.push(column.to_owned());
+            self.columns.len() - 1
+        })
+    }
+
+    /// The columns to read, and `times`.
+    fn wanted(&self, times: &[WantedColumn]) -> Vec<WantedColumn> {
+        self.columns.iter().map(|name| WantedColumn::number(name)).chain(times.iter().cloned()).collect()
+    }
+}
+
+/// Whether a protobuf schema can have this field.
+fn may_be_field(name: &str) -> bool {
+    !name.contains('-')
 }
 
 /// One piece, read row by row.
-enum Numbers {
-    Csv { rows: Box<Rows<Box<dyn Read>>>, columns: Vec<Option<CsvColumn>>, count: usize },
-    Table { reader: Box<dyn TableReader>, names: Vec<String>, values: Vec<Option<u64>> },
+struct Numbers {
+    operands: Operands,
+    source: Source,
+}
+
+enum Source {
+    Csv { rows: Box<Rows<Box<dyn Read>>>, columns: Vec<Option<CsvColumn>>, count: usize, mark: DecimalMark },
+    Table { reader: Box<dyn TableReader>, values: Vec<Option<u64>> },
 }
 
 impl Numbers {
-    fn open(path: &Path, wanted: &[WantedColumn], choice: &ImuChoice, bar: &ProgressBar) -> Result<Self, Failure> {
+    fn open(
+        path: &Path,
+        names: &[&str],
+        times: &[WantedColumn],
+        choice: &ImuChoice,
+        bar: &ProgressBar,
+    ) -> Result<Self, Failure> {
         let failed = |error: RecordingError| error.failure(path);
-        let reader: Box<dyn TableReader> = match open_source(path, bar, None)? {
-            Opened::Csv(source) => return Self::csv(source, wanted).map_err(failed),
-            Opened::Mcap(source) => Box::new(McapReader::new(source, wanted.to_vec(), choice.clone(), false)),
-            Opened::Parquet(file) => Box::new(ParquetReader::open(file, wanted.to_vec(), choice, bar).map_err(failed)?),
+        let mut operands = Operands::default();
+        let mut resolve = |found: &dyn Fn(&str) -> bool| {
+            operands = Operands::resolve(names, found)?;
+            Ok(operands.wanted(times))
         };
-        let names = wanted.iter().map(|column| column.name.clone()).collect();
-        Ok(Self::Table { reader, names, values: Vec::new() })
+        let reader: Box<dyn TableReader> = match open_source(path, bar, None)? {
+            Opened::Csv(source) => return Self::csv(source, names, times).map_err(failed),
+            Opened::Mcap(source) => {
+                let wanted = resolve(&may_be_field).map_err(|error| Failure::new(Exit::Data, error))?;
+                Box::new(McapReader::new(source, wanted, choice.clone(), false))
+            }
+            Opened::Parquet(file) => {
+                let wanted = |found: &[String]| resolve(&|name| found.iter().any(|other| other == name));
+                Box::new(ParquetReader::open(file, wanted, choice, bar).map_err(failed)?)
+            }
+        };
+        Ok(Self { operands, source: Source::Table { reader, values: Vec::new() } })
     }
 
-    fn csv(source: Box<dyn Read>, wanted: &[WantedColumn]) -> Result<Self, RecordingError> {
+    fn csv(source: Box<dyn Read>, names: &[&str], times: &[WantedColumn]) -> Result<Self, RecordingError> {
         let mut rows = Box::new(Rows::new(source));
         rows.next_row()?;
-        let required: Vec<_> = wanted.iter().filter(|c| c.set == ColumnSet::Always).map(|c| c.name.as_str()).collect();
-        rows.columns(&required, "is this comma-separated with a header row?")?;
+        let resolve = |found: &[String]| Operands::resolve(names, |name| found.iter().any(|other| other == name));
+        let separator = rows.detect_separator(|found| {
+            let has = |name: &String| found.contains(name);
+            resolve(found).is_ok_and(|operands| operands.columns.iter().all(has))
+        })?;
+        let found: Vec<_> = rows.names().collect();
+        let operands = resolve(&found).map_err(|message| rows.error(message))?;
+        let required: Vec<_> = operands.columns.iter().map(String::as_str).collect();
+        rows.columns(&required, "does the first row name the columns? a-b is the difference of the columns a and b")?;
+        let wanted = operands.wanted(times);
         let columns = wanted.iter().map(|column| rows.optional_column(&column.name)).collect::<Result<_, _>>()?;
         let count = rows.len();
-        Ok(Self::Csv { rows, columns, count })
+        let mark = DecimalMark::new(separator);
+        Ok(Self { operands, source: Source::Csv { rows, columns, count, mark } })
     }
 
     fn next(&mut self) -> Result<bool, RecordingError> {
-        match self {
-            Self::Csv { rows, count, .. } => {
+        match &mut self.source {
+            Source::Csv { rows, count, mark, .. } => {
                 let has_row = rows.next_row()?;
+                if has_row && rows.len() > *count && mark.separator() == Separator::Comma {
+                    return Err(rows.error(format!(
+                        "{} fields, but the header has {count}; if the comma is also the decimal mark, separate the columns \
+                         with semicolons",
+                        rows.len()
+                    )));
+                }
                 if has_row {
                     rows.expect_len(*count)?;
                 }
                 Ok(has_row)
             }
-            Self::Table { reader, values, .. } => reader.read(values),
+            Source::Table { reader, values, .. } => reader.read(values),
         }
     }
 
     fn place(&self) -> u64 {
-        match self {
-            Self::Csv { rows, .. } => rows.line(),
-            Self::Table { reader, .. } => reader.row(),
+        match &self.source {
+            Source::Csv { rows, .. } => rows.line(),
+            Source::Table { reader, .. } => reader.row(),
         }
     }
 
     fn unit(&self) -> Option<&'static str> {
-        match self {
-            Self::Csv { .. } => None,
-            Self::Table { reader, .. } => Some(reader.unit()),
+        match &self.source {
+            Source::Csv { .. } => None,
+            Source::Table { reader, .. } => Some(reader.unit()),
         }
+    }
+
+    /// How the columns and numbers of a text were read, unless by commas and with points. Valid after the last row.
+    fn note(&self) -> Result<Option<String>, RecordingError> {
+        let Source::Csv { mark, .. } = &self.source else { return Ok(None) };
+        let commas = mark.has_commas().map_err(|(line, message)| RecordingError::Data { line, message })?;
+        let note = (commas || mark.separator() != Separator::Comma).then(|| {
+            let numbers = if commas { "commas" } else { "points" };
+            format!("columns separated by {}, numbers with decimal {numbers}", mark.separator().name())
+        });
+        Ok(note)
+    }
+
+    /// The value of the name with this index.
+    fn value<T: Sub<Output = T>>(
+        &mut self,
+        index: usize,
+        parse: &impl Fn(usize, &str) -> Result<T, &'static str>,
+    ) -> Result<T, RecordingError> {
+        let (minuend, subtrahend) = self.operands.terms[index];
+        let minuend = self.parse(minuend, index, parse)?;
+        Ok(match subtrahend {
+            Some(subtrahend) => minuend - self.parse(subtrahend, index, parse)?,
+            None => minuend,
+        })
     }
 
     fn parse<T>(
-        &self,
+        &mut self,
         column: usize,
+        index: usize,
         parse: &impl Fn(usize, &str) -> Result<T, &'static str>,
     ) -> Result<T, RecordingError> {
-        match self {
-            Self::Csv { rows, columns, .. } => {
+        match &mut self.source {
+            Source::Csv { rows, columns, mark, .. } => {
                 let Some(column_in_row) = &columns[column] else {
                     return Err(rows.error("a column is missing".to_owned()));
                 };
-                rows.parse_or(column_in_row, |text| parse(column, text))
+                rows.parse_or(column_in_row, |text| {
+                    let number = mark.with_point(rows.line(), text)?;
+                    parse(index, &number).map_err(Cow::Borrowed)
+                })
             }
-            Self::Table { reader, names, values } => {
+            Source::Table { reader, values } => {
                 let text = values[column].map(|bits| format!("{:?}", f64::from_bits(bits))).unwrap_or_default();
-                let refused = |expected| reader.error(format!("{} is {text:?}, give {expected}", names[column]));
-                parse(column, &text).map_err(refused)
+                let name = &self.operands.columns[column];
+                parse(index, &text).map_err(|expected| reader.error(format!("{name} is {text:?}, give {expected}")))
             }
         }
     }
 
-    /// The integer of a column in the current row, if there is one.
-    fn integer(&self, column: usize) -> Option<u64> {
-        match self {
-            Self::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
-            Self::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
+    /// The integer of a time column in the current row, if there is one.
+    fn time(&self, time: usize) -> Option<u64> {
+        let column = self.operands.columns.len() + time;
+        match &self.source {
+            Source::Csv { rows, columns, .. } => rows.integer(columns[column].as_ref()?).ok(),
+            Source::Table { values, .. } => values[column].map(|bits| f64::from_bits(bits) as u64),
         }
     }
 }

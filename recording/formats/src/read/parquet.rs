@@ -11,6 +11,7 @@ use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::schema::types::SchemaDescriptor;
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt as _;
@@ -69,13 +70,13 @@ impl FoundColumn {
 }
 
 impl ParquetReader {
-    /// Opens a file and finds the wanted columns. `bar` advances by the bytes read.
+    /// Opens a file and finds the columns that `wanted` returns, given the names of all. `bar` advances by the bytes read.
     ///
     /// # Errors
     /// If it is not a Parquet file, belongs to another IMU than the chosen one, or lacks a column.
     pub fn open(
         file: File,
-        wanted: Vec<WantedColumn>,
+        wanted: impl FnOnce(&[String]) -> Result<Vec<WantedColumn>, String>,
         choice: &ImuChoice,
         bar: &ProgressBar,
     ) -> Result<Self, RecordingError> {
@@ -116,7 +117,10 @@ impl ParquetReader {
             return Err(wrong(format!("samples of {}, not of {wanted}; choose with --imu", imu.escape_debug())));
         }
         let rows = u64::try_from(metadata.num_rows()).unwrap_or(0);
-        let columns = find(&reader, &wanted).map_err(wrong)?;
+        let schema = metadata.schema_descr();
+        let names: Vec<_> = (0..schema.num_columns()).map(|index| schema.column(index).path().string()).collect();
+        let wanted = wanted(&names).map_err(wrong)?;
+        let columns = find(schema, &names, &wanted).map_err(wrong)?;
         check_compression(&reader, &columns).map_err(wrong)?;
         Ok(Self {
             file,
@@ -255,11 +259,9 @@ fn located(error: io::Error, refuse: impl FnOnce(io::Error) -> RecordingError) -
     if error.raw_os_error().is_some() { RecordingError::Io(error) } else { refuse(error) }
 }
 
-/// Finds the wanted columns in a file's schema.
-fn find(reader: &SerializedFileReader<File>, wanted: &[WantedColumn]) -> Result<Vec<FoundColumn>, String> {
-    let schema = reader.metadata().file_metadata().schema_descr();
-    let names: Vec<_> = (0..schema.num_columns()).map(|index| schema.column(index).path().string()).collect();
-    refuse_missing(wanted, &names, "is this the recording?")?;
+/// Finds the wanted columns in a file's schema, which has the columns `names`.
+fn find(schema: &SchemaDescriptor, names: &[String], wanted: &[WantedColumn]) -> Result<Vec<FoundColumn>, String> {
+    refuse_missing(wanted, names, "is this the recording?")?;
     let mut columns = Vec::new();
     for (wanted_index, WantedColumn { name, kind, absence, .. }) in wanted.iter().enumerate() {
         let mut found = (0..names.len()).filter(|&index| names[index] == *name);

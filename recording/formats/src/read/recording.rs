@@ -273,7 +273,9 @@ impl Piece {
             }
             Opened::Csv(source) => PieceSource::Csv(Box::new(RawCsvReader::new(source).map_err(failed)?)),
             Opened::Mcap(source) => table_source(McapReader::new(source, columns(), choice.clone(), true)),
-            Opened::Parquet(file) => table_source(ParquetReader::open(file, columns(), choice, bar).map_err(failed)?),
+            Opened::Parquet(file) => {
+                table_source(ParquetReader::open(file, |_| Ok(columns()), choice, bar).map_err(failed)?)
+            }
         };
         Ok(Self { path: path.to_owned(), source })
     }

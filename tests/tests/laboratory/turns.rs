@@ -4,9 +4,11 @@
 
 use isotherm_calibration::simulate::{worst_errors, worst_gyroscope_errors};
 use isotherm_client::device;
-use isotherm_tests::laboratory::{GYROSCOPES, SERIAL, TestLaboratory, stdout_of_success, wait_for_end, wait_long};
-use isotherm_tests::{Process, table, text, wait_until};
-use rustix::process::{Pid, Signal, kill_process};
+use isotherm_tests::laboratory::{
+    GYROSCOPES, SERIAL, TestLaboratory, station_part, stdout_of_success, wait_for_end, wait_long,
+};
+use isotherm_tests::{table, text, wait_until};
+use rustix::process::{Signal, kill_process};
 use std::fs;
 use std::time::Duration;
 
@@ -87,17 +89,6 @@ fn killed_in_turns_it_ends_with_a_good_table_of_both_triads() {
     assert!(bias < 0.1 && scale_factor < 20.0 && g_sensitivity < 0.1 && misalignment < 2e-5, "{errors}");
 }
 
-/// The pid of the station's IMU.
-fn imu_of(station: &Process) -> Pid {
-    let station = station.pid();
-    let children = fs::read_to_string(format!("/proc/{station}/task/{station}/children")).unwrap();
-    let imu = children.split_whitespace().find(|pid| {
-        let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap();
-        words.split(|byte| *byte == 0).any(|word| word == b"imu")
-    });
-    Pid::from_raw(imu.unwrap().parse().unwrap()).unwrap()
-}
-
 /// Each disturbance of a turn costs this turn, and nothing else.
 #[test]
 fn a_turn_that_is_disturbed_is_taken_again() {
@@ -120,7 +111,7 @@ fn a_turn_that_is_disturbed_is_taken_again() {
     laboratory.faults("");
     assert_eq!(laboratory.events("kept").len(), POSITIONS + 3);
     // The acquisition is restarted: the stream goes on with another session.
-    let imu = imu_of(&laboratory.station);
+    let imu = station_part(&laboratory.station, "imu");
     wait_for_turn(&laboratory, POSITIONS + 4);
     let discarded = laboratory.events("discarded").len();
     kill_process(imu, Signal::USR1).unwrap();

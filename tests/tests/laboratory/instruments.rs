@@ -423,8 +423,11 @@ fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     let mut chamber = station.chamber(&keys("espec", "", LONG_TIMEOUT));
     chamber.identify().unwrap();
     let path = format!("/proc/{0}/task/{0}/children", station.process.pid());
-    let children: Vec<String> = std::fs::read_to_string(path).unwrap().split_whitespace().map(str::to_owned).collect();
-    assert_eq!(children.len(), 3);
+    let mut children: Vec<String> = Vec::new();
+    wait_until("its three processes", || {
+        children = std::fs::read_to_string(&path).unwrap().split_whitespace().map(str::to_owned).collect();
+        children.len() == 3
+    });
     let ended = |pid: &String| {
         std::fs::read_to_string(format!("/proc/{pid}/stat"))
             .map_or(true, |stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('Z')))
@@ -658,7 +661,7 @@ fn everything_wrong_with_a_section_is_reported_at_once() {
 
 #[test]
 fn every_key_is_in_the_docs() {
-    let docs = include_str!("../../docs/instruments.md");
+    let docs = include_str!("../../../docs/instruments.md");
     let known = |faults: Faults| {
         let message = faults.0.iter().find(|fault| fault.key == "unheard-of").unwrap().message.clone();
         let (_, keys) = message.split_once("known here: ").unwrap();

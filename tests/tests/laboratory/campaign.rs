@@ -1,17 +1,15 @@
-//! The automatic campaign, with a real service and the processes of a simulated station, 1000 times as fast as in a laboratory.
+//! The automatic campaign, with a real service and the processes of a simulated station, hundreds of times as fast as in a laboratory.
 //!
 //! Over 400 lines: all tests share one set-up of service, station and plan.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-mod feed;
-
-use feed::{Feed, ids};
+use crate::feed::{Feed, ids};
 use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content};
-use isotherm_tests::laboratory::{TestLaboratory, stdout_of_success, wait_for_end, wait_long};
+use isotherm_tests::laboratory::{TestLaboratory, station_part, stdout_of_success, wait_for_end, wait_long};
 use isotherm_tests::{Process, table, text, wait_until};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Signal, kill_process};
 use serde_json::Value;
 use std::fs;
 use std::process::Output;
@@ -426,13 +424,7 @@ fn a_runner_that_cannot_continue_names_the_command_for_the_safe_state() {
 fn a_stream_that_stops_pauses_the_campaign_until_samples_come_again() {
     let laboratory =
         TestLaboratory::new(&[("list_c = [20, 23]", "list_c = [20]"), ("stream_s = 30000", "stream_s = 60")]);
-    let station = laboratory.station.pid();
-    let children = fs::read_to_string(format!("/proc/{station}/task/{station}/children")).unwrap();
-    let imu = children.split_whitespace().find(|pid| {
-        let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap();
-        words.split(|byte| *byte == 0).any(|word| word == b"imu")
-    });
-    let imu = Pid::from_raw(imu.unwrap().parse().unwrap()).unwrap();
+    let imu = station_part(&laboratory.station, "imu");
     let paused = || {
         let status: Value = serde_json::from_slice(&laboratory.file("status.json")).unwrap_or_default();
         status["paused"].is_string()

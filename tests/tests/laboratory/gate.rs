@@ -11,8 +11,8 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-const PLAN: &str = include_str!("../../examples/plan.toml");
-const EXAMPLE_ATTITUDES: &str = "runs = 4\nattitudes_deg = [[50, 130], [230, 130]]";
+const PLAN: &str = include_str!("../../../examples/plan.toml");
+const EXAMPLE_ATTITUDES: &str = "runs = 2\nattitudes_deg = [[50, 130], [230, 130]]";
 const ONE: &str = "runs = 1";
 const OPPOSITE: &str = "runs = 2\nattitudes_deg = [[50, 130], [230, 130]]";
 
@@ -76,7 +76,7 @@ impl Complete {
             let file = format!("verify-{}.csv", run + 1);
             let join = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
             let attitude = format!("--attitude={}", join(&verify.attitude(run as usize).specific_force));
-            let temperatures = format!("--temperatures={},{}", verify.from_c, verify.to_c);
+            let temperatures = format!("--temperatures={},{}", verify.way.from_c, verify.way.to_c);
             let seed = (run + 2).to_string();
             let simulate = ["simulate", "run", "-o", "run", "--imu", "imu-a", "--interval", "10", "--hold", "600"];
             self.domain.run_ok(&[&simulate[..], &["--seed", &seed, &attitude, &temperatures]].concat());

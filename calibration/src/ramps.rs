@@ -1,0 +1,306 @@
+//! The ramps of a campaign: their [transients](crate::transients) go into the table of its positions or, without positions, into another
+//! table.
+//!
+//! # Ramps alone
+//! They show how each bias changes with temperature, at one attitude. The table that the campaign file calls `curves` gives everything else. Its
+//! bias curves are replaced by those of the ramps, each shifted to keep its value at mid range: the constant of a ramp contains the attitude
+//! (1 mrad is 1000 ug0) and Earth's rate. What such a table does not know stands in [`RampCalibration::not_known`].
+
+use crate::alignment::AlignmentChoice;
+use crate::calibrate::{Calibration, CalibrationError, CalibrationOptions, Method, admit};
+use crate::campaign::Campaign;
+use crate::checks::{Finding, Severity, name};
+use crate::transients::{CurveSource, LagChoice, RampRecording, TransientOptions, Transients, TransientsError, fit};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::device;
+
+/// What a ramp indicates may differ by this from its stated specific force \[g0\]: biases are part of it.
+const FORCE: f64 = 0.1;
+/// An axis that carries more specific force has a curve that contains the change of its scale factor \[g0\].
+const CARRIED_G0: f64 = 0.01;
+
+/// The result of a campaign with ramps alone.
+#[derive(Clone, Debug)]
+pub struct RampCalibration {
+    /// The table: that of `curves`, with the bias curves and the transients of the ramps.
+    pub table: CoefficientTable,
+    /// The table that gave everything else.
+    pub curves: CoefficientTable,
+    /// The options it was made with.
+    pub options: CalibrationOptions,
+    /// Warnings.
+    pub findings: Vec<Finding>,
+    /// Names of the faults that were accepted, and are warnings now.
+    pub accepted: Vec<&'static str>,
+    /// Number of recordings.
+    pub recordings: usize,
+    /// What the ramps show.
+    pub transients: Transients,
+}
+
+impl RampCalibration {
+    /// What the table knows, in one line.
+    #[must_use]
+    pub fn accuracy(&self) -> String {
+        let names: Vec<_> = self.transients.biases.iter().map(crate::transients::BiasTransient::name).collect();
+        let count = self.recordings;
+        let noun = if count == 1 { "recording" } else { "recordings" };
+        format!(
+            "the change of the biases of {} with temperature, at one attitude, from {count} {noun} of ramps; nothing else was measured",
+            names.join(", ")
+        )
+    }
+
+    /// What the table does not know, in sentences.
+    #[must_use]
+    pub fn not_known(&self) -> Vec<String> {
+        let content = self.table.content();
+        let g_sensitivity =
+            content.gyroscopes.as_ref().is_some_and(|found| found.g_sensitivity.iter().any(Option::is_some));
+        let of_gyroscopes = if g_sensitivity { ", g-sensitivities" } else { "" };
+        let measured = |kind| self.transients.biases.iter().any(|bias| bias.kind == kind);
+        let earth = if measured(SensorKind::Gyroscope) {
+            "attitude (1 mrad is 1000 ug0) and Earth's rate (up to 15 deg/h)"
+        } else {
+            "attitude (1 mrad is 1000 ug0)"
+        };
+        let mut sentences = vec![
+            format!("scale factors, misalignments{of_gyroscopes}: not measured; they are those of curves"),
+            format!(
+                "the constant of each bias: not measured; at mid range it is that of curves, since that of the ramps contains {earth}"
+            ),
+        ];
+        let before = self.curves.content();
+        let shorter = self.transients.biases.iter().filter(|bias| {
+            let [low, high] = bias.curve.range();
+            let axes = match (bias.kind, &before.gyroscopes) {
+                (SensorKind::Gyroscope, Some(gyroscopes)) => &gyroscopes.axes,
+                _ => &before.axes,
+            };
+            let [was_low, was_high] = axes[bias.axis].bias.range();
+            low > was_low || high < was_high
+        });
+        let unit = &content.temperature_unit;
+        let ranges: Vec<_> = shorter
+            .map(|bias| {
+                let [low, high] = bias.curve.range();
+                format!("{} {low:.3} .. {high:.3} {unit}", bias.name())
+            })
+            .collect();
+        if !ranges.is_empty() {
+            sentences.push(format!(
+                "the biases beyond the telemetry of the ramps, where curves had a bias: the new ranges are {}",
+                ranges.join(", ")
+            ));
+        }
+        let carrying = self.transients.biases.iter().filter(|bias| bias.carried_g0 > CARRIED_G0);
+        let carrying: Vec<_> = carrying.map(|bias| format!("{} ({:.2} g0)", bias.name(), bias.carried_g0)).collect();
+        if !carrying.is_empty() {
+            sentences.push(format!(
+                "the bias alone of {}: the axis carries a specific force f, so that its curve is the bias and f dK/K, the change of its scale factor that curves \
+                 does not know",
+                carrying.join(", ")
+            ));
+        }
+        if content.gyroscopes.is_some() && !measured(SensorKind::Gyroscope) {
+            sentences.push(
+                "the gyroscopes: the ramps have none; their curves are those of curves, without transients".to_owned(),
+            );
+        }
+        sentences
+    }
+}
+
+/// Makes a table of ramps alone. `curves` is the table that the campaign file names.
+///
+/// # Errors
+/// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another unit, or if nothing can be estimated.
+pub fn calibrate(
+    campaign: &Campaign,
+    ramps: &[RampRecording],
+    curves: &CoefficientTable,
+    options: CalibrationOptions,
+) -> Result<RampCalibration, CalibrationError> {
+    refuse_options(campaign, &options)?;
+    let wrong = mismatches(campaign, curves.content());
+    if !wrong.is_empty() {
+        return Err(CalibrationError::Curves(wrong));
+    }
+    refuse_twice(ramps)?;
+    let mut accepted = Vec::new();
+    let mut findings = admit(faults(campaign, ramps, curves), &options, &mut accepted)?;
+    let mut content = curves.content().clone();
+    content.serial = campaign.serial.clone().or(content.serial);
+    content.out_of_range = campaign.out_of_range.unwrap_or(content.out_of_range);
+    content.max_age_s = campaign.max_age_s.or(content.max_age_s);
+    if campaign.max_rate.is_some() {
+        content.axes.iter_mut().for_each(|axis| axis.max_rate = campaign.max_rate);
+    }
+    let transients = fit(
+        ramps,
+        curves,
+        &TransientOptions {
+            curves: CurveSource::Ramps,
+            lag: options.lag,
+            predecessor_s: options.predecessor_lag_s.or(content.lag_s),
+        },
+    )?;
+    let of_gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
+    content.axes.iter_mut().chain(of_gyroscopes).for_each(|axis| axis.transient = 0.0);
+    transients.apply(&mut content);
+    findings.extend(admit(warnings(ramps, curves, &transients), &options, &mut accepted)?);
+    let table = CoefficientTable::new(content).map_err(CalibrationError::Table)?;
+    Ok(RampCalibration {
+        table: table.measured_at(Some(campaign.gravity_local)),
+        curves: curves.clone(),
+        options,
+        findings,
+        accepted,
+        recordings: ramps.len(),
+        transients,
+    })
+}
+
+/// Writes what the ramps beside the positions show into the table of a calibration.
+pub(crate) fn add_transients(
+    campaign: &Campaign,
+    calibration: &mut Calibration,
+    ramps: &[RampRecording],
+) -> Result<(), CalibrationError> {
+    refuse_twice(ramps)?;
+    let Calibration { table, options, accepted, findings, .. } = calibration;
+    findings.extend(admit(faults(campaign, ramps, table), options, accepted)?);
+    let found = fit(
+        ramps,
+        table,
+        &TransientOptions { curves: CurveSource::Campaign, lag: options.lag, predecessor_s: options.predecessor_lag_s },
+    )?;
+    let mut content = table.content().clone();
+    found.apply(&mut content);
+    findings.extend(admit(warnings(ramps, table, &found), options, accepted)?);
+    let new = CoefficientTable::new(content).map_err(CalibrationError::Table)?;
+    *table = new.measured_at(table.gravity_local()).measured_on(table.turntable().cloned());
+    calibration.transients = Some(found);
+    Ok(())
+}
+
+/// # Errors
+/// If an option is for ramps and there are none, or for positions and there are ramps alone.
+pub(crate) fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
+    let message = if campaign.ramps.is_empty() && options.lag != LagChoice::Search {
+        "a time constant of the lag is for ramps, and the campaign file has none; give [[ramp]], or leave the time constant out"
+    } else if campaign.has_ramps_alone()
+        && (options.order.is_some()
+            || options.method != Method::default()
+            || options.alignment != AlignmentChoice::IfNeeded
+            || !options.exclude.is_empty())
+    {
+        "order, method, alignment and exclude are for positions, and the campaign file has ramps alone; leave them out"
+    } else {
+        return Ok(());
+    };
+    Err(CalibrationError::Options(message.to_owned()))
+}
+
+/// # Errors
+/// If two recordings have the same rows: the second shows nothing, and would halve the errors.
+fn refuse_twice(ramps: &[RampRecording]) -> Result<(), CalibrationError> {
+    for (number, ramp) in ramps.iter().enumerate() {
+        if let Some(same) = ramps[..number].iter().find(|other| ramp.has_rows_of(other)) {
+            let message =
+                format!("{} has the rows of {}; one recording is one [[ramp]]: take one out", ramp.name(), same.name());
+            return Err(TransientsError::Recording(message).into());
+        }
+    }
+    Ok(())
+}
+
+/// What is wrong with the recordings, before anything is estimated.
+fn faults(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTable) -> Vec<Finding> {
+    let mut all = devices(campaign, ramps, table);
+    let gravity = campaign.gravity_local / campaign.gravity_reference;
+    for (ramp, recording) in campaign.ramps.iter().zip(ramps) {
+        let Some(stated) = ramp.specific_force.map(|force| force.map(|f| f * gravity)) else { continue };
+        let indicated = [0, 1, 2].map(|axis| recording.mean_force(axis, &table.content().axes[axis]));
+        let off = (0..stated.len()).find(|axis| (indicated[*axis] - stated[*axis]).abs() > FORCE);
+        all.extend(off.map(|axis| {
+            let message = format!(
+                "{}: {} indicates {:.3} g0 on average, and specific_force says {:.3} g0; correct specific_force, or leave it out",
+                recording.name(),
+                AXIS_NAMES[axis],
+                indicated[axis],
+                stated[axis]
+            );
+            Finding::whole(Severity::Fault, name::WRONG_POSITION, message)
+        }));
+    }
+    all
+}
+
+/// Why a table cannot give the curves of ramps.
+fn mismatches(campaign: &Campaign, curves: &Content) -> Vec<String> {
+    let mut wrong = Vec::new();
+    if curves.imu != campaign.imu {
+        wrong.push(format!(
+            "curves is the table of {}, and the campaign is of {}; give that of the same IMU",
+            curves.imu, campaign.imu
+        ));
+    }
+    if curves.temperature_unit != campaign.temperature_unit {
+        wrong.push(format!(
+            "the telemetry of curves is in {:?}, and temperature_unit is {:?}; give a table in the unit of the ramps",
+            curves.temperature_unit, campaign.temperature_unit
+        ));
+    }
+    if curves.gravity != campaign.gravity_reference {
+        wrong.push(format!(
+            "1 g0 of curves is {} m/s2, and gravity_reference is {} m/s2; state that of curves, since its scale factors are per g0",
+            curves.gravity, campaign.gravity_reference
+        ));
+    }
+    wrong
+}
+
+/// The fault that ramps are of another unit than the campaign file or the table says, or of two units.
+fn devices(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTable) -> Vec<Finding> {
+    let of_file = campaign.serial.as_deref().map_or(0, device);
+    let found = || ramps.iter().flat_map(|ramp| ramp.devices().map(|device| (ramp.name(), device)));
+    let first = found().map(|(_, device)| device).find(|device| *device != 0);
+    let (expected, whose) = match (of_file, table.device()) {
+        (0, 0) => (first.unwrap_or(0), "the first ramp's"),
+        (0, of_table) => (of_table, "that of the serial number of curves"),
+        (of_file, _) => (of_file, "that of the serial number of the campaign file"),
+    };
+    let fault = |message| vec![Finding::whole(Severity::Fault, name::OTHER_DEVICE, message)];
+    if of_file != 0 && table.device() != 0 && of_file != table.device() {
+        return fault(
+            "the serial numbers of the campaign file and of curves differ; give the table of the same unit (--other-device makes the table all the same)".to_owned(),
+        );
+    }
+    let other = found().find(|(_, device)| *device != 0 && *device != expected);
+    other.map_or_else(Vec::new, |(name, device)| {
+        fault(format!(
+            "{name}: the unit {device:016x} took rows of this ramp, and {expected:016x} is {whose}; give ramps of that unit, or correct serial or the \
+             acquisition's serial number (--other-device makes the table all the same)"
+        ))
+    })
+}
+
+/// What is to be said of the ramps: the warnings of the estimate, and triads that do not match.
+fn warnings(ramps: &[RampRecording], table: &CoefficientTable, found: &Transients) -> Vec<Finding> {
+    let warning = |name, message| Finding::whole(Severity::Warning, name, message);
+    let mut all: Vec<_> = found.warnings.iter().map(|message| warning(name::TRANSIENT, message.clone())).collect();
+    let without = ramps.iter().find(|ramp| !ramp.has_gyroscopes());
+    let message = match (&table.content().gyroscopes, without) {
+        (Some(_), Some(ramp)) => {
+            format!("{} has no gyroscopes, and the table has: the ramps say nothing of G1, G2 and G3", ramp.name())
+        }
+        (None, _) if ramps.iter().any(RampRecording::has_gyroscopes) => {
+            "the ramps have gyroscopes, and the table has none: the ramps are fitted for A1, A2 and A3 only".to_owned()
+        }
+        _ => return all,
+    };
+    all.push(warning(name::RAMP_GYROSCOPES, message));
+    all
+}

@@ -1,0 +1,337 @@
+//! Transients: the lag of the sensing elements behind their telemetry, estimated from ramps and written only where the data show it.
+//!
+//! # Model
+//! ```text
+//! dL/dt = (U - L) / tau,   d = L - U,   A = p(U) + t d
+//! ```
+//! with the head telemetry U, one time constant tau for the IMU and one transient t for each bias. Hysteresis parts heating from cooling too,
+//! but it follows the temperature and not the time: its rival model is the play z = min(max(z, U - w), U + w) with the column (z - U)/w, at three half
+//! widths w. A table never gets a play.
+//!
+//! # Steps
+//! 1. [`RampRecording`] reduces a recording while it is read; `blocks` makes at most 400 means of it. Both telemetries are taken to the middle of
+//!    a row, linearly between readings, and the filter runs on the readings, with the function that runs in flight.
+//! 2. `blocks`: the columns of a bias are a constant for each recording, Chebyshev polynomials 1 to 3 of U, d, the decay of a start that was not
+//!    soaked, the three plays, and time for each recording.
+//! 3. `search`: tau is where the sum over the biases of n log(SSE/n) is least. A quarter of a sweep is left out at a time for the
+//!    standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds.
+//! 4. `prediction`: one sweep is left out at a time, and predicted by each model.
+//! 5. `decision`: what may be written, and why.
+//!
+//! With a time constant that is given there are no columns of plays, start and time: what comes before three time constants is left out. One
+//! sweep each way is enough then; a quarter of a sweep is left out at a time to try the prediction.
+
+mod blocks;
+mod decision;
+mod equations;
+mod prediction;
+mod recording;
+mod result;
+mod search;
+
+pub use recording::RampRecording;
+pub use result::{BiasTransient, Condition, Prediction, TimeConstant, TransientVerdict, Transients};
+
+use crate::hysteresis::LoopPoint;
+use blocks::{Bias, Column, Ramps};
+use equations::Coefficients;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{Axis, CoefficientTable};
+use isotherm_shared::units::SensorKind;
+use search::{Grid, total};
+
+/// Residuals are shown, and sweeps judged, after this many time constants since a recording began: the start may not have been soaked.
+const SOAK: f64 = 3.0;
+/// A gap that is longer than this part of the time constant is warned of.
+const GAP: f64 = 0.5;
+/// An axis that carries more specific force feels its converter too \[g0\].
+const CARRIED_G0: f64 = 0.1;
+
+/// How the time constant is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum LagChoice {
+    /// From the ramps.
+    #[default]
+    Search,
+    /// The user's, for example that of a sister unit \[s\].
+    Given(f64),
+    /// No transient is written.
+    None,
+}
+
+/// What gives the curves of the biases.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum CurveSource {
+    /// The table's bias curves are of a campaign: the ramps only give the transients.
+    Campaign,
+    /// The ramps: each curve of the table is replaced, and keeps its value at mid range.
+    Ramps,
+}
+
+/// Options of [`fit`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TransientOptions {
+    /// What gives the curves of the biases.
+    pub curves: CurveSource,
+    /// How the time constant is found.
+    pub lag: LagChoice,
+    /// Time constant of the table in force \[s\]: it is kept where it lies within the new one's interval.
+    pub predecessor_s: Option<f64>,
+}
+
+/// Why nothing can be estimated from ramps.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TransientsError {
+    /// There is no recording.
+    #[error("no ramps")]
+    Empty,
+    /// Three times the time constant that was given \[s\] are as long as the recordings.
+    #[error(
+        "the time constant of {0} s is too long for them: they last hardly more than three of it; give a shorter one, or record longer ramps"
+    )]
+    TooLong(f64),
+    /// A recording is too short or has no change of temperature; a message with its name.
+    #[error("{0}")]
+    Recording(String),
+}
+
+/// One fit of all biases: with a time constant that was searched for, or that is given.
+struct Fit {
+    time_constant: TimeConstant,
+    conditions: Vec<Condition>,
+    biases: Vec<BiasTransient>,
+    /// What the ramps show, if the time constant is given.
+    searched: Option<TimeConstant>,
+}
+
+/// Estimates lag and transients from ramps. `table` gives the scale factors, and the bias curves of a campaign.
+///
+/// # Errors
+/// If there is no recording, or if one is too short or has no change of temperature.
+pub fn fit(
+    recordings: &[RampRecording],
+    table: &CoefficientTable,
+    options: &TransientOptions,
+) -> Result<Transients, TransientsError> {
+    if recordings.is_empty() {
+        return Err(TransientsError::Empty);
+    }
+    let mut ramps = Ramps::new(recordings, table, options.curves)?;
+    let outside = outside(&ramps, options.curves);
+    let mut fit = match options.lag {
+        LagChoice::Search | LagChoice::None => search(&ramps, table, options.predecessor_s),
+        LagChoice::Given(tau_s) => given(&mut ramps, table, tau_s)?,
+    };
+    fit.conditions.insert(0, decision::both_directions(ramps.shared));
+    if options.lag != LagChoice::None && decision::met(&fit.conditions) {
+        for bias in fit.biases.iter_mut().filter(|bias| decision::met(&bias.conditions)) {
+            bias.transient = bias.estimate;
+        }
+    }
+    for (bias, of) in fit.biases.iter_mut().zip(&ramps.biases) {
+        if bias.transient == 0.0 {
+            bias.curve = static_curve(&ramps, of, coefficients(table, of));
+        }
+    }
+    let verdict = decision::verdict(fit.time_constant.given, &fit.biases);
+    let mut words = decision::words(verdict, &fit.time_constant, &fit.conditions, &fit.biases);
+    if options.lag == LagChoice::None {
+        words = vec!["no transient is written, as asked for".to_owned()];
+    }
+    let mut warnings = fit.searched.as_ref().map_or_else(Vec::new, |searched| {
+        decision::warnings(searched, &fit.conditions, &fit.biases, fit.time_constant.value_s)
+    });
+    warnings.extend(recordings.iter().filter_map(|recording| gap(recording, fit.time_constant.value_s)));
+    warnings.extend(carried(&fit.biases));
+    warnings.extend(outside);
+    Ok(Transients {
+        options: *options,
+        verdict,
+        words,
+        time_constant: fit.time_constant,
+        conditions: fit.conditions,
+        biases: fit.biases,
+        warnings,
+    })
+}
+
+/// The fit with the time constant that the ramps show.
+fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -> Fit {
+    use Column::{Constant, Curve, Plays, Start, Time, Transient};
+    let grid = Grid::new(ramps, None);
+    let used = ramps.columns_of(&[Constant, Curve, Transient, Start, Plays, Time]);
+    let best = grid.best(&used);
+    let (log_error, errors) = grid.jackknife(&used, best.tau_s);
+    let ends = [grid.taus_s[0], grid.taus_s[grid.taus_s.len() - 1]];
+    let interval_s = [-2.0, 2.0].map(|sign: f64| best.tau_s * (sign * log_error).exp());
+    let conditions = decision::of_search(best.tau_s, interval_s, ends).to_vec();
+    let kept = predecessor_s.filter(|tau_s| (interval_s[0]..=interval_s[1]).contains(tau_s));
+    // Milliseconds: more digits than the data have.
+    let value_s = kept.unwrap_or((best.tau_s * 1e3).round() / 1e3);
+    let time_constant = TimeConstant {
+        value_s,
+        interval_s,
+        given: false,
+        kept: kept.is_some(),
+        at_end: best.at_end,
+        search: grid.taus_s.iter().copied().zip(best.objective).collect(),
+    };
+    let predictions = prediction::predictions(ramps, &grid, None);
+    let biases = estimates(ramps, table, value_s, &used, &errors, &predictions);
+    Fit { time_constant, conditions, biases, searched: None }
+}
+
+/// The fit with a time constant that is given. What the search says of it is reported, but does not decide.
+///
+/// Its start is known to be soaked after some time constants, and what comes before is left out: how the start decays need not be assumed.
+fn given(ramps: &mut Ramps, table: &CoefficientTable, tau_s: f64) -> Result<Fit, TransientsError> {
+    use Column::{Constant, Curve, Transient};
+    let searched = search(ramps, table, None);
+    ramps.leave_out_start(SOAK * tau_s);
+    if ramps.inside() < blocks::FEWEST_BLOCKS {
+        return Err(TransientsError::TooLong(tau_s));
+    }
+    let ramps = &*ramps;
+    let grid = Grid::new(ramps, Some(tau_s));
+    let used = ramps.columns_of(&[Constant, Curve, Transient]);
+    let (_, errors) = grid.jackknife(&used, tau_s);
+    let predictions = prediction::predictions(ramps, &grid, Some(tau_s));
+    let mut biases = estimates(ramps, table, tau_s, &used, &errors, &predictions);
+    for (bias, other) in biases.iter_mut().zip(&searched.biases) {
+        for (condition, other) in bias.conditions.iter_mut().zip(&other.conditions) {
+            if condition.name == "lag-not-hysteresis" {
+                *condition = Condition { decides: false, ..other.clone() };
+            }
+        }
+    }
+    let conditions = searched.conditions.into_iter().map(|condition| Condition { decides: false, ..condition });
+    let time_constant = TimeConstant {
+        value_s: tau_s,
+        interval_s: [tau_s; 2],
+        given: true,
+        kept: false,
+        at_end: false,
+        search: searched.time_constant.search.clone(),
+    };
+    let conditions = conditions.collect();
+    Ok(Fit { time_constant, conditions, biases, searched: Some(searched.time_constant) })
+}
+
+/// The estimates of all biases at a time constant, none of them written yet.
+fn estimates(
+    ramps: &Ramps,
+    table: &CoefficientTable,
+    tau_s: f64,
+    used: &[usize],
+    errors: &[f64],
+    predictions: &[Option<Prediction>],
+) -> Vec<BiasTransient> {
+    let one = |((of, error), prediction): ((&Bias, &f64), &Option<Prediction>)| {
+        let rows = ramps.rows(of, tau_s);
+        let equations = total(ramps, &ramps.equations(&rows));
+        let whole = equations.solve(used);
+        let still = equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve]));
+        let transient = ramps.columns(Column::Transient).start;
+        let with_transient = ramps.columns_of(&[Column::Constant, Column::Curve, Column::Transient]);
+        let differences: Vec<f64> = rows.iter().map(|row| row[transient]).collect();
+        let of_columns = |coefficients: &Coefficients, columns: &[usize]| {
+            let residual = |block: usize| {
+                let row = &rows[block];
+                of.values[block] - columns.iter().map(|column| coefficients.values[*column] * row[*column]).sum::<f64>()
+            };
+            loop_points(ramps, of, SOAK * tau_s, residual)
+        };
+        let mut bias = BiasTransient {
+            kind: of.kind,
+            axis: of.axis,
+            transient: 0.0,
+            estimate: whole.values[transient],
+            standard_error: *error,
+            prediction: *prediction,
+            conditions: Vec::new(),
+            before: of_columns(&still, &with_transient),
+            after: of_columns(&whole, &with_transient),
+            curve: curve(ramps, of, &whole, coefficients(table, of)),
+            carried_g0: of.carried_g0,
+        };
+        bias.conditions = decision::of_bias(&bias, standard_deviation(&differences));
+        bias
+    };
+    ramps.biases.iter().zip(errors).zip(predictions).map(one).collect()
+}
+
+/// The residuals of the blocks after `soak_s`, with their direction.
+fn loop_points(ramps: &Ramps, of: &Bias, soak_s: f64, residual: impl Fn(usize) -> f64) -> Vec<LoopPoint> {
+    let of_sweep = |sweep: &blocks::RampSweep| {
+        let heating = sweep.heating;
+        sweep.pieces.iter().flat_map(Clone::clone).map(move |block| (block, heating)).collect::<Vec<_>>()
+    };
+    let soaked = |block: &blocks::Block| block.age_s > soak_s && !block.left_out;
+    let shown = ramps.sweeps.iter().flat_map(of_sweep).filter(|(block, _)| soaked(&ramps.blocks[*block]));
+    shown
+        .map(|(block, heating)| LoopPoint { telemetry: of.telemetry[block], residual: residual(block), heating })
+        .collect()
+}
+
+/// The curve of the static model.
+fn static_curve(ramps: &Ramps, of: &Bias, axis: &Axis) -> Polynomial {
+    let equations = total(ramps, &ramps.equations(&ramps.rows(of, ramps.least_tau_s)));
+    curve(ramps, of, &equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve])), axis)
+}
+
+/// The fitted curve over the range of the telemetry \[g0 or deg/h\], shifted so that it is the axis's own at mid range.
+fn curve(ramps: &Ramps, of: &Bias, coefficients: &Coefficients, axis: &Axis) -> Polynomial {
+    let first = ramps.columns(Column::Curve).start;
+    let [one, two, three] = core::array::from_fn(|k| coefficients.values[first + k]);
+    let [low, high] = of.range;
+    let (center, scale) = (low.midpoint(high), (high - low) / 2.0);
+    // Chebyshev polynomials as powers; at the centre only the constant is left.
+    let constant = axis.bias_at(axis.bias.clamp(center)).0;
+    let powers = [constant, one - 3.0 * three, 2.0 * two, 4.0 * three];
+    Polynomial::new(&powers, center, scale, of.range).unwrap_or(axis.bias)
+}
+
+/// The coefficients of a sensor in the table.
+fn coefficients<'a>(table: &'a CoefficientTable, of: &Bias) -> &'a Axis {
+    let content = table.content();
+    match (of.kind, &content.gyroscopes) {
+        (SensorKind::Gyroscope, Some(gyroscopes)) => &gyroscopes.axes[of.axis],
+        _ => &content.axes[of.axis],
+    }
+}
+
+/// The warning that a transient may be the converter's.
+fn carried(biases: &[BiasTransient]) -> Option<String> {
+    let carrying = biases.iter().filter(|bias| bias.transient != 0.0 && bias.carried_g0 > CARRIED_G0);
+    let axes: Vec<_> = carrying.map(|bias| format!("{} {:.2} g0", bias.name(), bias.carried_g0)).collect();
+    let message = "a converter behind its thermometer gives the same transient as the sensor; record ramps with these axes horizontal, or do not \
+                   use the table where they carry another specific force";
+    (!axes.is_empty()).then(|| format!("the ramps have specific force along {}: {message}", axes.join(", ")))
+}
+
+/// The warning that a recording has a gap that matters to the lag.
+fn gap(recording: &RampRecording, tau_s: f64) -> Option<String> {
+    let (at_s, gap_s) = recording.largest_gap_s();
+    (gap_s > GAP * tau_s).then(|| {
+        format!(
+            "{}: no rows for {gap_s:.0} s, {at_s:.0} s after its begin; the telemetry is taken to change evenly there",
+            recording.name()
+        )
+    })
+}
+
+/// The warning that the table does not reach as far as the ramps.
+fn outside(ramps: &Ramps, curves: CurveSource) -> Option<String> {
+    let part = 1.0 - ramps.inside() as f64 / ramps.blocks.len() as f64;
+    let remedy = match curves {
+        CurveSource::Campaign => "record the static positions over the range of the ramps",
+        CurveSource::Ramps => "take curves whose scale factors reach as far",
+    };
+    let message = format!("the telemetry goes beyond the range of the table's polynomials there; {remedy}");
+    (part > 0.0).then(|| format!("{:.1} % of the ramps are left out: {message}", 100.0 * part))
+}
+
+fn standard_deviation(values: &[f64]) -> f64 {
+    let mean = blocks::mean(values);
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+}

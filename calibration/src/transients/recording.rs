@@ -1,0 +1,318 @@
+//! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
+
+use crate::campaign::implausible;
+use isotherm_recording::columns::has_values;
+use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
+use isotherm_shared::lag::{LaggedReading, SENSORS};
+use isotherm_shared::table::Axis;
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::{AXES, RawSample, Triad};
+use std::io::Read;
+
+/// Rows and readings are added up over at least this time, so that memory does not grow with the sampling rate \[ns\].
+const BIN_NS: u64 = 1_000_000_000;
+
+/// One recording of an IMU at rest in one stay, while its temperature changes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RampRecording {
+    name: String,
+    previous_ns: Option<u64>,
+    bins: Vec<Bin>,
+    heads: [Readings; SENSORS],
+    boards: [Readings; SENSORS],
+    has_gyroscopes: bool,
+    devices: [u64; 2],
+}
+
+/// Rows without a gap between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bin {
+    /// Begin of the first row and end of the last \[ns\].
+    pub begin_ns: u64,
+    pub end_ns: u64,
+    /// Sum of the intervals \[ns\].
+    interval_ns: u64,
+    /// Pulses of the positive and of the negative channel.
+    pulses: [[u64; 2]; SENSORS],
+}
+
+/// The readings of one telemetry.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Readings {
+    means: Vec<Reading>,
+    /// The last value, which is no new reading if it comes again.
+    latest: Option<Reading>,
+    sum: ReadingSum,
+}
+
+/// A measured value, or the mean of some.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reading {
+    pub time_ns: u64,
+    pub telemetry: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct ReadingSum {
+    first_ns: u64,
+    /// Sum of the times after the first.
+    time_ns: u64,
+    telemetry: f64,
+    count: u32,
+}
+
+impl RampRecording {
+    /// An empty recording. `name` is what messages call it: its file.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            previous_ns: None,
+            bins: Vec::new(),
+            heads: Default::default(),
+            boards: Default::default(),
+            has_gyroscopes: false,
+            devices: [0; 2],
+        }
+    }
+
+    /// The recording of these rows.
+    ///
+    /// # Errors
+    /// At the first row that cannot be read or used, with its line; see [`add`](Self::add).
+    pub fn read(
+        name: impl Into<String>,
+        rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
+    ) -> Result<Self, RecordingError> {
+        let mut recording = Self::new(name);
+        for row in rows {
+            let CampaignRow { line, sample, .. } = row?;
+            recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
+        }
+        Ok(recording)
+    }
+
+    /// The recording in a CSV file of raw samples.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn from_csv(name: impl Into<String>, source: impl Read) -> Result<Self, RecordingError> {
+        let mut reader = RawCsvReader::new(source)?;
+        let rows = core::iter::from_fn(|| {
+            let sample = reader.next()?;
+            let line = reader.line();
+            Some(sample.map(|sample| CampaignRow { line, set_point_c: 0.0, position: None, sample }))
+        });
+        Self::read(name, rows)
+    }
+
+    /// The longest time without rows, and when it begins after the first row \[s\].
+    pub(super) fn largest_gap_s(&self) -> (f64, f64) {
+        let begin_ns = self.bins.first().map_or(0, |bin| bin.begin_ns);
+        let gaps = self
+            .bins
+            .windows(2)
+            .map(|pair| (pair[0].end_ns - begin_ns, pair[1].begin_ns.saturating_sub(pair[0].end_ns)));
+        let (at_ns, gap_ns) = gaps.max_by_key(|(_, gap_ns)| *gap_ns).unwrap_or_default();
+        (at_ns as f64 / 1e9, gap_ns as f64 / 1e9)
+    }
+
+    /// What messages call it.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Adds the next sample. Gaps are allowed.
+    ///
+    /// # Errors
+    /// Why the sample cannot be used: see [`implausible`]; a full counter or telemetry that is not finite, of a gyroscope.
+    pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
+        if let Some(wrong) = implausible(raw, self.previous_ns).or_else(|| implausible_gyroscopes(&raw.gyroscopes)) {
+            return Err(wrong);
+        }
+        if raw.timestamp_ns < raw.interval_ns {
+            return Err(format!(
+                "timestamp_ns is {}, but the interval of {} ns before it must be after 0",
+                raw.timestamp_ns, raw.interval_ns
+            ));
+        }
+        self.previous_ns = Some(raw.timestamp_ns);
+        self.has_gyroscopes |= has_values(&raw.gyroscopes);
+        // 0 is a unit that nobody has named.
+        let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);
+        free.into_iter().for_each(|known| *known = raw.device);
+        self.add_pulses(raw);
+        for (sensor, triad) in [(0, &raw.accelerometers), (AXES, &raw.gyroscopes)] {
+            for axis in 0..AXES {
+                self.heads[sensor + axis].add(raw, triad.head_temperature[axis]);
+                self.boards[sensor + axis].add(raw, triad.board_temperature[axis]);
+            }
+        }
+        Ok(())
+    }
+
+    fn add_pulses(&mut self, raw: &RawSample) {
+        let begin_ns = raw.timestamp_ns - raw.interval_ns;
+        let goes_on = |bin: &&mut Bin| {
+            let gap_ns = begin_ns.saturating_sub(bin.end_ns);
+            bin.end_ns - bin.begin_ns < BIN_NS && gap_ns <= raw.interval_ns / 2
+        };
+        let triads = [&raw.accelerometers, &raw.gyroscopes];
+        let pulses = core::array::from_fn(|sensor| {
+            let (triad, axis) = (triads[sensor / AXES], sensor % AXES);
+            [triad.positive_pulses[axis], triad.negative_pulses[axis]].map(u64::from)
+        });
+        if let Some(bin) = self.bins.last_mut().filter(goes_on) {
+            bin.end_ns = raw.timestamp_ns;
+            bin.interval_ns += raw.interval_ns;
+            bin.pulses.iter_mut().flatten().zip(pulses.iter().flatten()).for_each(|(sum, count)| *sum += count);
+        } else {
+            let interval_ns = raw.interval_ns;
+            self.bins.push(Bin { begin_ns, end_ns: raw.timestamp_ns, interval_ns, pulses });
+        }
+    }
+
+    /// Whether both have the same rows.
+    pub(crate) fn has_rows_of(&self, other: &Self) -> bool {
+        self.bins == other.bins && self.heads == other.heads
+    }
+
+    /// Mean of what an accelerometer indicates \[g0\], its bias included, with the scale factors at mean board telemetry; NaN without rows.
+    pub(crate) fn mean_force(&self, axis: usize, coefficients: &Axis) -> f64 {
+        let boards = self.boards(axis);
+        let board = boards.iter().map(|reading| reading.telemetry).sum::<f64>() / boards.len() as f64;
+        let seconds: f64 = self.bins.iter().map(Bin::seconds).sum();
+        let scale_factors = [&coefficients.positive_scale_factor, &coefficients.negative_scale_factor];
+        let pulses = |channel: usize| self.bins.iter().map(|bin| bin.pulses[axis][channel]).sum::<u64>() as f64;
+        scale_factors.iter().enumerate().map(|(channel, k)| pulses(channel) / seconds / k.at(k.clamp(board))).sum()
+    }
+
+    /// The units that took the samples, the first two; 0 is none.
+    pub(crate) const fn devices(&self) -> [u64; 2] {
+        self.devices
+    }
+
+    /// Whether any sample has pulses or telemetry of a gyroscope.
+    pub(crate) const fn has_gyroscopes(&self) -> bool {
+        self.has_gyroscopes
+    }
+
+    /// The rows, in order.
+    pub(super) fn bins(&self) -> &[Bin] {
+        &self.bins
+    }
+
+    /// The readings of a sensor's head telemetry, in order.
+    pub(super) fn heads(&self, sensor: usize) -> Vec<Reading> {
+        self.heads[sensor].readings()
+    }
+
+    /// The readings of a sensor's board telemetry, in order.
+    pub(super) fn boards(&self, sensor: usize) -> Vec<Reading> {
+        self.boards[sensor].readings()
+    }
+}
+
+/// The reason why the part of the gyroscopes cannot be used.
+fn implausible_gyroscopes(triad: &Triad) -> Option<String> {
+    for (axis, name) in SensorKind::Gyroscope.names().iter().enumerate() {
+        for (telemetry, place) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
+            if !telemetry.is_finite() {
+                return Some(format!("g{}_{place} is {telemetry}, which is no temperature", axis + 1));
+            }
+        }
+        if triad.positive_pulses[axis] == u32::MAX || triad.negative_pulses[axis] == u32::MAX {
+            return Some(format!("the counter of {name} is full: saturated"));
+        }
+    }
+    None
+}
+
+impl Bin {
+    pub const fn middle_ns(&self) -> u64 {
+        self.begin_ns.midpoint(self.end_ns)
+    }
+
+    pub fn seconds(&self) -> f64 {
+        self.interval_ns as f64 / 1e9
+    }
+
+    /// Pulse rates of the positive and of the negative channel \[pulse/s\].
+    pub fn rates(&self, sensor: usize) -> [f64; 2] {
+        self.pulses[sensor].map(|count| count as f64 / self.seconds())
+    }
+}
+
+impl Readings {
+    fn add(&mut self, raw: &RawSample, telemetry: f64) {
+        let (time_ns, is_new) = match raw.telemetry_ns {
+            // Without the time of the telemetry only a change shows that it was read.
+            0 => (raw.timestamp_ns, self.latest.is_none_or(|latest| latest.telemetry != telemetry)),
+            time_ns => (time_ns, true),
+        };
+        if !is_new || self.latest.is_some_and(|latest| latest.time_ns >= time_ns) {
+            return;
+        }
+        self.latest = Some(Reading { time_ns, telemetry });
+        if time_ns - self.sum.first_ns >= BIN_NS {
+            self.means.extend(self.sum.mean());
+            self.sum = ReadingSum { first_ns: time_ns, ..ReadingSum::default() };
+        }
+        self.sum.time_ns += time_ns - self.sum.first_ns;
+        self.sum.telemetry += telemetry;
+        self.sum.count += 1;
+    }
+
+    fn readings(&self) -> Vec<Reading> {
+        self.means.iter().copied().chain(self.sum.mean()).collect()
+    }
+}
+
+impl ReadingSum {
+    fn mean(&self) -> Option<Reading> {
+        (self.count > 0).then(|| Reading {
+            time_ns: self.first_ns + self.time_ns / u64::from(self.count),
+            telemetry: self.telemetry / f64::from(self.count),
+        })
+    }
+}
+
+/// Telemetry at each of the rising `times_ns`, linear between readings, constant before the first and after the last. `readings` has at least
+/// one.
+pub(super) fn interpolated(readings: &[Reading], times_ns: &[u64]) -> Vec<f64> {
+    let mut before = 0;
+    let value = |&time_ns: &u64| {
+        while readings.get(before + 1).is_some_and(|next| next.time_ns <= time_ns) {
+            before += 1;
+        }
+        let from = readings[before];
+        match readings.get(before + 1) {
+            Some(to) if from.time_ns < time_ns => {
+                let part = (time_ns - from.time_ns) as f64 / (to.time_ns - from.time_ns) as f64;
+                from.telemetry + (to.telemetry - from.telemetry) * part
+            }
+            _ => from.telemetry,
+        }
+    };
+    times_ns.iter().map(value).collect()
+}
+
+/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `telemetry` is U at these times.
+pub(super) fn behind(readings: &[Reading], times_ns: &[u64], telemetry: &[f64], lag_ns: u64) -> Vec<f64> {
+    let first = readings[0];
+    let mut state = LaggedReading { time_ns: first.time_ns, telemetry: first.telemetry, lagged: first.telemetry };
+    let mut rest = &readings[1..];
+    let difference = |(&time_ns, &telemetry): (&u64, &f64)| {
+        while let Some((next, others)) = rest.split_first().filter(|(next, _)| next.time_ns <= time_ns) {
+            state = state.next(next.telemetry, next.time_ns, lag_ns);
+            rest = others;
+        }
+        if time_ns <= state.time_ns {
+            state.lagged - state.telemetry
+        } else {
+            state.next(telemetry, time_ns, lag_ns).lagged - telemetry
+        }
+    };
+    times_ns.iter().zip(telemetry).map(difference).collect()
+}

@@ -1,0 +1,161 @@
+//! The search over the time constant, and the estimates with their jackknife errors.
+
+use super::blocks::{Column, Ramps};
+use super::equations::NormalEquations;
+
+/// Time constants of the search in a factor of 2.
+const PER_OCTAVE: f64 = 6.0;
+
+/// The equations of every time constant of the grid, bias, sweep and piece.
+pub(super) struct Grid<'a> {
+    ramps: &'a Ramps,
+    /// Rising \[s\].
+    pub taus_s: Vec<f64>,
+    /// By time constant, bias, sweep and piece.
+    pieces: Vec<Vec<Vec<Vec<NormalEquations>>>>,
+    /// Their sums, by time constant and bias.
+    totals: Vec<Vec<NormalEquations>>,
+}
+
+/// The best time constant of a search.
+#[derive(Clone, Debug)]
+pub(super) struct Minimum {
+    pub tau_s: f64,
+    /// Whether the least objective is at an end of the grid.
+    pub at_end: bool,
+    /// The objective at each time constant of the grid.
+    pub objective: Vec<f64>,
+}
+
+impl<'a> Grid<'a> {
+    /// The grid of a search, from what the telemetry and the blocks resolve to a quarter of the longest sweep; or one time constant alone.
+    pub fn new(ramps: &'a Ramps, given_s: Option<f64>) -> Self {
+        let (low, high) = (ramps.least_tau_s, ramps.longest_sweep_s / 4.0);
+        let taus_s = match given_s {
+            Some(tau_s) => vec![tau_s],
+            None => {
+                let steps = ((high / low).log2() * PER_OCTAVE).ceil().max(0.0);
+                let tau = |step: f64| if steps == 0.0 { low } else { low * (high / low).powf(step / steps) };
+                (0..=steps as u32).map(|step| tau(f64::from(step))).collect()
+            }
+        };
+        let pieces: Vec<Vec<_>> = taus_s
+            .iter()
+            .map(|tau_s| ramps.biases.iter().map(|bias| ramps.equations(&ramps.rows(bias, *tau_s))).collect())
+            .collect();
+        let totals = pieces.iter().map(|biases| biases.iter().map(|sweeps| total(ramps, sweeps)).collect()).collect();
+        Self { ramps, taus_s, pieces, totals }
+    }
+
+    /// The least objective, the sum over the biases of n log(SSE/n), of the equations less `without`. `used` are the columns.
+    fn minimum(&self, used: &[usize], without: impl Fn(usize, usize) -> NormalEquations) -> Minimum {
+        let n = self.ramps.inside() as f64;
+        let objective = |tau: usize| {
+            let of = |bias: usize| {
+                let squares = self.totals[tau][bias].clone().minus(&without(tau, bias)).solve(used).squares;
+                n * (squares / n).max(f64::MIN_POSITIVE).ln()
+            };
+            (0..self.ramps.biases.len()).map(of).sum::<f64>()
+        };
+        let objective: Vec<f64> = (0..self.taus_s.len()).map(objective).collect();
+        let best = (0..objective.len()).min_by(|a, b| objective[*a].total_cmp(&objective[*b])).unwrap_or(0);
+        let at_end = best == 0 || best + 1 == objective.len();
+        let tau_s = if at_end {
+            self.taus_s[best]
+        } else {
+            let shift = vertex([objective[best - 1], objective[best], objective[best + 1]]);
+            self.taus_s[best] * (self.taus_s[best + 1] / self.taus_s[best]).powf(shift)
+        };
+        Minimum { tau_s, at_end, objective }
+    }
+
+    /// The best time constant with all data.
+    pub fn best(&self, used: &[usize]) -> Minimum {
+        self.minimum(used, |_, bias| self.none(bias))
+    }
+
+    /// The best time constant without one sweep.
+    pub fn best_without_sweep(&self, used: &[usize], sweep: usize) -> Minimum {
+        self.minimum(used, |tau, bias| {
+            self.pieces[tau][bias][sweep].iter().fold(self.none(bias), |sum, piece| sum.plus(piece))
+        })
+    }
+
+    /// Standard error of the logarithm of the time constant, and of the transient of each bias at `tau_s`, by leaving one piece out at a time.
+    pub fn jackknife(&self, used: &[usize], tau_s: f64) -> (f64, Vec<f64>) {
+        let transient = self.ramps.columns(Column::Transient).start;
+        let (mut logarithms, mut transients) = (Vec::new(), vec![Vec::new(); self.ramps.biases.len()]);
+        for (sweep, found) in self.ramps.sweeps.iter().enumerate() {
+            for piece in 0..found.pieces.len() {
+                let without = |tau: usize, bias: usize| self.pieces[tau][bias][sweep][piece].clone();
+                logarithms.push(self.minimum(used, without).tau_s.ln());
+                for (bias, transients) in transients.iter_mut().enumerate() {
+                    let at = |tau: usize| {
+                        let equations = self.totals[tau][bias].clone().minus(&without(tau, bias));
+                        equations.solve(used).values[transient]
+                    };
+                    transients.push(self.interpolated(tau_s, at));
+                }
+            }
+        }
+        (jackknife_error(&logarithms), transients.iter().map(|values| jackknife_error(values)).collect())
+    }
+
+    /// A function of the time constant that is known on the grid, by the parabola through the three nearest.
+    fn interpolated(&self, tau_s: f64, at: impl Fn(usize) -> f64) -> f64 {
+        if self.taus_s.len() < 3 {
+            return at(0);
+        }
+        let step = (self.taus_s[1] / self.taus_s[0]).ln();
+        let place = (tau_s / self.taus_s[0]).ln() / step;
+        let middle = (place.round() as usize).clamp(1, self.taus_s.len() - 2);
+        let x = place - middle as f64;
+        let [before, here, after] = [middle - 1, middle, middle + 1].map(at);
+        here + x * (after - before) / 2.0 + x * x * (after - 2.0 * here + before) / 2.0
+    }
+
+    fn none(&self, bias: usize) -> NormalEquations {
+        let total = &self.totals[0][bias];
+        total.clone().minus(total)
+    }
+}
+
+/// All pieces of one bias.
+pub(super) fn total(ramps: &Ramps, sweeps: &[Vec<NormalEquations>]) -> NormalEquations {
+    let none = NormalEquations::new(ramps.columns(Column::Time).end);
+    sweeps.iter().flatten().fold(none, |sum, piece| sum.plus(piece))
+}
+
+/// Where the parabola through three values at -1, 0 and 1 is least; the middle one must be.
+fn vertex([before, here, after]: [f64; 3]) -> f64 {
+    let curvature = before - 2.0 * here + after;
+    if curvature > 0.0 { ((before - after) / (2.0 * curvature)).clamp(-1.0, 1.0) } else { 0.0 }
+}
+
+/// Delete-one jackknife: the standard error from the estimates without one piece each.
+fn jackknife_error(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    ((n - 1.0) / n * values.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parabola_has_its_vertex_there() {
+        let parabola = |x: f64| 3.0 + 2.0 * (x - 0.3).powi(2);
+        assert!((vertex([-1.0, 0.0, 1.0].map(parabola)) - 0.3).abs() < 1e-12);
+        assert_eq!(vertex([1.0, 1.0, 1.0]), 0.0);
+    }
+
+    #[test]
+    fn the_jackknife_of_a_mean_is_its_standard_error() {
+        let values = [3.0, 1.0, 4.0, 1.0, 5.0, 9.0];
+        let (n, mean) = (6.0, 23.0 / 6.0);
+        let without: Vec<f64> = values.iter().map(|value| (23.0 - value) / 5.0).collect();
+        let sd = (values.iter().map(|value: &f64| (value - mean).powi(2)).sum::<f64>() / 5.0).sqrt();
+        assert!((jackknife_error(&without) - sd / f64::sqrt(n)).abs() < 1e-12);
+    }
+}
