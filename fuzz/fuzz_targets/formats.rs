@@ -1,30 +1,4 @@
-//! Input: any bytes as a file of a recording, in whatever format its first bytes say. It is read, or refused as bad data: never an
-//! error of the operating system, since there was none.
+//! [`isotherm_fuzz_targets::formats`] under libFuzzer.
 #![no_main]
 
-use indicatif::ProgressBar;
-use isotherm_failure::{Exit, printable};
-use isotherm_recording_formats::read::{ImuChoice, Samples};
-use libfuzzer_sys::fuzz_target;
-use rustix::fs::{MemfdFlags, memfd_create};
-use std::fs::{self, File};
-use std::os::fd::AsRawFd as _;
-use std::path::PathBuf;
-use std::sync::LazyLock;
-
-/// The file, in memory, and a path that opens it.
-static INPUT: LazyLock<(File, PathBuf)> = LazyLock::new(|| {
-    let file = File::from(memfd_create("input", MemfdFlags::empty()).expect("a file in memory"));
-    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
-    (file, PathBuf::from(path))
-});
-
-fuzz_target!(|bytes: &[u8]| {
-    let path = &INPUT.1;
-    fs::write(path, bytes).expect("memory takes all");
-    let samples = Samples::open(std::slice::from_ref(path), ImuChoice::Any, &ProgressBar::hidden());
-    if let Some(failure) = samples.map_or_else(Some, |mut samples| samples.find_map(Result::err)) {
-        assert_eq!(failure.exit, Exit::Data, "{failure}");
-        assert_eq!(printable(&failure.message), failure.message);
-    }
-});
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| isotherm_fuzz_targets::formats::run(bytes));

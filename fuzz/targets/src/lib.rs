@@ -1,4 +1,14 @@
-//! Code that the targets share: samples with any bits, and the checks of every answer and every refusal.
+//! The fuzz targets as functions of bytes, and what they share: samples with any bits, and the checks of every answer and every refusal.
+//!
+//! A violated guarantee is a panic. `fuzz/` runs them under libFuzzer; the test of this crate runs them on the corpora.
+#![allow(clippy::expect_used, clippy::panic, clippy::missing_panics_doc, reason = "a panic is the report")]
+
+pub mod campaign;
+pub mod config;
+pub mod formats;
+pub mod recording;
+pub mod sample;
+pub mod table;
 
 use isotherm_shared::compensate::answer;
 use isotherm_shared::document::Faults;

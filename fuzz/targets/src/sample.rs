@@ -1,0 +1,77 @@
+//! Input: a series of samples with any bits, as a peer may write them into shared memory. `checked` must accept the answer to
+//! each sample with a table of every policy and without a table. The tracked order of sessions and sequence numbers must agree
+//! with direct counting. Merging two samples must add them or change nothing.
+
+use crate::{SAMPLE, checked, sample};
+use isotherm_service::worker::sequence::{Arrival, SequenceTracker};
+use isotherm_shared::table::{CoefficientTable, OutOfRange};
+use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
+use std::sync::LazyLock;
+
+/// Three tables with each policy: one plain, one with an alignment and limits, one of a whole IMU.
+static TABLES: LazyLock<Vec<CoefficientTable>> = LazyLock::new(|| {
+    let texts = [
+        include_str!("../../../tests/data/imu-a.toml"),
+        include_str!("../../../examples/tables/imu-b.toml"),
+        include_str!("../../../examples/tables/imu-whole.toml"),
+    ];
+    let contents = texts.map(|text| CoefficientTable::from_toml(text, None).expect("a valid table").content().clone());
+    let with = |(out_of_range, _): (OutOfRange, _)| {
+        contents.clone().map(|mut content| {
+            content.out_of_range = out_of_range;
+            CoefficientTable::new(content).expect("a valid table")
+        })
+    };
+    OutOfRange::NAMES.into_iter().flat_map(with).collect()
+});
+
+/// Runs the target.
+pub fn run(bytes: &[u8]) {
+    let (chunks, _) = bytes.as_chunks::<SAMPLE>();
+    let samples: Vec<_> = chunks.iter().map(sample).collect();
+    let mut tracker = SequenceTracker::default();
+    // The session, and its sequence numbers so far.
+    let (mut session, mut sequences) = (None, Vec::new());
+    let (mut missing, mut new) = (0_u128, 0_u128);
+    for raw in &samples {
+        for table in TABLES.iter().map(Some).chain([None]) {
+            checked(table, raw);
+        }
+        if session != Some(raw.session) {
+            (session, sequences, missing, new) = (Some(raw.session), Vec::new(), 0, 0);
+        }
+        let arrival = tracker.note(raw.session, raw.sequence);
+        let repeated = sequences.iter().any(|sequence| *sequence >= raw.sequence);
+        assert_eq!(arrival, Arrival { missing: arrival.missing, repeated, begins: sequences.is_empty() });
+        assert!(!repeated || arrival.missing == 0);
+        sequences.push(raw.sequence);
+        missing += u128::from(arrival.missing);
+        new += u128::from(!repeated);
+        // Every number from the first to the highest has come or counts as missing.
+        let highest = sequences.iter().max().expect("not empty");
+        assert_eq!(missing + new, u128::from(highest - sequences[0]) + 1);
+    }
+    for pair in samples.windows(2) {
+        let (mut sum, later) = (pair[0], &pair[1]);
+        let merged = sum.merge(later).is_ok();
+        let pulses = |raw: &RawSample| {
+            let triads = [&raw.accelerometers, &raw.gyroscopes];
+            let counts = triads.map(|triad| [triad.positive_pulses, triad.negative_pulses]);
+            counts.as_flattened().as_flattened().iter().map(|n| u64::from(*n)).collect::<Vec<_>>()
+        };
+        let added: Vec<_> = pulses(&pair[0]).iter().zip(pulses(later)).map(|(a, b)| a + b).collect();
+        let interval = u128::from(pair[0].interval_ns) + u128::from(later.interval_ns);
+        let fits = added.iter().all(|n| *n <= u64::from(u32::MAX)) && interval <= u128::from(MAX_INTERVAL_NS);
+        assert_eq!(merged, fits);
+        let (pulses_now, interval_now) = (pulses(&sum), u128::from(sum.interval_ns));
+        if merged {
+            assert_eq!((pulses_now, interval_now), (added, interval));
+            assert_eq!(
+                (sum.session, sum.sequence, sum.lag_ns, sum.device),
+                (pair[0].session, pair[0].sequence, later.lag_ns, later.device)
+            );
+        } else {
+            assert_eq!((pulses_now, sum.interval_ns), (pulses(&pair[0]), pair[0].interval_ns));
+        }
+    }
+}
