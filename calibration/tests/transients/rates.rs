@@ -167,13 +167,13 @@ fn most_transients_are_written_and_right() {
 }
 
 #[test]
-#[ignore = "four minutes: cargo test -p isotherm-calibration --test transients -- --ignored --nocapture"]
+#[ignore = "a minute: cargo test -p isotherm-calibration --test transients -- --ignored --nocapture"]
 fn nothing_is_written_where_there_is_no_lag_in_256_imus() {
     assert_none_written(0..256);
 }
 
 #[test]
-#[ignore = "four minutes: cargo test -p isotherm-calibration --test transients -- --ignored --nocapture"]
+#[ignore = "a minute: cargo test -p isotherm-calibration --test transients -- --ignored --nocapture"]
 fn most_transients_are_written_and_right_in_128_imus() {
     rates(0..128).assert_bounds();
 }
