@@ -28,9 +28,12 @@ pub fn run(bytes: &[u8]) {
     };
     let samples = bytes.get(end + 1..);
     if campaign.has_ramps_alone() {
-        return samples.map_or((), |samples| ramps_alone(&campaign, samples));
+        assert!(!campaign.ramps.is_empty() && campaign.curves.is_some());
+        if let Some(samples) = samples {
+            ramps_alone(&campaign, samples);
+        }
+        return;
     }
-    assert!(!campaign.positions.is_empty());
     for (index, position) in campaign.positions.iter().enumerate() {
         let length = position.specific_force.iter().map(|f| f * f).sum::<f64>().sqrt();
         assert!((length - 1.0).abs() < 1e-9, "{position:?}");
