@@ -1,6 +1,4 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
-//!
-//! Over 400 lines: every method works on the same ports, pending samples and recovery.
 
 use crate::clock::{Clock, monotonic_ns};
 use crate::connect::{Options, absent, deadline, join_existing, retry_until, unopened};
@@ -9,7 +7,6 @@ use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, publisher_of};
-use crate::pending::Pending;
 use crate::resources::reserve;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -18,22 +15,13 @@ use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::port_factory::publish_subscribe;
 use isotherm_shared::lag::Lag;
-use isotherm_shared::sequence::rises;
+use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
 use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Pause between two checks of the service while samples are unanswered.
-const CHECK_NS: u64 = 5_000_000;
-/// The clock is read, to find out whether a check is due, after this many polls that found nothing.
-const EMPTY_POLLS: u32 = 16;
-/// The oldest unanswered sample is sent again after this long, even to the same service; then after twice as long, and so
-/// on. A service that is only stopped gets few repeats in its queue this way.
-const SILENCE_NS: u64 = 1_000_000_000;
-/// Pause between two resends of samples that later answers have overtaken.
-const OVERTAKEN_NS: u64 = 100_000_000;
 /// Samples that the caller may have on loan, not sent yet.
 const LOANS: usize = 4;
 
@@ -50,12 +38,8 @@ pub struct Acquisition {
     domain: Domain,
     /// Number of the unit, for every sample.
     device: u64,
-    session: u64,
-    /// Of the last sample of this session.
-    last_sequence: Option<u64>,
-    pending: Pending,
+    state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
-    recovery: Recovery,
     lag: AcquisitionLag,
     spare: Option<SampleMut<Ipc, RawSample, ()>>,
     publisher: Publisher<Ipc, RawSample, ()>,
@@ -63,23 +47,6 @@ pub struct Acquisition {
     notifier: Notifier<Ipc>,
     increments: publish_subscribe::PortFactory<Ipc, CompensatedIncrement, ()>,
     node: IpcNode,
-}
-
-/// Which service the unanswered samples were sent to, and when samples were resent.
-#[derive(Debug)]
-struct Recovery {
-    /// Id of the service's increment publisher.
-    service: u128,
-    empty_polls: u32,
-    checked_ns: u64,
-    /// Since when samples have been unanswered and no answer has come; updated by checks, so a few ms late.
-    silent_since_ns: u64,
-    /// How long that may last before the oldest sample is sent again.
-    resend_after_ns: u64,
-    /// When overtaken samples were last sent again.
-    resent_ns: u64,
-    /// Whether an answer has been handed out since the last check.
-    progress: bool,
 }
 
 impl Acquisition {
@@ -127,7 +94,7 @@ impl Acquisition {
             other => ConnectError::transport("creating the raw publisher", other),
         })?;
         let depth = depth_of(&raw, &increments);
-        let subscriber = increments.subscriber_builder().buffer_size(depth).create();
+        let subscriber = increments.subscriber_builder().buffer_size(queue_depth(depth)).create();
         let subscriber = subscriber.map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 // Dead readers occupy their places until their nodes are cleaned up.
@@ -145,19 +112,8 @@ impl Acquisition {
             imu,
             domain,
             device,
-            session: random(),
-            last_sequence: None,
-            pending: Pending::new(depth),
+            state: AcquisitionState::new(random(), depth, queue_depth(depth), service),
             clock: Clock::new(),
-            recovery: Recovery {
-                service,
-                empty_polls: 0,
-                checked_ns: 0,
-                silent_since_ns: 0,
-                resend_after_ns: SILENCE_NS,
-                resent_ns: 0,
-                progress: false,
-            },
             lag,
             spare: None,
             publisher,
@@ -177,7 +133,7 @@ impl Acquisition {
     /// The session of all samples; a new random number for each connection.
     #[must_use]
     pub const fn session(&self) -> u64 {
-        self.session
+        self.state.session()
     }
 
     /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
@@ -186,27 +142,28 @@ impl Acquisition {
     /// # Errors
     /// If samples are unanswered.
     pub fn begin_session(&mut self) -> Result<(), InFlight> {
-        match self.in_flight() {
-            0 => {
-                self.session = random();
-                self.last_sequence = None;
-                self.lag.reset();
-                Ok(())
-            }
-            unanswered => Err(InFlight(unanswered)),
-        }
+        self.state.begin_session(random()).map_err(InFlight)?;
+        self.lag.reset();
+        Ok(())
     }
 
-    /// The most samples that can be unanswered at once: the depth of the service's queue.
+    /// The most samples that can be unanswered at once.
     #[must_use]
     pub fn depth(&self) -> usize {
-        self.pending.depth()
+        self.state.depth()
     }
 
     /// Samples that have been sent and whose answers have not been received.
     #[must_use]
     pub fn in_flight(&self) -> usize {
-        self.pending.len()
+        self.state.in_flight()
+    }
+
+    /// Whether [`send`](Self::send) would hand a sample back: [`depth`](Self::depth) samples are unanswered, or, after several restarts of the
+    /// service within a short time, its queue may still be full of samples that were sent again.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.state.is_full()
     }
 
     /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on the acquisition's clock. Every sample
@@ -265,8 +222,8 @@ impl Acquisition {
             None => self.loan_sample()?,
         };
         let raw = sample.payload_mut();
-        raw.session = self.session;
-        raw.sequence = self.last_sequence.map_or(0, |last| last.saturating_add(1));
+        raw.session = self.state.session();
+        raw.sequence = self.state.next_sequence();
         Ok(Loan(sample))
     }
 
@@ -279,29 +236,24 @@ impl Acquisition {
     /// [`SendError`], which contains the sample if it can still be used.
     #[inline]
     pub fn send(&mut self, mut sample: Loan) -> Result<(), SendError> {
-        if self.pending.is_full() {
-            return Err(SendError::Full(sample));
+        // Shared memory: read once.
+        let sequence = sample.sequence;
+        match self.state.may_send(sequence) {
+            Ok(()) => {}
+            Err(Refusal::Full) => return Err(SendError::Full(sample)),
+            Err(Refusal::Sequence) => return Err(SendError::Sequence(sample)),
         }
-        if !rises(self.last_sequence, sample.sequence) {
-            return Err(SendError::Sequence(sample));
-        }
-        sample.session = self.session;
+        sample.session = self.state.session();
         if sample.device == 0 {
             sample.device = self.device;
         }
         self.lag.fill(&mut sample);
         sample.sent_ns = self.clock.now();
-        if self.pending.len() == 0 {
-            self.recovery.silent_since_ns = sample.sent_ns;
-            self.recovery.resend_after_ns = SILENCE_NS;
-        }
-        // A send that fails may have reached some receivers. So no other sample gets this sequence.
-        self.last_sequence = Some(sample.sequence);
-        let copy = *sample;
+        self.state.send(sequence, &sample, sample.sent_ns);
         if let Err(error) = sample.0.send() {
+            self.state.send_failed();
             return Err(SendError::Transport(error.to_string()));
         }
-        self.pending.push(copy);
         // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded wait.
         let _ = self.notifier.notify();
         self.spare = self.loan_sample().ok();
@@ -317,8 +269,7 @@ impl Acquisition {
     /// If the transport fails.
     #[inline]
     pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
-        if let Some(answer) = self.pending.pop_answered() {
-            self.recovery.progress = true;
+        if let Some(answer) = self.state.next_kept() {
             self.lag.note(&answer);
             return Ok(Some(answer));
         }
@@ -327,14 +278,12 @@ impl Acquisition {
         {
             let answer = *sample;
             drop(sample);
-            if answer.session == self.session && self.pending.accept(&answer) {
-                self.recovery.progress = true;
+            if self.state.answered(answer.session, answer.sequence, &answer) {
                 self.lag.note(&answer);
                 return Ok(Some(answer));
             }
         }
-        self.recovery.empty_polls = self.recovery.empty_polls.wrapping_add(1);
-        if self.pending.len() > 0 && self.recovery.empty_polls.is_multiple_of(EMPTY_POLLS) {
+        if self.state.nothing_came() {
             self.check_service()?;
         }
         Ok(None)
@@ -372,8 +321,8 @@ impl Acquisition {
     pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
         let sequence = sample.sequence;
         // Makes room and checks the service for a caller that never calls `receive`.
-        while self.pending.is_full() && self.receive()?.is_some() {}
-        if self.pending.is_full() {
+        while self.state.is_full() && self.receive()?.is_some() {}
+        if self.state.is_full() {
             self.check_service()?;
         }
         self.send(sample)?;
@@ -393,43 +342,18 @@ impl Acquisition {
         Ok(sample.write_payload(RawSample::default()))
     }
 
-    /// Checks whether samples must be sent again. Called only while samples are unanswered; acts at most every [`CHECK_NS`].
+    /// Sends samples again if the protocol says so. Called only while samples are unanswered.
     #[cold]
     #[inline(never)]
     fn check_service(&mut self) -> Result<(), TransportError> {
         let now = self.clock.now();
-        if now.saturating_sub(self.recovery.checked_ns) < CHECK_NS {
-            return Ok(());
-        }
-        self.recovery.checked_ns = now;
-        // While answers come, no check is necessary. It would allocate memory in the transport.
-        if core::mem::take(&mut self.recovery.progress) {
-            self.recovery.silent_since_ns = now;
-            self.recovery.resend_after_ns = SILENCE_NS;
+        if !self.state.check_due(now) {
             return Ok(());
         }
         // A dead service stays listed until its successor cleans it up, which it does before it creates its own publisher.
         let Some((service, _)) = publisher_of(&self.increments) else { return Ok(()) };
-        if service != self.recovery.service {
-            // Includes answered samples that wait for an earlier answer: without them the new service would report a gap.
-            self.resend(self.pending.len(), true)?;
-            self.recovery.service = service;
-            self.recovery.silent_since_ns = now;
-        } else if self.pending.overtaken() > 0 && now.saturating_sub(self.recovery.resent_ns) > OVERTAKEN_NS {
-            // The service answers in order. So an unanswered sample before an answered one never reached it.
-            self.recovery.resent_ns = now;
-            self.resend(self.pending.overtaken(), false)?;
-        } else if now.saturating_sub(self.recovery.silent_since_ns) > self.recovery.resend_after_ns {
-            self.recovery.silent_since_ns = now;
-            self.recovery.resend_after_ns = self.recovery.resend_after_ns.saturating_mul(2);
-            self.resend(1, false)?;
-        }
-        Ok(())
-    }
-
-    /// Sends the first `count` samples again, unchanged, oldest first. Answered samples are skipped unless `answered` is true.
-    fn resend(&mut self, count: usize, answered: bool) -> Result<(), TransportError> {
-        for sample in self.pending.samples(answered).take(count) {
+        let Some(resend) = self.state.resend_due(service, now) else { return Ok(()) };
+        for sample in self.state.samples(resend) {
             let mut copy = match self.spare.take() {
                 Some(spare) => spare,
                 None => self.loan_sample()?,
@@ -437,6 +361,7 @@ impl Acquisition {
             *copy.payload_mut() = *sample;
             copy.send().map_err(|error| transport("sending a raw sample again", error))?;
         }
+        self.state.resent(resend, service, now);
         let _ = self.notifier.notify();
         Ok(())
     }

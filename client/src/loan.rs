@@ -34,7 +34,7 @@ impl fmt::Debug for Loan {
 /// Why a sample was not sent. Contains the sample if the caller can still use it.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// As many samples are unanswered as the service's queue holds. Wait and send the sample again, drop it, or add the next
+    /// As many samples are unanswered as may be, or the service's queue may be full: [`Acquisition::is_full`](crate::Acquisition::is_full). Wait and send the sample again, drop it, or add the next
     /// sample to it with [`RawSample::merge`].
     #[error("the service's queue is full of unanswered samples")]
     Full(Loan),

@@ -5,6 +5,7 @@ use iceoryx2::prelude::{CallbackProgression, IceoryxSend, MessagingPattern, Port
 use iceoryx2::service::Service as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as StaticPattern;
+use isotherm_shared::protocol::depth_in_flight;
 use isotherm_shared::stream::{Ipc, IpcNode, RAW_DEPTH};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 
@@ -43,7 +44,7 @@ pub fn subscribers_of<T: IceoryxSend + fmt::Debug + ?Sized>(stream: &PortFactory
     pids
 }
 
-/// The depth of the service's queue of raw samples. The service's subscriber belongs to the node that publishes the
+/// How many raw samples may be unanswered: the service's queue of raw samples has a depth to match. The service's subscriber belongs to the node that publishes the
 /// increments.
 pub fn depth_of(
     raw: &PortFactory<Ipc, RawSample, ()>,
@@ -56,7 +57,7 @@ pub fn depth_of(
     });
     raw.dynamic_config().list_subscribers(|details| {
         if Some(details.node_id) == service {
-            depth = details.buffer_size;
+            depth = depth_in_flight(details.buffer_size);
         }
         CallbackProgression::Continue
     });

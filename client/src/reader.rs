@@ -3,11 +3,11 @@
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
 use crate::objects::refuse_foreign;
-use crate::once::Once;
 use crate::resources::reserve;
 use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
+use isotherm_shared::protocol::ReaderState;
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::time::{Duration, Instant};
@@ -59,14 +59,13 @@ pub type RawReader = Reader<RawSample>;
 /// returns each (session, sequence) once, although a resend after a restart publishes some twice. It cannot disturb other
 /// processes: if its queue is full, only this reader loses samples, which is a gap in `sequence`.
 ///
-/// Sequences rise, with one exception: after a restart of the service a new sample may come before samples that are sent
-/// again.
+/// Sequences rise, with one exception: after a restart of the service, or a loss, a new sample may come before samples that are sent
+/// again. [`isotherm_shared::protocol`] has the rules.
 #[derive(Debug)]
 pub struct Reader<T: Streamed> {
     domain: Domain,
     imu: ImuId,
-    once: Once,
-    repeats: u64,
+    state: ReaderState,
     next_attempt: Instant,
     // The subscriber must be dropped before its node; fields are dropped in this order.
     subscriber: Option<Subscriber<Ipc, T, ()>>,
@@ -80,8 +79,7 @@ impl<T: Streamed> Reader<T> {
         Self {
             domain: options.domain.clone(),
             imu,
-            once: Once::new(),
-            repeats: 0,
+            state: ReaderState::new(),
             next_attempt: Instant::now(),
             subscriber: None,
             node: None,
@@ -113,7 +111,7 @@ impl<T: Streamed> Reader<T> {
     /// Samples or increments that came again after a resend and were not returned.
     #[must_use]
     pub const fn repeats(&self) -> u64 {
-        self.repeats
+        self.state.repeats()
     }
 
     /// The next sample or increment, or `None` if there is none now (or no service yet). Does not wait.
@@ -129,10 +127,9 @@ impl<T: Streamed> Reader<T> {
             // Copy it out of shared memory once, then use the copy.
             let Some(received) = sample.map(|sample| *sample) else { return Ok(None) };
             let (session, sequence) = received.key();
-            if self.once.first_time(session, sequence) {
+            if self.state.first_time(session, sequence) {
                 return Ok(Some(received));
             }
-            self.repeats += 1;
         }
     }
 

@@ -40,7 +40,7 @@ impl Windows {
 mod tests {
     use super::*;
     use crate::worker::counters::counters;
-    use crate::worker::sequence::Arrival;
+    use isotherm_shared::protocol::Arrival;
     use isotherm_shared::wire::{Flags, RawSample};
 
     #[test]

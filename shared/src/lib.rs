@@ -26,6 +26,7 @@ pub mod lag;
 pub mod lanes;
 pub mod own_storage;
 pub mod polynomial;
+pub mod protocol;
 pub mod recycled;
 pub mod sequence;
 pub mod status;

@@ -30,8 +30,8 @@ use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
 use iceoryx2_cal::zero_copy_connection::common::details::{Connection, SharedManagementData};
 use sha2::{Digest as _, Sha256};
 
-/// Raw samples that the service's queue holds at most. A full queue discards the newest. An acquisition has at most this many
-/// samples unanswered, so the queue cannot overflow.
+/// Raw samples that an acquisition may have unanswered, unless the service is configured with fewer. The service's queue is deeper,
+/// see [`queue_depth`](crate::protocol::queue_depth): samples that are sent again have room too, so it does not overflow.
 pub const RAW_DEPTH: usize = 64;
 /// Raw samples that a recorder's queue holds. A recorder may sleep until it is full: 51 ms at 10 kHz.
 pub const RECORDER_DEPTH: usize = 512;

@@ -268,7 +268,7 @@ impl Feeder {
     }
 
     fn send(&mut self, sample: &RawSample) -> Result<(), FeedError> {
-        while self.acquisition.in_flight() >= self.window {
+        while self.acquisition.in_flight() >= self.window || self.acquisition.is_full() {
             self.receive(PAUSE)?;
         }
         let mut loan: Loan = self.acquisition.loan()?;

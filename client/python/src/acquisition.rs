@@ -317,8 +317,8 @@ fn prepare(state: &mut OwnedAcquisition, sample: &Sample) -> PyResult<(Option<u6
 /// The exception for a sample that was not sent. A loan stays the caller's.
 fn unsent(state: &mut OwnedAcquisition, id: Option<u64>, error: SendError, sample: &Bound<'_, PyAny>) -> PyErr {
     let message = error.to_string();
+    let full = matches!(error, SendError::Full(_));
     let (SendError::Full(loan) | SendError::Sequence(loan)) = error else { return transport(message) };
-    let full = state.client.in_flight() >= state.client.depth();
     if let Some(id) = id {
         state.loans.push((id, loan));
     }

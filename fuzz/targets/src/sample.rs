@@ -3,7 +3,7 @@
 //! with direct counting. Merging two samples must add them or change nothing.
 
 use crate::{SAMPLE, checked, sample};
-use isotherm_service::worker::sequence::{Arrival, SequenceTracker};
+use isotherm_shared::protocol::{Arrival, SequenceTracker};
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 use std::sync::LazyLock;

@@ -4,7 +4,6 @@ use crate::config::Imu;
 use crate::create::{CreateError, Creator};
 use crate::leftovers::{ports_of, ports_of_event};
 use crate::worker::counters::CounterWriter;
-use crate::worker::sequence::SequenceTracker;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::publisher::Publisher;
@@ -13,6 +12,7 @@ use iceoryx2::sample_mut::SampleMut;
 use isotherm_client::{Clock, subscribers_of};
 use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer;
+use isotherm_shared::protocol::{SequenceTracker, queue_depth};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
@@ -87,7 +87,7 @@ impl Channel {
             )
         };
         let subscriber = creator.port(&name("raw subscriber"), crowded, || {
-            raw.subscriber_builder().buffer_size(depth).create().map_err(|error| match error {
+            raw.subscriber_builder().buffer_size(queue_depth(depth)).create().map_err(|error| match error {
                 SubscriberCreateError::ExceedsMaxSupportedSubscribers => CreateError::Taken(ports_of(&raw)),
                 other => CreateError::Other(other.to_string()),
             })
@@ -151,9 +151,7 @@ impl Channel {
         *increment = answer(self.table.as_deref(), &raw);
         let now = clock.now_in_order();
         let latency_ns = now.saturating_sub(since);
-        let delivery =
-            (u64::from(arrival.missing > 0) * Flags::GAP.0) | (u64::from(latency_ns > self.budget_ns) * Flags::LATE.0);
-        let flags = Flags(increment.flags | delivery);
+        let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);
         increment.latency_ns = latency_ns;
         increment.flags = flags.0;
         let published = loan.send().is_ok();

@@ -1,7 +1,8 @@
 //! Counters that a worker writes and the control thread reads. Writer and reader are types, so that a second writer does not
 //! compile.
 //!
-//! Only the one writer stores: it needs no atomic addition, a relaxed load and a relaxed store are enough.
+//! Only the one writer stores: it needs no atomic addition, a load and a store are enough. It stores values before the counts that
+//! tell of them, and a reader loads a count before its values: a counted sample has its telemetry, a counted flag its unit.
 //!
 //! A second writer does not compile:
 //! ```compile_fail,E0599
@@ -32,11 +33,11 @@
 //! ```
 
 use super::histogram::{BucketCounts, Histogram};
-use super::sequence::Arrival;
+use isotherm_shared::protocol::Arrival;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
 
 /// How many flags are counted: bits 0 to 49.
 const FLAGS: usize = 50;
@@ -91,10 +92,11 @@ pub struct CounterWriter(Arc<Counters>);
 #[derive(Clone, Debug)]
 pub struct CounterReader(Arc<Counters>);
 
-/// Adds to a counter. Only the counter's one writer may call it.
+/// Adds to a counter. Only the counter's one writer may call it. Who sees the new count with `Acquire` also sees what the writer
+/// stored before it.
 #[inline]
 fn add(counter: &AtomicU64, by: u64) {
-    counter.store(counter.load(Relaxed).saturating_add(by), Relaxed);
+    counter.store(counter.load(Relaxed).saturating_add(by), Release);
 }
 
 impl CounterWriter {
@@ -114,6 +116,17 @@ impl CounterWriter {
     #[inline]
     pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u64, published: bool) {
         let counters = &*self.0;
+        // Values first, then the counts that tell a reader that there are values.
+        counters.device.store(raw.device, Relaxed);
+        counters.lag_ns.store(raw.lag_ns, Relaxed);
+        if flags.intersects(Flags::OTHER_DEVICE) {
+            counters.other_device.store(raw.device, Relaxed);
+        }
+        let [a, g] = [&raw.accelerometers, &raw.gyroscopes];
+        let telemetry = [a.head_temperature, a.board_temperature, g.head_temperature, g.board_temperature];
+        for (kept, value) in counters.telemetry.iter().zip(telemetry.as_flattened()) {
+            kept.store(value.to_bits(), Relaxed);
+        }
         add(&counters.received, 1);
         add(if published { &counters.compensated } else { &counters.transport_errors }, 1);
         if arrival.missing > 0 {
@@ -133,16 +146,6 @@ impl CounterWriter {
             }
             rest &= rest - 1;
         }
-        counters.device.store(raw.device, Relaxed);
-        counters.lag_ns.store(raw.lag_ns, Relaxed);
-        if flags.intersects(Flags::OTHER_DEVICE) {
-            counters.other_device.store(raw.device, Relaxed);
-        }
-        let [a, g] = [&raw.accelerometers, &raw.gyroscopes];
-        let telemetry = [a.head_temperature, a.board_temperature, g.head_temperature, g.board_temperature];
-        for (kept, value) in counters.telemetry.iter().zip(telemetry.as_flattened()) {
-            kept.store(value.to_bits(), Relaxed);
-        }
         counters.latency.record(u32::try_from(latency_ns).unwrap_or(u32::MAX));
     }
 }
@@ -150,7 +153,7 @@ impl CounterWriter {
 impl CounterReader {
     /// Raw samples received.
     pub fn received(&self) -> u64 {
-        self.0.received.load(Relaxed)
+        self.0.received.load(Acquire)
     }
 
     /// Increments published.
@@ -185,7 +188,7 @@ impl CounterReader {
 
     /// Increments that carried the flag of this bit.
     pub fn flagged(&self, bit: u32) -> u64 {
-        self.0.flagged.0.get(bit as usize).map_or(0, |count| count.load(Relaxed))
+        self.0.flagged.0.get(bit as usize).map_or(0, |count| count.load(Acquire))
     }
 
     /// Id of the table in force, 0 for none.

@@ -16,7 +16,6 @@ pub mod channel;
 pub mod counters;
 pub mod histogram;
 mod listeners;
-pub mod sequence;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
@@ -25,6 +24,7 @@ use counters::{HeartbeatReader, HeartbeatWriter, heartbeat};
 use iceoryx2::port::listener::Listener;
 use isotherm_client::{Clock, Realtime, join};
 use isotherm_failure::{Exit, Failure};
+use isotherm_shared::protocol::queue_depth;
 use isotherm_shared::stream::{Domain, Ipc, RAW_DEPTH};
 use listeners::WakeListeners;
 use std::iter;
@@ -193,7 +193,7 @@ fn serve(
         if stop.load(Relaxed) {
             // Answer what has arrived, at most one queue for each IMU: a sender that keeps sending must not delay the end.
             for channel in channels.iter_mut() {
-                (0..RAW_DEPTH).take_while(|_| channel.serve(&mut clock).is_some()).count();
+                (0..queue_depth(RAW_DEPTH)).take_while(|_| channel.serve(&mut clock).is_some()).count();
             }
             return;
         }

@@ -107,13 +107,13 @@ pub fn feed(
     };
     while !stop.load(Relaxed) {
         due += period;
-        while Instant::now() < due || acquisition.in_flight() >= WINDOW.min(acquisition.depth()) {
+        while Instant::now() < due || acquisition.in_flight() >= WINDOW || acquisition.is_full() {
             take(&mut acquisition, due.saturating_duration_since(Instant::now()).min(Duration::from_millis(1)))?;
             if stop.load(Relaxed) {
                 break;
             }
         }
-        if acquisition.in_flight() >= WINDOW {
+        if acquisition.in_flight() >= WINDOW || acquisition.is_full() {
             break;
         }
         // Samples that were delayed because the service was away are not sent faster afterwards.

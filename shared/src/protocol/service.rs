@@ -1,8 +1,10 @@
-//! Whether the samples of a session come in order: gaps, repeats, new sessions. Every session number and sequence number is
-//! valid.
+//! The service's part of the protocol: whether the samples of a session come in order, and what the increment says about it.
+//! Every session number and sequence number is valid.
+
+use crate::wire::Flags;
 
 /// The session of the last sample, and the highest sequence number of that session.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, PartialEq)]
 pub struct SequenceTracker {
     last: Option<(u64, u64)>,
 }
@@ -34,9 +36,28 @@ impl SequenceTracker {
     }
 }
 
+impl Arrival {
+    /// The [delivery flags](Flags::DELIVERY) of the increment, which is published this long after its sample was sent.
+    #[inline]
+    #[must_use]
+    pub const fn flags(self, latency_ns: u64, budget_ns: u64) -> Flags {
+        let gap = if self.missing > 0 { Flags::GAP.0 } else { 0 };
+        let late = if latency_ns > budget_ns { Flags::LATE.0 } else { 0 };
+        Flags(gap | late)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn flags_of_gaps_and_late_answers() {
+        let gap = Arrival { missing: 1, ..Arrival::default() };
+        let repeat = Arrival { repeated: true, ..Arrival::default() };
+        assert_eq!([gap.flags(10, 10), gap.flags(11, 10)], [Flags::GAP, Flags::DELIVERY]);
+        assert_eq!([repeat.flags(10, 10), repeat.flags(11, 10)], [Flags(0), Flags::LATE]);
+    }
 
     #[test]
     fn gaps_repeats_and_sessions() {

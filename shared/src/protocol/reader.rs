@@ -1,4 +1,4 @@
-//! Filters repeats: remembers which samples or increments have been returned to the caller already.
+//! A reader's part of the protocol: it remembers which samples or increments have been returned to the caller already.
 
 use std::collections::VecDeque;
 
@@ -9,12 +9,19 @@ const WORDS: usize = (WINDOW / 64) as usize;
 const SESSIONS: usize = 4;
 
 /// Remembers (session, sequence) pairs, in bounded memory and without allocation after construction.
-#[derive(Debug)]
-pub(crate) struct Once {
+#[derive(Clone, Debug, Eq, Hash, PartialEq)]
+pub struct ReaderState {
     sessions: VecDeque<Session>,
+    repeats: u64,
 }
 
-#[derive(Debug)]
+impl Default for ReaderState {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[derive(Clone, Debug, Eq, Hash, PartialEq)]
 struct Session {
     id: u64,
     highest: u64,
@@ -22,13 +29,27 @@ struct Session {
     received: [u64; WORDS],
 }
 
-impl Once {
-    pub(crate) fn new() -> Self {
-        Self { sessions: VecDeque::with_capacity(SESSIONS) }
+impl ReaderState {
+    /// A reader that has seen nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { sessions: VecDeque::with_capacity(SESSIONS), repeats: 0 }
     }
 
     /// Whether this is the first time that the pair comes. A sequence that is older than the window counts as known.
-    pub(crate) fn first_time(&mut self, session: u64, sequence: u64) -> bool {
+    pub fn first_time(&mut self, session: u64, sequence: u64) -> bool {
+        let first = self.remember(session, sequence);
+        self.repeats += u64::from(!first);
+        first
+    }
+
+    /// Samples or increments that came again.
+    #[must_use]
+    pub const fn repeats(&self) -> u64 {
+        self.repeats
+    }
+
+    fn remember(&mut self, session: u64, sequence: u64) -> bool {
         if let Some(known) = self.sessions.iter_mut().find(|known| known.id == session) {
             return known.first_time(sequence);
         }
@@ -78,7 +99,7 @@ mod tests {
 
     #[test]
     fn sessions_are_independent_and_the_oldest_is_forgotten() {
-        let mut once = Once::new();
+        let mut once = ReaderState::new();
         for session in 0..5 {
             assert!(once.first_time(session, 1));
             assert!(!once.first_time(session, 1));
@@ -89,7 +110,7 @@ mod tests {
 
     #[test]
     fn far_back_counts_as_known() {
-        let mut once = Once::new();
+        let mut once = ReaderState::new();
         assert!(once.first_time(1, 5000));
         assert!(once.first_time(1, 5000 - 1023));
         assert!(!once.first_time(1, 5000 - 1024));
@@ -101,7 +122,7 @@ mod tests {
     proptest! {
         #[test]
         fn within_the_window_it_is_a_set(sequences in prop::collection::vec(0u64..1024, 0..500)) {
-            let (mut once, mut seen) = (Once::new(), BTreeSet::new());
+            let (mut once, mut seen) = (ReaderState::new(), BTreeSet::new());
             for sequence in sequences {
                 prop_assert_eq!(once.first_time(9, sequence), seen.insert(sequence));
             }
@@ -109,7 +130,7 @@ mod tests {
 
         #[test]
         fn in_rising_order_all_are_new(steps in prop::collection::vec(1u64..3000, 1..300)) {
-            let (mut once, mut sequence) = (Once::new(), 0);
+            let (mut once, mut sequence) = (ReaderState::new(), 0);
             for step in steps {
                 sequence += step;
                 prop_assert!(once.first_time(9, sequence));

@@ -1,0 +1,529 @@
+//! A small world for the search: one acquisition, one service at a time, one reader, and the transport's queues between them. All
+//! decisions are the protocol's own; the world only carries out what the ports carry out.
+//!
+//! Time: a check of the service comes either soon, or after a silence that is long enough for a resend. Between looking up the
+//! service and each sample of a resend, every other process may do something.
+//!
+//! Over 400 lines: every step works on the same state.
+
+use super::{AcquisitionState, ReaderState, Refusal, Resend, SequenceTracker};
+use std::collections::VecDeque;
+use std::hash::{Hash, Hasher};
+
+/// How large the world is, and how often each fault may happen.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    /// Samples that are sent, in all sessions.
+    pub samples: u8,
+    /// Samples that may be in flight.
+    pub depth: usize,
+    /// Samples that the service's queue holds.
+    pub queue: usize,
+    /// Answers that the acquisition's queue holds; a full queue overwrites the oldest.
+    pub answers: usize,
+    /// Resends to a service that is not new.
+    pub resends: u8,
+    pub service_kills: u8,
+    pub acquisition_kills: u8,
+    /// A session is begun without a restart.
+    pub new_sessions: u8,
+    /// A sample is lost between acquisition and service, as if the queue had overflowed.
+    pub lost_samples: u8,
+    /// The service takes a sample and cannot publish the increment.
+    pub lost_answers: u8,
+    /// The transport reports to the acquisition that a send has failed, whether or not the service has got the sample.
+    pub failed_sends: u8,
+    /// The user leaves a sequence out.
+    pub skips: u8,
+    /// Whether there is a reader. It comes at any time.
+    pub reader: bool,
+}
+
+/// What is broken on purpose, to show that the search finds it.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Mutation {
+    /// A resend leaves out what has been answered.
+    ResendsUnansweredOnly,
+    /// After a silence the oldest sample is sent again, not the newest.
+    SilenceRepeatsOldest,
+    /// Of overtaken samples only those are sent again that have no answer, not what follows them.
+    ResendsOvertakenOnly,
+    /// Nothing is sent again.
+    NeverResends,
+    /// A resend has only the newest sample.
+    ResendsNewestOnly,
+    /// The acquisition hands out every answer of its session as it comes.
+    HandsOutAtOnce,
+    /// The reader returns whatever comes.
+    ReaderForgets,
+    /// The service does not look at the session.
+    OneSession,
+    /// The acquisition does not count what else may lie in the service's queue.
+    IgnoresSurplus,
+}
+
+/// Something that one of the processes does, or a fault.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Step {
+    Send,
+    SendSkipping,
+    SendIsLost,
+    SendFails {
+        reached: bool,
+    },
+    Receive,
+    CheckSoon,
+    CheckAfterSilence,
+    ResendOne,
+    BeginSession,
+    KillAcquisition,
+    Serve,
+    ServeWithoutPublishing,
+    KillService,
+    /// A dead service is removed from the list of publishers.
+    CleanUp,
+    /// A new service creates its end of the raw stream.
+    Subscribe,
+    /// A new service creates its increment publisher and begins to serve.
+    Publish,
+    ReaderJoins,
+    ReaderTakes,
+}
+
+const STEPS: [Step; 19] = [
+    Step::Send,
+    Step::SendSkipping,
+    Step::SendIsLost,
+    Step::SendFails { reached: false },
+    Step::SendFails { reached: true },
+    Step::Receive,
+    Step::CheckSoon,
+    Step::CheckAfterSilence,
+    Step::ResendOne,
+    Step::BeginSession,
+    Step::KillAcquisition,
+    Step::Serve,
+    Step::ServeWithoutPublishing,
+    Step::KillService,
+    Step::CleanUp,
+    Step::Subscribe,
+    Step::Publish,
+    Step::ReaderJoins,
+    Step::ReaderTakes,
+];
+
+#[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
+enum Phase {
+    Dead,
+    /// Its end of the raw stream exists, its increment publisher does not.
+    Subscribed,
+    Ready,
+}
+
+#[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
+struct Key {
+    /// Which port sent it; each has a queue of its own.
+    port: u8,
+    session: u8,
+    sequence: u8,
+}
+
+/// A set of the samples of all sessions: a session is a byte, a sequence a bit of 16.
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, PartialEq)]
+struct Samples([u16; 4]);
+
+impl Samples {
+    fn insert(&mut self, session: u8, sequence: u8) -> bool {
+        let known = self.contains(session, sequence);
+        self.0[usize::from(session)] |= 1 << sequence;
+        !known
+    }
+
+    fn remove(&mut self, session: u8, sequence: u8) {
+        self.0[usize::from(session)] &= !(1 << sequence);
+    }
+
+    const fn contains(self, session: u8, sequence: u8) -> bool {
+        self.0[session as usize] & (1 << sequence) != 0
+    }
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct World {
+    left: Bounds,
+    mutation: Option<Mutation>,
+    now: u64,
+
+    acquisition: AcquisitionState<u8, u8>,
+    /// A resend under way: which, for which service, and how many samples of it have been sent.
+    resend: Option<(Resend, u8, usize)>,
+    /// Number of the acquisition's port.
+    port: u8,
+    answers: VecDeque<Key>,
+
+    service: u8,
+    phase: Phase,
+    tracker: SequenceTracker,
+    raw: VecDeque<Key>,
+    /// The publisher of increments that the acquisition would find; 0 for none.
+    listed: u8,
+
+    reader: Option<(ReaderState, VecDeque<Key>)>,
+
+    // What the properties need to know.
+    /// Sequences that were sent and not handed out, in order.
+    expected: VecDeque<u8>,
+    /// Samples that a fault has kept from being answered so far.
+    missing: Samples,
+    /// Sequences that the user has left out, or of which it was told that the send has failed.
+    told: Samples,
+    returned: Samples,
+}
+
+impl World {
+    pub(super) fn new(bounds: Bounds, mutation: Option<Mutation>) -> Self {
+        let queue = if mutation == Some(Mutation::IgnoresSurplus) { usize::MAX } else { bounds.queue };
+        Self {
+            left: bounds,
+            mutation,
+            now: 0,
+            acquisition: AcquisitionState::new(0, bounds.depth, queue, 1),
+            resend: None,
+            port: 1,
+            answers: VecDeque::new(),
+            service: 1,
+            phase: Phase::Ready,
+            tracker: SequenceTracker::default(),
+            raw: VecDeque::new(),
+            listed: 1,
+            reader: None,
+            expected: VecDeque::new(),
+            missing: Samples::default(),
+            told: Samples::default(),
+            returned: Samples::default(),
+        }
+    }
+
+    /// All that decides what can happen from here on. Times do not: see [`Step::CheckSoon`] and [`Step::CheckAfterSilence`].
+    pub(super) fn hash_into(&self, hasher: &mut impl Hasher) {
+        let left = self.left;
+        let kills = [left.service_kills, left.acquisition_kills, left.new_sessions];
+        let losses = [left.lost_samples, left.lost_answers, left.failed_sends, left.skips];
+        (left.samples, left.resends, kills, losses).hash(hasher);
+        self.acquisition.hash_untimed(hasher);
+        let resend = self.resend.map(|(resend, service, sent)| (resend == Resend::All, service, sent));
+        (resend, self.port, &self.answers).hash(hasher);
+        (self.service, self.phase, self.tracker, &self.raw, self.listed).hash(hasher);
+        (&self.reader, &self.expected, self.missing, self.told, self.returned).hash(hasher);
+    }
+
+    /// Whether every sample has been answered, and the next one can be sent.
+    pub(super) fn is_settled(&self) -> bool {
+        self.expected.is_empty()
+            && self.acquisition.in_flight() == 0
+            && self.resend.is_none()
+            && !self.acquisition.is_full()
+    }
+
+    /// The states that one step leads to.
+    pub(super) fn next(&self) -> impl Iterator<Item = (Step, Result<Self, String>)> {
+        STEPS.into_iter().filter(|step| self.left(*step) > 0).filter_map(|step| {
+            let mut next = self.clone();
+            next.step(step).transpose().map(|outcome| (step, outcome.map(|()| next)))
+        })
+    }
+
+    /// This state without any more samples and faults.
+    pub(super) fn left_alone(&self) -> Self {
+        let nothing = Bounds { samples: 0, service_kills: 0, acquisition_kills: 0, ..self.left };
+        let nothing =
+            Bounds { new_sessions: 0, lost_samples: 0, lost_answers: 0, failed_sends: 0, skips: 0, ..nothing };
+        Self { left: nothing, ..self.clone() }
+    }
+
+    /// The state after the next step of processes that all run.
+    pub(super) fn goes_on(&self) -> Option<Result<Self, String>> {
+        const FAIR: [Step; 6] =
+            [Step::ResendOne, Step::Subscribe, Step::Publish, Step::Serve, Step::Receive, Step::CheckAfterSilence];
+        FAIR.into_iter().find_map(|step| {
+            let mut next = self.clone();
+            next.left.resends = 1;
+            next.step(step).transpose().map(|outcome| outcome.map(|()| next))
+        })
+    }
+
+    /// How often this may still happen.
+    const fn left(&self, step: Step) -> u8 {
+        match step {
+            Step::Send => self.left.samples,
+            Step::SendSkipping => self.left.skips,
+            Step::SendIsLost => self.left.lost_samples,
+            Step::SendFails { .. } => self.left.failed_sends,
+            Step::CheckAfterSilence => self.left.resends,
+            Step::BeginSession => self.left.new_sessions,
+            Step::KillAcquisition => self.left.acquisition_kills,
+            Step::KillService => self.left.service_kills,
+            Step::ServeWithoutPublishing => self.left.lost_answers,
+            _ => 1,
+        }
+    }
+
+    /// Does a step, or returns `None` if it is not possible here.
+    fn step(&mut self, step: Step) -> Result<Option<()>, String> {
+        let free = self.resend.is_none();
+        let done = match step {
+            Step::Send if free => self.send(0, Transport::Works),
+            Step::SendSkipping if free => spend(&mut self.left.skips).and_then(|()| self.send(1, Transport::Works)),
+            Step::SendIsLost if free => {
+                spend(&mut self.left.lost_samples).and_then(|()| self.send(0, Transport::Loses))
+            }
+            Step::SendFails { reached } if free => {
+                spend(&mut self.left.failed_sends).and_then(|()| self.send(0, Transport::Fails { reached }))
+            }
+            Step::Receive if free => return self.receive(),
+            Step::CheckSoon if free => self.check(self.acquisition.pauses_ns()[0]),
+            Step::CheckAfterSilence if free => self.check(self.acquisition.pauses_ns()[1]),
+            Step::ResendOne => self.resend_one(),
+            Step::BeginSession if free => self.begin_session(),
+            Step::KillAcquisition => self.kill_acquisition(),
+            Step::Serve => return self.serve(true),
+            Step::ServeWithoutPublishing => {
+                return if spend(&mut self.left.lost_answers).is_some() { self.serve(false) } else { Ok(None) };
+            }
+            Step::KillService => self.kill_service(),
+            Step::CleanUp => {
+                let dead = self.listed != 0 && (self.listed != self.service || self.phase == Phase::Dead);
+                dead.then(|| self.listed = 0)
+            }
+            Step::Subscribe => (self.phase == Phase::Dead).then(|| {
+                self.service += 1;
+                self.phase = Phase::Subscribed;
+                self.tracker = SequenceTracker::default();
+            }),
+            Step::Publish => (self.phase == Phase::Subscribed).then(|| {
+                self.phase = Phase::Ready;
+                self.listed = self.service;
+            }),
+            Step::ReaderJoins => (self.left.reader && self.reader.is_none()).then(|| {
+                self.reader = Some((ReaderState::new(), VecDeque::new()));
+            }),
+            Step::ReaderTakes => return self.reader_takes(),
+            _ => None,
+        };
+        Ok(done)
+    }
+
+    // The acquisition.
+
+    fn send(&mut self, skip: u8, transport: Transport) -> Option<()> {
+        spend(&mut self.left.samples)?;
+        let session = self.session();
+        let next = self.acquisition.next_sequence().max(u64::from(first_sequence(session)));
+        let sequence = next as u8 + skip;
+        match self.acquisition.may_send(u64::from(sequence)) {
+            Err(Refusal::Full) => return None,
+            refused => assert_eq!(refused, Ok(())),
+        }
+        (u64::from(sequence) > next).then(|| self.told.insert(session, sequence - 1));
+        self.acquisition.send(u64::from(sequence), &sequence, self.now);
+        if let Transport::Fails { .. } = transport {
+            self.acquisition.send_failed();
+            self.told.insert(session, sequence);
+        } else {
+            self.expected.push_back(sequence);
+        }
+        if transport == Transport::Works || transport == (Transport::Fails { reached: true }) {
+            self.deliver(sequence);
+        } else {
+            self.missing.insert(session, sequence);
+        }
+        Some(())
+    }
+
+    /// Puts a sample into the service's queue, if there is a service. A full queue discards it.
+    fn deliver(&mut self, sequence: u8) {
+        let sample = Key { port: self.port, session: self.session(), sequence };
+        let queued = self.raw.iter().filter(|queued| queued.port == self.port).count();
+        if self.phase != Phase::Dead && queued < self.left.queue {
+            self.raw.push_back(sample);
+        }
+    }
+
+    fn receive(&mut self) -> Result<Option<()>, String> {
+        let handed_out = if let Some(sequence) = self.acquisition.next_kept() {
+            Some(sequence)
+        } else if let Some(answer) = self.answers.pop_front() {
+            let (session, sequence) = (u64::from(answer.session), u64::from(answer.sequence));
+            let leaves = self.acquisition.answered(session, sequence, &answer.sequence)
+                || (self.mutation == Some(Mutation::HandsOutAtOnce) && session == self.acquisition.session());
+            leaves.then_some(answer.sequence)
+        } else {
+            return Ok(None);
+        };
+        match handed_out {
+            Some(sequence) if self.expected.pop_front() != Some(sequence) => {
+                Err(format!("the user gets the answer to {sequence} out of order or twice"))
+            }
+            _ => Ok(Some(())),
+        }
+    }
+
+    /// A poll that found nothing, when a check is due.
+    fn check(&mut self, later_ns: u64) -> Option<()> {
+        if self.acquisition.in_flight() == 0
+            || !self.answers.is_empty()
+            || self.acquisition.clone().next_kept().is_some()
+        {
+            return None;
+        }
+        self.now = self.now.saturating_add(later_ns);
+        // The first check after an answer only notes that there was one.
+        if !self.acquisition.check_due(self.now) {
+            self.now = self.now.saturating_add(later_ns);
+            self.acquisition.check_due(self.now).then_some(())?;
+        }
+        let listed = (self.listed != 0).then_some(self.listed)?;
+        let resend = self.acquisition.resend_due(u128::from(listed), self.now)?;
+        if self.acquisition.is_known(u128::from(listed)) {
+            spend(&mut self.left.resends)?;
+        }
+        self.resend = Some((resend, listed, 0));
+        Some(())
+    }
+
+    fn resend_one(&mut self) -> Option<()> {
+        let (resend, service, sent) = self.resend?;
+        match self.samples(resend, service).get(sent) {
+            Some(sequence) => {
+                self.deliver(*sequence);
+                self.resend = Some((resend, service, sent + 1));
+            }
+            None => {
+                self.acquisition.resent(resend, u128::from(service), self.now);
+                self.resend = None;
+            }
+        }
+        Some(())
+    }
+
+    /// The samples of a resend.
+    fn samples(&self, resend: Resend, service: u8) -> Vec<u8> {
+        let keys: Vec<_> = self.acquisition.keys().map(|(sequence, answered)| (sequence as u8, answered)).collect();
+        let unanswered = || keys.iter().filter(|(_, answered)| !answered).map(|(sequence, _)| *sequence);
+        let newest_answered = keys.iter().rposition(|(_, answered)| *answered).unwrap_or(0);
+        let same = self.acquisition.is_known(u128::from(service));
+        match (self.mutation, resend) {
+            (Some(Mutation::NeverResends), _) => vec![],
+            (Some(Mutation::ResendsUnansweredOnly), Resend::All) => unanswered().collect(),
+            (Some(Mutation::ResendsOvertakenOnly), Resend::All) if same => {
+                unanswered().take_while(|sequence| *sequence < keys[newest_answered].0).collect()
+            }
+            (Some(Mutation::SilenceRepeatsOldest), Resend::Newest) => unanswered().take(1).collect(),
+            (Some(Mutation::ResendsNewestOnly), _) => self.acquisition.samples(Resend::Newest).copied().collect(),
+            _ => self.acquisition.samples(resend).copied().collect(),
+        }
+    }
+
+    fn begin_session(&mut self) -> Option<()> {
+        spend(&mut self.left.new_sessions)?;
+        self.acquisition.begin_session(self.acquisition.session() + 1).ok()
+    }
+
+    /// The acquisition dies, and another one connects to the service that is listed. What the dead one had sent stays in its queue.
+    fn kill_acquisition(&mut self) -> Option<()> {
+        spend(&mut self.left.acquisition_kills)?;
+        let listed = (self.listed != 0).then_some(self.listed)?;
+        let session = self.acquisition.session() + 1;
+        self.acquisition = AcquisitionState::new(session, self.left.depth, self.left.queue, u128::from(listed));
+        self.port += 1;
+        self.resend = None;
+        self.answers.clear();
+        self.expected.clear();
+        Some(())
+    }
+
+    fn session(&self) -> u8 {
+        self.acquisition.session() as u8
+    }
+
+    // The service.
+
+    fn serve(&mut self, publishes: bool) -> Result<Option<()>, String> {
+        if self.phase != Phase::Ready {
+            return Ok(None);
+        }
+        let Some(sample) = self.raw.pop_front() else { return Ok(None) };
+        let Key { session, sequence, .. } = sample;
+        let noted = if self.mutation == Some(Mutation::OneSession) { 0 } else { u64::from(session) };
+        let arrival = self.tracker.note(noted, u64::from(sequence));
+        for missing in (1..=arrival.missing).map(|back| sequence - back as u8) {
+            if !self.missing.contains(session, missing) && !self.told.contains(session, missing) {
+                return Err(format!("a false gap before {sequence}: {missing} is not missing"));
+            }
+        }
+        if !publishes {
+            self.missing.insert(session, sequence);
+            return Ok(Some(()));
+        }
+        self.missing.remove(session, sequence);
+        let increment = Key { port: self.service, ..sample };
+        overwriting_push(&mut self.answers, increment, self.left.answers);
+        if let Some((_, queue)) = &mut self.reader {
+            overwriting_push(queue, increment, self.acquisition.depth());
+        }
+        Ok(Some(()))
+    }
+
+    fn kill_service(&mut self) -> Option<()> {
+        if self.phase == Phase::Dead {
+            return None;
+        }
+        spend(&mut self.left.service_kills)?;
+        self.phase = Phase::Dead;
+        self.raw.clear();
+        Some(())
+    }
+
+    // The reader.
+
+    fn reader_takes(&mut self) -> Result<Option<()>, String> {
+        let Some((state, queue)) = &mut self.reader else { return Ok(None) };
+        let Some(Key { session, sequence, .. }) = queue.pop_front() else { return Ok(None) };
+        let returns =
+            state.first_time(u64::from(session), u64::from(sequence)) || self.mutation == Some(Mutation::ReaderForgets);
+        if returns == self.returned.insert(session, sequence) {
+            Ok(Some(()))
+        } else {
+            Err(format!("the reader returns sample {sequence} of session {session} twice or never"))
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Transport {
+    Works,
+    Loses,
+    Fails { reached: bool },
+}
+
+/// Each session begins with another sequence.
+const fn first_sequence(session: u8) -> u8 {
+    1 + 2 * session
+}
+
+/// `None` if nothing is left.
+fn spend(left: &mut u8) -> Option<()> {
+    *left = left.checked_sub(1)?;
+    Some(())
+}
+
+/// A full queue loses its oldest entry. Each port has a queue of its own.
+fn overwriting_push(queue: &mut VecDeque<Key>, entry: Key, capacity: usize) {
+    let same_port = |queued: &Key| queued.port == entry.port;
+    if queue.iter().filter(|queued| same_port(queued)).count() >= capacity
+        && let Some(oldest) = queue.iter().position(same_port)
+    {
+        queue.remove(oldest);
+    }
+    queue.push_back(entry);
+}
