@@ -12,6 +12,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::str::FromStr;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -246,10 +247,14 @@ impl Drop for Cleaner {
     }
 }
 
-/// The cores that this process may use.
+/// The cores that this process may use: those of the first call, before a thread is bound to one of them.
 pub fn cores() -> Vec<usize> {
-    let set = sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new());
-    (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()
+    static CORES: OnceLock<Vec<usize>> = OnceLock::new();
+    let asked = || {
+        let set = sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new());
+        (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()
+    };
+    CORES.get_or_init(asked).clone()
 }
 
 /// Binds the calling thread to a core, if one is given.

@@ -11,6 +11,9 @@ const RESAMPLINGS: usize = 2000;
 /// The percentiles that are given, by name.
 pub const PARTS: [(&str, f64); 5] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p999", 0.999), ("p9999", 0.9999)];
 
+/// The percentiles of which ratios are given.
+const RATIO_PARTS: [(&str, f64); 4] = [PARTS[0], PARTS[1], PARTS[2], PARTS[3]];
+
 /// The percentile of sorted values, if enough of them lie beyond it.
 pub fn percentile(sorted: &[u32], part: f64) -> Option<f64> {
     let rank = ((sorted.len() as f64 * part).ceil() as usize).max(1);
@@ -29,14 +32,21 @@ pub fn figures(mut values: Vec<u32>) -> Map<String, Value> {
 
 /// Ratios of the percentiles of `upper` to those of `lower`, both given round by round: the median over the rounds, and the
 /// interval that holds 95 % of the medians when rounds are resampled. Rounds are resampled, not blocks: the blocks of a round
-/// share processes and memory, so they are not independent.
+/// share processes and memory, so they are not independent. A percentile for which a round has too few samples is taken from all
+/// rounds together, as in [`pooled_ratio`].
 pub fn ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
-    let ratio = |(name, part): &(&str, f64)| {
-        let one = |(upper, lower): (&Vec<u32>, &Vec<u32>)| Some(percentile(upper, *part)? / percentile(lower, *part)?);
+    let of = |part| {
+        let one = |(upper, lower): (&Vec<u32>, &Vec<u32>)| Some(percentile(upper, part)? / percentile(lower, part)?);
         let all: Option<Vec<f64>> = upper.iter().zip(lower).map(one).collect();
-        ((*name).to_owned(), all.and_then(|all| interval(&all)).unwrap_or(Value::Null))
+        all.and_then(|all| interval(&all)).unwrap_or_else(|| pooled_ratio(upper, lower, part))
     };
-    PARTS.iter().take(4).map(ratio).collect::<Map<_, _>>().into()
+    RATIO_PARTS.iter().map(|(name, part)| ((*name).to_owned(), of(*part))).collect::<Map<_, _>>().into()
+}
+
+/// As [`ratios`], every percentile taken from all rounds together: for rounds of which some have few samples, or none.
+pub fn pooled_ratios(upper: &[Vec<u32>], lower: &[Vec<u32>]) -> Value {
+    let of = |part| pooled_ratio(upper, lower, part);
+    RATIO_PARTS.iter().map(|(name, part)| ((*name).to_owned(), of(*part))).collect::<Map<_, _>>().into()
 }
 
 fn interval(values: &[f64]) -> Option<Value> {
@@ -126,10 +136,16 @@ mod tests {
         let lower = vec![(1..=300).collect::<Vec<u32>>(); 8];
         let upper: Vec<Vec<u32>> = (0..8).map(|turn| (1..=300).map(|k| 2 * k + turn % 2).collect()).collect();
         // A turn alone has three samples beyond p99.
-        assert_eq!(ratios(&upper, &lower)["p99"], Value::Null);
+        assert_eq!(ratios(&upper, &lower)["p99"], pooled_ratio(&upper, &lower, 0.99));
         let p99 = &pooled_ratio(&upper, &lower, 0.99);
         let [ratio, low, high] = ["ratio", "low", "high"].map(|name| p99[name].as_f64().unwrap());
         assert!(low <= ratio && ratio <= high && (2.0..2.01).contains(&low) && high < 2.01, "{low} {ratio} {high}");
         assert_eq!(pooled_ratio(&upper, &lower, 0.999), Value::Null);
+        // A turn that was left out makes no percentile of one turn, but one of all.
+        let mut with_gap = upper;
+        with_gap[3].clear();
+        let p50 = pooled_ratios(&with_gap, &lower)["p50"]["ratio"].as_f64().unwrap();
+        assert!((2.0..2.02).contains(&p50), "{p50}");
+        assert_eq!(ratios(&with_gap, &lower)["p50"]["ratio"], p50);
     }
 }

@@ -172,6 +172,10 @@ public:
     /// are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
     void forget_lag() { detail::check(isotherm_forget_lag(handle_.get())); }
 
+    /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Call it while you
+    /// wait for the end of a control period, some tens of microseconds before it.
+    void prepare() { detail::check(isotherm_prepare(handle_.get())); }
+
     /// Loans a sample to fill in. `session` and `sequence` are set already.
     [[nodiscard]] Sample loan()
     {

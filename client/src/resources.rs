@@ -20,9 +20,9 @@ const ROOM: u64 = 1 << 20;
 /// Shared memory that a service needs at most for each IMU, with its connections \[bytes\].
 const ROOM_OF_AN_IMU: u64 = 1664 << 10;
 /// Descriptors that a client or a service without IMUs needs, in addition to those that it has open.
-const DESCRIPTORS: usize = 24;
+const DESCRIPTORS: usize = 36;
 /// Descriptors that a service needs for each IMU and its clients.
-const DESCRIPTORS_OF_AN_IMU: usize = 20;
+const DESCRIPTORS_OF_AN_IMU: usize = 30;
 
 /// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client (0).
 ///

@@ -8,7 +8,7 @@ use crate::worker::channel::ChannelLink;
 use crate::worker::counters::{CounterReader, counters};
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_client::unix_s;
+use isotherm_client::{RehearsalStreams, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
@@ -62,6 +62,7 @@ impl PendingImu {
         let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let rehearsal = RehearsalStreams::open(node, &imu.id.rehearsal()).map_err(|error| failed(error.to_string()))?;
         let (reloads, windows, logged) = (0, Windows::default(), LoggedLosses::default());
         let refusals = u64::from(last_error.is_some());
         Ok(ImuState {
@@ -74,6 +75,7 @@ impl PendingImu {
             raw,
             increments,
             wake,
+            rehearsal,
             windows,
             tables,
             logged,
@@ -102,6 +104,8 @@ pub struct ImuState {
     pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
     /// The open wake stream: to find the ports of dead processes.
     pub wake: event::PortFactory<Ipc>,
+    /// The open streams of the acquisition's rehearsals: to find the ports of dead processes.
+    pub rehearsal: RehearsalStreams,
     /// Latency in the last second and in the last minute.
     pub windows: Windows,
     tables: TableQueue,
@@ -187,7 +191,9 @@ impl ImuState {
 
     /// All ports of its streams.
     pub fn ports(&self) -> Vec<Port> {
-        [ports_of(&self.raw), ports_of(&self.increments), ports_of_event(&self.wake)].concat()
+        let RehearsalStreams { raw, increments } = &self.rehearsal;
+        let rehearsal = [ports_of(raw), ports_of(increments)].concat();
+        [ports_of(&self.raw), ports_of(&self.increments), ports_of_event(&self.wake), rehearsal].concat()
     }
 
     /// The table that the worker uses now.

@@ -5,8 +5,13 @@
 //! |---|---|---|---|
 //! | `isotherm/<imu>/raw` | [`RawSample`] | 1, the acquisition | the service, recorders |
 //! | `isotherm/<imu>/increment` | [`CompensatedIncrement`] | 1, the service | the acquisition, navigation, loggers |
-//! | `isotherm/<imu>/wake` | event | senders of raw samples | the service |
+//! | `isotherm/<imu>/wake` | event | senders of raw samples, the service | the service |
 //! | `isotherm/status` | UTF-8 JSON, `[u8]`, history 1 | 1, the service | anybody |
+//! | `isotherm/<imu>/rehearsal/raw`, `.../increment` | as without `/rehearsal` | the acquisition | the acquisition |
+//! | `isotherm/rehearsal/<worker>/raw`, `.../increment` | as those of an IMU | the service | the service |
+//!
+//! The last two rows are for rehearsals: a process sends to itself what it would send to the other side, to keep the way warm. Nobody else
+//! has a place in them.
 //!
 //! Only the service creates them, so that it decides depths and limits; all other processes open them.
 
@@ -45,13 +50,17 @@ pub const INCREMENT_SUBSCRIBERS: usize = 16;
 pub const BORROWED: usize = 2;
 /// Processes that may have one stream open at once.
 pub const NODES: usize = 64;
-/// Senders that may wake the service for one IMU.
-pub const NOTIFIERS: usize = 16;
+/// Senders that may wake the service for one IMU, and the service itself.
+pub const NOTIFIERS: usize = 17;
 /// Readers of the status at once.
 pub const STATUS_SUBSCRIBERS: usize = 16;
 
 /// Name of the status stream.
 pub const STATUS: &str = "isotherm/status";
+
+/// Vanished publishers of whose unread samples a subscriber keeps track. The transport's own number, 128, makes every poll walk through
+/// as many empty places: a twentieth of a round trip.
+const VANISHED_PUBLISHERS: usize = 8;
 
 /// Time limit for creating an object of the transport; one that takes longer counts as left behind by a dead process.
 pub const CREATION_TIMEOUT: Duration = Duration::from_millis(500);
@@ -130,6 +139,29 @@ pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedInc
 #[must_use]
 pub fn relayed(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
     increment(node, imu).max_publishers(2)
+}
+
+/// A stream for rehearsals of raw samples, for `open_or_create` by the service.
+#[must_use]
+pub fn raw_rehearsal(node: &IpcNode, name: &RehearsalNames) -> PublishSubscribe<RawSample> {
+    alone(node.service_builder(&name.raw).publish_subscribe()).enable_safe_overflow(false)
+}
+
+/// A stream for rehearsals of increments, for `open_or_create` by the service.
+#[must_use]
+pub fn increment_rehearsal(node: &IpcNode, name: &RehearsalNames) -> PublishSubscribe<CompensatedIncrement> {
+    alone(node.service_builder(&name.increment).publish_subscribe()).enable_safe_overflow(true)
+}
+
+/// The settings of a stream that one process uses to send to itself.
+fn alone<T: fmt::Debug + ZeroCopySend>(builder: PublishSubscribe<T>) -> PublishSubscribe<T> {
+    builder
+        .max_publishers(1)
+        .max_subscribers(1)
+        .max_nodes(NODES)
+        .subscriber_max_buffer_size(BORROWED)
+        .subscriber_max_borrowed_samples(BORROWED)
+        .history_size(0)
 }
 
 /// The wake-up event with its full settings, for `open_or_create` by the service.
@@ -211,6 +243,34 @@ impl ImuId {
     #[must_use]
     pub fn wake(&self) -> ServiceName {
         service_name(&format!("isotherm/{self}/wake"))
+    }
+
+    /// The streams for the rehearsals of its acquisition.
+    #[must_use]
+    pub fn rehearsal(&self) -> RehearsalNames {
+        RehearsalNames::new(&format!("isotherm/{self}/rehearsal"))
+    }
+}
+
+/// The names of the two streams over which one process rehearses.
+#[derive(Clone, Debug)]
+pub struct RehearsalNames {
+    /// Carries raw samples.
+    pub raw: ServiceName,
+    /// Carries increments.
+    pub increment: ServiceName,
+}
+
+impl RehearsalNames {
+    fn new(start: &str) -> Self {
+        let name = |stream: StreamKind| service_name(&format!("{start}/{}", stream.name()));
+        Self { raw: name(StreamKind::Raw), increment: name(StreamKind::Increment) }
+    }
+
+    /// Those of a worker of the service.
+    #[must_use]
+    pub fn of_worker(index: usize) -> Self {
+        Self::new(&format!("isotherm/rehearsal/{index}"))
     }
 }
 
@@ -311,6 +371,7 @@ impl Domain {
         config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|_| invalid())?;
         config.global.set_root_path(&Path::new(self.root.as_bytes()).map_err(|_| invalid())?);
         config.global.creation_timeout = CREATION_TIMEOUT;
+        config.defaults.publish_subscribe.subscriber_expired_connection_buffer = VANISHED_PUBLISHERS;
         Ok(config)
     }
 }

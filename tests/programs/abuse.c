@@ -60,6 +60,7 @@ static void null_everywhere(isotherm_acquisition *acquisition)
     CHECK(isotherm_reading(NULL, 0, 1.0, 1) == ISOTHERM_ERROR_NULL && isotherm_lag_ns(NULL) == 0);
     CHECK(isotherm_save_lag(NULL, &lag) == ISOTHERM_ERROR_NULL && isotherm_save_lag(acquisition, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_restore_lag(NULL, &lag) == ISOTHERM_ERROR_NULL && isotherm_restore_lag(acquisition, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_prepare(NULL) == ISOTHERM_ERROR_NULL && isotherm_prepare(acquisition) == ISOTHERM_OK);
     CHECK(isotherm_depth(NULL) == 0 && isotherm_in_flight(NULL) == 0 && isotherm_session(NULL) == 0);
     CHECK(isotherm_reader_receive(NULL, &increment) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_reader_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
@@ -139,6 +140,7 @@ static void full_queue(isotherm_acquisition *acquisition)
         sample->interval_ns = 1000;
         sample->accelerometers.positive_pulses[0] = 7;
         sequence = sample->sequence;
+        CHECK(isotherm_prepare(acquisition) == ISOTHERM_OK);
     } while ((code = isotherm_send(acquisition, sample)) == ISOTHERM_OK);
     GIVES(code, ISOTHERM_FULL, "full");
     CHECK(isotherm_in_flight(acquisition) == isotherm_depth(acquisition) && isotherm_depth(acquisition) > 1);

@@ -36,7 +36,9 @@ int main(int count, char **words)
     for (unsigned long trip = 0; trip < 1000 + trips; trip++) {
         unsigned long before = counted;
         uint64_t started = isotherm_monotonic_ns();
-        isotherm_code code = isotherm_loan(acquisition, &sample);
+        isotherm_code code = isotherm_prepare(acquisition);
+        if (code == ISOTHERM_OK)
+            code = isotherm_loan(acquisition, &sample);
         /* A reading allocates nothing either, while the time constant stays. */
         double head = 2.5 + (double)(trip % 10) / 100;
         for (uint32_t sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)

@@ -57,6 +57,7 @@ int main(int, char **words)
     // A sample that is not sent is returned when it goes out of scope.
     for (int i = 0; i < 10; i++)
         CHECK(acquisition.loan()->sequence == 0);
+    acquisition.prepare();
     auto sample = acquisition.loan();
     sample->interval_ns = 1000;
     const auto answer = acquisition.compensate(sample, 20s);

@@ -70,7 +70,9 @@ fn iceoryx2_joins_a_running_domain_with_the_configuration_that_status_prints() {
     })
     .unwrap();
     names.sort_unstable();
+    let rehearsals = names.extract_if(.., |name| name.contains("/rehearsal/")).count();
     assert_eq!(names, ["isotherm/imu-a/increment", "isotherm/imu-a/raw", "isotherm/imu-a/wake", "isotherm/status"]);
+    assert_eq!(rehearsals, 4, "two for the worker, and two for the acquisition");
 
     let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
     let stream = node.service_builder(&status_name()).publish_subscribe::<[u8]>().open().unwrap();

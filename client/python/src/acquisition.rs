@@ -180,6 +180,11 @@ impl Acquisition {
         Ok(())
     }
 
+    fn prepare(&self) -> PyResult<()> {
+        self.owned.hold()?.open()?.client.prepare();
+        Ok(())
+    }
+
     fn loan(this: &Bound<'_, Self>) -> PyResult<Loan> {
         let mut held = this.get().owned.hold()?;
         let state = held.open()?;

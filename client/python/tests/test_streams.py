@@ -53,6 +53,7 @@ def test_a_round_trip_equals_the_replay(domain: DomainUnderTest, table: isotherm
     with isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition, isotherm.IncrementReader("imu-a") as reader:
         assert (acquisition.imu, acquisition.in_flight, acquisition.closed, reader.connected) == ("imu-a", 0, False, True)
         for index in range(100):
+            acquisition.prepare()
             loan = acquisition.loan()
             fill(loan, recorded[index])
             assert loan.session == acquisition.session

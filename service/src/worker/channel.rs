@@ -4,16 +4,19 @@ use crate::config::Imu;
 use crate::create::{CreateError, Creator};
 use crate::leftovers::{ports_of, ports_of_event};
 use crate::worker::counters::CounterWriter;
-use iceoryx2::port::listener::Listener;
+use crate::worker::listeners::WakePorts;
 use iceoryx2::port::listener::ListenerCreateError;
+use iceoryx2::port::notifier::NotifierCreateError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::port::update_connections::UpdateConnections as _;
+use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
-use isotherm_client::{Clock, subscribers_of};
+use isotherm_client::{Clock, Rehearsal, RehearsalStreams, publish, receive, subscribers_of};
 use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer;
-use isotherm_shared::protocol::{SequenceTracker, queue_depth};
-use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS};
+use isotherm_shared::protocol::{Arrival, SequenceTracker, queue_depth};
+use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use rtrb::Consumer;
@@ -43,14 +46,30 @@ pub struct Channel {
     /// Polls of [`RECLAIM_POLLS`] that are left.
     reclaim_polls_left: u32,
     sequence: SequenceTracker,
+    /// The last sample, copied out of shared memory.
+    raw: RawSample,
+    /// What is still to be done for the last sample, whose answer is published.
+    unsettled: Option<Unsettled>,
     /// Loaned in advance, so that the answer does not wait for the loan.
     spare: Option<LoanedIncrement>,
     publisher: Publisher<Ipc, CompensatedIncrement, ()>,
-    raw: Subscriber<Ipc, RawSample, ()>,
+    subscriber: Subscriber<Ipc, RawSample, ()>,
+    /// For the rehearsals of the acquisition, which cannot create streams.
+    _rehearsal: RehearsalStreams,
+}
+
+/// A sample whose answer is published, but which is not returned and not counted yet.
+struct Unsettled {
+    /// Held until its place in shared memory may be used again.
+    sample: Sample<Ipc, RawSample, ()>,
+    arrival: Arrival,
+    flags: Flags,
+    latency_ns: u64,
+    published: bool,
 }
 
 impl Channel {
-    /// Creates the streams of an IMU, and the listener that wakes the worker for it. The increment publisher is created last:
+    /// Creates the streams of an IMU, and the ports of the event that wakes the worker for it. The increment publisher is created last:
     /// clients take it as the sign that the service is ready.
     ///
     /// # Errors
@@ -60,7 +79,7 @@ impl Channel {
         domain: &Domain,
         link: ChannelLink,
         budget_ns: u64,
-    ) -> Result<(Self, Listener<Ipc>), Failure> {
+    ) -> Result<(Self, WakePorts), Failure> {
         let (id, depth) = (link.imu.id, link.imu.depth);
         let creator = Creator::new(node, domain);
         let name = |stream: &str| format!("the {stream} of IMU {id}");
@@ -80,6 +99,16 @@ impl Channel {
                 other => CreateError::Other(other.to_string()),
             })
         })?;
+        let crowd =
+            || format!("notifying the worker of IMU {id}: all places of its wake-up event are taken; stop a sender");
+        let notifier = creator.port(&name("notifier"), crowd, || {
+            wake.notifier_builder().create().map_err(|error| match error {
+                NotifierCreateError::ExceedsMaxSupportedNotifiers => CreateError::Taken(ports_of_event(&wake)),
+                other => CreateError::Other(other.to_string()),
+            })
+        })?;
+        let rehearsal =
+            create_rehearsal(node, &creator, &format!("the rehearsal streams of IMU {id}"), &id.rehearsal())?;
         let crowded = || {
             let pids = subscribers_of(&raw);
             format!(
@@ -103,11 +132,14 @@ impl Channel {
             budget_ns,
             reclaim_polls_left: 0,
             sequence: SequenceTracker::default(),
+            raw: RawSample::default(),
+            unsettled: None,
             spare: publisher.loan().ok(),
             publisher,
-            raw: subscriber,
+            subscriber,
+            _rehearsal: rehearsal,
         };
-        Ok((channel, listener))
+        Ok((channel, WakePorts { listener, notifier }))
     }
 
     /// Takes the newest table, if there is a new one. The control thread keeps every table until the worker has released it, so
@@ -121,9 +153,12 @@ impl Channel {
     }
 
     /// Answers the next raw sample, if there is one, and returns the time just before publishing \[ns\].
+    ///
+    /// What the answer does not need is left for [`settle`](Self::settle), so that the samples of other IMUs, sent at the same moment, do not
+    /// wait for it.
     #[inline]
     pub fn serve(&mut self, clock: &mut Clock) -> Option<u64> {
-        let sample = match self.raw.receive() {
+        let sample = match receive(&self.subscriber) {
             Ok(Some(sample)) => sample,
             Ok(None) => {
                 self.take_table();
@@ -135,35 +170,62 @@ impl Channel {
                 return None;
             }
         };
+        self.settle();
         // There is a spare loan unless the transport failed to give one.
         let loan = self.spare.take().or_else(|| self.publisher.loan().ok());
         let Some(mut loan) = loan else {
             self.counters.transport_failed();
             return None;
         };
-        // The only copy out of shared memory. The optimizer cannot see through `black_box`, so no code below reads shared memory
+        // The only copy out of shared memory. The optimizer must take it for changed by `black_box`, so no code below reads shared memory
         // again: a later change by the sender has no effect.
-        let raw = core::hint::black_box(*sample);
-        let since = if raw.sent_ns == 0 { clock.now() } else { raw.sent_ns };
-        let arrival = self.sequence.note(raw.session, raw.sequence);
+        self.raw = *sample;
+        core::hint::black_box(&mut self.raw);
+        let since = if self.raw.sent_ns == 0 { clock.now() } else { self.raw.sent_ns };
+        let arrival = self.sequence.note(self.raw.session, self.raw.sequence);
 
         let increment = loan.payload_mut();
-        *increment = answer(self.table.as_deref(), &raw);
+        compute(self.table.as_deref(), &self.raw, increment);
         let now = clock.now_in_order();
         let latency_ns = now.saturating_sub(since);
         let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);
         increment.latency_ns = latency_ns;
         increment.flags = flags.0;
-        let published = loan.send().is_ok();
+        let published = publish(loan).is_ok();
+        self.unsettled = Some(Unsettled { sample, arrival, flags, latency_ns, published });
+        Some(now)
+    }
 
-        // The increment is published: nothing below delays it. Returning the sample writes to memory that the sender reads, which
-        // costs a round trip between the cores.
+    /// Whether no raw sample waits.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        !self.subscriber.has_samples().unwrap_or(false)
+    }
+
+    /// Does what is left to do for the last sample that was served: returns it, counts it, and loans the next increment.
+    #[inline]
+    pub fn settle(&mut self) {
+        let Some(Unsettled { sample, arrival, flags, latency_ns, published }) = self.unsettled.take() else { return };
+        // Returning the sample writes to memory that the sender reads, which costs a round trip between the cores.
         drop(sample);
         self.spare = self.publisher.loan().ok();
         self.reclaim_polls_left = RECLAIM_POLLS;
         self.take_table();
-        self.counters.answered(&raw, arrival, flags, latency_ns, published);
-        Some(now)
+        self.counters.answered(&self.raw, arrival, flags, latency_ns, published);
+    }
+
+    /// Rehearses the next sample with the last one, and touches what only this IMU's next sample will need. A reader that has come is
+    /// connected on this occasion, and not when the next sample is on its way.
+    pub fn rehearse(&mut self, rehearsal: &mut Rehearsal<RawSample, CompensatedIncrement>, clock: &mut Clock) {
+        rehearsal.go(&self.raw, |raw, increment| {
+            compute(self.table.as_deref(), raw, increment);
+            increment.latency_ns = clock.now_in_order();
+        });
+        if let Some(spare) = &mut self.spare {
+            *spare.payload_mut() = CompensatedIncrement::default();
+        }
+        let _ = self.publisher.update_connections();
+        let _ = self.publisher.loan_uninit();
     }
 
     /// Reclaims the samples that readers have returned, while there is nothing else to do.
@@ -178,4 +240,26 @@ impl Channel {
             let _ = self.publisher.loan_uninit();
         }
     }
+}
+
+/// The kernel: the one place where real and rehearsed samples are compensated, so that both run the same instructions.
+#[inline(never)]
+fn compute(table: Option<&CoefficientTable>, raw: &RawSample, increment: &mut CompensatedIncrement) {
+    *increment = answer(table, raw);
+}
+
+/// Creates the two streams of rehearsals.
+///
+/// # Errors
+/// Why one could not be created, as a message for the operator.
+pub fn create_rehearsal(
+    node: &IpcNode,
+    creator: &Creator,
+    name: &str,
+    names: &RehearsalNames,
+) -> Result<RehearsalStreams, Failure> {
+    let raw = creator.stream(name, &names.raw, || Ok(stream::raw_rehearsal(node, names).open_or_create()?))?;
+    let increments =
+        creator.stream(name, &names.increment, || Ok(stream::increment_rehearsal(node, names).open_or_create()?))?;
+    Ok(RehearsalStreams { raw, increments })
 }

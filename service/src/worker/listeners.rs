@@ -1,8 +1,12 @@
 //! Sleeping until the sender of any IMU of the worker notifies, or until a time has passed.
+//!
+//! A notification is a system call of the sender, unless the event is still raised by one before. A worker that is awake for a sample
+//! raises the event itself: the sender then spends no time on it, and sees its answer earlier.
 #![expect(unsafe_code, reason = "iceoryx2 gives a listener's descriptor as a number")]
 
 use crate::worker::wait::BOUND_NS;
 use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::FileDescriptorBased as _;
 use isotherm_shared::stream::Ipc;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -11,23 +15,53 @@ use rustix::io::Errno;
 use std::thread;
 use std::time::Duration;
 
-/// The wake-up listeners of a worker's IMUs.
+/// A worker's ports of the wake-up event of one IMU.
+pub struct WakePorts {
+    /// Is notified by senders.
+    pub listener: Listener<Ipc>,
+    /// Raises the event while the worker is awake.
+    pub notifier: Notifier<Ipc>,
+}
+
+/// The wake-up events of a worker's IMUs.
 pub struct WakeListeners<'a> {
-    listeners: &'a [Listener<Ipc>],
+    ports: &'a [WakePorts],
     descriptors: Vec<PollFd<'a>>,
+    /// Whether this worker has raised any event.
+    raised: bool,
     /// When all listeners were last drained \[ns\].
     drained: u64,
 }
 
 impl<'a> WakeListeners<'a> {
     /// Prepares the listeners for polling.
-    pub fn new(listeners: &'a [Listener<Ipc>]) -> Self {
-        let poll_fd = |listener: &'a Listener<Ipc>| {
+    pub fn new(ports: &'a [WakePorts]) -> Self {
+        let poll_fd = |ports: &'a WakePorts| {
             // SAFETY: the descriptor stays open as long as the listener, which is borrowed for 'a, and is only polled.
-            let descriptor = unsafe { BorrowedFd::borrow_raw(listener.file_descriptor().native_handle()) };
+            let descriptor = unsafe { BorrowedFd::borrow_raw(ports.listener.file_descriptor().native_handle()) };
             PollFd::from_borrowed_fd(descriptor, PollFlags::IN)
         };
-        Self { listeners, descriptors: listeners.iter().map(poll_fd).collect(), drained: 0 }
+        Self { ports, descriptors: ports.iter().map(poll_fd).collect(), raised: false, drained: 0 }
+    }
+
+    /// Raises the event of an IMU: until [`lower`](Self::lower) its senders notify without a system call.
+    pub fn raise(&mut self, imu: usize) {
+        if let Some(ports) = self.ports.get(imu) {
+            // If it fails, the sender makes the system call.
+            let _ = ports.notifier.notify();
+            self.raised = true;
+        }
+    }
+
+    /// Lowers what was raised, before a sleep; returns whether anything was. Then a sample may have come without a notification, and the
+    /// caller looks for samples once more before it sleeps.
+    pub fn lower(&mut self) -> bool {
+        if self.raised {
+            for ports in self.ports {
+                let _ = ports.listener.try_wait(|_| {});
+            }
+        }
+        core::mem::take(&mut self.raised)
     }
 
     /// Sleeps from `now` \[ns\] until a listener is notified, but at most for `time` \[ns\].
@@ -50,9 +84,9 @@ impl<'a> WakeListeners<'a> {
             self.drained = now;
         }
         if all || notified > 0 {
-            for (listener, descriptor) in self.listeners.iter().zip(&self.descriptors) {
+            for (ports, descriptor) in self.ports.iter().zip(&self.descriptors) {
                 if all || !descriptor.revents().is_empty() {
-                    let _ = listener.try_wait(|_| {});
+                    let _ = ports.listener.try_wait(|_| {});
                 }
             }
         }

@@ -5,7 +5,9 @@
 //! (tests/hot_loop.rs counts them). The other strategies only make the system calls that sleeping needs.
 //!
 //! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a time from
-//! each raw queue in turn, so that a flooded queue gets at most every other turn.
+//! each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one sample.
+//!
+//! What an answer does not need is done when no sample waits ([`Channel::settle`]); then the worker rehearses ([`rehearse`]).
 //!
 //! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all sensors of
 //! an increment come from one table.
@@ -16,18 +18,19 @@ pub mod channel;
 pub mod counters;
 pub mod histogram;
 mod listeners;
+pub mod rehearse;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
+use crate::create::Creator;
 use channel::{Channel, ChannelLink};
 use counters::{HeartbeatReader, HeartbeatWriter, heartbeat};
-use iceoryx2::port::listener::Listener;
 use isotherm_client::{Clock, Realtime, join};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::protocol::queue_depth;
-use isotherm_shared::stream::{Domain, Ipc, RAW_DEPTH};
-use listeners::WakeListeners;
-use std::iter;
+use isotherm_shared::stream::{Domain, RAW_DEPTH};
+use listeners::{WakeListeners, WakePorts};
+use rehearse::Rehearsals;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -127,7 +130,7 @@ fn run(
     (stop, beat): (&AtomicBool, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
-    let (mut channels, listeners) = match open(domain, config, index, links) {
+    let (mut channels, ports, rehearsals) = match open(domain, config, index, links) {
         Ok(opened) => opened,
         Err(failure) => {
             let _ = ready.send(Err(failure));
@@ -135,7 +138,7 @@ fn run(
         }
     };
     let _ = ready.send(Ok(rustix::thread::gettid().as_raw_nonzero().get()));
-    serve(&mut channels, &listeners, config, stop, beat);
+    serve(&mut channels, &ports, rehearsals, config, stop, beat);
 }
 
 fn open(
@@ -143,7 +146,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-) -> Result<(Vec<Channel>, Vec<Listener<Ipc>>), Failure> {
+) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
         priority: config.realtime.priority,
@@ -153,60 +156,97 @@ fn open(
     settings.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
-    let (mut channels, mut listeners) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
+    let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
+    let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
     for link in links {
-        let (mut channel, listener) = Channel::open(&node, domain, link, budget_ns)?;
+        let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
         channel.take_table();
         channels.push(channel);
-        listeners.push(listener);
+        ports.push(wake);
     }
-    Ok((channels, listeners))
+    Ok((channels, ports, rehearsals))
 }
 
 /// The hot loop.
 fn serve(
     channels: &mut [Channel],
-    listeners: &[Listener<Ipc>],
+    ports: &[WakePorts],
+    mut rehearsals: Rehearsals,
     config: &Config,
     stop: &AtomicBool,
     mut beat: HeartbeatWriter,
 ) {
     let mut clock = Clock::new();
     let mut waiter = Waiter::new(config.strategy, channels.len());
-    let mut wake = WakeListeners::new(listeners);
-    let mut latest = 0;
+    let mut wake = WakeListeners::new(ports);
+    // The channel that was served last, and whether its queue has been seen empty since.
+    let (mut latest, mut emptied) = (0, false);
+    let (mut unsettled, mut woken) = (false, false);
     loop {
         beat.beat();
         let mut served = false;
         for turn in 0..channels.len() {
-            // Poll the channel that was served last again after every other one: its next sample then waits for the poll of one
-            // idle channel, not of all.
-            let again = (latest != turn).then_some(latest);
-            for index in iter::once(turn).chain(again) {
-                if let Some(now) = channels[index].serve(&mut clock) {
-                    waiter.arrived(index, now);
-                    latest = index;
-                    served = true;
-                }
+            if let Some(now) = channels[turn].serve(&mut clock) {
+                waiter.arrived(turn, now);
+                rehearsals.served(turn);
+                (latest, emptied, served) = (turn, false, true);
+                continue;
+            }
+            if !emptied && (latest == turn || channels[latest].is_empty()) {
+                emptied = true;
+                channels[latest].settle();
+            }
+            // Poll the channel that was served last again after every idle one: its next sample then waits for the poll of one idle
+            // channel, not of all. A queue that was never empty since is a burst, and waits for its turn.
+            if emptied
+                && latest != turn
+                && let Some(now) = channels[latest].serve(&mut clock)
+            {
+                waiter.arrived(latest, now);
+                rehearsals.served(latest);
+                (emptied, served) = (false, true);
             }
         }
         if stop.load(Relaxed) {
             // Answer what has arrived, at most one queue for each IMU: a sender that keeps sending must not delay the end.
             for channel in channels.iter_mut() {
                 (0..queue_depth(RAW_DEPTH)).take_while(|_| channel.serve(&mut clock).is_some()).count();
+                channel.settle();
             }
             return;
         }
         if served {
+            (unsettled, woken) = (true, false);
+            continue;
+        }
+        if core::mem::take(&mut unsettled) {
+            channels.iter_mut().for_each(Channel::settle);
             continue;
         }
         let now = match config.strategy {
             Strategy::Spin => 0,
             Strategy::Anticipate | Strategy::Block => clock.now(),
         };
+        if core::mem::take(&mut woken) {
+            for imu in (0..channels.len()).filter(|imu| waiter.expects(*imu, now)) {
+                wake.raise(imu);
+                rehearsals.expect(imu);
+            }
+        }
+        if rehearsals.idle(channels, &mut clock) {
+            if config.strategy == Strategy::Anticipate {
+                waiter.rehearsed(clock.now().saturating_sub(now));
+            }
+            continue;
+        }
         match waiter.next(now) {
             Wait::Spin => core::hint::spin_loop(),
-            Wait::Sleep(time) => wake.sleep(now, time),
+            // A sample that came while the event was raised is found by the next poll.
+            Wait::Sleep(_) if wake.lower() => {}
+            Wait::Sleep(time) => {
+                wake.sleep(now, time);
+                woken = true;
+            }
         }
     }
 }

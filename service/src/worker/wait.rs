@@ -28,6 +28,8 @@ const COVERED: f64 = 0.98;
 const DELAY_STEP: f64 = 8_000.0;
 /// Guard time beyond the estimated delay \[ns\].
 const MARGIN: f64 = 10_000.0;
+/// A rehearsal that took longer was interrupted: it does not predict the next one \[ns\].
+const REHEARSAL_MAX: f64 = 20_000.0;
 /// Limits of the guard time \[ns\], and the part of a period that it may take; the worker spins for that part of the time.
 const GUARD_MIN: f64 = 20_000.0;
 const GUARD_MAX: f64 = 200_000.0;
@@ -39,6 +41,8 @@ const SHORTEST_SLEEP_NS: u64 = 20_000;
 /// While no period is known, the worker spins for this long after a sample \[ns\]. It is then awake for an acquisition that sends
 /// as soon as it has its answer, and can measure the period of that stream.
 const SPIN_AFTER_SAMPLE_NS: u64 = 50_000;
+/// The worker stays awake for this long after a sample, so that it does not lower its event before the sender has notified \[ns\].
+const LINGER_NS: u64 = 5_000;
 /// Predictions that may be missed in a row before a stream counts as stopped.
 const MAX_MISSES: u32 = 3;
 
@@ -58,6 +62,8 @@ pub struct Waiter {
     grids: Vec<ArrivalGrid>,
     /// Estimate of how late a sleep ends \[ns\]; it covers the part [`COVERED`] of the sleeps.
     delay: f64,
+    /// How long a rehearsal takes: a maximum that decays \[ns\].
+    rehearsal: f64,
     /// When the sleep under way should end \[ns\]; `None` once the worker is awake.
     wake: Option<u64>,
     /// When the last sample of any stream was served \[ns\].
@@ -68,7 +74,7 @@ impl Waiter {
     /// A waiter for `streams` streams.
     pub fn new(strategy: Strategy, streams: usize) -> Self {
         let grids = vec![ArrivalGrid::default(); streams];
-        Self { strategy, grids, delay: 2.0 * GUARD_MIN, wake: None, last: 0 }
+        Self { strategy, grids, delay: 2.0 * GUARD_MIN, rehearsal: 0.0, wake: None, last: 0 }
     }
 
     /// A sample of `stream` was served at `now`.
@@ -96,10 +102,29 @@ impl Waiter {
         }
     }
 
-    fn anticipate(&mut self, now: u64) -> Wait {
-        let shortest = self.grids.iter().filter_map(ArrivalGrid::known_period).fold(f64::INFINITY, f64::min);
-        let wanted = (self.delay + MARGIN).clamp(GUARD_MIN, GUARD_MAX);
+    /// Whether the next sample of `stream` is due so soon after `now` that a sleep would end for it.
+    pub fn expects(&self, stream: usize, now: u64) -> bool {
+        let (guard, _) = self.guard();
+        let grid = &self.grids[stream];
+        grid.known_period().is_some() && grid.due > now && grid.due - now <= 2 * guard
+    }
+
+    /// A rehearsal took `time` \[ns\].
+    pub fn rehearsed(&mut self, time: u64) {
+        self.rehearsal = (time as f64).max(self.rehearsal - self.rehearsal / 64.0).min(REHEARSAL_MAX);
+    }
+
+    /// The guard time \[ns\], and whether the periods leave time to sleep.
+    fn guard(&self) -> (u64, bool) {
+        let known = || self.grids.iter().filter_map(ArrivalGrid::known_period);
+        let shortest = known().fold(f64::INFINITY, f64::min);
+        let wanted = (self.delay + MARGIN + self.rehearsal * known().count() as f64).clamp(GUARD_MIN, GUARD_MAX);
         let guard = wanted.min((shortest * GUARD_MAX_PART).max(GUARD_MIN)) as u64;
+        (guard, wanted <= shortest * SPIN_PART)
+    }
+
+    fn anticipate(&mut self, now: u64) -> Wait {
+        let (guard, can_sleep) = self.guard();
         let Some(due) = self.grids.iter_mut().filter_map(|grid| grid.due(now, 2 * guard)).min() else {
             return if now.saturating_sub(self.last) < SPIN_AFTER_SAMPLE_NS {
                 Wait::Spin
@@ -107,8 +132,11 @@ impl Waiter {
                 Wait::Sleep(BOUND_NS)
             };
         };
+        if now.saturating_sub(self.last) < LINGER_NS {
+            return Wait::Spin;
+        }
         let sleep = due.saturating_sub(guard).saturating_sub(now);
-        if sleep < SHORTEST_SLEEP_NS || wanted > shortest * SPIN_PART {
+        if sleep < SHORTEST_SLEEP_NS || !can_sleep {
             return Wait::Spin;
         }
         let sleep = sleep.min(BOUND_NS);
@@ -389,6 +417,32 @@ mod tests {
         arrivals.sort_unstable();
         let (awake, spinning) = run(&mut waiter, &arrivals);
         assert!(share(&awake[50..]) > 0.99 && spinning < 0.1, "{} {spinning}", share(&awake[50..]));
+    }
+
+    #[test]
+    fn it_wakes_early_enough_to_rehearse() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 2);
+        run(&mut waiter, &periodic(MS, 2_500_000, 100, |_| 0));
+        waiter.delay = GUARD_MIN;
+        let (before, _) = waiter.guard();
+        waiter.rehearsed(8_000);
+        assert_eq!(waiter.guard().0, before + 8_000, "one of the two streams is periodic");
+        waiter.rehearsed(3_000_000);
+        assert_eq!(waiter.guard().0, before + 20_000, "an interrupted rehearsal predicts nothing");
+        (0..1000).for_each(|_| waiter.rehearsed(1_000));
+        assert!(waiter.guard().0 < before + 1_100);
+    }
+
+    #[test]
+    fn only_a_sample_that_is_due_soon_is_expected() {
+        let mut waiter = Waiter::new(Strategy::Anticipate, 2);
+        run(&mut waiter, &periodic(MS, 2_500_000, 100, |_| 0));
+        let (due, (guard, _)) = (waiter.grids[0].due, waiter.guard());
+        for (before, expected) in [(1_000, true), (guard, true), (2 * guard + 2_000, false), (MS, false)] {
+            assert_eq!(waiter.expects(0, due - before), expected, "{before}");
+        }
+        assert!(!waiter.expects(0, due + 1_000), "it is late: a rehearsal would delay it");
+        assert!(!waiter.expects(1, due - 1_000), "nothing has come from this stream");
     }
 
     #[test]

@@ -118,6 +118,9 @@ fn send(imu: &str, samples: u64) {
             for (sensor, _) in Sensor::NAMES {
                 acquisition.reading(sensor, head, 1_000_000_000 * number);
             }
+            if number.is_multiple_of(2) {
+                acquisition.prepare();
+            }
             let mut loan = acquisition.loan().unwrap();
             loan.interval_ns = 1;
             loan.accelerometers.head_temperature = [head; 3];

@@ -1,7 +1,7 @@
 //! Latency that users can check: Isotherm is compared with what it is built on and what it replaces, in one run on one machine.
 //!
-//! Without a subcommand: round trips through five paths in alternating blocks ([`closed`]), then samples sent by the clock under
-//! each waiting strategy ([`waits`]). The subcommands measure under load, with many IMUs, with many samples in flight, and with a
+//! Without a subcommand: round trips at the rate of an IMU through every path in alternating blocks, with every waiting strategy
+//! ([`paced`]), then round trips one after the other ([`closed`]). The subcommands measure under load, with many IMUs, with many samples in flight, and with a
 //! recorder.
 //!
 //! All processes are real: this one is the acquisition; its children run this program as the service, an echo or a socket server.
@@ -11,12 +11,14 @@ mod closed;
 mod floor;
 mod load;
 mod open;
+mod paced;
+mod pairs;
 mod paths;
 mod record;
 mod report;
 mod scale;
+mod socket;
 mod throughput;
-mod waits;
 
 use clap::{Parser, Subcommand};
 use isotherm_benches::{BenchResult, OtherBuild, become_child, pin};
@@ -38,18 +40,18 @@ struct LatencyArguments {
     /// A few samples only, to see that everything works
     #[arg(long, global = true)]
     smoke: bool,
-    /// Measure the service of another build in the same run, without a subcommand; may be repeated
+    /// Measure the service of another build in the same run, without a subcommand or before `paced`; may be repeated
     #[arg(long, value_name = "NAME=PROGRAM")]
     other: Vec<OtherBuild>,
 }
 
 #[derive(Debug, Subcommand)]
 enum LatencyCommand {
-    /// Only the second part: samples sent by the clock under each waiting strategy
-    Waits,
+    /// Only the first part: round trips at the rate of an IMU
+    Paced,
     /// Round trips beside two CPU-hungry neighbours, with and without real-time settings, with and without reloads
     Load,
-    /// 1, 8 and 32 IMUs, one and two workers
+    /// 1, 8 and 32 IMUs: one sending, and all together beside as many bare pairs
     Scale,
     /// 16 samples in flight
     Throughput,
@@ -62,7 +64,7 @@ enum LatencyCommand {
 pub enum Effort {
     /// As little as shows that everything works.
     Smoke,
-    /// About a minute.
+    /// One to one and a half minutes.
     Usual,
     /// Ten times that.
     Long,
@@ -76,6 +78,11 @@ impl Effort {
             Self::Usual => usual,
             Self::Long => usual * 10,
         }
+    }
+
+    /// The round trips of a block: `usual`, or as few as have a median.
+    pub fn of_block(self, usual: usize) -> usize {
+        if matches!(self, Self::Smoke) { 40 } else { usual }
     }
 }
 
@@ -111,8 +118,8 @@ fn main() -> ExitCode {
 fn child(role: &[&str]) -> BenchResult<()> {
     match role {
         ["floor", path] => floor::answer(path),
-        ["echo", domain, root, depth] => paths::echo(domain, root, depth.parse()?),
-        ["socket", path] => paths::socket_server(path),
+        ["echo", domain, root, depth, pairs] => paths::echo(domain, root, depth.parse()?, pairs.parse()?),
+        ["socket", path] => socket::socket_server(path),
         ["hungry"] => load::spin_forever(),
         _ => Err("unknown role".into()),
     }
@@ -127,11 +134,12 @@ fn bench(arguments: &LatencyArguments) -> BenchResult<()> {
     };
     let mut document = match arguments.command {
         None => {
+            let paced = paced::measure(effort, &arguments.other)?;
             let mut document = closed::measure(effort, &arguments.other)?;
-            document["waits"] = waits::measure(effort)?;
+            document["paced"] = paced;
             document
         }
-        Some(LatencyCommand::Waits) => json!({"waits": waits::measure(effort)?}),
+        Some(LatencyCommand::Paced) => json!({"paced": paced::measure(effort, &arguments.other)?}),
         Some(LatencyCommand::Load) => load::measure(effort)?,
         Some(LatencyCommand::Scale) => scale::measure(effort)?,
         Some(LatencyCommand::Throughput) => throughput::measure(effort)?,

@@ -4,7 +4,9 @@ use core::fmt::Debug;
 use core::mem::MaybeUninit;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{BackpressureStrategy, IceoryxSend, Node, NodeBuilder, SignalHandlingMode, ZeroCopySend, ipc};
+use iceoryx2::prelude::{
+    BackpressureStrategy, Config, IceoryxSend, Node, NodeBuilder, SignalHandlingMode, ZeroCopySend, ipc,
+};
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::builder::publish_subscribe::Builder;
@@ -12,35 +14,78 @@ use isotherm_benches::{BenchResult, Spin, TABLE, TIMEOUT};
 use isotherm_client::{Acquisition, CompensatedIncrement, Domain, RawSample};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::Triad;
-use std::fs;
 use std::hint::{black_box, spin_loop};
-use std::io::{Read as _, Write as _};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::rc::Rc;
 use std::time::{Duration, Instant};
+
+/// How long before a sample is due its path gets ready for it, and how much longer for each of many streams.
+const PREPARE: Duration = Duration::from_micros(40);
+const PREPARE_EACH: Duration = Duration::from_micros(3);
 
 /// One way to send a sample and get its answer.
 pub trait Path {
     /// Sends the sample and waits for the answer.
     fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement>;
+
+    /// Gets ready for the next sample, shortly before it is due.
+    fn prepare(&mut self) -> BenchResult<()> {
+        Ok(())
+    }
+
+    /// How long before a sample is due [`prepare`](Self::prepare) is called.
+    fn lead(&self) -> Duration {
+        PREPARE
+    }
+}
+
+/// A path on which a sample can be sent before the one before it is answered.
+pub trait Stream: Path {
+    /// Sends a sample.
+    fn send(&mut self, sample: &RawSample) -> BenchResult<()>;
+
+    /// An answer, if one is there.
+    fn receive(&mut self) -> BenchResult<Option<CompensatedIncrement>>;
+}
+
+/// Sends a sample and spins until its answer is there.
+#[inline]
+fn exchange(stream: &mut impl Stream, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
+    stream.send(sample)?;
+    let mut spin = Spin::default();
+    loop {
+        if let Some(increment) = stream.receive()? {
+            return Ok(increment);
+        }
+        spin.turn()?;
+    }
 }
 
 /// The client library, waiting for the answer by spinning.
 pub struct Isotherm(pub Acquisition);
 
 impl Path for Isotherm {
+    fn prepare(&mut self) -> BenchResult<()> {
+        self.0.prepare();
+        Ok(())
+    }
+
     fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
+        exchange(self, sample)
+    }
+}
+
+impl Stream for Isotherm {
+    #[inline]
+    fn send(&mut self, sample: &RawSample) -> BenchResult<()> {
         let mut loan = self.0.loan()?;
         let (session, sequence) = (loan.session, loan.sequence);
         *loan = RawSample { session, sequence, ..*sample };
-        self.0.send(loan)?;
-        let mut spin = Spin::default();
-        loop {
-            if let Some(increment) = self.0.receive()? {
-                return Ok(increment);
-            }
-            spin.turn()?;
-        }
+        Ok(self.0.send(loan)?)
+    }
+
+    #[inline]
+    fn receive(&mut self) -> BenchResult<Option<CompensatedIncrement>> {
+        Ok(self.0.receive()?)
     }
 }
 
@@ -50,18 +95,33 @@ pub struct Bare {
     publisher: Publisher<ipc::Service, RawSample, ()>,
     spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
     subscriber: Subscriber<ipc::Service, CompensatedIncrement, ()>,
-    _node: Node<ipc::Service>,
+    _node: Rc<Node<ipc::Service>>,
 }
 
 impl Bare {
     /// Connects to the [`echo`] of this domain, which may not be ready yet.
     pub fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
-        let node = node(domain)?;
-        let raw = stream::<RawSample>(&node, "bench/raw", depth)?.open_or_create()?;
+        Self::connect_all(domain, depth, 1)?.pop().ok_or_else(|| "no pair".into())
+    }
+
+    /// Connects `count` pairs to the [`echo`] of this domain, which must have as many.
+    pub fn connect_all(domain: &Domain, depth: usize, count: usize) -> BenchResult<Vec<Self>> {
+        let node = Rc::new(node(domain)?);
+        let pairs = (0..count).map(|index| Self::connect_pair(&node, depth, index)).collect::<BenchResult<Vec<_>>>()?;
+        std::thread::sleep(Duration::from_millis(20));
+        for pair in &pairs {
+            while pair.subscriber.receive()?.is_some() {}
+        }
+        Ok(pairs)
+    }
+
+    /// Connects a pair. It may still get answers to the samples that it has sent meanwhile.
+    fn connect_pair(node: &Rc<Node<ipc::Service>>, depth: usize, index: usize) -> BenchResult<Self> {
+        let raw = stream::<RawSample>(node, &raw_name(index), depth)?.open_or_create()?;
         let publisher =
             raw.publisher_builder().max_loaned_samples(2).backpressure_strategy(BackpressureStrategy::DiscardData);
         let publisher = publisher.create()?;
-        let answers = stream::<CompensatedIncrement>(&node, "bench/increment", depth)?.open_or_create()?;
+        let answers = stream::<CompensatedIncrement>(node, &answer_name(index), depth)?.open_or_create()?;
         let subscriber = answers.subscriber_builder().create()?;
         let deadline = Instant::now() + TIMEOUT;
         while subscriber.receive()?.is_none() {
@@ -72,13 +132,20 @@ impl Bare {
                 return Err("the echo does not answer".into());
             }
         }
-        std::thread::sleep(Duration::from_millis(20));
-        while subscriber.receive()?.is_some() {}
-        Ok(Self { spare: Some(publisher.loan()?), publisher, subscriber, _node: node })
+        Ok(Self { spare: Some(publisher.loan()?), publisher, subscriber, _node: Rc::clone(node) })
     }
+}
 
+impl Path for Bare {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
+        exchange(self, sample)
+    }
+}
+
+impl Stream for Bare {
     /// Sends a sample, then loans the next one.
-    pub fn send(&mut self, sample: &RawSample) -> BenchResult<()> {
+    #[inline]
+    fn send(&mut self, sample: &RawSample) -> BenchResult<()> {
         let mut loan = match self.spare.take() {
             Some(loan) => loan,
             None => self.publisher.loan()?,
@@ -89,50 +156,100 @@ impl Bare {
         Ok(())
     }
 
-    /// An answer, if one is there.
-    pub fn receive(&self) -> BenchResult<Option<CompensatedIncrement>> {
+    #[inline]
+    fn receive(&mut self) -> BenchResult<Option<CompensatedIncrement>> {
         Ok(self.subscriber.receive()?.map(|sample| *sample))
     }
 }
 
-impl Path for Bare {
-    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
-        self.send(sample)?;
-        let mut spin = Spin::default();
-        loop {
-            if let Some(increment) = self.receive()? {
-                return Ok(increment);
-            }
-            spin.turn()?;
-        }
+/// A bare pair that gets ready with a round trip through a second pair, to the same [`echo`]: the code of both processes is in
+/// their caches when the sample is sent, its memory is not.
+pub struct Rehearsed {
+    pair: Bare,
+    second: Bare,
+}
+
+impl Rehearsed {
+    /// Connects to the [`echo`] of this domain, which must have two pairs.
+    pub fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
+        let mut pairs = Bare::connect_all(domain, depth, 2)?;
+        let (second, pair) = pairs.pop().zip(pairs.pop()).ok_or("no second pair")?;
+        Ok(Self { pair, second })
     }
 }
 
-/// The other end of a [`Bare`] pair: copies each sample out and answers with its session and sequence. It compensates nothing.
-pub fn echo(domain: &str, root: &str, depth: usize) -> BenchResult<()> {
-    let node = node(&Domain::new(domain, root)?)?;
-    let raw = stream::<RawSample>(&node, "bench/raw", depth)?.open_or_create()?;
-    let subscriber = raw.subscriber_builder().create()?;
-    let answers = stream::<CompensatedIncrement>(&node, "bench/increment", depth)?.open_or_create()?;
-    let answers = answers.publisher_builder().max_loaned_samples(2);
-    let answers = answers.backpressure_strategy(BackpressureStrategy::DiscardData).create()?;
-    let mut spare: SampleMutUninit<ipc::Service, MaybeUninit<CompensatedIncrement>, ()> = answers.loan_uninit()?;
-    loop {
-        let Some(sample) = subscriber.receive()? else {
-            spin_loop();
-            continue;
-        };
+impl Path for Rehearsed {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
+        self.pair.round_trip(sample)
+    }
+
+    fn prepare(&mut self) -> BenchResult<()> {
+        black_box(self.second.round_trip(&isotherm_benches::sample())?);
+        Ok(())
+    }
+}
+
+/// The echo's side of a [`Bare`] pair.
+struct EchoPair {
+    subscriber: Subscriber<ipc::Service, RawSample, ()>,
+    answers: Publisher<ipc::Service, CompensatedIncrement, ()>,
+    spare: Option<SampleMutUninit<ipc::Service, MaybeUninit<CompensatedIncrement>, ()>>,
+}
+
+impl EchoPair {
+    fn create(node: &Node<ipc::Service>, depth: usize, index: usize) -> BenchResult<Self> {
+        let raw = stream::<RawSample>(node, &raw_name(index), depth)?.open_or_create()?;
+        let subscriber = raw.subscriber_builder().create()?;
+        let answers = stream::<CompensatedIncrement>(node, &answer_name(index), depth)?.open_or_create()?;
+        let answers = answers.publisher_builder().max_loaned_samples(2);
+        let answers = answers.backpressure_strategy(BackpressureStrategy::DiscardData).create()?;
+        Ok(Self { subscriber, spare: Some(answers.loan_uninit()?), answers })
+    }
+
+    /// Answers a sample if one is there, then loans the next answer.
+    #[inline]
+    fn turn(&mut self) -> BenchResult<()> {
+        let Some(sample) = self.subscriber.receive()? else { return Ok(()) };
         let raw = black_box(*sample);
         let increment = CompensatedIncrement { session: raw.session, sequence: raw.sequence, ..Default::default() };
+        let spare = match self.spare.take() {
+            Some(spare) => spare,
+            None => self.answers.loan_uninit()?,
+        };
         spare.write_payload(increment).send()?;
         drop(sample);
-        spare = answers.loan_uninit()?;
+        self.spare = Some(self.answers.loan_uninit()?);
+        Ok(())
     }
+}
+
+/// The other end of `count` [`Bare`] pairs: copies each sample out and answers with its session and sequence. It compensates
+/// nothing.
+pub fn echo(domain: &str, root: &str, depth: usize, count: usize) -> BenchResult<()> {
+    let node = node(&Domain::new(domain, root)?)?;
+    let pairs = (0..count).map(|index| EchoPair::create(&node, depth, index));
+    let mut pairs = pairs.collect::<BenchResult<Vec<_>>>()?;
+    loop {
+        for pair in &mut pairs {
+            pair.turn()?;
+        }
+        spin_loop();
+    }
+}
+
+fn raw_name(index: usize) -> String {
+    format!("bench/raw/{index}")
+}
+
+fn answer_name(index: usize) -> String {
+    format!("bench/increment/{index}")
 }
 
 /// A node with the usual settings of iceoryx2; only the domain is this bench's own.
 fn node(domain: &Domain) -> BenchResult<Node<ipc::Service>> {
-    let node = NodeBuilder::new().config(&domain.config()?).signal_handling_mode(SignalHandlingMode::Disabled);
+    let mut config = domain.config()?;
+    config.defaults = Config::default().defaults;
+    let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
     Ok(node.create()?)
 }
 
@@ -144,6 +261,35 @@ fn stream<T: IceoryxSend + ZeroCopySend + Debug>(
     let builder = node.service_builder(&name.try_into()?).publish_subscribe::<T>();
     let builder = builder.max_publishers(1).max_subscribers(1).subscriber_max_buffer_size(depth);
     Ok(builder.history_size(0).enable_safe_overflow(true))
+}
+
+/// Many streams that send together: a round trip lasts until the last of their samples is answered.
+pub struct Together<S>(pub Vec<S>);
+
+impl<S: Stream> Path for Together<S> {
+    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
+        self.0.iter_mut().try_for_each(|stream| stream.send(sample))?;
+        let (mut last, mut open, mut spin) = (None, self.0.len(), Spin::default());
+        while open > 0 {
+            for stream in &mut self.0 {
+                if let Some(increment) = stream.receive()? {
+                    last = Some(increment);
+                    open -= 1;
+                    spin = Spin::default();
+                }
+            }
+            spin.turn()?;
+        }
+        last.ok_or_else(|| "no streams".into())
+    }
+
+    fn prepare(&mut self) -> BenchResult<()> {
+        self.0.iter_mut().try_for_each(Path::prepare)
+    }
+
+    fn lead(&self) -> Duration {
+        PREPARE + PREPARE_EACH * self.0.len() as u32
+    }
 }
 
 /// The kernel called as a function.
@@ -159,179 +305,5 @@ impl InProcess {
 impl Path for InProcess {
     fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
         Ok(answer(Some(&self.0), black_box(sample)))
-    }
-}
-
-const RAW_BYTES: usize = size_of::<RawSample>();
-const INCREMENT_BYTES: usize = size_of::<CompensatedIncrement>();
-
-/// A blocking Unix socket with the kernel behind it.
-pub struct Socket(UnixStream);
-
-impl Socket {
-    /// Connects to the [`socket_server`], which may not be ready yet.
-    pub fn connect(path: &std::path::Path) -> BenchResult<Self> {
-        let deadline = Instant::now() + TIMEOUT;
-        loop {
-            match UnixStream::connect(path) {
-                Ok(stream) => {
-                    stream.set_read_timeout(Some(TIMEOUT))?;
-                    return Ok(Self(stream));
-                }
-                Err(error) if Instant::now() > deadline => return Err(error.into()),
-                Err(_) => std::thread::sleep(Duration::from_millis(1)),
-            }
-        }
-    }
-}
-
-impl Path for Socket {
-    fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
-        self.0.write_all(&raw_bytes(sample))?;
-        let mut bytes = [0; INCREMENT_BYTES];
-        self.0.read_exact(&mut bytes)?;
-        Ok(increment_of(&bytes))
-    }
-}
-
-/// Answers every sample that comes through the socket at `path`.
-pub fn socket_server(path: &str) -> BenchResult<()> {
-    let table = CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?;
-    // Bound under another name first, so that a client that finds `path` can connect.
-    let staged = format!("{path}.new");
-    let listener = UnixListener::bind(&staged)?;
-    fs::rename(&staged, path)?;
-    let (mut stream, _) = listener.accept()?;
-    let mut bytes = [0; RAW_BYTES];
-    loop {
-        stream.read_exact(&mut bytes)?;
-        stream.write_all(&increment_bytes(&answer(Some(&table), &raw_of(&bytes))))?;
-    }
-}
-
-/// Reads numbers from consecutive bytes, native-endian.
-struct ByteReader<'a>(&'a [u8]);
-
-impl ByteReader<'_> {
-    fn word<const N: usize>(&mut self) -> [u8; N] {
-        let (word, rest) = self.0.split_first_chunk().unwrap_or((&[0; N], &[]));
-        self.0 = rest;
-        *word
-    }
-
-    fn u64(&mut self) -> u64 {
-        u64::from_ne_bytes(self.word())
-    }
-
-    fn u32s(&mut self) -> [u32; 3] {
-        [(); 3].map(|()| u32::from_ne_bytes(self.word()))
-    }
-
-    fn f64s(&mut self) -> [f64; 3] {
-        [(); 3].map(|()| f64::from_ne_bytes(self.word()))
-    }
-
-    fn triad(&mut self) -> Triad {
-        Triad {
-            positive_pulses: self.u32s(),
-            negative_pulses: self.u32s(),
-            head_temperature: self.f64s(),
-            board_temperature: self.f64s(),
-            head_lagged: self.f64s(),
-        }
-    }
-}
-
-/// Writes numbers into consecutive bytes.
-struct ByteWriter<const N: usize>([u8; N], usize);
-
-impl<const N: usize> ByteWriter<N> {
-    const fn new() -> Self {
-        Self([0; N], 0)
-    }
-
-    fn put(&mut self, bytes: &[u8]) {
-        self.0[self.1..self.1 + bytes.len()].copy_from_slice(bytes);
-        self.1 += bytes.len();
-    }
-}
-
-fn raw_bytes(raw: &RawSample) -> [u8; RAW_BYTES] {
-    let mut writer = ByteWriter::new();
-    let times = [raw.timestamp_ns, raw.interval_ns, raw.sent_ns, raw.telemetry_ns, raw.lag_ns];
-    for word in [raw.session, raw.sequence].iter().chain(&times).chain([&raw.device]) {
-        writer.put(&word.to_ne_bytes());
-    }
-    for triad in [&raw.accelerometers, &raw.gyroscopes] {
-        triad.positive_pulses.iter().chain(&triad.negative_pulses).for_each(|word| writer.put(&word.to_ne_bytes()));
-        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
-        telemetry.as_flattened().iter().for_each(|word| writer.put(&word.to_ne_bytes()));
-    }
-    writer.0
-}
-
-fn raw_of(bytes: &[u8; RAW_BYTES]) -> RawSample {
-    let mut reader = ByteReader(bytes);
-    RawSample {
-        session: reader.u64(),
-        sequence: reader.u64(),
-        timestamp_ns: reader.u64(),
-        interval_ns: reader.u64(),
-        sent_ns: reader.u64(),
-        telemetry_ns: reader.u64(),
-        lag_ns: reader.u64(),
-        device: reader.u64(),
-        accelerometers: reader.triad(),
-        gyroscopes: reader.triad(),
-    }
-}
-
-fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT_BYTES] {
-    let mut writer = ByteWriter::new();
-    for word in [increment.session, increment.sequence, increment.timestamp_ns, increment.interval_ns] {
-        writer.put(&word.to_ne_bytes());
-    }
-    let triads = [increment.velocity_increment, increment.angle_increment];
-    triads.as_flattened().iter().for_each(|word| writer.put(&word.to_ne_bytes()));
-    for word in [increment.table, increment.flags, increment.latency_ns] {
-        writer.put(&word.to_ne_bytes());
-    }
-    writer.0
-}
-
-fn increment_of(bytes: &[u8; INCREMENT_BYTES]) -> CompensatedIncrement {
-    let mut reader = ByteReader(bytes);
-    CompensatedIncrement {
-        session: reader.u64(),
-        sequence: reader.u64(),
-        timestamp_ns: reader.u64(),
-        interval_ns: reader.u64(),
-        velocity_increment: reader.f64s(),
-        angle_increment: reader.f64s(),
-        table: reader.u64(),
-        flags: reader.u64(),
-        latency_ns: reader.u64(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_socket_carries_the_payloads_unchanged() {
-        let raw = RawSample {
-            session: 1,
-            sequence: 2,
-            timestamp_ns: 3,
-            sent_ns: 5,
-            telemetry_ns: 6,
-            device: 9,
-            ..isotherm_benches::sample()
-        };
-        assert_eq!(raw_of(&raw_bytes(&raw)), raw);
-        let increment = InProcess::new().unwrap().round_trip(&raw).unwrap();
-        let increment = CompensatedIncrement { flags: 7, latency_ns: 8, ..increment };
-        assert_eq!(increment_of(&increment_bytes(&increment)), increment);
     }
 }

@@ -24,24 +24,34 @@ fn cpu() -> Option<String> {
 
 /// Prints every part that the document has.
 pub fn print(document: &Value) {
+    let paced = &document["paced"];
+    for (rate, series) in by_number(paced) {
+        heading(&format!("round trips at {rate} Hz, caches used between samples [ns]"));
+        path_rows(&series["paths"]);
+        ratios("ratio, 95 % interval", &series["ratios"]);
+        ratios("of undisturbed turns alone", &series["undisturbed_ratios"]);
+        left_out(series);
+    }
+    if paced.is_object() {
+        println!(
+            "\n{} rounds of new processes; the acquisition's own work takes {} us between samples; {}",
+            paced["rounds"],
+            paced["own_work_us"],
+            pinned(paced)
+        );
+    }
     if let Some(paths) = document["paths"].as_object() {
-        heading("round trips, one sample in flight [ns]");
+        heading("round trips, each sent when the one before it is answered [ns]");
         paths.iter().for_each(|(name, figures)| row(name, figures));
         println!("(the clock takes {} of each)", number(&document["clock_ns"]));
-        ratios(&document["ratios"]);
+        ratios("ratio, 95 % interval", &document["ratios"]);
         println!(
             "\n{} rounds of new processes, {} blocks in all, {} disturbed by a preemption or the host; {}",
             document["rounds"],
             document["blocks"],
             document["disturbed_blocks"],
-            if document["pinned"] == true { "pinned to two cores" } else { "not pinned" }
+            pinned(document)
         );
-    }
-    for (rate, strategies) in by_number(&document["waits"]) {
-        heading(&format!("sent at {rate} Hz, from the intended moment [ns]"));
-        for (name, figures) in strategies.as_object().into_iter().flatten() {
-            row(&format!("{name}, {} % cpu", figures["cpu_percent"]), figures);
-        }
     }
     if let Some(scenarios) = document["load"].as_object() {
         heading(&format!("sent at {} Hz, from the actual moment [ns]", document["rate_hz"]));
@@ -68,9 +78,14 @@ pub fn print(document: &Value) {
         heading("round trips through one IMU, the others idle, one worker spinning [ns]");
         by_number(&scale["idle"]).into_iter().for_each(|(count, figures)| row(&format!("{count} IMUs"), figures));
         println!("(each idle stream costs {})", number(&scale["ns_per_idle_stream"]));
-        heading(&format!("all IMUs at {} Hz, sent together, from the intended moment [ns]", scale["rate_hz"]));
-        for (name, figures) in by_number(&scale["active"]) {
-            row(&format!("{name}, {} %", figures["cpu_percent"]), figures);
+        for (count, series) in by_number(&scale["together"]) {
+            heading(&format!("{count} IMUs at {} Hz together, until the last answer [ns]", scale["rate_hz"]));
+            path_rows(&series["paths"]);
+            if let Some(cause) = series["two_workers"].as_str() {
+                println!("two workers: {cause}");
+            }
+            ratios("ratio, 95 % interval", &series["ratios"]);
+            left_out(series);
         }
     }
     let throughput = &document["throughput"];
@@ -91,7 +106,7 @@ pub fn print(document: &Value) {
 
 fn heading(title: &str) {
     println!(
-        "\n{title}\n{:<28} {:>9} {:>9} {:>9} {:>9} {:>9} {:>10} {:>9}",
+        "\n{title}\n{:<34} {:>9} {:>9} {:>9} {:>9} {:>9} {:>10} {:>9}",
         "", "p50", "p90", "p99", "p99.9", "p99.99", "max", "count"
     );
 }
@@ -99,7 +114,7 @@ fn heading(title: &str) {
 fn row(name: &str, figures: &Value) {
     let cell = |key: &str| number(&figures[key]);
     println!(
-        "{name:<28} {:>9} {:>9} {:>9} {:>9} {:>9} {:>10} {:>9}",
+        "{name:<34} {:>9} {:>9} {:>9} {:>9} {:>9} {:>10} {:>9}",
         cell("p50_ns"),
         cell("p90_ns"),
         cell("p99_ns"),
@@ -110,12 +125,30 @@ fn row(name: &str, figures: &Value) {
     );
 }
 
-fn ratios(ratios: &Value) {
-    println!("\n{:<36} {:>19} {:>19} {:>19}", "ratio, 95 % interval", "p50", "p99", "p99.9");
+/// A row for each path, with the worker's share of a core where it is known.
+fn path_rows(paths: &Value) {
+    for (name, figures) in paths.as_object().into_iter().flatten() {
+        match figures["cpu_percent"].as_f64() {
+            Some(share) => row(&format!("{name}, {share:.1} %"), figures),
+            None => row(name, figures),
+        }
+    }
+}
+
+fn ratios(title: &str, ratios: &Value) {
+    println!("\n{title:<42} {:>19} {:>19} {:>19} {:>19}", "p50", "p90", "p99", "p99.9");
     for (name, ratio) in ratios.as_object().into_iter().flatten() {
         let cell = |part: &str| with_interval(&ratio[part]);
-        println!("{name:<36} {:>19} {:>19} {:>19}", cell("p50"), cell("p99"), cell("p999"));
+        println!("{name:<42} {:>19} {:>19} {:>19} {:>19}", cell("p50"), cell("p90"), cell("p99"), cell("p999"));
     }
+}
+
+fn left_out(series: &Value) {
+    println!("(the host took the machine in {} of {} turns)", series["disturbed_turns"], series["turns"]);
+}
+
+fn pinned(part: &Value) -> &'static str {
+    if part["pinned"] == true { "pinned to two cores" } else { "not pinned" }
 }
 
 /// A ratio and its interval.
@@ -126,12 +159,12 @@ fn with_interval(value: &Value) -> String {
     format!("{ratio:.digits$} ({low:.digits$} {high:.digits$})")
 }
 
-/// The members of an object, sorted by the number that their names begin with.
+/// The members of an object whose names are numbers, in their order.
 fn by_number(object: &Value) -> Vec<(&String, &Value)> {
-    let number = |name: &str| name.split(' ').next().and_then(|word| word.parse::<u32>().ok());
-    let mut members: Vec<_> = object.as_object().into_iter().flatten().collect();
-    members.sort_by_key(|(name, _)| number(name));
-    members
+    let members = object.as_object().into_iter().flatten();
+    let mut numbered: Vec<_> = members.filter_map(|member| Some((member.0.parse::<u32>().ok()?, member))).collect();
+    numbered.sort_by_key(|(number, _)| *number);
+    numbered.into_iter().map(|(_, member)| member).collect()
 }
 
 fn footer(document: &Value) {

@@ -1,10 +1,10 @@
 //! Throughput with many samples in flight, compared with a bare iceoryx2 pair that is used in the same way.
 
 use crate::Effort;
-use crate::paths::Bare;
+use crate::paths::{Bare, Isotherm, Stream};
 use isotherm_benches::statistics::median;
 use isotherm_benches::{BenchDomain, BenchResult, IMU, Spin, cores, pin, sample};
-use isotherm_client::{Acquisition, RawSample};
+use isotherm_client::Acquisition;
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -24,27 +24,18 @@ pub fn measure(effort: Effort) -> BenchResult<Value> {
     for _ in 0..rounds {
         let (one, other) = (BenchDomain::new()?, BenchDomain::new()?);
         let service = one.serve(&format!("[wait]\nstrategy = \"spin\"\n{core}"))?;
-        let mut acquisition = Acquisition::connect(&IMU.parse()?, &one.options())?;
+        let mut path = Isotherm(Acquisition::connect(&IMU.parse()?, &one.options())?);
         service.pause();
         let (name, root) = (other.as_domain().name(), other.as_domain().root_path());
-        let echo = other.spawn(&["child", &pinned, "echo", name, root, &IN_FLIGHT.to_string()])?;
+        let echo = other.spawn(&["child", &pinned, "echo", name, root, &IN_FLIGHT.to_string(), "1"])?;
         let mut bare = Bare::connect(other.as_domain(), IN_FLIGHT)?;
         echo.pause();
 
         service.resume();
-        isotherm.push(block(
-            &mut acquisition,
-            |acquisition| {
-                let mut loan = acquisition.loan()?;
-                let (session, sequence) = (loan.session, loan.sequence);
-                *loan = RawSample { session, sequence, ..sample() };
-                Ok(acquisition.send(loan)?)
-            },
-            |acquisition| Ok(acquisition.receive()?.is_some()),
-        )?);
+        isotherm.push(block(&mut path)?);
         service.pause();
         echo.resume();
-        iceoryx2.push(block(&mut bare, |bare| bare.send(&sample()), |bare| Ok(bare.receive()?.is_some()))?);
+        iceoryx2.push(block(&mut bare)?);
         echo.pause();
     }
     let ratio = median(isotherm.iter().zip(&iceoryx2).map(|(isotherm, bare)| isotherm / bare).collect());
@@ -62,21 +53,18 @@ pub fn measure(effort: Effort) -> BenchResult<Value> {
 }
 
 /// Measures a block. Returns the time of a sample \[ns\].
-fn block<T>(
-    path: &mut T,
-    mut send: impl FnMut(&mut T) -> BenchResult<()>,
-    mut receive: impl FnMut(&mut T) -> BenchResult<bool>,
-) -> BenchResult<f64> {
+fn block(path: &mut impl Stream) -> BenchResult<f64> {
+    let sample = sample();
     let (mut sent, mut received) = (0, 0);
     let mut started = Instant::now();
     let mut spin = Spin::default();
     // The first tenth is not counted.
     while received < BLOCK + BLOCK / 10 {
         while sent < received + IN_FLIGHT {
-            send(path)?;
+            path.send(&sample)?;
             sent += 1;
         }
-        if receive(path)? {
+        if path.receive()?.is_some() {
             received += 1;
             spin = Spin::default();
             if received == BLOCK / 10 {
@@ -88,7 +76,7 @@ fn block<T>(
     }
     let elapsed = started.elapsed();
     while received < sent {
-        if receive(path)? {
+        if path.receive()?.is_some() {
             received += 1;
         } else {
             spin.turn()?;

@@ -111,6 +111,11 @@ class Acquisition:
 
         Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
         """
+    def prepare(self) -> None:
+        """Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm.
+
+        Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of microseconds before it.
+        """
     def loan(self) -> Loan:
         """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once."""
     def send(self, sample: Loan | Records | np.void) -> None:

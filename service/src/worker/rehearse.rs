@@ -1,0 +1,75 @@
+//! When a worker that waits rehearses, so that the next sample finds its way warm. The rehearsal itself is
+//! [`isotherm_client::Rehearsal`], with the kernel and the table of the IMU ([`Channel::rehearse`]).
+//!
+//! A worker rehearses when [`IDLE_POLLS`] polls in a row have found nothing, and, if it expects a sample, at once when a sleep ends. It
+//! polls all IMUs between two rehearsals, so a sample that comes meanwhile waits for one rehearsal at most.
+
+use super::channel::{Channel, create_rehearsal};
+use crate::create::{CreateError, Creator};
+use crate::leftovers::ports_of;
+use isotherm_client::{Clock, Rehearsal};
+use isotherm_failure::Failure;
+use isotherm_shared::stream::{IpcNode, RehearsalNames};
+use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+
+/// So many polls in a row that find nothing lie between two rehearsals of a worker that spins: some tens of microseconds.
+const IDLE_POLLS: usize = 1024;
+
+/// The rehearsals of a worker.
+pub struct Rehearsals {
+    ports: Rehearsal<RawSample, CompensatedIncrement>,
+    idle_polls: usize,
+    /// The IMU that is next.
+    next: usize,
+    /// IMUs whose samples are expected, and for which the worker has not rehearsed since it woke.
+    expected: Vec<bool>,
+}
+
+impl Rehearsals {
+    /// Creates the streams of a worker's rehearsals.
+    ///
+    /// # Errors
+    /// Why a stream or port could not be created, as a message for the operator.
+    pub fn open(node: &IpcNode, creator: &Creator, index: usize, imus: usize) -> Result<Self, Failure> {
+        let name = format!("the rehearsal streams of worker {index}");
+        let streams = create_rehearsal(node, creator, &name, &RehearsalNames::of_worker(index))?;
+        let taken = || "its places are taken by another service; stop it or use another --domain".to_owned();
+        let ports = creator.port(&name, taken, || {
+            Rehearsal::open(&streams.raw, &streams.increments)
+                .map_err(|_| CreateError::Taken([ports_of(&streams.raw), ports_of(&streams.increments)].concat()))
+        })?;
+        Ok(Self { ports, idle_polls: 0, next: 0, expected: vec![false; imus] })
+    }
+
+    /// The sample of this IMU is expected: it is the next to rehearse for.
+    pub fn expect(&mut self, imu: usize) {
+        self.expected[imu] = true;
+    }
+
+    /// The sample of this IMU was served: its way is warm.
+    #[inline]
+    pub fn served(&mut self, imu: usize) {
+        self.idle_polls = 0;
+        self.expected[imu] = false;
+    }
+
+    /// A poll of all `channels` has found nothing. Rehearses for one IMU if it is time to; returns whether it did.
+    #[inline]
+    pub fn idle(&mut self, channels: &mut [Channel], clock: &mut Clock) -> bool {
+        self.idle_polls += channels.len();
+        let expected = self.expected.iter().position(|expected| *expected);
+        if expected.is_none() && self.idle_polls < IDLE_POLLS {
+            return false;
+        }
+        self.rehearse(channels, expected.unwrap_or(self.next), clock);
+        true
+    }
+
+    #[inline(never)]
+    fn rehearse(&mut self, channels: &mut [Channel], imu: usize, clock: &mut Clock) {
+        self.idle_polls = 0;
+        self.expected[imu] = false;
+        self.next = (imu + 1) % channels.len();
+        channels[imu].rehearse(&mut self.ports, clock);
+    }
+}
