@@ -7,7 +7,7 @@ use crate::lag::{AcquisitionLag, Sensor};
 use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, publisher_of};
-use crate::rehearsal::{Rehearsal, RehearsalStreams, publish, receive};
+use crate::rehearsal::{self, Rehearsal, publish, receive};
 use crate::resources::reserve;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -70,8 +70,9 @@ impl Acquisition {
         let deadline = deadline(options.timeout);
         let node = retry_until(deadline, || join_existing(&options.domain))?;
         let parts = retry_until(deadline, || Self::attach(&node, imu, options))?;
-        reserve(&options.domain)?;
         let mut acquisition = parts(node);
+        acquisition.rehearsal = rehearsal::of_acquisition(&acquisition.node, imu, deadline);
+        reserve(&options.domain)?;
         acquisition.lag.connect(&acquisition.node, &options.domain, imu);
         Ok(acquisition)
     }
@@ -115,8 +116,6 @@ impl Acquisition {
             }
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;
-        let rehearsal = RehearsalStreams::open(node, &imu.rehearsal()).ok();
-        let rehearsal = rehearsal.and_then(|streams| Rehearsal::open(&streams.increments, &streams.raw).ok());
         let notifier = wake.notifier_builder().create();
         let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
         let (imu, domain) = (imu.clone(), options.domain.clone());
@@ -129,7 +128,7 @@ impl Acquisition {
             state: AcquisitionState::new(random(), depth, queue_depth(depth), service),
             clock: Clock::new(),
             lag,
-            rehearsal,
+            rehearsal: None,
             spare: None,
             prepared: false,
             leaves_to_prepare: false,
@@ -229,7 +228,7 @@ impl Acquisition {
         self.lag.restore(&Lag::default());
     }
 
-    /// Loans a sample in shared memory, to be filled in. After a send the next one is loaned already, so this call is cheap.
+    /// Loans a sample in shared memory, to be filled in. It is loaned already after a send or [`prepare`](Self::prepare), so this call is cheap.
     ///
     /// # Errors
     /// If the caller has 4 samples on loan already.
@@ -285,8 +284,8 @@ impl Acquisition {
     /// sees anything of it.
     ///
     /// Call it while you wait for the end of a control period, some tens of microseconds before it. It takes about a microsecond, in cold
-    /// caches some ten, allocates nothing and makes no system call. A sample that is ready meanwhile waits for its end. If a reader has come
-    /// since the last sample, it is connected now and not in [`send`](Self::send), with memory and system calls.
+    /// caches some ten, allocates nothing and makes no system call. A sample that is ready meanwhile waits for its end. If the service has been
+    /// replaced or a reader has come since the last sample, it is connected now and not in [`send`](Self::send), with memory and system calls.
     pub fn prepare(&mut self) {
         self.prepared = true;
         self.read = None;

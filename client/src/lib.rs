@@ -87,7 +87,7 @@ pub use peers::{payload_of, publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};
 pub use realtime::{Realtime, RealtimeError, process_kb};
-pub use rehearsal::{Rehearsal, RehearsalStreams, publish, receive};
+pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
 pub use resources::{check_room, reserve};
 pub use status::{StatusError, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

@@ -2,23 +2,31 @@
 //!
 //! An IMU sends every few milliseconds. In between, other work takes the caches, and a sample then finds instructions and data of its way
 //! cold: that is most of its latency. So whoever waits for a sample rehearses. A rehearsal sends a sample through ports of its own, over a
-//! stream of its own that no other process opens, and runs the same functions as a real sample: [`publish`] and [`receive`] are the only
+//! stream in which no other process has a port, and runs the same functions as a real sample: [`publish`] and [`receive`] are the only
 //! ways to the transport.
 //!
 //! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no rehearsed sample can get
 //! into a real stream.
 
 use core::fmt;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::{BackpressureStrategy, ZeroCopySend};
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_shared::stream::{Ipc, IpcNode, RehearsalNames};
+use isotherm_shared::stream::{ImuId, Ipc, IpcNode, RehearsalNames};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long an acquisition waits for the place of a dead predecessor. The service frees the place of one that was killed while it took it, after
+/// three searches, one a second.
+const PLACE_TIMEOUT: Duration = Duration::from_secs(4);
+/// Pause between two attempts.
+const RETRY: Duration = Duration::from_millis(5);
 
 /// What a stream carries.
 pub trait Payload: ZeroCopySend + fmt::Debug + Default + Copy + 'static {}
@@ -79,10 +87,16 @@ impl<I: Payload, O: Payload> Rehearsal<I, O> {
     ///
     /// # Errors
     /// Why the transport gave no port.
-    pub fn open(incoming: &PortFactory<Ipc, I, ()>, outgoing: &PortFactory<Ipc, O, ()>) -> Result<Self, String> {
+    pub fn open(
+        incoming: &PortFactory<Ipc, I, ()>,
+        outgoing: &PortFactory<Ipc, O, ()>,
+    ) -> Result<Self, RehearsalError> {
         let (sink, sender) = (subscriber(outgoing)?, publisher(outgoing)?);
         let (receiver, source) = (subscriber(incoming)?, publisher(incoming)?);
-        Ok(Self { spare: sender.loan().ok(), outgoing: sender, incoming: receiver, source, sink })
+        let mut rehearsal = Self { spare: sender.loan().ok(), outgoing: sender, incoming: receiver, source, sink };
+        // The first one makes the connections, with memory and system calls.
+        rehearsal.go(&I::default(), |_, _| ());
+        Ok(rehearsal)
     }
 
     /// Goes through the motions once: receives `input`, makes the output from it, and sends that. Takes less than a microsecond in warm
@@ -108,11 +122,52 @@ impl<I: Payload, O: Payload> fmt::Debug for Rehearsal<I, O> {
     }
 }
 
-fn publisher<T: Payload>(stream: &PortFactory<Ipc, T, ()>) -> Result<Publisher<Ipc, T, ()>, String> {
-    let builder = stream.publisher_builder().max_loaned_samples(2);
-    builder.backpressure_strategy(BackpressureStrategy::DiscardData).create().map_err(|error| error.to_string())
+/// Why there are no ports for rehearsals.
+#[derive(Debug, thiserror::Error)]
+pub enum RehearsalError {
+    /// Another process, which may be dead, has the place.
+    #[error("another process has the place")]
+    Taken,
+    /// Anything else.
+    #[error("{0}")]
+    Other(String),
 }
 
-fn subscriber<T: Payload>(stream: &PortFactory<Ipc, T, ()>) -> Result<Subscriber<Ipc, T, ()>, String> {
-    stream.subscriber_builder().create().map_err(|error| error.to_string())
+fn publisher<T: Payload>(stream: &PortFactory<Ipc, T, ()>) -> Result<Publisher<Ipc, T, ()>, RehearsalError> {
+    let builder = stream.publisher_builder().max_loaned_samples(2);
+    builder.backpressure_strategy(BackpressureStrategy::DiscardData).create().map_err(|error| match error {
+        PublisherCreateError::ExceedsMaxSupportedPublishers => RehearsalError::Taken,
+        other => RehearsalError::Other(other.to_string()),
+    })
+}
+
+fn subscriber<T: Payload>(stream: &PortFactory<Ipc, T, ()>) -> Result<Subscriber<Ipc, T, ()>, RehearsalError> {
+    stream.subscriber_builder().create().map_err(|error| match error {
+        SubscriberCreateError::ExceedsMaxSupportedSubscribers => RehearsalError::Taken,
+        other => RehearsalError::Other(other.to_string()),
+    })
+}
+
+/// The rehearsals of an acquisition; `None` if the service has no streams for them, as one of an earlier version, or if the place of a dead
+/// predecessor does not get free in time.
+pub(crate) fn of_acquisition(
+    node: &IpcNode,
+    imu: &ImuId,
+    deadline: Instant,
+) -> Option<Rehearsal<CompensatedIncrement, RawSample>> {
+    let deadline = deadline.min(Instant::now() + PLACE_TIMEOUT);
+    loop {
+        match RehearsalStreams::open(node, &imu.rehearsal()) {
+            Err(PublishSubscribeOpenError::DoesNotExist) => return None,
+            Err(_) => {}
+            Ok(streams) => match Rehearsal::open(&streams.increments, &streams.raw) {
+                Ok(rehearsal) => return Some(rehearsal),
+                Err(_) => drop(node.try_cleanup_dead_nodes()),
+            },
+        }
+        if Instant::now() > deadline {
+            return None;
+        }
+        thread::sleep(RETRY);
+    }
 }

@@ -50,8 +50,8 @@ pub const INCREMENT_SUBSCRIBERS: usize = 16;
 pub const BORROWED: usize = 2;
 /// Processes that may have one stream open at once.
 pub const NODES: usize = 64;
-/// Senders that may wake the service for one IMU, and the service itself.
-pub const NOTIFIERS: usize = 17;
+/// Processes that may notify the wake-up event of one IMU: its senders, and the service itself.
+pub const NOTIFIERS: usize = 16;
 /// Readers of the status at once.
 pub const STATUS_SUBSCRIBERS: usize = 16;
 

@@ -301,7 +301,7 @@ fn clients_that_come_and_go_or_are_killed_leave_nothing_with_the_service() {
     let before = come_and_go(40);
     let after = come_and_go(160);
     // The service unmaps what it had of the last client at the next answer or rehearsal, which may not have come yet.
-    assert!(after[0] < before[0] + 8 && after[1] <= before[1] && after[2] <= before[2], "{before:?} -> {after:?}");
+    assert!(after[0] < before[0] + 8 && after[1] < before[1] + 4 && after[2] <= before[2], "{before:?} -> {after:?}");
     assert!(after[3] < before[3] + 1024, "resident memory [kB]: {before:?} -> {after:?}");
     service.terminate();
 }

@@ -27,8 +27,8 @@ pub struct WakePorts {
 pub struct WakeListeners<'a> {
     ports: &'a [WakePorts],
     descriptors: Vec<PollFd<'a>>,
-    /// Whether this worker has raised any event.
-    raised: bool,
+    /// Which events this worker has raised.
+    raised: Vec<bool>,
     /// When all listeners were last drained \[ns\].
     drained: u64,
 }
@@ -41,27 +41,27 @@ impl<'a> WakeListeners<'a> {
             let descriptor = unsafe { BorrowedFd::borrow_raw(ports.listener.file_descriptor().native_handle()) };
             PollFd::from_borrowed_fd(descriptor, PollFlags::IN)
         };
-        Self { ports, descriptors: ports.iter().map(poll_fd).collect(), raised: false, drained: 0 }
+        Self { ports, descriptors: ports.iter().map(poll_fd).collect(), raised: vec![false; ports.len()], drained: 0 }
     }
 
     /// Raises the event of an IMU: until [`lower`](Self::lower) its senders notify without a system call.
     pub fn raise(&mut self, imu: usize) {
-        if let Some(ports) = self.ports.get(imu) {
-            // If it fails, the sender makes the system call.
-            let _ = ports.notifier.notify();
-            self.raised = true;
-        }
+        // If it fails, the sender makes the system call.
+        let _ = self.ports[imu].notifier.notify();
+        self.raised[imu] = true;
     }
 
     /// Lowers what was raised, before a sleep; returns whether anything was. Then a sample may have come without a notification, and the
     /// caller looks for samples once more before it sleeps.
     pub fn lower(&mut self) -> bool {
-        if self.raised {
-            for ports in self.ports {
+        let mut any = false;
+        for (ports, raised) in self.ports.iter().zip(&mut self.raised) {
+            if core::mem::take(raised) {
                 let _ = ports.listener.try_wait(|_| {});
+                any = true;
             }
         }
-        core::mem::take(&mut self.raised)
+        any
     }
 
     /// Sleeps from `now` \[ns\] until a listener is notified, but at most for `time` \[ns\].

@@ -156,7 +156,6 @@ fn open(
     settings.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
-    let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
     for link in links {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
@@ -164,6 +163,7 @@ fn open(
         channels.push(channel);
         ports.push(wake);
     }
+    let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, channels.len())?;
     Ok((channels, ports, rehearsals))
 }
 
@@ -232,6 +232,7 @@ fn serve(
                 wake.raise(imu);
                 rehearsals.expect(imu);
             }
+            continue;
         }
         if rehearsals.idle(channels, &mut clock) {
             if config.strategy == Strategy::Anticipate {
@@ -245,6 +246,7 @@ fn serve(
             Wait::Sleep(_) if wake.lower() => {}
             Wait::Sleep(time) => {
                 wake.sleep(now, time);
+                waiter.woke(clock.now());
                 woken = true;
             }
         }

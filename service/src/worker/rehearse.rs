@@ -7,7 +7,7 @@
 use super::channel::{Channel, create_rehearsal};
 use crate::create::{CreateError, Creator};
 use crate::leftovers::ports_of;
-use isotherm_client::{Clock, Rehearsal};
+use isotherm_client::{Clock, Rehearsal, RehearsalError};
 use isotherm_failure::Failure;
 use isotherm_shared::stream::{IpcNode, RehearsalNames};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
@@ -35,8 +35,12 @@ impl Rehearsals {
         let streams = create_rehearsal(node, creator, &name, &RehearsalNames::of_worker(index))?;
         let taken = || "its places are taken by another service; stop it or use another --domain".to_owned();
         let ports = creator.port(&name, taken, || {
-            Rehearsal::open(&streams.raw, &streams.increments)
-                .map_err(|_| CreateError::Taken([ports_of(&streams.raw), ports_of(&streams.increments)].concat()))
+            Rehearsal::open(&streams.raw, &streams.increments).map_err(|error| match error {
+                RehearsalError::Taken => {
+                    CreateError::Taken([ports_of(&streams.raw), ports_of(&streams.increments)].concat())
+                }
+                RehearsalError::Other(cause) => CreateError::Other(cause),
+            })
         })?;
         Ok(Self { ports, idle_polls: 0, next: 0, expected: vec![false; imus] })
     }

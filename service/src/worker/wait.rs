@@ -29,7 +29,7 @@ const DELAY_STEP: f64 = 8_000.0;
 /// Guard time beyond the estimated delay \[ns\].
 const MARGIN: f64 = 10_000.0;
 /// A rehearsal that took longer was interrupted: it does not predict the next one \[ns\].
-const REHEARSAL_MAX: f64 = 20_000.0;
+const REHEARSAL_MAX_NS: u64 = 20_000;
 /// Limits of the guard time \[ns\], and the part of a period that it may take; the worker spins for that part of the time.
 const GUARD_MIN: f64 = 20_000.0;
 const GUARD_MAX: f64 = 200_000.0;
@@ -81,7 +81,6 @@ impl Waiter {
     #[inline]
     pub fn arrived(&mut self, stream: usize, now: u64) {
         if self.strategy == Strategy::Anticipate {
-            self.note_wake_up(now);
             // Only a sleep measures the delay. An estimate so long that it forbids sleep must decay, or it would stay for ever.
             self.delay -= self.delay / 4096.0;
             self.last = now;
@@ -95,23 +94,23 @@ impl Waiter {
         match self.strategy {
             Strategy::Spin => Wait::Spin,
             Strategy::Block => Wait::Sleep(BOUND_NS),
-            Strategy::Anticipate => {
-                self.note_wake_up(now);
-                self.anticipate(now)
-            }
+            Strategy::Anticipate => self.anticipate(now),
         }
     }
 
-    /// Whether the next sample of `stream` is due so soon after `now` that a sleep would end for it.
+    /// Whether the next sample of `stream` is due so soon after `now` that a sleep ends for it, or that no sleep begins before it.
     pub fn expects(&self, stream: usize, now: u64) -> bool {
         let (guard, _) = self.guard();
         let grid = &self.grids[stream];
-        grid.known_period().is_some() && grid.due > now && grid.due - now <= 2 * guard
+        let soon = 2 * guard + LINGER_NS + SHORTEST_SLEEP_NS;
+        grid.known_period().is_some() && grid.due > now && grid.due - now <= soon
     }
 
     /// A rehearsal took `time` \[ns\].
     pub fn rehearsed(&mut self, time: u64) {
-        self.rehearsal = (time as f64).max(self.rehearsal - self.rehearsal / 64.0).min(REHEARSAL_MAX);
+        if time <= REHEARSAL_MAX_NS {
+            self.rehearsal = (time as f64).max(self.rehearsal - self.rehearsal / 64.0);
+        }
     }
 
     /// The guard time \[ns\], and whether the periods leave time to sleep.
@@ -144,9 +143,9 @@ impl Waiter {
         Wait::Sleep(sleep)
     }
 
-    /// Updates the delay estimate if a sleep has run its full time. A delay that no guard time can cover, as when the host
+    /// A sleep has ended at `now`. Updates the delay estimate if it has run its full time. A delay that no guard time can cover, as when the host
     /// suspends a virtual machine, is ignored: it does not predict the next one.
-    fn note_wake_up(&mut self, now: u64) {
+    pub fn woke(&mut self, now: u64) {
         if let Some(delay) = self.wake.take().and_then(|wake| now.checked_sub(wake))
             && delay as f64 <= GUARD_MAX
         {
@@ -281,6 +280,7 @@ mod tests {
                     Wait::Sleep(time) => {
                         // A notification ends the sleep early; either way it takes 20 us to wake.
                         now = at.min(now + time) + 20_000;
+                        waiter.woke(now);
                         hit = now < at;
                     }
                 }
@@ -428,7 +428,7 @@ mod tests {
         waiter.rehearsed(8_000);
         assert_eq!(waiter.guard().0, before + 8_000, "one of the two streams is periodic");
         waiter.rehearsed(3_000_000);
-        assert_eq!(waiter.guard().0, before + 20_000, "an interrupted rehearsal predicts nothing");
+        assert_eq!(waiter.guard().0, before + 8_000, "an interrupted rehearsal predicts nothing");
         (0..1000).for_each(|_| waiter.rehearsed(1_000));
         assert!(waiter.guard().0 < before + 1_100);
     }
@@ -438,7 +438,7 @@ mod tests {
         let mut waiter = Waiter::new(Strategy::Anticipate, 2);
         run(&mut waiter, &periodic(MS, 2_500_000, 100, |_| 0));
         let (due, (guard, _)) = (waiter.grids[0].due, waiter.guard());
-        for (before, expected) in [(1_000, true), (guard, true), (2 * guard + 2_000, false), (MS, false)] {
+        for (before, expected) in [(1_000, true), (guard, true), (2 * guard + 30_000, false), (MS, false)] {
             assert_eq!(waiter.expects(0, due - before), expected, "{before}");
         }
         assert!(!waiter.expects(0, due + 1_000), "it is late: a rehearsal would delay it");
@@ -455,10 +455,13 @@ mod tests {
             for k in 0..20_000 {
                 let at = MS + k * 2_500_000;
                 while now < at {
-                    now = match waiter.next(now) {
-                        Wait::Spin => now + 1_000,
-                        Wait::Sleep(time) => at.min(now + time) + delay(k),
-                    };
+                    match waiter.next(now) {
+                        Wait::Spin => now += 1_000,
+                        Wait::Sleep(time) => {
+                            now = at.min(now + time) + delay(k);
+                            waiter.woke(now);
+                        }
+                    }
                 }
                 now = now.max(at);
                 waiter.arrived(0, now);
