@@ -23,7 +23,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::env;
 use std::fs;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -143,7 +143,7 @@ impl TestDomain {
 
     /// Runs a command and waits for its end.
     pub fn finish(&self, mut command: Command) -> Output {
-        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let child = spawn(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
         let pid = child.id();
         self.pids.lock().unwrap().push(pid);
         let output = child.wait_with_output().unwrap();
@@ -205,7 +205,7 @@ impl TestDomain {
 
     /// Starts a command in the background.
     pub fn start(&self, mut command: Command) -> Process {
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = spawn(command.stdout(Stdio::null()).stderr(Stdio::piped()));
         self.pids.lock().unwrap().push(child.id());
         let pids = Arc::clone(&self.pids);
         let log = Arc::<(Mutex<Vec<String>>, Condvar)>::default();
@@ -368,6 +368,20 @@ pub fn binary(name: &str) -> PathBuf {
     let binary = test.parent().and_then(Path::parent).unwrap().join(name);
     assert!(binary.exists(), "{} is not built; run `cargo test --workspace`", binary.display());
     binary
+}
+
+/// Starts a command. A program that a test has just written is busy while a process that another test has forked meanwhile still has its file
+/// open: until that process executes its own program.
+fn spawn(command: &mut Command) -> Child {
+    let mut child = None;
+    wait_until("the start of a program that is not busy", || match command.spawn() {
+        Err(error) if error.kind() == ErrorKind::ExecutableFileBusy => false,
+        started => {
+            child = Some(started.unwrap());
+            true
+        }
+    });
+    child.unwrap()
 }
 
 /// The id of an IMU.
