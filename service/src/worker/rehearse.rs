@@ -1,7 +1,7 @@
 //! When a worker that waits rehearses, so that the next sample finds its way warm. The rehearsal itself is
 //! [`isotherm_client::Rehearsal`], with the kernel and the table of the IMU ([`Channel::rehearse`]).
 //!
-//! A worker rehearses when [`IDLE_POLLS`] polls in a row have found nothing, and, if it expects a sample, at once when a sleep ends. It
+//! A worker rehearses when `IDLE_POLLS` polls in a row have found nothing, and, if it expects a sample, at once when a sleep ends. It
 //! polls all IMUs between two rehearsals, so a sample that comes meanwhile waits for one rehearsal at most.
 
 use super::channel::{Channel, create_rehearsal};
