@@ -44,7 +44,7 @@ pub struct Acquisition {
     state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
     lag: AcquisitionLag,
-    /// `None` if the service has no streams for it, as one of an earlier version.
+    /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did not get free.
     rehearsal: Option<Rehearsal<CompensatedIncrement, RawSample>>,
     spare: Option<SampleMut<Ipc, RawSample, ()>>,
     /// Whether [`prepare`](Self::prepare) has been called since the last sample.

@@ -28,6 +28,7 @@
 //!         raw.gyroscopes = latched.gyroscopes;          // all zero where the IMU has none
 //!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
 //!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
+//!         acquisition.prepare();                        // the next sample finds its way warm; best some 10 us before it
 //!     }
 //!     Ok(())
 //! }

@@ -275,6 +275,28 @@ fn resource_use(domain: &TestDomain, pid: u32) -> [usize; 4] {
 }
 
 #[test]
+fn a_service_that_is_stopped_while_it_starts_leaves_nothing() {
+    let domain = TestDomain::new();
+    let imus: Vec<_> = (0..32).map(|number| format!("imu-{number}")).collect();
+    let arguments = imus.iter().flat_map(|imu| {
+        domain.write(&format!("{imu}.toml"), &TABLE.replace("\"imu-a\"", &format!("\"{imu}\"")));
+        ["--imu".to_owned(), format!("{imu}={imu}.toml")]
+    });
+    let arguments: Vec<_> = ["serve".to_owned()].into_iter().chain(arguments).collect();
+    let service = domain.spawn(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let objects = || {
+        let prefix = domain.client_domain().prefix();
+        let names = fs::read_dir("/dev/shm").unwrap().flatten();
+        names.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix)).count()
+    };
+    wait_until("the first streams", || objects() > 10);
+    service.signal(Signal::TERM);
+    let (status, log) = service.wait();
+    assert!(status.success(), "{log}");
+    assert_eq!(objects(), 0, "{log}");
+}
+
+#[test]
 fn clients_that_come_and_go_or_are_killed_leave_nothing_with_the_service() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();

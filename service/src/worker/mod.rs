@@ -80,7 +80,12 @@ impl Worker {
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
                 }
-                Err(RecvTimeoutError::Timeout) if give_up() => return Ok(None),
+                Err(RecvTimeoutError::Timeout) if give_up() => {
+                    stop.store(true, Relaxed);
+                    // It ends before the process does, so that what it has created is removed. If it hangs, the next service removes it.
+                    let _ = Self { thread_id: 0, heartbeat, stop, thread }.join();
+                    return Ok(None);
+                }
                 Err(RecvTimeoutError::Timeout) => {}
             }
         }
@@ -130,7 +135,7 @@ fn run(
     (stop, beat): (&AtomicBool, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
-    let (mut channels, ports, rehearsals) = match open(domain, config, index, links) {
+    let (mut channels, ports, rehearsals) = match open(domain, config, index, links, stop) {
         Ok(opened) => opened,
         Err(failure) => {
             let _ = ready.send(Err(failure));
@@ -146,6 +151,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
+    stop: &AtomicBool,
 ) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -157,7 +163,7 @@ fn open(
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
-    for link in links {
+    for link in links.into_iter().take_while(|_| !stop.load(Relaxed)) {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
         channel.take_table();
         channels.push(channel);
@@ -179,32 +185,37 @@ fn serve(
     let mut clock = Clock::new();
     let mut waiter = Waiter::new(config.strategy, channels.len());
     let mut wake = WakeListeners::new(ports);
-    // The channel that was served last, and whether its queue has been seen empty since.
-    let (mut latest, mut emptied) = (0, false);
+    // The channel that was served last, whether its queue has been seen empty since, and how many polls of others have found nothing since.
+    let (mut latest, mut emptied, mut idle_polls) = (0, false, 0);
     let (mut unsettled, mut woken) = (false, false);
     loop {
         beat.beat();
         let mut served = false;
         for turn in 0..channels.len() {
+            // A queue that was never empty since is a burst: first every other channel is polled.
+            if turn == latest && !emptied && idle_polls + 1 < channels.len() {
+                continue;
+            }
             if let Some(now) = channels[turn].serve(&mut clock) {
                 waiter.arrived(turn, now);
                 rehearsals.served(turn);
-                (latest, emptied, served) = (turn, false, true);
+                (latest, emptied, idle_polls, served) = (turn, false, 0, true);
                 continue;
             }
-            if !emptied && (latest == turn || channels[latest].is_empty()) {
+            idle_polls += usize::from(turn != latest);
+            if !emptied && (turn == latest || channels[latest].is_empty()) {
                 emptied = true;
                 channels[latest].settle();
             }
             // Poll the channel that was served last again after every idle one: its next sample then waits for the poll of one idle
-            // channel, not of all. A queue that was never empty since is a burst, and waits for its turn.
+            // channel, not of all.
             if emptied
-                && latest != turn
+                && turn != latest
                 && let Some(now) = channels[latest].serve(&mut clock)
             {
                 waiter.arrived(latest, now);
                 rehearsals.served(latest);
-                (emptied, served) = (false, true);
+                (emptied, idle_polls, served) = (false, 0, true);
             }
         }
         if stop.load(Relaxed) {

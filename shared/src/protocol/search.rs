@@ -166,9 +166,8 @@ mod tests {
         holds("late readers of two sessions", bounds);
     }
 
-    /// Minutes: `cargo test --release -p isotherm-shared --lib protocol::search -- --ignored --nocapture`.
     #[test]
-    #[ignore = "takes minutes"]
+    #[ignore = "minutes: cargo test --release -p isotherm-shared --lib protocol::search -- --ignored --nocapture"]
     fn larger_worlds() {
         holds("restarts", Bounds { samples: 5, service_kills: 3, resends: 2, ..CALM });
         holds("three in flight", Bounds { depth: 3, queue: 6, service_kills: 2, lost_samples: 1, ..CALM });
