@@ -14,6 +14,8 @@
 //! has a place in them.
 //!
 //! Only the service creates them, so that it decides depths and limits; all other processes open them.
+//!
+//! Over 400 lines: names, limits and settings of all streams in one place, of which other languages copy them.
 
 use crate::own_storage::OwnStorage;
 use crate::recycled::Recycled;
