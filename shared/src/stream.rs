@@ -15,7 +15,7 @@
 //!
 //! Only the service creates them, so that it decides depths and limits; all other processes open them.
 //!
-//! Over 400 lines: names, limits and settings of all streams in one place, of which other languages copy them.
+//! Over 400 lines: names, limits and settings of all streams, which other languages copy, stand in one place.
 
 use crate::own_storage::OwnStorage;
 use crate::recycled::Recycled;
