@@ -103,7 +103,8 @@ fn spinning_makes_no_system_call_on_either_side() {
         let mut client = Counted::start(&domain, &["send", "imu-a", "1000000000000"]);
         client.send_line();
         let received = || domain.imu_status()["received"].as_u64().unwrap();
-        wait_until("samples", || received() > 5_000);
+        // So few because both sides may spin on the same core for a while, and then a sample takes several time slices.
+        wait_until("samples", || received() > 500);
         let worker = Pid::from_raw(thread_of(service.pid(), "worker-0"));
         let main = Pid::from_raw(client.child.id().cast_signed());
         for thread in [worker, main] {
