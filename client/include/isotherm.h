@@ -704,7 +704,7 @@ isotherm_code isotherm_compensate(isotherm_acquisition *acquisition,
                                   isotherm_compensated_increment *increment);
 
 /**
- * The most samples that can be unanswered at once: the depth of the service's queue. 0 for a handle that cannot be used.
+ * The most samples that can be unanswered at once. 0 for a handle that cannot be used.
  */
 size_t isotherm_depth(const isotherm_acquisition *acquisition);
 

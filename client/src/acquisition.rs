@@ -73,6 +73,8 @@ impl Acquisition {
         let node = retry_until(deadline, || join_existing(&options.domain))?;
         let parts = retry_until(deadline, || Self::attach(&node, imu, options))?;
         let mut acquisition = parts(node);
+        // At once, and again with the streams of rehearsals, whose places it may have to wait for.
+        reserve(&options.domain)?;
         acquisition.rehearsal = rehearsal::of_acquisition(&acquisition.node, imu, deadline);
         reserve(&options.domain)?;
         acquisition.lag.connect(&acquisition.node, &options.domain, imu);

@@ -2,8 +2,8 @@
 //!
 //! An IMU sends every few milliseconds. In between, other work takes the caches, and a sample then finds instructions and data of its way
 //! cold: that is most of its latency. So whoever waits for a sample rehearses. A rehearsal sends a sample through ports of its own, over a
-//! stream in which no other process has a port, and runs the same functions as a real sample: [`publish`] and [`receive`] are the only
-//! ways to the transport.
+//! stream in which no other process has a port, and runs the same functions as a real sample: an acquisition and the
+//! worker have no other way to the transport than [`publish`] and [`receive`].
 //!
 //! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no rehearsed sample can get
 //! into a real stream.

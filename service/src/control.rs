@@ -314,8 +314,7 @@ fn threads_of(config: &Config, workers: &[Worker]) -> Vec<WorkerThread> {
     workers.iter().enumerate().map(thread_of).collect()
 }
 
-/// A service needs about 16 descriptors for each IMU and a few for each client. With many of them that is over the usual soft
-/// limit.
+/// A service needs some ten descriptors for each IMU and a few for each client. With many of them that is over the usual soft limit.
 fn raise_descriptor_limit() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
     // If this fails, the limit stays, and whatever runs out of descriptors reports it.

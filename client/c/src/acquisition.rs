@@ -284,7 +284,7 @@ fn number<T: Default>(acquisition: *const isotherm_acquisition, read: impl FnOnc
     number
 }
 
-/// The most samples that can be unanswered at once: the depth of the service's queue. 0 for a handle that cannot be used.
+/// The most samples that can be unanswered at once. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_depth(acquisition: *const isotherm_acquisition) -> usize {
     number(acquisition, Acquisition::depth)

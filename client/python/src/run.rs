@@ -104,20 +104,21 @@ impl<'a> Run<'a> {
                 return Ok(End::Slice);
             }
             let waiting = acquisition.in_flight();
+            let room = waiting < self.window && !acquisition.is_full();
             let next =
                 self.samples.get(self.sent * RAW..).filter(|rest| !rest.is_empty()).map(|rest| Fields(rest).raw());
             let changes_session = next.filter(|sample| self.session.is_some_and(|session| session != sample.session));
             match next {
                 Some(sample)
                     if (self.drained || waiting == 0)
-                        && waiting < self.window
+                        && room
                         && (changes_session.is_none() || waiting == 0)
                         && (self.period.is_none() || now >= self.due) =>
                 {
                     self.send(acquisition, &sample, waiting, now)?;
                 }
                 _ => {
-                    let pause = if next.is_some() && waiting < self.window && self.period.is_some() {
+                    let pause = if next.is_some() && room && self.period.is_some() {
                         self.due.saturating_duration_since(now).min(left)
                     } else {
                         left

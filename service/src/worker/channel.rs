@@ -161,6 +161,7 @@ impl Channel {
         let sample = match receive(&self.subscriber) {
             Ok(Some(sample)) => sample,
             Ok(None) => {
+                self.settle();
                 self.take_table();
                 self.reclaim();
                 return None;

@@ -2,12 +2,13 @@
 //!
 //! # Contract
 //! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin`, makes no system call
-//! (tests/hot_loop.rs counts them). The other strategies only make the system calls that sleeping needs.
+//! (tests/hot_loop.rs counts them). The other strategies only make the system calls that sleeping and its events need.
 //!
 //! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a time from
 //! each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one sample.
 //!
-//! What an answer does not need is done when no sample waits ([`Channel::settle`]); then the worker rehearses ([`rehearse`]).
+//! What an answer does not need is done when the IMU's queue is seen empty, or before its next sample ([`Channel::settle`]). When no sample
+//! waits at all, the worker rehearses ([`rehearse`]).
 //!
 //! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all sensors of
 //! an increment come from one table.
@@ -162,6 +163,8 @@ fn open(
     settings.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime.{error}")))?;
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
+    // Before the channels: when these are open, clients take the service for ready.
+    let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
     for link in links.into_iter().take_while(|_| !stop.load(Relaxed)) {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
@@ -169,7 +172,6 @@ fn open(
         channels.push(channel);
         ports.push(wake);
     }
-    let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, channels.len())?;
     Ok((channels, ports, rehearsals))
 }
 
@@ -239,13 +241,17 @@ fn serve(
             Strategy::Anticipate | Strategy::Block => clock.now(),
         };
         if core::mem::take(&mut woken) {
-            for imu in (0..channels.len()).filter(|imu| waiter.expects(*imu, now)) {
-                wake.raise(imu);
-                rehearsals.expect(imu);
-            }
+            waiter.expected(now).for_each(|imu| rehearsals.expect(imu));
             continue;
         }
-        if rehearsals.idle(channels, &mut clock) {
+        // A worker that blocks does not know when to: it would sleep after a rehearsal.
+        if config.strategy != Strategy::Block
+            && let Some(imu) = rehearsals.due()
+        {
+            if config.strategy == Strategy::Anticipate {
+                wake.raise(imu);
+            }
+            rehearsals.rehearse(channels, imu, &mut clock);
             if config.strategy == Strategy::Anticipate {
                 waiter.rehearsed(clock.now().saturating_sub(now));
             }
@@ -258,7 +264,7 @@ fn serve(
             Wait::Sleep(time) => {
                 wake.sleep(now, time);
                 waiter.woke(clock.now());
-                woken = true;
+                woken = config.strategy == Strategy::Anticipate;
             }
         }
     }

@@ -57,20 +57,17 @@ impl Rehearsals {
         self.expected[imu] = false;
     }
 
-    /// A poll of all `channels` has found nothing. Rehearses for one IMU if it is time to; returns whether it did.
+    /// A poll of all IMUs has found nothing: the IMU to rehearse for, if it is time to.
     #[inline]
-    pub fn idle(&mut self, channels: &mut [Channel], clock: &mut Clock) -> bool {
-        self.idle_polls += channels.len();
+    pub fn due(&mut self) -> Option<usize> {
+        self.idle_polls += self.expected.len();
         let expected = self.expected.iter().position(|expected| *expected);
-        if expected.is_none() && self.idle_polls < IDLE_POLLS {
-            return false;
-        }
-        self.rehearse(channels, expected.unwrap_or(self.next), clock);
-        true
+        expected.or_else(|| (self.idle_polls >= IDLE_POLLS).then_some(self.next))
     }
 
+    /// Rehearses for an IMU.
     #[inline(never)]
-    fn rehearse(&mut self, channels: &mut [Channel], imu: usize, clock: &mut Clock) {
+    pub fn rehearse(&mut self, channels: &mut [Channel], imu: usize, clock: &mut Clock) {
         self.idle_polls = 0;
         self.expected[imu] = false;
         self.next = (imu + 1) % channels.len();

@@ -61,7 +61,7 @@ pub struct AcquisitionState<S, A> {
 /// Why a sample is not sent.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Refusal {
-    /// As many samples as the service's queue holds are unanswered.
+    /// As many samples are unanswered as may be, or the service's queue may be full of samples that were sent again.
     Full,
     /// The sequence is not above that of the last sample.
     Sequence,

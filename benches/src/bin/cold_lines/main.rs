@@ -52,7 +52,7 @@ fn measure(depth: usize) -> BenchResult<()> {
         return Err(format!("{} of {COUNTED} samples were traced", trace.samples.len()).into());
     }
     println!(
-        "queues of {depth:2}                data: own  iceoryx2  other   code: own  iceoryx2  other   cold: data   code"
+        "depth {depth:2}                    data: own  iceoryx2  other   code: own  iceoryx2  other   cold: data   code"
     );
     let (counts, mut way) = (trace.count(&sources(&trace)?), [0.0; 8]);
     for ((step, after), lines) in &counts {

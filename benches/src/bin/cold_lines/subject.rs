@@ -66,8 +66,7 @@ pub fn run(depth: usize) -> BenchResult<()> {
             }
         };
         begin(0);
-        rehearsals.expect(0);
-        black_box(rehearsals.idle(std::slice::from_mut(&mut channel), &mut clock));
+        rehearsals.rehearse(std::slice::from_mut(&mut channel), 0, &mut clock);
         black_box(channel.serve(&mut clock));
         begin(1);
         acquisition.prepare();

@@ -121,7 +121,8 @@ class Acquisition:
     def send(self, sample: Loan | Records | np.void) -> None:
         """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied. Never waits.
 
-        Raises Full, with the sample, if `depth` samples are unanswered.
+        Raises Full, with the sample, if `depth` samples are unanswered, or the service's queue may still be full of samples that were sent
+        again after restarts.
         """
     def receive(self, timeout: float = 0.0) -> Increment | None:
         """The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds."""
