@@ -38,7 +38,7 @@
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
 //! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag, which a table with
 //!   transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula, `docs/lag.md` the whole story.
-//! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample: a third of the time at 400 Hz.
+//! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
 //! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. [`RawReader`] reads the raw samples,
 //!   for recorders.
 //!
