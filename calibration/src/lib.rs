@@ -29,6 +29,7 @@ pub mod report;
 pub mod requirement;
 pub mod simulate;
 pub mod stability;
+pub mod standstill;
 pub mod transients;
 mod triad;
 pub mod verdict;
