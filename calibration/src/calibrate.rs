@@ -459,7 +459,10 @@ pub fn calibrate(
             return Err(CalibrationError::Faults { diagnosis: None, findings });
         }
     }
-    let table = table(campaign, &options, &solution)?.measured_at(Some(campaign.gravity_local));
+    let curves = [0, 1, 2].map(|axis| &solution.axes[axis].curves);
+    let alignment = options.alignment.matrix(&solution);
+    let table = table_of(campaign, curves, alignment).map_err(CalibrationError::Table)?;
+    let table = table.measured_at(Some(campaign.gravity_local));
     let suspect_position =
         position_that_explains(campaign, &dwells, &solution).map(|position| campaign.positions[position].number);
     Ok(Calibration {
@@ -564,18 +567,18 @@ fn two_stage(
     })
 }
 
-fn table(
+/// The table of the curves A, K+ and K- of each axis, with what the campaign gives it unchanged.
+pub(crate) fn table_of(
     campaign: &Campaign,
-    options: &CalibrationOptions,
-    solution: &Solution,
-) -> Result<CoefficientTable, CalibrationError> {
+    curves: [&[Curve; 3]; AXES],
+    alignment: Option<Matrix3<f64>>,
+) -> Result<CoefficientTable, Vec<Refusal>> {
     let refuse = |axis: usize, quantity: usize| {
         let key = format!("axis.{}.{}", AXIS_NAMES[axis], QUANTITIES[quantity]);
-        CalibrationError::Table(vec![Refusal { key, message: format!("tables hold orders up to {MAX_ORDER}") }])
+        vec![Refusal { key, message: format!("tables hold orders up to {MAX_ORDER}") }]
     };
-    let axis = |axis: usize| -> Result<Axis, CalibrationError> {
-        let curves = &solution.axes[axis].curves;
-        let polynomial = |q: usize, factor: f64| curves[q].polynomial(factor).ok_or_else(|| refuse(axis, q));
+    let axis = |axis: usize| -> Result<Axis, Vec<Refusal>> {
+        let polynomial = |q: usize, factor: f64| curves[axis][q].polynomial(factor).ok_or_else(|| refuse(axis, q));
         Ok(Axis {
             bias_unit: BiasUnit::MicroG0,
             bias: polynomial(0, 1e6)?,
@@ -585,7 +588,7 @@ fn table(
             max_rate: campaign.max_rate,
         })
     };
-    let content = Content {
+    CoefficientTable::new(Content {
         format: 1,
         imu: campaign.imu.clone(),
         serial: campaign.serial.clone(),
@@ -595,8 +598,7 @@ fn table(
         max_age_s: campaign.max_age_s,
         lag_s: None,
         axes: [axis(0)?, axis(1)?, axis(2)?],
-        alignment: options.alignment.matrix(solution),
+        alignment,
         gyroscopes: None,
-    };
-    CoefficientTable::new(content).map_err(CalibrationError::Table)
+    })
 }

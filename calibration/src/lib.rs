@@ -13,6 +13,7 @@ pub mod diagnostics;
 pub mod double_double;
 pub mod gate;
 pub mod gravity;
+pub mod gravity_only;
 pub mod gyroscopes;
 pub mod hysteresis;
 mod least_squares;

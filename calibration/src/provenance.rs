@@ -72,7 +72,7 @@ pub fn sealed_ramp_table(
     sealed(campaign, &calibration.table, transients::of_ramps(campaign, calibration, source))
 }
 
-fn sealed(
+pub(crate) fn sealed(
     campaign: &Campaign,
     table: &CoefficientTable,
     provenance: Result<String, toml::ser::Error>,
@@ -287,7 +287,8 @@ struct GyroscopeSetPointRecord {
     g_sensitivity_deg_h_g0: [f64; 3],
 }
 
-fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+/// The rows of a matrix.
+pub(crate) fn matrix_rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
 }
 
@@ -344,7 +345,7 @@ pub fn provenance(
             residual_sd_g0: [0, 1, 2].map(|axis| calibration.residual_sd(axis)),
             tilt_rad: calibration.solution.tilt,
             tilt_standard_error: calibration.solution.tilt_error,
-            misalignment: rows(&calibration.misalignment()),
+            misalignment: matrix_rows(&calibration.misalignment()),
             misalignment_standard_error: misalignment_error(&accelerometers),
             accepted: calibration.accepted.clone(),
             warnings: calibration.findings.iter().map(ToString::to_string).collect(),
@@ -400,7 +401,7 @@ fn of_triad(
         random_walk_deg_sqrt_h: [0, 1, 2].map(|axis| found.random_walk(axis)),
         g_sensitivity_deg_h_g0: axes.each_ref().map(|axis| axis.g_sensitivity),
         g_sensitivity_standard_error: known(axes.each_ref().map(|axis| axis.g_sensitivity_error)),
-        gyroscope_misalignment: rows(&found.misalignment()),
+        gyroscope_misalignment: matrix_rows(&found.misalignment()),
         gyroscope_misalignment_standard_error: misalignment_error(triad),
         earth: found.earth.as_ref().and_then(|earth| of_earth(campaign, found, earth)),
         earth_rate_left_over: found.left_over.as_ref().map(|left: &LeftOver| LeftOverRecord {
@@ -441,7 +442,7 @@ fn of_earth(campaign: &Campaign, found: &GyroscopeCalibration, earth: &EarthChec
         earth_horizontal_rate_deg_h: earth.found,
         earth_horizontal_rate_standard_error: earth.error,
         earth_horizontal_rate_of_latitude_deg_h: earth.expected,
-        mounting: campaign.mount.filter(|mount| *mount != Matrix3::identity()).map(|mount| rows(&mount)),
+        mounting: campaign.mount.filter(|mount| *mount != Matrix3::identity()).map(|mount| matrix_rows(&mount)),
     })
 }
 

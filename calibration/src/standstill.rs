@@ -174,7 +174,7 @@ impl Windows {
                 _ => runs.push([window, window]),
             }
         }
-        let half = self.window_rows / 2;
+        let half = self.window_rows.div_ceil(2);
         let first = self.rows.start;
         let rows = |&[start, last]: &[usize; 2]| {
             let end = last + self.window_rows;

@@ -1,0 +1,394 @@
+//! Calibration without a turntable: the IMU is put down in many attitudes, by hand, and gravity's length alone is the reference.
+//!
+//! Each standstill gives one equation: the length of the compensated specific force is g_local/g0. The direction is not known, so a rotation of
+//! the whole output is not observable: body axis 3 is along A3, body axis 2 in the plane of A2 and A3. Every table gets the alignment matrix, the
+//! inverse of M. What the attitudes do not determine is refused by name.
+//!
+//! One temperature gives constants; several, at most as many coefficients as temperatures.
+
+mod choice;
+pub mod dilution;
+mod model;
+mod provenance;
+pub mod reading;
+
+pub use choice::{GravityOnlyOptions, ScaleFactorChoice};
+pub use model::Unknowns;
+pub use provenance::sealed_table;
+
+use crate::calibrate::table_of;
+use crate::campaign::{Campaign, implausible, range};
+use crate::curve::{Curve, student_quantile};
+use crate::standstill::{self, StandstillError};
+use choice::Chosen;
+use dilution::Dilution;
+use isotherm_failure::{Exit, Failure};
+use isotherm_recording::RecordingError;
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Refusal};
+use isotherm_shared::wire::{AXES, RawSample};
+use model::{GravityFit, ellipsoid};
+use nalgebra::{Matrix3, Vector3};
+use reading::Reading;
+
+/// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
+const MAX_BIAS: f64 = 1.0;
+/// Share of the telemetry's range that a temperature is no wider than.
+const LEVEL: f64 = 0.1;
+/// Probability that a standstill is named as off by chance.
+const OUTLIER: f64 = 0.01;
+
+/// The raw samples of one recording.
+#[derive(Clone, Debug, Default)]
+pub struct TumbleRecording {
+    /// Its name in messages.
+    pub name: String,
+    /// Its rows, in order of time.
+    pub rows: Vec<RawSample>,
+}
+
+/// The results of a calibration without a turntable.
+#[derive(Clone, Debug)]
+pub struct GravityOnlyCalibration {
+    /// The coefficient table.
+    pub table: CoefficientTable,
+    /// The options it was made with.
+    pub options: GravityOnlyOptions,
+    /// The standstills of the fit.
+    pub readings: Vec<Reading>,
+    /// Standstills that were left out because they are too short.
+    pub too_short: usize,
+    /// Number of the rows of all recordings.
+    pub rows: usize,
+    /// Standard deviation of a row's counts at rest, for each recording.
+    pub noise: Vec<[f64; AXES]>,
+    /// Number of temperatures.
+    pub levels: usize,
+    /// The unknowns.
+    pub unknowns: Unknowns,
+    /// Why this order, and one scale factor or two.
+    pub reasons: [String; 2],
+    /// |s| - g_local/g0 of each standstill \[g0\].
+    pub residuals: Vec<f64>,
+    /// Degrees of freedom: standstills less unknowns.
+    pub freedom: usize,
+    /// What the attitudes allow.
+    pub dilution: Dilution,
+    /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
+    pub curves: [[Curve; 3]; AXES],
+    /// M: x = M s, with 1 on the diagonal and 0 below.
+    pub misalignment: Matrix3<f64>,
+    /// Standard errors of m12, m13 and m23 \[rad\]; `None` without degrees of freedom, or if they are not estimated.
+    pub misalignment_error: Option<[f64; AXES]>,
+    /// Specific force of each standstill along the body's axes \[g0\].
+    pub forces: Vec<[f64; AXES]>,
+    /// What the user must know.
+    pub warnings: Vec<String>,
+}
+
+/// Why no table can be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GravityOnlyError {
+    /// A recording has no usable standstill.
+    #[error("{name}: {error}")]
+    Standstill {
+        /// Name of the recording.
+        name: String,
+        /// Why.
+        error: StandstillError,
+    },
+    /// The sample of a recording cannot be used.
+    #[error("{name}: row {row}: {message}")]
+    Row {
+        /// Name of the recording.
+        name: String,
+        /// Number of the row, from 1, without the header.
+        row: usize,
+        /// Why.
+        message: String,
+    },
+    /// A standstill to leave out does not exist.
+    #[error("there is no standstill {0}; there are {1}")]
+    NothingToExclude(usize, usize),
+    /// An option does not go with these recordings.
+    #[error("{0}")]
+    Options(String),
+    /// The data do not allow what is asked for.
+    #[error("{0}")]
+    Refused(String),
+    /// The result is not a valid table.
+    #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Table(Vec<Refusal>),
+}
+
+impl GravityOnlyError {
+    /// The error as the failure of a program.
+    #[must_use]
+    pub fn failure(&self) -> Failure {
+        let exit = match self {
+            Self::NothingToExclude(..) | Self::Options(_) => Exit::Usage,
+            Self::Table(_) => Exit::Failed,
+            _ => Exit::Data,
+        };
+        let prefix = if matches!(self, Self::NothingToExclude(..)) { "--exclude: " } else { "" };
+        Failure::new(exit, format!("{prefix}{self}"))
+    }
+}
+
+impl TumbleRecording {
+    /// Reads the samples of a recording.
+    ///
+    /// # Errors
+    /// Those of the rows.
+    pub fn read(
+        name: impl Into<String>,
+        rows: impl IntoIterator<Item = Result<RawSample, RecordingError>>,
+    ) -> Result<Self, RecordingError> {
+        Ok(Self { name: name.into(), rows: rows.into_iter().collect::<Result<_, _>>()? })
+    }
+}
+
+/// Makes a table of the recordings of an IMU that was put down in many attitudes. Of the campaign, the IMU, the gravities and what goes into the
+/// table unchanged are used. Every recording is searched for standstills by itself; their numbers go on from recording to recording.
+///
+/// # Errors
+/// See [`GravityOnlyError`]; what the attitudes do not determine is named.
+pub fn calibrate(
+    campaign: &Campaign,
+    recordings: &[TumbleRecording],
+    options: &GravityOnlyOptions,
+) -> Result<GravityOnlyCalibration, GravityOnlyError> {
+    let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
+    let count = readings.len();
+    if let Some(missing) = options.exclude.iter().find(|number| !(1..=count).contains(number)) {
+        return Err(GravityOnlyError::NothingToExclude(*missing, count));
+    }
+    readings.retain(|reading| !options.exclude.contains(&reading.number));
+    let gravity = campaign.gravity_local / campaign.gravity_reference;
+    refuse_offset(&readings, gravity)?;
+    let levels = levels(&readings);
+    let Chosen { model, fit, dilution, reasons, mut warnings } = choice::choose(&readings, levels, gravity, options)?;
+    let unknowns = model.unknowns;
+    let freedom = readings.len() - unknowns.count();
+    let forces: Vec<_> = readings.iter().map(|reading| model.force_of(&fit.unknown, reading)).collect();
+    // Of the specific force's length over each standstill [g0].
+    let errors = readings.iter().zip(&forces).map(|(reading, force)| {
+        let part = |axis: usize| force[axis] / force.norm() * reading.noise[axis] / model.scale_factor(&fit.unknown, axis);
+        (0..AXES).map(|axis| part(axis).powi(2)).sum::<f64>().sqrt()
+    });
+    let errors: Vec<f64> = errors.collect();
+    let least = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
+    let variance = (fit.squares() / freedom.max(1) as f64).max(least);
+    let covariance = fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance);
+    let ranges = table_ranges(&readings, &unknowns, options)?;
+    let curve = |axis: usize, quantity: usize| {
+        let range = ranges[usize::from(quantity > 0)][axis];
+        model.curve(&fit.unknown, covariance.as_ref(), [axis, quantity], freedom, range)
+    };
+    let curves = [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| curve(axis, quantity)));
+    let misalignment = model.misalignment(&fit.unknown);
+    let alignment = if unknowns.misalignment { misalignment.try_inverse() } else { None };
+    let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
+    let table = table.measured_at(Some(campaign.gravity_local));
+    let residuals: Vec<f64> = fit.residual.iter().copied().collect();
+    if freedom == 0 {
+        let n = readings.len();
+        warnings.push(format!(
+            "{n} standstills for {n} unknowns: nothing is left to judge the table by, so there are no standard errors; put the IMU down in more attitudes"
+        ));
+    }
+    warnings.extend(turned(&readings, &errors, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
+    warnings.extend(outliers(&readings, &fit, freedom));
+    Ok(GravityOnlyCalibration {
+        table,
+        options: options.clone(),
+        too_short,
+        rows: recordings.iter().map(|recording| recording.rows.len()).sum(),
+        noise,
+        levels,
+        unknowns,
+        reasons,
+        residuals,
+        freedom,
+        dilution,
+        curves,
+        misalignment,
+        misalignment_error: covariance.as_ref().and_then(|covariance| model.misalignment_errors(covariance)),
+        forces: forces.into_iter().map(Into::into).collect(),
+        warnings,
+        readings,
+    })
+}
+
+impl GravityOnlyCalibration {
+    /// Root mean square of the residuals over the standstills \[g0\].
+    #[must_use]
+    pub fn residual_rms(&self) -> f64 {
+        (self.residuals.iter().map(|residual| residual * residual).sum::<f64>() / self.residuals.len() as f64).sqrt()
+    }
+
+    /// The middle of a curve's telemetry, at which its value is shown.
+    #[must_use]
+    pub fn mid(&self, axis: usize, quantity: usize) -> f64 {
+        let [low, high] = self.curves[axis][quantity].range();
+        (low + high) / 2.0
+    }
+
+    /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without gyroscopes.
+    #[must_use]
+    pub fn gyroscope_rates(&self) -> Option<[f64; AXES]> {
+        let seconds: f64 = self.readings.iter().map(|reading| reading.seconds).sum();
+        let mut sum = [0.0; AXES];
+        for reading in &self.readings {
+            let rates = reading.gyroscopes?;
+            (0..AXES).for_each(|axis| sum[axis] += rates[axis] * reading.seconds);
+        }
+        Some(sum.map(|sum| sum / seconds))
+    }
+}
+
+/// The standstills of all recordings.
+struct Found {
+    readings: Vec<Reading>,
+    too_short: usize,
+    noise: Vec<[f64; AXES]>,
+}
+
+fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, GravityOnlyError> {
+    let mut found = Found { readings: Vec::new(), too_short: 0, noise: Vec::new() };
+    let has_gyroscopes = |row: &RawSample| {
+        let triad = &row.gyroscopes;
+        triad.positive_pulses.iter().chain(&triad.negative_pulses).any(|pulses| *pulses > 0)
+    };
+    let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
+    for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
+        let mut previous: Option<&RawSample> = None;
+        for (number, row) in rows.iter().enumerate() {
+            // A new session has a new clock.
+            let before = previous.filter(|before| before.session == row.session).map(|before| before.timestamp_ns);
+            if let Some(message) = implausible(row, before) {
+                return Err(GravityOnlyError::Row { name: name.clone(), row: number + 1, message });
+            }
+            previous = Some(row);
+        }
+        let standstills = standstill::find(rows, window_s)
+            .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
+        for range in standstills.found {
+            let number = found.readings.len() + 1;
+            found.readings.push(Reading::of(number, index, rows, range, standstills.noise, with_gyroscopes));
+        }
+        found.too_short += standstills.too_short;
+        found.noise.push(standstills.noise);
+    }
+    Ok(found)
+}
+
+/// Refuses readings about a centre that no bias explains.
+fn refuse_offset(readings: &[Reading], gravity: f64) -> Result<(), GravityOnlyError> {
+    let Some((bias, scale_factor)) = ellipsoid(readings, gravity) else { return Ok(()) };
+    let Some(axis) = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS) else { return Ok(()) };
+    Err(GravityOnlyError::Refused(format!(
+        "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
+         `offset` in the mapping file",
+        AXIS_NAMES[axis],
+        bias[axis] * scale_factor[axis],
+        bias[axis]
+    )))
+}
+
+/// Number of temperatures: groups of standstills whose head telemetry is no further apart than a tenth of the whole range.
+fn levels(readings: &[Reading]) -> usize {
+    let mut all: Vec<f64> = readings.iter().map(|reading| reading.head.iter().sum::<f64>() / AXES as f64).collect();
+    all.sort_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (all.first(), all.last()) else { return 0 };
+    let width = (last - first) * LEVEL;
+    let mut levels = 1;
+    let mut start = *first;
+    for telemetry in &all {
+        if telemetry - start > width {
+            levels += 1;
+            start = *telemetry;
+        }
+    }
+    levels
+}
+
+/// The telemetry's range of head and board of each axis for the table.
+fn table_ranges(
+    readings: &[Reading],
+    unknowns: &Unknowns,
+    options: &GravityOnlyOptions,
+) -> Result<[[[f64; 2]; AXES]; 2], GravityOnlyError> {
+    let of = |ranges: fn(&Reading) -> [[f64; 2]; AXES]| {
+        [0, 1, 2].map(|axis| range(readings.iter().map(|reading| ranges(reading)[axis])))
+    };
+    let mut measured = [of(|reading| reading.head_range), of(|reading| reading.board_range)];
+    let constant = measured.iter().flatten().any(|[low, high]| low == high);
+    match options.temperature_range {
+        None if constant => Err(GravityOnlyError::Refused(
+            "the telemetry is constant, so the recordings do not say where the table is valid; state it: --temperature-range LOW,HIGH".to_owned(),
+        )),
+        Some(_) if unknowns.order > 0 => Err(GravityOnlyError::Options(
+            "--temperature-range: the recordings show a range of their own, and a curve beyond it is a guess; leave it out, or give --order 0".to_owned(),
+        )),
+        Some([low, high]) => {
+            for [from, to] in measured.iter_mut().flatten() {
+                if *from < low || *to > high {
+                    return Err(GravityOnlyError::Options(format!(
+                        "--temperature-range {low},{high}: the telemetry of the standstills is {from} to {to}; give a range that holds it"
+                    )));
+                }
+                (*from, *to) = (low, high);
+            }
+            Ok(measured)
+        }
+        None => Ok(measured),
+    }
+}
+
+/// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
+fn turned(readings: &[Reading], noise: &[f64], force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>) -> Vec<String> {
+    let shown = |(reading, noise): (&Reading, &f64)| {
+        let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
+        // The middles of the thirds are two thirds of the standstill apart.
+        let angle = 1.5 * first.angle(&last);
+        let short = angle * angle / 24.0;
+        let named = short > *noise;
+        named.then(|| {
+            format!(
+                "standstill {}: the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
+                 mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
+                reading.number,
+                angle * 1e3,
+                short * 1e6,
+                noise * 1e6,
+                reading.number
+            )
+        })
+    };
+    readings.iter().zip(noise).filter_map(shown).collect()
+}
+
+/// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.
+fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<String> {
+    let (Some(inverse), true) = (&fit.inverse, freedom > 2) else { return Vec::new() };
+    let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
+    let shown = |(i, reading): (usize, &Reading)| {
+        let row = fit.jacobian.row(i);
+        let left = 1.0 - (row * inverse * row.transpose())[0];
+        // A standstill that the others do not check has no residual.
+        if left < 1e-6 {
+            return None;
+        }
+        let residual = fit.residual[i];
+        let others = (fit.squares() - residual * residual / left).max(0.0) / (freedom - 1) as f64;
+        let ratio = residual.abs() / (others * left).sqrt();
+        (ratio > limit).then(|| {
+            format!(
+                "standstill {}, {:.0} s after the start: {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
+                 it out: --exclude {}",
+                reading.number, reading.start_s, residual * 1e6, reading.number
+            )
+        })
+    };
+    readings.iter().enumerate().filter_map(shown).collect()
+}

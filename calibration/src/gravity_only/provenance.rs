@@ -1,0 +1,117 @@
+//! The `[provenance]` section of a table without a turntable.
+
+use super::GravityOnlyCalibration;
+use crate::accuracy::largest_interval;
+use crate::campaign::Campaign;
+use crate::order::QUANTITIES;
+use crate::provenance::{CampaignSource, matrix_rows, sealed};
+use isotherm_shared::table::AXIS_NAMES;
+use serde::Serialize;
+
+/// The method's name in campaign files and tables.
+pub const METHOD: &str = "gravity-only";
+
+#[derive(Serialize)]
+struct ProvenanceFile<'a> {
+    provenance: GravityOnlyProvenance<'a>,
+}
+
+#[derive(Serialize)]
+struct GravityOnlyProvenance<'a> {
+    tool: &'a str,
+    time: &'a str,
+    method: &'static str,
+    /// Empty where the facts were given as options.
+    campaign: &'a str,
+    campaign_sha256: &'a str,
+    recordings_sha256: &'a [String],
+    gravity_local: f64,
+    standstills: usize,
+    /// Numbers of the standstills that were left out.
+    excluded: &'a [usize],
+    temperatures: usize,
+    order_reason: &'a str,
+    scale_factor_reason: &'a str,
+    residual_rms_g0: f64,
+    /// D sqrt(n), see [`Dilution`](super::dilution::Dilution).
+    dilution_sqrt_n: f64,
+    degrees_of_freedom: usize,
+    /// M, with 1 on the diagonal and 0 below it: the rotation of the output is not observable.
+    misalignment: [[f64; 3]; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    misalignment_standard_error: Option<[[f64; 3]; 3]>,
+    warnings: &'a [String],
+    curve: Vec<CurveRecord>,
+}
+
+#[derive(Serialize)]
+struct CurveRecord {
+    axis: &'static str,
+    quantity: &'static str,
+    unit: &'static str,
+    order: usize,
+    degrees_of_freedom: usize,
+    /// Largest half width of the curve's 95 % interval over its range, in its unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    largest_interval: Option<f64>,
+    /// Standard errors of the coefficients in the table, in their unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    standard_errors: Option<Vec<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<Vec<Vec<f64>>>,
+}
+
+/// The text of the table file: the sealed table and its provenance. The text is read back and compared. `recordings_sha256` are those of the
+/// recordings, in hexadecimal; `source.samples_sha256` is not used.
+///
+/// # Errors
+/// If the text does not give the same table, or if the provenance cannot be written.
+pub fn sealed_table(
+    campaign: &Campaign,
+    calibration: &GravityOnlyCalibration,
+    source: &CampaignSource,
+    recordings_sha256: &[String],
+) -> Result<String, String> {
+    let document = ProvenanceFile {
+        provenance: GravityOnlyProvenance {
+            tool: &source.tool,
+            time: &source.time,
+            method: METHOD,
+            campaign: &source.campaign,
+            campaign_sha256: &source.campaign_sha256,
+            recordings_sha256,
+            gravity_local: campaign.gravity_local,
+            standstills: calibration.readings.len(),
+            excluded: &calibration.options.exclude,
+            temperatures: calibration.levels,
+            order_reason: &calibration.reasons[0],
+            scale_factor_reason: &calibration.reasons[1],
+            residual_rms_g0: calibration.residual_rms(),
+            dilution_sqrt_n: calibration.dilution.times_root_n,
+            degrees_of_freedom: calibration.freedom,
+            misalignment: matrix_rows(&calibration.misalignment),
+            misalignment_standard_error: calibration
+                .misalignment_error
+                .map(|[m12, m13, m23]| [[0.0, m12, m13], [0.0, 0.0, m23], [0.0, 0.0, 0.0]]),
+            warnings: &calibration.warnings,
+            curve: (0..9).map(|index| curve(calibration, index / 3, index % 3)).collect(),
+        },
+    };
+    sealed(campaign, &calibration.table, toml::to_string(&document))
+}
+
+fn curve(calibration: &GravityOnlyCalibration, axis: usize, quantity: usize) -> CurveRecord {
+    let curve = &calibration.curves[axis][quantity];
+    let (factor, unit) = if quantity == 0 { (1e6, "ug0") } else { (1.0, "pulse/(s*g0)") };
+    let covariance = curve.table_covariance().map(|covariance| covariance * (factor * factor));
+    CurveRecord {
+        axis: AXIS_NAMES[axis],
+        quantity: QUANTITIES[quantity],
+        unit,
+        order: curve.order(),
+        degrees_of_freedom: curve.freedom(),
+        largest_interval: largest_interval(curve, false).map(|half| half * factor),
+        standard_errors: covariance.as_ref().map(|c| c.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()),
+        covariance: covariance.map(|c| c.row_iter().map(|row| row.iter().copied().collect()).collect()),
+    }
+}
