@@ -2,10 +2,12 @@
 //!
 //! It has positions, ramps beside them, or ramps alone. Ramps alone give bias curves at one attitude; another table gives the rest.
 
+mod batch;
 mod direction;
 mod dwell;
 mod ramp;
 
+pub use batch::{IMU, MOST_IMUS, Member, members};
 pub use dwell::{Block, Dwell, DwellSums, RowSteps, range};
 pub use ramp::Ramp;
 
@@ -61,16 +63,28 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Reads the text of a campaign file.
+    /// Reads the text of a campaign file of one IMU.
+    ///
+    /// # Errors
+    /// All faults of the text, with line and key; also if it has several IMUs.
+    pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        parse(text, |root| {
+            let several = root.has("imus") && root.list("imus").len() > 1;
+            root.refuse(
+                "imus",
+                several.then(|| "are several, and one is wanted here; leave the others out".to_owned()),
+            );
+            campaigns(root)?.pop()
+        })
+    }
+
+    /// Reads the text of a campaign file: one campaign for each IMU of `imus`, in that order, or the one of `imu`. In a file with `imus`, directions
+    /// are those along the axes of an IMU without `mounting`; here they are along each IMU's own axes.
     ///
     /// # Errors
     /// All faults of the text, with line and key.
-    pub fn from_toml(text: &str) -> Result<Self, Faults> {
-        let document = Document::parse_as(text, "give the campaign file that names it")?;
-        let root = document.root();
-        let campaign = campaign(&root);
-        root.finish();
-        document.finish(campaign)
+    pub fn batch_from_toml(text: &str) -> Result<Vec<Self>, Faults> {
+        parse(text, campaigns)
     }
 
     /// Whether there are ramps, and no positions: the samples give bias curves and transients, nothing else.
@@ -100,13 +114,37 @@ impl Campaign {
     }
 }
 
-fn campaign(root: &Section<'_, '_>) -> Option<Campaign> {
+fn parse<T>(text: &str, read: impl FnOnce(&Section<'_, '_>) -> Option<T>) -> Result<T, Faults> {
+    let document = Document::parse_as(text, "give the campaign file that names it")?;
+    let root = document.root();
+    let content = read(&root);
+    root.finish();
+    document.finish(content)
+}
+
+/// The campaign of each IMU.
+fn campaigns(root: &Section<'_, '_>) -> Option<Vec<Campaign>> {
     let format = root.number("format", "format = 1, the version of this file format");
     if format.is_some_and(|format| format != 1.0) {
         root.fault("format", "unknown; this version reads format = 1");
     }
-    let imu = root.imu_id("imu");
-    let serial = root.optional_string("serial").map(str::to_owned);
+    if !root.has("imus") {
+        let imu = root.imu_id("imu");
+        let serial = root.optional_string("serial").map(str::to_owned);
+        return Some(vec![campaign(root, imu, serial)?]);
+    }
+    let sections = root.list("imus");
+    let members = members(root, &sections);
+    sections.into_iter().for_each(Section::finish);
+    // Without a name, the rest is still checked.
+    let first = members.iter().flatten().next().map(|member| member.imu.clone()).or_else(|| ImuId::new("imu"));
+    let batch = campaign(root, first, None)?;
+    batch::check_files(root, &batch);
+    Some(members?.iter().map(|member| batch::of_member(&batch, member)).collect())
+}
+
+/// The campaign of one IMU, whose axes are those that the file's directions refer to.
+fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) -> Option<Campaign> {
     // Ramps have their own files.
     let ramps_alone = root.has("ramp") && !root.has("position");
     let samples = if ramps_alone && !root.has("samples") {

@@ -13,7 +13,7 @@
 
 mod mount;
 
-pub use mount::{contradiction, mount, other_zero};
+pub use mount::{contradiction, mount, mounting, nearest_rotation, other_zero};
 
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;

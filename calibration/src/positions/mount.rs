@@ -1,6 +1,7 @@
 //! How the IMU sits on the turntable: the rotation from the specific force at the angles to the stated one, and what is wrong if none fits.
 
 use super::{Position, SAME_DIRECTION, specific_force};
+use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 
 /// Two directions are enough for a rotation if the sine of the angle between them is over this.
@@ -16,9 +17,7 @@ const CANDIDATES: usize = 64;
 #[must_use]
 pub fn mount(positions: &[Position]) -> Option<Matrix3<f64>> {
     let pairs = pairs(positions)?;
-    let rotation = best_rotation(&pairs)?;
-    let exact = rotation.map(f64::round);
-    let rotation = if (rotation - exact).amax() < SAME_DIRECTION { exact } else { rotation };
+    let rotation = exact_if_near(best_rotation(&pairs)?);
     pairs.iter().all(|pair| misfit(&rotation, pair) < SAME_DIRECTION).then_some(rotation)
 }
 
@@ -37,12 +36,51 @@ fn pairs(positions: &[Position]) -> Option<Vec<Pair>> {
 /// The orthogonal matrix that turns the forces at the angles best into the stated ones. `None` for directions in one plane: they do not
 /// determine it, nor the parameters of the accelerometers.
 fn best_rotation(pairs: &[Pair]) -> Option<Matrix3<f64>> {
-    let sum: Matrix3<f64> = pairs.iter().map(|(at, stated)| stated * at.transpose()).sum();
-    let svd = sum.svd(true, true);
+    nearest_orthogonal(pairs.iter().map(|(at, stated)| stated * at.transpose()).sum())
+}
+
+/// The orthogonal matrix nearest to `matrix`; `None` if that has a rank under 3.
+fn nearest_orthogonal(matrix: Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let svd = matrix.svd(true, true);
     if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
         return None;
     }
     Some(svd.u? * svd.v_t?)
+}
+
+/// `rotation`, or the matrix that only exchanges axes or their signs if that is the same to a few digits.
+fn exact_if_near(rotation: Matrix3<f64>) -> Matrix3<f64> {
+    let exact = rotation.map(f64::round);
+    if (rotation - exact).amax() < SAME_DIRECTION { exact } else { rotation }
+}
+
+/// The rotation that a matrix of a few digits states. A matrix that only exchanges axes or their signs is returned exactly. `None` if the matrix has
+/// a rank under 3.
+#[must_use]
+pub fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    nearest_orthogonal(*matrix).map(exact_if_near)
+}
+
+/// The key `mounting` of a section: the rotation from the turntable's axes to the IMU's, as stated; the identity if there is no such key. `None`,
+/// and a fault, if it is no rotation to a few digits.
+#[must_use]
+pub fn mounting(section: &Section<'_, '_>) -> Option<Matrix3<f64>> {
+    if !section.has("mounting") {
+        section.ignore("mounting");
+        return Some(Matrix3::identity());
+    }
+    let right = "three rows of three numbers, a rotation: the specific force along A1, A2, A3 is mounting times that at the \
+                 table's angles";
+    let rows = section.matrix("mounting", right)?;
+    let flat: Vec<f64> = rows.iter().flatten().copied().collect();
+    let matrix = (rows.len() == 3 && flat.len() == 9).then(|| Matrix3::from_row_slice(&flat));
+    let rotation =
+        |m: &Matrix3<f64>| (m * m.transpose() - Matrix3::identity()).amax() < SAME_DIRECTION && m.determinant() > 0.0;
+    let matrix = matrix.filter(rotation);
+    if matrix.is_none() {
+        section.fault("mounting", format!("give {right}"));
+    }
+    matrix
 }
 
 /// Largest difference of a component between the stated force and that at the angles.

@@ -30,21 +30,25 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
 }
 
 fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
-    let campaign = Campaign::from_toml(text);
-    let campaign = campaign.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    let campaigns = Campaign::batch_from_toml(text);
+    let campaigns = campaigns.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    let imus: Vec<_> = campaigns.iter().map(|campaign| campaign.imu.as_str()).collect();
+    let imus = imus.join(", ");
+    // The others differ by their mountings alone.
+    let Some(campaign) = campaigns.first() else { return Ok(String::new()) };
     let ramps = match campaign.ramps.len() {
         0 => String::new(),
         1 => ", 1 ramp".to_owned(),
         ramps => format!(", {ramps} ramps"),
     };
     if let Some(curves) = campaign.curves.as_ref().filter(|_| campaign.has_ramps_alone()) {
-        return Ok(format!("campaign of {}{ramps} alone, curves of {curves}", campaign.imu));
+        return Ok(format!("campaign of {imus}{ramps} alone, curves of {curves}"));
     }
-    observable(&campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
+    observable(campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
     let turns = match campaign.turns.len() {
         0 => String::new(),
         turns => format!(" and {turns} turns"),
     };
     let positions = campaign.positions.len();
-    Ok(format!("campaign of {}, {positions} positions{turns} that observe everything{ramps}", campaign.imu))
+    Ok(format!("campaign of {imus}, {positions} positions{turns} that observe everything{ramps}"))
 }

@@ -11,7 +11,7 @@ use crate::limits::{self, Limits};
 use isotherm_calibration::campaign::{Campaign, Ramp};
 use isotherm_calibration::gyroscopes::observable;
 use isotherm_calibration::gyroscopes::turn::Turn;
-use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme};
+use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme, mounting};
 use isotherm_calibration::simulate::campaign_toml;
 use isotherm_files::target_of;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
@@ -185,25 +185,6 @@ fn turntable(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig
         section.finish();
     }
     (config, motion, mounting)
-}
-
-/// The rotation from the turntable's axes to the IMU's.
-fn mounting(section: &Section<'_, '_>) -> Option<Matrix3<f64>> {
-    if !section.has("mounting") {
-        return Some(Matrix3::identity());
-    }
-    let right = "three rows of three numbers, a rotation: the specific force along A1, A2, A3 is mounting times that at the \
-                 table's angles";
-    let rows = section.matrix("mounting", right)?;
-    let flat: Vec<f64> = rows.iter().flatten().copied().collect();
-    let matrix = (rows.len() == 3 && flat.len() == 9).then(|| Matrix3::from_row_slice(&flat));
-    let rotation =
-        |m: &Matrix3<f64>| (m * m.transpose() - Matrix3::identity()).amax() < SAME_DIRECTION && m.determinant() > 0.0;
-    let matrix = matrix.filter(rotation);
-    if matrix.is_none() {
-        section.fault("mounting", format!("give {right}"));
-    }
-    matrix
 }
 
 fn set_points(section: Section<'_, '_>, air: &AirLimits<'_>) -> Option<Vec<f64>> {
