@@ -23,6 +23,9 @@ use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
 use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
 use ramp::ramps;
 
+/// The value of `method` in the campaign file of an IMU that was put down by hand.
+pub const GRAVITY_ONLY: &str = "gravity-only";
+
 /// The content of a campaign file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Campaign {
@@ -60,6 +63,9 @@ pub struct Campaign {
     pub ramps: Vec<Ramp>,
     /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and only with them.
     pub curves: Option<String>,
+    /// Whether gravity's length alone is the reference: the samples are recordings of an IMU put down in many attitudes, see
+    /// [`gravity_only`](crate::gravity_only). Then there are no positions, turns or ramps.
+    pub gravity_only: bool,
 }
 
 impl Campaign {
@@ -87,10 +93,35 @@ impl Campaign {
         parse(text, campaigns)
     }
 
+    /// The campaign of an IMU that is put down by hand, with gravity's length as the reference: local gravity and the value of 1 g0 \[m/s2\], and the
+    /// telemetry's unit. It has no files.
+    #[must_use]
+    pub fn gravity_only(imu: ImuId, [gravity_local, gravity_reference]: [f64; 2], temperature_unit: &str) -> Self {
+        Self {
+            imu,
+            serial: None,
+            samples: Vec::new(),
+            gravity_reference,
+            gravity_local,
+            temperature_unit: temperature_unit.to_owned(),
+            out_of_range: None,
+            max_age_s: None,
+            max_rate: None,
+            soak_s: None,
+            positions: Vec::new(),
+            mount: None,
+            turns: Vec::new(),
+            latitude_deg: None,
+            ramps: Vec::new(),
+            curves: None,
+            gravity_only: true,
+        }
+    }
+
     /// Whether there are ramps, and no positions: the samples give bias curves and transients, nothing else.
     #[must_use]
     pub const fn has_ramps_alone(&self) -> bool {
-        self.positions.is_empty()
+        self.positions.is_empty() && !self.gravity_only
     }
 
     /// Specific force along A1, A2, A3 in `position` \[g0\], and its derivatives by the base's tilt \[g0/rad\].
@@ -145,8 +176,15 @@ fn campaigns(root: &Section<'_, '_>) -> Option<Vec<Campaign>> {
 
 /// The campaign of one IMU, whose axes are those that the file's directions refer to.
 fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) -> Option<Campaign> {
+    let gravity_only = root.optional_choice("method", &[((), GRAVITY_ONLY)]).is_some();
+    let others =
+        ["position", "turn", "ramp", "curves", "soak_s"].into_iter().filter(|key| gravity_only && root.has(key));
+    for key in others {
+        root.ignore(key);
+        root.fault(key, format!("is not for method = \"{GRAVITY_ONLY}\", which knows no directions; leave it out"));
+    }
     // Ramps have their own files.
-    let ramps_alone = root.has("ramp") && !root.has("position");
+    let ramps_alone = root.has("ramp") && !root.has("position") && !gravity_only;
     let samples = if ramps_alone && !root.has("samples") {
         Some(Vec::new())
     } else {
@@ -172,7 +210,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     };
     let (max_age_s, max_rate, soak_s) = (positive("max_age_s"), positive("max_rate"), positive("soak_s"));
     let sections = root.list("position");
-    if sections.is_empty() && !ramps_alone {
+    if sections.is_empty() && !ramps_alone && !gravity_only {
         root.fault("position", "none; give one [[position]] each, with number and specific_force");
     }
     let curves = curves(root, ramps_alone);
@@ -224,6 +262,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         latitude_deg,
         ramps: ramps?,
         curves: curves?.map(str::to_owned),
+        gravity_only,
     })
 }
 

@@ -19,31 +19,34 @@ pub use provenance::sealed_table;
 use crate::calibrate::table_of;
 use crate::campaign::{Campaign, implausible, range};
 use crate::curve::{Curve, student_quantile};
+use crate::diagnostics::median;
 use crate::standstill::{self, StandstillError};
 use choice::Chosen;
 use dilution::Dilution;
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording::RecordingError;
+use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Refusal};
-use isotherm_shared::wire::{AXES, RawSample};
-use model::{GravityFit, ellipsoid};
+use isotherm_shared::wire::{AXES, RawSample, device};
+use model::{Ellipsoid, GravityFit, ellipsoid};
 use nalgebra::{Matrix3, Vector3};
 use reading::Reading;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
 const MAX_BIAS: f64 = 1.0;
+/// Condition number of the ellipsoid up to which its centre is believed.
+const MAX_CONDITION: f64 = 30.0;
 /// Share of the telemetry's range that a temperature is no wider than.
 const LEVEL: f64 = 0.1;
+/// Median of chi-square with one degree of freedom.
+const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 /// Probability that a standstill is named as off by chance.
 const OUTLIER: f64 = 0.01;
 
 /// The raw samples of one recording.
 #[derive(Clone, Debug, Default)]
 pub struct TumbleRecording {
-    /// Its name in messages.
-    pub name: String,
-    /// Its rows, in order of time.
-    pub rows: Vec<RawSample>,
+    name: String,
+    rows: Vec<RawSample>,
 }
 
 /// The results of a calibration without a turntable.
@@ -96,22 +99,24 @@ pub enum GravityOnlyError {
         /// Why.
         error: StandstillError,
     },
-    /// The sample of a recording cannot be used.
-    #[error("{name}: row {row}: {message}")]
-    Row {
-        /// Name of the recording.
-        name: String,
-        /// Number of the row, from 1, without the header.
-        row: usize,
-        /// Why.
-        message: String,
-    },
     /// A standstill to leave out does not exist.
     #[error("there is no standstill {0}; there are {1}")]
     NothingToExclude(usize, usize),
     /// An option does not go with these recordings.
     #[error("{0}")]
     Options(String),
+    /// The attitudes do not determine all parameters.
+    #[error("{message}: {}; put the IMU down {attitude}{remedy}", parameters.join(", "))]
+    Attitudes {
+        /// What is wrong.
+        message: String,
+        /// The parameters that are determined worst, or not at all.
+        parameters: Vec<String>,
+        /// The attitude that helps most, in words.
+        attitude: String,
+        /// What else helps.
+        remedy: &'static str,
+    },
     /// The data do not allow what is asked for.
     #[error("{0}")]
     Refused(String),
@@ -135,15 +140,42 @@ impl GravityOnlyError {
 }
 
 impl TumbleRecording {
-    /// Reads the samples of a recording.
+    /// An empty recording. `name` is what messages call it: its file.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), rows: Vec::new() }
+    }
+
+    /// The recording of these rows.
     ///
     /// # Errors
-    /// Those of the rows.
+    /// At the first row that cannot be read or used, with its line; see [`add`](Self::add).
     pub fn read(
         name: impl Into<String>,
-        rows: impl IntoIterator<Item = Result<RawSample, RecordingError>>,
+        rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
     ) -> Result<Self, RecordingError> {
-        Ok(Self { name: name.into(), rows: rows.into_iter().collect::<Result<_, _>>()? })
+        let mut recording = Self::new(name);
+        for row in rows {
+            let CampaignRow { line, sample, .. } = row?;
+            recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
+        }
+        Ok(recording)
+    }
+
+    /// Adds the next sample. Gaps are allowed.
+    ///
+    /// # Errors
+    /// Why the sample cannot be used: see [`implausible`].
+    pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
+        // A new session has a new clock.
+        let previous = self.rows.last().filter(|previous| previous.session == raw.session);
+        match implausible(raw, previous.map(|previous| previous.timestamp_ns)) {
+            Some(wrong) => Err(wrong),
+            None => {
+                self.rows.push(*raw);
+                Ok(())
+            }
+        }
     }
 }
 
@@ -157,6 +189,9 @@ pub fn calibrate(
     recordings: &[TumbleRecording],
     options: &GravityOnlyOptions,
 ) -> Result<GravityOnlyCalibration, GravityOnlyError> {
+    if !options.other_device {
+        refuse_other_device(campaign, recordings)?;
+    }
     let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
     let count = readings.len();
     if let Some(missing) = options.exclude.iter().find(|number| !(1..=count).contains(number)) {
@@ -170,13 +205,16 @@ pub fn calibrate(
     let unknowns = model.unknowns;
     let freedom = readings.len() - unknowns.count();
     let forces: Vec<_> = readings.iter().map(|reading| model.force_of(&fit.unknown, reading)).collect();
-    // Of the specific force's length over each standstill [g0].
-    let errors = readings.iter().zip(&forces).map(|(reading, force)| {
-        let part = |axis: usize| force[axis] / force.norm() * reading.noise[axis] / model.scale_factor(&fit.unknown, axis);
+    // Of the specific force's length over a standstill [g0], from errors of its net rates [pulse/s].
+    let of_length = |force: &Vector3<f64>, errors: [f64; AXES]| {
+        let part = |axis: usize| force[axis] / force.norm() * errors[axis] / model.scale_factor(&fit.unknown, axis);
         (0..AXES).map(|axis| part(axis).powi(2)).sum::<f64>().sqrt()
-    });
-    let errors: Vec<f64> = errors.collect();
-    let least = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
+    };
+    let errors: Vec<f64> =
+        readings.iter().zip(&forces).map(|(reading, force)| of_length(force, reading.noise)).collect();
+    let of_means = errors_of_means(&readings);
+    let least = forces.iter().zip(of_means).map(|(force, errors)| of_length(force, errors).powi(2));
+    let least = least.sum::<f64>() / readings.len() as f64;
     let variance = (fit.squares() / freedom.max(1) as f64).max(least);
     let covariance = fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance);
     let ranges = table_ranges(&readings, &unknowns, options)?;
@@ -261,15 +299,6 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     };
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
     for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
-        let mut previous: Option<&RawSample> = None;
-        for (number, row) in rows.iter().enumerate() {
-            // A new session has a new clock.
-            let before = previous.filter(|before| before.session == row.session).map(|before| before.timestamp_ns);
-            if let Some(message) = implausible(row, before) {
-                return Err(GravityOnlyError::Row { name: name.clone(), row: number + 1, message });
-            }
-            previous = Some(row);
-        }
         let standstills = standstill::find(rows, window_s)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
         for range in standstills.found {
@@ -282,10 +311,26 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     Ok(found)
 }
 
+/// Refuses samples of another unit than the campaign's serial number says. Samples without a device, and campaigns without a serial number, pass.
+fn refuse_other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
+    let Some(serial) = campaign.serial.as_deref() else { return Ok(()) };
+    let ours = device(serial);
+    let other = |row: &RawSample| row.device != 0 && ours != 0 && row.device != ours;
+    match recordings.iter().find(|recording| recording.rows.iter().any(other)) {
+        Some(recording) => Err(GravityOnlyError::Refused(format!(
+            "{}: samples of another unit than serial number {serial}; correct the serial number, or accept them: --other-device",
+            recording.name
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// Refuses readings about a centre that no bias explains.
 fn refuse_offset(readings: &[Reading], gravity: f64) -> Result<(), GravityOnlyError> {
-    let Some((bias, scale_factor)) = ellipsoid(readings, gravity) else { return Ok(()) };
-    let Some(axis) = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS) else { return Ok(()) };
+    let Some(Ellipsoid { bias, scale_factor, condition }) = ellipsoid(readings, gravity) else { return Ok(()) };
+    let offset = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS);
+    // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
+    let Some(axis) = offset.filter(|_| condition < MAX_CONDITION) else { return Ok(()) };
     Err(GravityOnlyError::Refused(format!(
         "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
          `offset` in the mapping file",
@@ -343,6 +388,29 @@ fn table_ranges(
         }
         None => Ok(measured),
     }
+}
+
+/// The standard errors of the net rates of each standstill \[pulse/s\]. The rows of a counter that keeps what is left over vary, but their sum does
+/// not: over n rows, noise w of each row and what is left over q give the mean a variance of (w + q/n)/n. Half the difference between the halves has
+/// (w + 3 q/n)/n, and a row w + q. The median over the standstills, because the IMU may have turned in some.
+fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
+    let parts = [0, 1, 2].map(|axis| {
+        let of_halves = |reading: &Reading| {
+            let [first, last] = reading.halves;
+            let n = reading.rows.len() as f64;
+            let row = reading.noise[axis].powi(2) * n;
+            let square = ((last[axis] - first[axis]) / 2.0).powi(2) / CHI_SQUARE_MEDIAN * n;
+            [square, row, n]
+        };
+        let [square, row, n] = [0, 1, 2].map(|k| median(readings.iter().map(|reading| of_halves(reading)[k])));
+        let w = ((square - 3.0 * row / n) / (1.0 - 3.0 / n)).clamp(0.0, row);
+        [w, row - w]
+    });
+    let errors = |reading: &Reading| {
+        let n = reading.rows.len() as f64;
+        parts.map(|[w, q]| ((w + q / n) / n).sqrt())
+    };
+    readings.iter().map(errors).collect()
 }
 
 /// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.

@@ -5,6 +5,7 @@
 
 mod axis;
 pub mod calibration;
+pub mod gravity_only;
 pub mod json;
 pub mod loops;
 pub mod page;

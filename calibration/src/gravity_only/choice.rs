@@ -1,9 +1,9 @@
 //! The choice of the order, and of one scale factor or two; and what is refused.
 
+use super::GravityOnlyError;
 use super::dilution::{Dilution, MOST, WARNED};
 use super::model::{GravityFit, GravityModel, Unknowns};
 use super::reading::Reading;
-use super::GravityOnlyError;
 use crate::order::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::regression::f_tail;
 use isotherm_shared::polynomial::MAX_ORDER;
@@ -50,6 +50,8 @@ pub struct GravityOnlyOptions {
     pub exclude: Vec<usize>,
     /// Where a table of order 0 is valid, in the telemetry's unit; the measured range if `None`.
     pub temperature_range: Option<[f64; 2]>,
+    /// Whether samples of another unit than the campaign's serial number says are used.
+    pub other_device: bool,
 }
 
 impl Default for GravityOnlyOptions {
@@ -61,6 +63,7 @@ impl Default for GravityOnlyOptions {
             misalignment: true,
             exclude: Vec::new(),
             temperature_range: None,
+            other_device: false,
         }
     }
 }
@@ -127,9 +130,8 @@ impl Fitted<'_> {
 
     /// Whether a curve differs from that of `less` by what matters.
     fn matters(&self, less: &Self) -> bool {
-        let curve = |fitted: &Self, axis, quantity| {
-            fitted.0.curve(&fitted.1.unknown, None, [axis, quantity], 0, [0.0, 1.0])
-        };
+        let curve =
+            |fitted: &Self, axis, quantity| fitted.0.curve(&fitted.1.unknown, None, [axis, quantity], 0, [0.0, 1.0]);
         (0..AXES).any(|axis| {
             (0..3).any(|quantity| {
                 let [ours, others] = [self, less].map(|fitted| curve(fitted, axis, quantity));
@@ -181,27 +183,31 @@ pub(super) fn choose<'a>(
     let (n, needed) = (readings.len(), unknowns.count());
     if n < needed {
         let Dilution { weakest, help, .. } = data.dilution(order, split);
-        let more = if options.misalignment { "; or leave the misalignments out: --no-misalignment" } else { "" };
-        return Err(GravityOnlyError::Refused(format!(
-            "{n} {} for {needed} unknowns; not determined: {}; put the IMU down in more attitudes, best {help}{more}",
-            standstills(n),
-            weakest.join(", ")
-        )));
+        return Err(GravityOnlyError::Attitudes {
+            message: format!("{n} {} for {needed} unknowns, which leaves undetermined", standstills(n)),
+            parameters: weakest,
+            attitude: help,
+            remedy: if options.misalignment { "; or leave the misalignments out: --no-misalignment" } else { "" },
+        });
     }
     let dilution = data.dilution(order, split);
     let shown = shown(dilution.times_root_n);
-    let parameters = dilution.weakest.join(", ");
     let fitted = data.fit(order, split).filter(|_| dilution.times_root_n <= MOST);
     let Some(Fitted(model, fit)) = fitted else {
-        return Err(GravityOnlyError::Refused(format!(
-            "the attitudes do not tell the parameters apart: D sqrt(n) is {shown}, over {MOST}; worst: {parameters}; what helps most: put the IMU down {}",
-            dilution.help
-        )));
+        return Err(GravityOnlyError::Attitudes {
+            message: format!(
+                "the attitudes do not tell the parameters apart, D sqrt(n) is {shown}, over {MOST}; worst"
+            ),
+            parameters: dilution.weakest,
+            attitude: dilution.help,
+            remedy: "",
+        });
     };
     if dilution.times_root_n > WARNED {
         warnings.push(format!(
-            "the attitudes tell the parameters apart badly: D sqrt(n) is {shown}, over {WARNED}; worst: {parameters}; what helps most: put the IMU down \
+            "the attitudes tell the parameters apart badly: D sqrt(n) is {shown}, over {WARNED}; worst: {}; what helps most: put the IMU down \
              {}",
+            dilution.weakest.join(", "),
             dilution.help
         ));
     }
@@ -230,7 +236,10 @@ fn split(data: Data<'_>, levels: usize, options: &GravityOnlyOptions) -> (bool, 
     }
     let Dilution { times_root_n, .. } = data.dilution(order, true);
     if times_root_n > MOST {
-        return (false, format!("a K- of its own is significant (p {p:.1e}), but D sqrt(n) would be {}", shown(times_root_n)));
+        return (
+            false,
+            format!("a K- of its own is significant (p {p:.1e}), but D sqrt(n) would be {}", shown(times_root_n)),
+        );
     }
     (true, format!("a K- of its own is significant (p {p:.1e})"))
 }
@@ -257,7 +266,10 @@ fn by_the_data(data: Data<'_>, levels: usize, split: bool) -> (usize, String) {
         if let Some(p) = fit.p(less).filter(|p| *p < limit)
             && fit.matters(less)
         {
-            return (order, format!("order {order} is significant (p {p:.1e}, limit {limit:.1e}) and large enough to matter"));
+            return (
+                order,
+                format!("order {order} is significant (p {p:.1e}, limit {limit:.1e}) and large enough to matter"),
+            );
         }
     }
     (0, format!("no higher order is both significant (limit {limit:.1e}) and large enough to matter"))
@@ -271,7 +283,7 @@ fn line_is_better(data: Data<'_>, split: bool) -> bool {
 /// Refuses a split for an axis without readings of both signs, or without one near zero.
 fn signs(readings: &[Reading], data: Data<'_>) -> Result<(), GravityOnlyError> {
     let (model, start) = GravityModel::new(readings, data.unknowns(0, false), data.gravity);
-    for axis in 0..AXES {
+    for (axis, name) in AXIS_NAMES.iter().enumerate() {
         let parts = || readings.iter().map(|reading| model.force_of(&start, reading)[axis] / data.gravity);
         let lacks = [
             (parts().any(|part| part > SIGNED), "a positive reading"),
@@ -279,7 +291,6 @@ fn signs(readings: &[Reading], data: Data<'_>) -> Result<(), GravityOnlyError> {
             (parts().any(|part| part.abs() < SIGNED), "a reading near zero"),
         ];
         if let Some((_, what)) = lacks.into_iter().find(|(there, _)| !there) {
-            let name = AXIS_NAMES[axis];
             return Err(GravityOnlyError::Refused(format!(
                 "--scale-factor split: {name} has no standstill with {what}, so its K+ and K- cannot be told from its bias; put the IMU down with {}",
                 match what {

@@ -15,8 +15,10 @@ use nalgebra::{DMatrix, DVector, Vector3};
 pub const MOST: f64 = 100.0;
 /// Above this D sqrt(n) a table has a warning.
 pub const WARNED: f64 = 20.0;
-/// Equal parts of the telemetry's range, with a point in the middle of each.
-const POINTS: usize = 21;
+/// Attitudes that the mean is taken over.
+const ATTITUDES: usize = 200;
+/// The golden angle \[rad\].
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 /// Share of the smallest eigenvalue in the largest below which a direction is not determined at all.
 const UNDETERMINED: f64 = 1e-14;
 /// An unknown is named if its part in the weakest direction is at least this share of the largest.
@@ -33,20 +35,21 @@ pub struct Dilution {
     pub help: String,
 }
 
-/// The 26 directions of the faces, edges and corners of a cube, with the weights of their mean over the sphere (Lebedev, exact to the 7th
-/// power).
-fn directions() -> impl Iterator<Item = (Vector3<f64>, f64)> {
+/// The 26 directions of the faces, edges and corners of a cube.
+fn directions() -> impl Iterator<Item = Vector3<f64>> {
     let signs = [0.0, 1.0, -1.0];
-    let all = signs.into_iter().flat_map(move |a| signs.into_iter().flat_map(move |b| signs.map(|c| [a, b, c])));
-    all.filter_map(|direction| {
-        let vector = Vector3::from(direction);
-        let weight = match direction.iter().filter(|part| **part != 0.0).count() {
-            1 => 1.0 / 21.0,
-            2 => 4.0 / 105.0,
-            3 => 27.0 / 840.0,
-            _ => return None,
-        };
-        Some((vector.normalize(), weight))
+    let all =
+        signs.into_iter().flat_map(move |a| signs.into_iter().flat_map(move |b| signs.map(|c| Vector3::new(a, b, c))));
+    all.filter(|direction| *direction != Vector3::zeros()).map(|direction| direction.normalize())
+}
+
+/// Directions evenly over the sphere: a spiral with the golden angle.
+fn sphere() -> impl Iterator<Item = Vector3<f64>> {
+    (0..ATTITUDES).map(|k| {
+        let z = 1.0 - (2 * k + 1) as f64 / ATTITUDES as f64;
+        let (sin, cos) = (k as f64 * GOLDEN_ANGLE).sin_cos();
+        let radius = (1.0 - z * z).sqrt();
+        Vector3::new(radius * cos, radius * sin, z)
     })
 }
 
@@ -55,22 +58,35 @@ impl Dilution {
     #[must_use]
     pub fn of(model: &GravityModel<'_>, fit: &GravityFit, readings: &[Reading], gravity: f64) -> Self {
         let root_n = (readings.len() as f64).sqrt();
-        let times_root_n =
-            fit.inverse.as_ref().map_or(f64::INFINITY, |inverse| mean_square(model, fit, inverse, gravity).sqrt() * root_n);
-        Self { times_root_n, weakest: weakest(model, fit), help: help(model, fit, readings, gravity) }
+        let moments = moments(model, fit, gravity);
+        let of = |inverse: &DMatrix<f64>| mean_square(inverse, &moments).sqrt() * root_n;
+        Self {
+            times_root_n: fit.inverse.as_ref().map_or(f64::INFINITY, of),
+            weakest: weakest(model, fit),
+            help: help(model, fit, readings, gravity, &moments),
+        }
     }
 }
 
-/// D^2.
-fn mean_square(model: &GravityModel<'_>, fit: &GravityFit, inverse: &DMatrix<f64>, gravity: f64) -> f64 {
-    let points = if model.unknowns.order == 0 { 1 } else { POINTS };
-    let part = |point: usize| (point as f64 + 0.5) / points as f64;
-    let at = |(direction, weight): (Vector3<f64>, f64), part: f64| {
+/// Where in the telemetry's range the output is looked at: at its ends and in the middle.
+fn parts(model: &GravityModel<'_>) -> &'static [f64] {
+    if model.unknowns.order == 0 { &[0.5] } else { &[0.0, 0.5, 1.0] }
+}
+
+/// The mean of g g' over attitudes, axes and the telemetry's range: D^2 is the trace of its product with (J'J)^-1.
+fn moments(model: &GravityModel<'_>, fit: &GravityFit, gravity: f64) -> DMatrix<f64> {
+    let parts = parts(model);
+    let count = model.unknowns.count();
+    let all = parts.iter().flat_map(|part| sphere().map(move |direction| (direction, *part)));
+    let sum = all.fold(DMatrix::zeros(count, count), |sum, (direction, part)| {
         let by = model.derivatives_at(&fit.unknown, &(direction * gravity), part);
-        weight * (&by * inverse * by.transpose()).trace() / AXES as f64
-    };
-    let all = (0..points).flat_map(|point| directions().map(move |direction| (direction, part(point))));
-    all.map(|(direction, part)| at(direction, part)).sum::<f64>() / points as f64
+        sum + by.transpose() * by
+    });
+    sum / (AXES * parts.len() * ATTITUDES) as f64
+}
+
+fn mean_square(inverse: &DMatrix<f64>, moments: &DMatrix<f64>) -> f64 {
+    inverse.component_mul(moments).sum()
 }
 
 /// The unknowns that the attitudes determine worst, or not at all.
@@ -88,8 +104,14 @@ fn weakest(model: &GravityModel<'_>, fit: &GravityFit) -> Vec<String> {
 }
 
 /// The attitude of the 26, at one end or the middle of the telemetry's range, with which D is least.
-fn help(model: &GravityModel<'_>, fit: &GravityFit, readings: &[Reading], gravity: f64) -> String {
-    let parts: &[f64] = if model.unknowns.order == 0 { &[0.5] } else { &[0.0, 0.5, 1.0] };
+fn help(
+    model: &GravityModel<'_>,
+    fit: &GravityFit,
+    readings: &[Reading],
+    gravity: f64,
+    moments: &DMatrix<f64>,
+) -> String {
+    let parts = parts(model);
     let normal = fit.jacobian.transpose() * &fit.jacobian;
     // What is not determined is known to some 10 percent, so that candidates can be compared.
     let ridge = DMatrix::identity(normal.nrows(), normal.nrows()) * (100.0 / readings.len() as f64).recip() * 1e-4;
@@ -98,10 +120,11 @@ fn help(model: &GravityModel<'_>, fit: &GravityFit, readings: &[Reading], gravit
         let by = model.derivatives_at(&fit.unknown, &force, part);
         let row: DVector<f64> = by.transpose() * direction;
         let inverse = (&normal + &ridge + &row * row.transpose()).try_inverse();
-        inverse.map_or(f64::INFINITY, |inverse| mean_square(model, fit, &inverse, gravity))
+        inverse.map_or(f64::INFINITY, |inverse| mean_square(&inverse, moments))
     };
-    let all = directions().flat_map(|(direction, _)| parts.iter().map(move |part| (direction, *part)));
-    let best = all.map(|(direction, part)| (direction, part, cost(&direction, part))).min_by(|a, b| a.2.total_cmp(&b.2));
+    let all = directions().flat_map(|direction| parts.iter().map(move |part| (direction, *part)));
+    let best =
+        all.map(|(direction, part)| (direction, part, cost(&direction, part))).min_by(|a, b| a.2.total_cmp(&b.2));
     let Some((direction, part, _)) = best else { return String::new() };
     let names: Vec<String> = (0..AXES)
         .filter(|axis| direction[*axis] != 0.0)

@@ -107,7 +107,8 @@ impl<'a> GravityModel<'a> {
     /// The equations of `readings`, with the linear ellipsoid along the axes as start, and the start's unknowns.
     #[must_use]
     pub fn new(readings: &'a [Reading], unknowns: Unknowns, gravity: f64) -> (Self, DVector<f64>) {
-        let (bias, scale_factor) = ellipsoid(readings, gravity).unwrap_or_else(|| {
+        let start = ellipsoid(readings, gravity).map(|found| (found.bias, found.scale_factor));
+        let (bias, scale_factor) = start.unwrap_or_else(|| {
             // Any scale shows which unknowns the attitudes determine.
             let length = |reading: &Reading| Vector3::from([0, 1, 2].map(|axis| reading.net(axis))).norm();
             let mean = readings.iter().map(length).sum::<f64>() / readings.len().max(1) as f64;
@@ -208,7 +209,8 @@ impl<'a> GravityModel<'a> {
     /// range, 0 to 1.
     #[must_use]
     pub fn derivatives_at(&self, unknown: &DVector<f64>, force: &Vector3<f64>, part: f64) -> DMatrix<f64> {
-        let [head, board] = [0, 1].map(|sensor| self.basis[sensor].map(|[center, scale]| center + scale * (2.0 * part - 1.0)));
+        let [head, board] =
+            [0, 1].map(|sensor| self.basis[sensor].map(|[center, scale]| center + scale * (2.0 * part - 1.0)));
         let x = self.misalignment(unknown) * force;
         let rates = [0, 1, 2].map(|axis| {
             let counted = x[axis] + self.value(unknown, axis, 0, head[axis]).0;
@@ -316,20 +318,34 @@ fn damped(now: &GravityFit, damping: f64) -> Option<LeastSquares> {
     least_squares::solve(&jacobian, &residual)
 }
 
-/// Biases \[g0\] and scale factors \[pulse/(s*g0)\] of the ellipsoid along the axes through all net rates, at whatever telemetry; `None` if
-/// they lie on none.
+/// The ellipsoid along the axes through all net rates, at whatever telemetry.
+pub struct Ellipsoid {
+    /// Its centre \[g0\].
+    pub bias: [f64; AXES],
+    /// Its half axes \[pulse/(s*g0)\].
+    pub scale_factor: [f64; AXES],
+    /// Condition number of its equations.
+    pub condition: f64,
+}
+
+/// Finds the ellipsoid; `None` if the net rates lie on none.
 #[must_use]
-pub fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<([f64; AXES], [f64; AXES])> {
-    let size = readings.iter().flat_map(|reading| [0, 1, 2].map(|axis| reading.net(axis).abs())).fold(0.0, f64::max);
-    // sum of p n^2 + q n = 1, with rates relative to the largest.
+pub fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid> {
+    let count = readings.len() as f64;
+    let middle = [0, 1, 2].map(|axis| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count);
+    let off = |reading: &Reading, axis: usize| reading.net(axis) - middle[axis];
+    let size = readings.iter().flat_map(|reading| [0, 1, 2].map(|axis| off(reading, axis).abs())).fold(0.0, f64::max);
+    // sum of p n^2 + q n = 1, with rates off the middle relative to the largest.
     let design = DMatrix::from_fn(readings.len(), 2 * AXES, |i, column| {
-        let net = readings[i].net(column % AXES) / size;
+        let net = off(&readings[i], column % AXES) / size;
         if column < AXES { net * net } else { net }
     });
-    let LeastSquares { change, .. } = least_squares::solve(&design, &DVector::from_element(readings.len(), -1.0))?;
+    let right = DVector::from_element(readings.len(), -1.0);
+    let LeastSquares { change, condition, .. } = least_squares::solve(&design, &right)?;
     let [p, q] = [0, AXES].map(|first| [0, 1, 2].map(|axis| change[first + axis]));
     let radius = 1.0 + (0..AXES).map(|axis| q[axis] * q[axis] / (4.0 * p[axis])).sum::<f64>();
     let scale_factor = p.map(|p| size * (radius / p).sqrt() / gravity);
-    let bias = [0, 1, 2].map(|axis| -q[axis] / (2.0 * p[axis]) * size / scale_factor[axis]);
-    scale_factor.iter().chain(&bias).all(|value| value.is_finite()).then_some((bias, scale_factor))
+    let bias = [0, 1, 2].map(|axis| (middle[axis] - q[axis] / (2.0 * p[axis]) * size) / scale_factor[axis]);
+    let found = Ellipsoid { bias, scale_factor, condition };
+    found.scale_factor.iter().chain(&found.bias).all(|value| value.is_finite()).then_some(found)
 }

@@ -2,14 +2,11 @@
 
 use super::GravityOnlyCalibration;
 use crate::accuracy::largest_interval;
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, GRAVITY_ONLY};
 use crate::order::QUANTITIES;
 use crate::provenance::{CampaignSource, matrix_rows, sealed};
 use isotherm_shared::table::AXIS_NAMES;
 use serde::Serialize;
-
-/// The method's name in campaign files and tables.
-pub const METHOD: &str = "gravity-only";
 
 #[derive(Serialize)]
 struct ProvenanceFile<'a> {
@@ -76,7 +73,7 @@ pub fn sealed_table(
         provenance: GravityOnlyProvenance {
             tool: &source.tool,
             time: &source.time,
-            method: METHOD,
+            method: GRAVITY_ONLY,
             campaign: &source.campaign,
             campaign_sha256: &source.campaign_sha256,
             recordings_sha256,

@@ -30,6 +30,8 @@ pub struct Reading {
     pub noise: [f64; AXES],
     /// Net rates over the first and over the last third of the rows \[pulse/s\].
     pub thirds: [[f64; AXES]; 2],
+    /// Net rates over the first and over the second half of the rows \[pulse/s\].
+    pub halves: [[f64; AXES]; 2],
     /// Mean net rate of each gyroscope \[pulse/s\]; Earth's rate is in it. `None` where the rows have no gyroscopes.
     pub gyroscopes: Option<[f64; AXES]>,
 }
@@ -87,6 +89,7 @@ impl Reading {
             // The noise of a rate over n rows is that of a row over n^(1/2).
             noise: noise.map(|counts| counts * count.sqrt() / seconds),
             thirds: [net(&rows[..third]), net(&rows[rows.len() - third..])],
+            halves: [net(&rows[..rows.len() / 2]), net(&rows[rows.len() / 2..])],
             gyroscopes: with_gyroscopes.then(|| [0, 1, 2].map(gyroscope)),
         }
     }

@@ -1,12 +1,15 @@
 //! `calibrate`: makes a coefficient table from a campaign.
 
+mod gravity_only;
+
 use super::common::{Refused, inputs, or_document};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
+use gravity_only::GravityOnlyArgs;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{CalibrationError, CalibrationOptions, Method};
 use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::checks::{Finding, name};
+use isotherm_calibration::checks::name;
 use isotherm_calibration::gyroscopes::{Measurements, calibrate, observable, read};
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
 use isotherm_calibration::ramps;
@@ -25,12 +28,15 @@ use std::path::{Path, PathBuf};
 /// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
 /// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too. Ramps give the lag of the sensing
 /// elements behind their telemetry, and transients of the biases where they show them; ramps alone also the bias curves at one attitude.
+///
+/// Without a turntable: with --gravity-only, recordings of an IMU that was put down by hand in many attitudes take the place of the campaign. The
+/// standstills in them are found, and the length of gravity is the reference.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240"
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
 )]
 pub struct Calibrate {
-    /// Campaign file; it names the samples
+    /// Campaign file; it names the samples. With --gravity-only: a recording
     #[arg(value_name = "CAMPAIGN.toml")]
     campaign: PathBuf,
     /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file names]
@@ -45,9 +51,10 @@ pub struct Calibrate {
     /// Order of every polynomial, 0 to 7; auto chooses each from the data
     #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
     order: PolynomialOrder,
-    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials
-    #[arg(long, value_name = "one-stage|two-stage", default_value = "one-stage", value_parser = method)]
-    method: Method,
+    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials [default:
+    /// one-stage]
+    #[arg(long, value_name = "one-stage|two-stage", value_parser = method)]
+    method: Option<Method>,
     /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]
     ///
     /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it. With gyroscopes both triads
@@ -66,9 +73,10 @@ pub struct Calibrate {
     /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the sweeps left out
     #[arg(long, value_name = "S|none", value_parser = lag)]
     lag: Option<LagChoice>,
-    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated
-    #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = place)]
-    exclude: Vec<(f64, u32)>,
+    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated. With --gravity-only: the number of a
+    /// standstill
+    #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = excluded)]
+    exclude: Vec<Excluded>,
     /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or repeated. The
     /// names are written into the provenance
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
@@ -82,6 +90,8 @@ pub struct Calibrate {
     /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
     #[arg(short, long)]
     verbose: bool,
+    #[command(flatten)]
+    without_turntable: GravityOnlyArgs,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -103,12 +113,26 @@ fn method(text: &str) -> Result<Method, String> {
     found.map(|(method, _)| *method).ok_or_else(|| "give one-stage or two-stage".to_owned())
 }
 
-fn place(text: &str) -> Result<(f64, u32), String> {
+/// What is left out of the fit.
+#[derive(Clone, Copy, Debug)]
+enum Excluded {
+    /// Set point \[degC\] and number of a position or a turn.
+    Dwell(f64, u32),
+    /// Number of a standstill.
+    Standstill(usize),
+}
+
+fn excluded(text: &str) -> Result<Excluded, String> {
+    if let Ok(number) = text.parse() {
+        return Ok(Excluded::Standstill(number));
+    }
     let place = text.split_once('/').and_then(|(set_point, number)| {
         let set_point: f64 = set_point.trim().parse().ok()?;
-        Some((set_point, number.trim().parse().ok()?)).filter(|_| set_point.is_finite())
+        Some(Excluded::Dwell(set_point, number.trim().parse().ok()?)).filter(|_| set_point.is_finite())
     });
-    place.ok_or_else(|| "give SET_POINT/NUMBER, for example -25/3".to_owned())
+    place.ok_or_else(|| {
+        "give SET_POINT/NUMBER, for example -25/3; without a turntable the number of a standstill".to_owned()
+    })
 }
 
 pub(super) fn lag(text: &str) -> Result<LagChoice, String> {
@@ -120,7 +144,8 @@ pub(super) fn lag(text: &str) -> Result<LagChoice, String> {
 struct Results {
     /// Text of the table file.
     table: String,
-    findings: Vec<Finding>,
+    /// Each warning as a line.
+    warnings: Vec<String>,
     text: String,
     /// Empty without a report.
     html: String,
@@ -137,11 +162,18 @@ impl Calibrate {
             let message = "--json and -o - both go to stdout; give the table a file";
             return Err(Failure::new(Exit::Usage, message).into());
         }
+        if let Some((campaign, recordings)) = self.described() {
+            return self.of_recordings(&campaign, &recordings, None);
+        }
         let (text, _) = read_text(&self.campaign, WorldWritable::Allow)?;
         let campaign = Campaign::from_toml(&text);
         let campaign = campaign.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
         let folder = self.campaign.parent().unwrap_or(Path::new(""));
         let samples = self.sample_files(&campaign, folder)?;
+        if campaign.gravity_only {
+            return self.of_recordings(&campaign, &samples, Some(&text));
+        }
+        self.without_turntable.refuse_options()?;
         let ramp_files: Vec<_> = campaign.ramps.iter().map(|ramp| folder.join(&ramp.samples)).collect();
         let curves_file = campaign.curves.as_ref().map(|name| folder.join(name));
         let mut files = inputs(&samples);
@@ -165,7 +197,7 @@ impl Calibrate {
         };
         let (recordings, ramps_sha256) = read_ramps(&campaign, &ramp_files)?;
         let locate = |line| places.locate(line);
-        let options = self.options();
+        let options = self.options()?;
         let source = CampaignSource {
             tool: tool(),
             time: now(),
@@ -187,7 +219,7 @@ impl Calibrate {
                 text: report::text::ramps(&fitted),
                 html: page.as_ref().map_or_else(String::new, |_| html()),
                 json: report::json::ramps(&fitted, locate),
-                findings: fitted.findings,
+                warnings: fitted.findings.iter().map(|finding| finding.tagged(locate)).collect(),
             }
         } else {
             measurements.ramps = recordings;
@@ -200,11 +232,16 @@ impl Calibrate {
                 text: report::text::calibration(&fitted),
                 html: page.as_ref().map_or_else(String::new, |_| html()),
                 json: report::json::calibration(&fitted, locate),
-                findings: fitted.findings,
+                warnings: fitted.findings.iter().map(|finding| finding.tagged(locate)).collect(),
             }
         };
-        for finding in &results.findings {
-            tell("isotherm", finding.tagged(locate));
+        self.write(results, table, page)
+    }
+
+    /// Writes the table and the report, and prints the rest.
+    fn write(&self, results: Results, table: StagedText, page: Option<StagedText>) -> Result<(), Refused> {
+        for warning in &results.warnings {
+            tell("isotherm", warning);
         }
         if !self.json {
             let _ = io::stderr().write_all(printable(&results.text).as_bytes());
@@ -236,20 +273,26 @@ impl Calibrate {
         self.accept.iter().copied().chain(self.other_device.then_some(name::OTHER_DEVICE)).collect()
     }
 
-    fn options(&self) -> CalibrationOptions {
-        CalibrationOptions {
-            method: self.method,
+    fn options(&self) -> Result<CalibrationOptions, Failure> {
+        let dwell = |excluded: &Excluded| match excluded {
+            Excluded::Dwell(set_point_c, number) => Ok((*set_point_c, *number)),
+            Excluded::Standstill(_) => {
+                Err(Failure::new(Exit::Usage, "--exclude: give SET_POINT/NUMBER, for example -25/3"))
+            }
+        };
+        Ok(CalibrationOptions {
+            method: self.method.unwrap_or_default(),
             order: match self.order {
                 PolynomialOrder::Auto => None,
                 PolynomialOrder::Fixed(order) => Some(order),
             },
             alignment: AlignmentChoice::of(self.alignment, self.no_alignment),
-            exclude: self.exclude.clone(),
+            exclude: self.exclude.iter().map(dwell).collect::<Result<_, _>>()?,
             accept: self.accepted(),
             strict: self.strict,
             lag: self.lag.unwrap_or_default(),
             predecessor_lag_s: None,
-        }
+        })
     }
 
     /// The failure that `error` is. `first` is the first file of the samples.

@@ -1,0 +1,176 @@
+//! What goes wrong with recordings of people's desks.
+
+use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, put_down, recording, samples};
+use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::gravity_only::{GravityOnlyError, GravityOnlyOptions, calibrate};
+use isotherm_calibration::standstill;
+use isotherm_shared::wire::RawSample;
+use nalgebra::{Rotation3, Vector3};
+
+#[test]
+fn slow_motion_is_never_at_rest() {
+    let mut imu = Simulated::new(Truth::random(1), 1, 1.0);
+    for k in 0..4000 {
+        // A turn every 80 s, at a rate that comes and goes.
+        let angle = core::f64::consts::TAU * (f64::from(k) * INTERVAL_S / 80.0 + 0.02 * (f64::from(k) / 37.0).sin());
+        imu.row(&(Rotation3::from_euler_angles(angle, 0.7 * angle, 0.0) * Vector3::z()), 25.0, 0.0);
+    }
+    let error = standstill::find(&imu.rows, 1.0).unwrap_err();
+    assert!(error.to_string().contains("never at rest"), "{error}");
+    // Real recordings scatter by up to 1.4 times what white noise does.
+    for name in ["xsens/recording.csv", "ferraris/recording.csv", "five_mpu9150/imu4.csv", "tumble3/recording.csv"] {
+        let found = standstill::find(&samples(name), 1.0).unwrap();
+        assert!(found.scatter < 1.5, "{name}: {}", found.scatter);
+    }
+}
+
+#[test]
+fn noise_does_not_lengthen_gravity() {
+    let truth = Truth::random(2);
+    let mut imu = Simulated::new(truth.clone(), 2, 1.0);
+    // The mean of the length would be 100 ppm too long: (10e-3)^2.
+    imu.noise = 10e-3;
+    for direction in cube() {
+        imu.rest(&direction, 25.0, 60.0);
+        imu.gap(10.0);
+    }
+    let found = calibrated(&imu.rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
+    for axis in 0..3 {
+        let off =
+            found.curves[axis][1].at(25.0) / ((truth.value(axis, 1, 27.5) + truth.value(axis, 2, 27.5)) / 2.0) - 1.0;
+        let error = found.curves[axis][1].standard_error(25.0).unwrap() / found.curves[axis][1].at(25.0);
+        // A K- of its own is 2e-3 off here and hidden by the noise of 10e-3 g0, so only the mean of both is compared.
+        assert!(off.abs() < 4.0 * error, "A{}: {off} +- {error}", axis + 1);
+    }
+}
+
+#[test]
+fn an_offset_that_is_left_in_is_refused() {
+    let rows: Vec<RawSample> = samples("xsens/recording.csv")
+        .into_iter()
+        .map(|mut row| {
+            let triad = &mut row.accelerometers;
+            for axis in 0..3 {
+                let net = 4 * 32_768 + i64::from(triad.positive_pulses[axis]) - i64::from(triad.negative_pulses[axis]);
+                (triad.positive_pulses[axis], triad.negative_pulses[axis]) = (u32::try_from(net).unwrap(), 0);
+            }
+            row
+        })
+        .collect();
+    let error = calibrated(&rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap_err().to_string();
+    assert!(error.contains("offset of an unsigned count") && error.contains("isotherm convert"), "{error}");
+}
+
+#[test]
+fn a_turn_within_a_standstill_is_named() {
+    let mut imu = Simulated::new(Truth::random(4), 4, 1.0);
+    // Rows are so noisy that the search does not see a turn of 3 degrees in a minute; it makes the mean 114e-6 g0 too short.
+    imu.noise = 2e-3;
+    for (index, direction) in cube().iter().enumerate() {
+        for k in 0..1200 {
+            // Direction 7 is in the plane of A1 and A2.
+            let angle = if index == 9 { f64::from(k) / 1200.0 * 3_f64.to_radians() } else { 0.0 };
+            let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * direction;
+            imu.row(&turned, 25.0, 0.0);
+        }
+        imu.gap(10.0);
+    }
+    let found = calibrated(&imu.rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
+    let turned: Vec<_> = found.warnings.iter().filter(|warning| warning.contains("the IMU turned")).collect();
+    assert!(turned.len() == 1 && turned[0].starts_with("standstill 8:"), "{:?}", found.warnings);
+}
+
+#[test]
+fn rows_of_ten_seconds_and_gaps_are_used() {
+    let truth = Truth::random(6);
+    let mut imu = Simulated::new(truth, 6, 1.0);
+    for direction in cube() {
+        imu.rest(&direction, 25.0, 120.0);
+        imu.gap(10.0);
+    }
+    // 200 rows of 0.05 s each become one of 10 s; the gaps stay.
+    let rows: Vec<RawSample> = imu
+        .rows
+        .chunks(200)
+        .map(|chunk| {
+            let mut sum = chunk[chunk.len() - 1];
+            sum.interval_ns = chunk.iter().map(|row| row.interval_ns).sum();
+            for axis in 0..3 {
+                sum.accelerometers.positive_pulses[axis] =
+                    chunk.iter().map(|row| row.accelerometers.positive_pulses[axis]).sum();
+                sum.accelerometers.negative_pulses[axis] =
+                    chunk.iter().map(|row| row.accelerometers.negative_pulses[axis]).sum();
+            }
+            sum
+        })
+        .collect();
+    let found = calibrated(&rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
+    // One false alarm is allowed.
+    assert!(found.readings.len() >= 25, "{}", found.readings.len());
+    assert!(found.readings.iter().all(|reading| reading.rows.len() == 12), "{:?}", found.readings[0].rows);
+    assert!(found.residual_rms() < 20e-6, "{}", found.residual_rms());
+}
+
+#[test]
+fn two_attitudes_at_two_temperatures_are_refused() {
+    let directions = [Vector3::new(0.1, 0.2, 1.0).normalize(), Vector3::new(1.0, 0.1, -0.2).normalize()];
+    let error = calibrated(&put_down(&directions, &[-10.0, 60.0]), |_| {}).unwrap_err();
+    assert!(matches!(error, GravityOnlyError::Attitudes { .. }), "{error}");
+    let many: Vec<_> = directions.iter().cycle().take(30).copied().collect();
+    let error = calibrated(&put_down(&many, &[-10.0, 60.0]), |_| {}).unwrap_err();
+    assert!(matches!(error, GravityOnlyError::Attitudes { .. }), "{error}");
+}
+
+#[test]
+fn two_temperatures_give_a_constant_or_a_line_that_is_asked_for() {
+    let rows = put_down(&cube(), &[-10.0, 60.0]);
+    let found = calibrated(&rows, |_| {}).unwrap();
+    assert_eq!((found.levels, found.unknowns.order), (2, 0));
+    assert!(found.warnings.iter().any(|warning| warning.contains("--order 1")), "{:?}", found.warnings);
+    let line = calibrated(&rows, |options| options.order = Some(1)).unwrap();
+    assert!(line.unknowns.order == 1 && line.residual_rms() < 0.1 * found.residual_rms());
+    let error = calibrated(&rows, |options| options.order = Some(2)).unwrap_err();
+    assert!(matches!(error, GravityOnlyError::Options(_)) && error.to_string().contains("order 1 at most"), "{error}");
+}
+
+#[test]
+fn constant_telemetry_needs_a_range() {
+    let rows = samples("xsens/recording.csv");
+    let error = calibrated(&rows, |_| {}).unwrap_err().to_string();
+    assert!(error.contains("--temperature-range"), "{error}");
+    let error = calibrated(&rows, |options| options.temperature_range = Some([30.0, 40.0])).unwrap_err().to_string();
+    assert!(error.contains("a range that holds it"), "{error}");
+}
+
+#[test]
+fn a_standstill_can_be_left_out_by_its_number() {
+    let rows = put_down(&cube(), &[25.0]);
+    let range = Some([0.0, 50.0]);
+    let found =
+        calibrated(&rows, |options| (options.temperature_range, options.exclude) = (range, vec![3, 26])).unwrap();
+    assert!(found.readings.len() == 24 && found.readings.iter().all(|reading| ![3, 26].contains(&reading.number)));
+    let error = calibrated(&rows, |options| options.exclude = vec![27]).unwrap_err();
+    assert_eq!(error, GravityOnlyError::NothingToExclude(27, 26));
+}
+
+#[test]
+fn each_file_is_a_recording_of_its_own() {
+    let [cold, hot] = [-10.0, 60.0].map(|temperature| put_down(&cube(), &[temperature]));
+    let both = [recording(&cold), recording(&hot)];
+    let options = GravityOnlyOptions { order: Some(1), ..GravityOnlyOptions::default() };
+    let found = calibrate(&campaign([STANDARD, STANDARD]), &both, &options).unwrap();
+    assert!(found.readings.len() == 52 && found.readings[26].recording == 1 && found.readings[26].number == 27);
+}
+
+#[test]
+fn a_campaign_file_of_the_method_has_no_positions() {
+    let text = "format = 1\nmethod = \"gravity-only\"\nimu = \"imu-t\"\nsamples = [\"cold.csv\", \"hot.csv\"]\ngravity_reference = 9.80665\n\
+                gravity_local = 9.81\ntemperature_unit = \"degC\"\n";
+    let campaign = Campaign::from_toml(text).unwrap();
+    assert!(campaign.gravity_only && campaign.samples.len() == 2 && !campaign.has_ramps_alone());
+    let faults =
+        Campaign::from_toml(&format!("{text}[[position]]\nnumber = 1\nspecific_force = [0, 0, 1]\n")).unwrap_err();
+    assert!(faults.to_string().contains("knows no directions"), "{faults}");
+    let faults = Campaign::from_toml(&text.replace("gravity-only", "tumble")).unwrap_err().to_string();
+    assert!(faults.contains("method") && faults.contains("gravity-only"), "{faults}");
+}
