@@ -18,13 +18,10 @@ use direction::{DIRECTION, direction};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{AXIS_NAMES, GRAVITY_RANGE, OutOfRange};
+use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GRAVITY_RANGE, OutOfRange};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample};
 use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
 use ramp::ramps;
-
-/// The value of `method` in the campaign file of an IMU that was put down by hand.
-pub const GRAVITY_ONLY: &str = "gravity-only";
 
 /// The content of a campaign file.
 #[derive(Clone, Debug, PartialEq)]

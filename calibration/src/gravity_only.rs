@@ -8,6 +8,7 @@
 
 mod choice;
 pub mod dilution;
+pub mod lengths;
 mod model;
 mod provenance;
 pub mod reading;
@@ -205,10 +206,8 @@ pub fn calibrate(
     let unknowns = model.unknowns;
     let freedom = readings.len() - unknowns.count();
     let forces: Vec<_> = readings.iter().map(|reading| model.force_of(&fit.unknown, reading)).collect();
-    // Of the specific force's length over a standstill [g0], from errors of its net rates [pulse/s].
     let of_length = |force: &Vector3<f64>, errors: [f64; AXES]| {
-        let part = |axis: usize| force[axis] / force.norm() * errors[axis] / model.scale_factor(&fit.unknown, axis);
-        (0..AXES).map(|axis| part(axis).powi(2)).sum::<f64>().sqrt()
+        error_of_length(force, errors, |axis| model.scale_factor(&fit.unknown, axis))
     };
     let errors: Vec<f64> =
         readings.iter().zip(&forces).map(|(reading, force)| of_length(force, reading.noise)).collect();
@@ -226,7 +225,7 @@ pub fn calibrate(
     let misalignment = model.misalignment(&fit.unknown);
     let alignment = if unknowns.misalignment { misalignment.try_inverse() } else { None };
     let table = table_of(campaign, curves.each_ref(), alignment).map_err(GravityOnlyError::Table)?;
-    let table = table.measured_at(Some(campaign.gravity_local));
+    let table = table.measured_at(Some(campaign.gravity_local)).measured_by_hand();
     let residuals: Vec<f64> = fit.residual.iter().copied().collect();
     if freedom == 0 {
         let n = readings.len();
@@ -388,6 +387,12 @@ fn table_ranges(
         }
         None => Ok(measured),
     }
+}
+
+/// The standard error of a specific force's length \[g0\], from those of its net rates \[pulse/s\].
+fn error_of_length(force: &Vector3<f64>, errors: [f64; AXES], scale_factor: impl Fn(usize) -> f64) -> f64 {
+    let part = |axis: usize| force[axis] / force.norm() * errors[axis] / scale_factor(axis);
+    (0..AXES).map(|axis| part(axis).powi(2)).sum::<f64>().sqrt()
 }
 
 /// The standard errors of the net rates of each standstill \[pulse/s\]. The rows of a counter that keeps what is left over vary, but their sum does

@@ -7,6 +7,7 @@ mod axis;
 pub mod calibration;
 pub mod gravity_only;
 pub mod json;
+pub mod lengths;
 pub mod loops;
 pub mod page;
 pub mod plot;

@@ -288,23 +288,31 @@ impl Requirement {
     /// # Errors
     /// The bounds that are not, in words, a line each; then the remedies. If no bound is judged, only why.
     pub fn check(&self, stability: &Stability) -> Result<(), String> {
-        let missed: Vec<_> = self.judge(stability).into_iter().filter(|judgement| !judgement.met).collect();
-        if missed.is_empty() {
-            return Ok(());
-        }
-        // Those without a remedy are not judged.
-        let mut lines = vec!["the requirement is not met:".to_owned()];
-        let mut remedies = Vec::new();
-        for judgement in &missed {
-            let Some(remedy) = judgement.remedy else { continue };
-            lines.push(format!("  {}", judgement.message));
-            if !remedies.contains(&remedy) {
-                remedies.push(remedy);
-            }
-        }
-        lines.push(format!("remedy: {}", remedies.join("; ")));
-        Err(lines.join("\n"))
+        all_met(&self.judge(stability))
     }
+}
+
+/// Checks that every judgement is that its bound is met.
+///
+/// # Errors
+/// As [`Requirement::check`].
+pub fn all_met(judgements: &[Judgement]) -> Result<(), String> {
+    let missed: Vec<_> = judgements.iter().filter(|judgement| !judgement.met).collect();
+    if missed.is_empty() {
+        return Ok(());
+    }
+    // Those without a remedy are not judged.
+    let mut lines = vec!["the requirement is not met:".to_owned()];
+    let mut remedies = Vec::new();
+    for judgement in &missed {
+        let Some(remedy) = judgement.remedy else { continue };
+        lines.push(format!("  {}", judgement.message));
+        if !remedies.contains(&remedy) {
+            remedies.push(remedy);
+        }
+    }
+    lines.push(format!("remedy: {}", remedies.join("; ")));
+    Err(lines.join("\n"))
 }
 
 #[cfg(test)]

@@ -441,6 +441,11 @@ impl Unchecked<'_, '_> {
         self.0.contains_key(key)
     }
 
+    /// Whether the value is this text.
+    pub fn is_text(self, key: &str, text: &str) -> bool {
+        self.0.get(key).and_then(|value| value.get_ref().as_str()) == Some(text)
+    }
+
     /// A finite number.
     pub fn number(self, key: &str) -> Option<f64> {
         number_of(self.0.get(key)?.get_ref())

@@ -8,7 +8,8 @@ mod turntable;
 
 pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY};
 pub use model::{
-    AXIS_NAMES, Axis, CoefficientTable, Content, Digest, FORMAT, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal,
+    AXIS_NAMES, Axis, CoefficientTable, Content, Digest, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
+    Refusal,
 };
 pub use toml::Seal;
 pub use turntable::Turntable;

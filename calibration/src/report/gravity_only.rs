@@ -3,14 +3,14 @@
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::accuracy::largest_interval;
-use crate::campaign::{Campaign, GRAVITY_ONLY};
+use crate::campaign::Campaign;
 use crate::curve::{CONFIDENCE, student_quantile};
 use crate::gravity_only::reading::Reading;
 use crate::gravity_only::{GravityOnlyCalibration, GravityOnlyError};
 use crate::order::QUANTITIES;
 use crate::provenance::CampaignSource;
 use isotherm_failure::Failure;
-use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
+use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 

@@ -4,6 +4,7 @@ use super::common::{LagSetting, Refused, choice, inputs, joined, or_document, wa
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
+use isotherm_calibration::gravity_only::lengths::Lengths;
 use isotherm_calibration::provenance::{now, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::requirement::Requirement;
@@ -14,9 +15,17 @@ use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
 use isotherm_recording_formats::read::Samples;
-use isotherm_shared::wire::AXES;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{AXES, RawSample};
 use std::path::PathBuf;
 use std::time::Duration;
+
+/// Length of the windows, if none is given \[s\].
+const WINDOW_S: f64 = 10.0;
+/// Length of the windows that standstills are searched with, if none is given \[s\].
+const STANDSTILL_WINDOW_S: f64 = 1.0;
+/// Most rows that are searched for standstills; each takes 256 bytes.
+const MOST_ROWS: usize = 4_000_000;
 
 /// Show how stable the output of a recording is, before and after compensation, and how large its errors are
 ///
@@ -27,6 +36,9 @@ use std::time::Duration;
 /// the output shows that the IMU moved. A drift of a bias leaves none out.
 ///
 /// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the table's transients and without.
+///
+/// An IMU that was put down by hand in many attitudes, with a table of calibrate --gravity-only, or with --standstills: the standstills are
+/// found, and the length of the output over each is compared with local gravity. Of the bounds only scale is judged then.
 ///
 /// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table whose provenance
 /// has it, it is taken off; otherwise only their variation is judged.
@@ -44,9 +56,13 @@ pub struct Verify {
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
-    /// Length of the windows that means are taken over [s]
-    #[arg(long, value_name = "S", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
-    window: Duration,
+    /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with [default: 10, and 1 for
+    /// standstills]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
+    window: Option<Duration>,
+    /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a table of a turntable
+    #[arg(long, conflicts_with_all = ["attitude", "angles"])]
+    standstills: bool,
     /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare factor of stability
     ///
     /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the specific force (arcsec,
@@ -83,6 +99,62 @@ impl Verify {
         or_document(self.json, self.show())?
     }
 
+    /// The lengths over the standstills, if they are asked for, or if the table was measured that way and the recording has several attitudes. `whole` says
+    /// whether `rows` are all rows.
+    fn lengths(
+        &self,
+        table: &CoefficientTable,
+        rows: &[RawSample],
+        whole: bool,
+        recording: &str,
+    ) -> Result<Option<Lengths>, Failure> {
+        if self.standstills && !whole {
+            let message = format!("{recording}: over {MOST_ROWS} rows; give the part with the standstills");
+            return Err(Failure::new(Exit::Data, message));
+        }
+        if !whole {
+            return Ok(None);
+        }
+        let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
+        let lengths = Lengths::of(table, rows, window_s, LocalGravity::of(self.gravity_local, table));
+        match lengths {
+            Ok(lengths) => Ok(Some(lengths).filter(|lengths| self.standstills || lengths.several_attitudes())),
+            Err(error) if self.standstills => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
+            Err(_) => Ok(None),
+        }
+    }
+
+    fn show_lengths(
+        &self,
+        table: &CoefficientTable,
+        lengths: &Lengths,
+        recording: String,
+        page: Option<StagedText>,
+        require: Option<Requirement>,
+    ) -> Result<Result<(), Failure>, Refused> {
+        let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
+        if let Some(page) = page {
+            let source = self.source(recording.clone(), window_s, require);
+            page.write(&report::lengths::html(table, lengths, &source))?.finish()?;
+        }
+        if self.json {
+            let document = report::lengths::json(lengths, window_s, require);
+            print_data(&format!("{document:#}\n"))?;
+        } else {
+            print(&report::lengths::text(lengths))?;
+            if let Some(require) = require {
+                print(&report::text::judgements(&lengths.judge(&require)))?;
+            }
+        }
+        let verdict = require.map_or(Ok(()), |require| lengths.check(&require));
+        Ok(verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}"))))
+    }
+
+    fn source(&self, recording: String, window_s: f64, required: Option<Requirement>) -> VerificationSource {
+        let table = self.table.display().to_string();
+        VerificationSource { tool: tool(), time: now(), table, recording, window_s, required }
+    }
+
     /// Prints the results. The inner result is the judgement, which the results have too.
     fn show(self) -> Result<Result<(), Failure>, Refused> {
         let require = joined(&self.require)?;
@@ -96,16 +168,27 @@ impl Verify {
         let setup = setup.map_err(|message| Failure::new(Exit::Usage, message))?;
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
-        let window_s = self.window.as_secs_f64();
+        let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
         let mut collector = Collector::new(&table, window_s);
-        let mut samples = Samples::open(&self.recording, choice(self.imu, &table), &bar)?;
+        let mut samples = Samples::open(&self.recording, choice(self.imu.clone(), &table), &bar)?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
+        let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
+        let mut rows = Vec::new();
+        let mut keep = self.standstills || by_hand;
         for sample in samples {
-            collector.add(&sample?);
+            let sample = sample?;
+            collector.add(&sample);
+            if keep {
+                rows.push(sample);
+                keep = rows.len() < MOST_ROWS;
+            }
         }
         bar.finish_and_clear();
         let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
         let recording = names.join(", ");
+        if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
+            return self.show_lengths(&table, &lengths, recording, page, require);
+        }
         let stability = collector.finish(&setup).map_err(|error| {
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
@@ -120,14 +203,7 @@ impl Verify {
         }
         // Before the results are printed: then nothing but the judgement can fail after them.
         if let Some(page) = page {
-            let source = VerificationSource {
-                tool: tool(),
-                time: now(),
-                table: self.table.display().to_string(),
-                recording: recording.clone(),
-                window_s,
-                required: require,
-            };
+            let source = self.source(recording.clone(), window_s, require);
             page.write(&report::verification::html(&table, &stability, &source))?.finish()?;
         }
         if self.json {

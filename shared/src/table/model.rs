@@ -100,6 +100,9 @@ pub struct Gyroscopes {
     pub alignment: Option<Matrix3<f64>>,
 }
 
+/// The `method` in the provenance of a table that was measured without a turntable, and in its campaign file.
+pub const GRAVITY_ONLY: &str = "gravity-only";
+
 /// Highest version of the file format.
 pub const FORMAT: u8 = 2;
 
@@ -142,6 +145,7 @@ pub struct CoefficientTable {
     id: u64,
     gravity_local: Option<f64>,
     turntable: Option<Turntable>,
+    gravity_only: bool,
 }
 
 impl PartialEq for CoefficientTable {
@@ -184,6 +188,7 @@ impl CoefficientTable {
                 digest,
                 gravity_local: None,
                 turntable: None,
+                gravity_only: false,
             })
         } else {
             Err(refusals)
@@ -220,6 +225,19 @@ impl CoefficientTable {
     #[must_use]
     pub const fn measured_on(mut self, turntable: Option<Turntable>) -> Self {
         self.turntable = turntable;
+        self
+    }
+
+    /// Whether the table was measured without a turntable, as its provenance says. It is not part of the digest.
+    #[must_use]
+    pub const fn is_gravity_only(&self) -> bool {
+        self.gravity_only
+    }
+
+    /// The table, measured without a turntable.
+    #[must_use]
+    pub const fn measured_by_hand(mut self) -> Self {
+        self.gravity_only = true;
         self
     }
 

@@ -7,7 +7,8 @@ use super::checks::{
     negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
 };
 use super::model::{
-    AXIS_NAMES, Axis, CoefficientTable, Content, FORMAT, G_SENSITIVITY_KEYS, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
+    AXIS_NAMES, Axis, CoefficientTable, Content, FORMAT, G_SENSITIVITY_KEYS, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes,
+    OutOfRange,
 };
 use super::turntable::Turntable;
 use crate::document::{Document, Faults, Section};
@@ -124,6 +125,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     let provenance = root.unchecked("provenance");
     let gravity_local = provenance.and_then(|it| it.number("gravity_local")).filter(|g| gravity_fault(*g).is_none());
     let turntable = provenance.and_then(Turntable::read);
+    let gravity_only = provenance.is_some_and(|it| it.is_text("method", GRAVITY_ONLY));
     let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
     let lag = root.optional_section("lag").map(lag);
@@ -159,6 +161,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     };
     // This cannot fail: each part has been checked above, where its line is known.
     let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local).measured_on(turntable);
+    let table = if gravity_only { table.measured_by_hand() } else { table };
     if let Some(digest) = digest.filter(|digest| **digest != table.digest().to_string()) {
         root.fault(
             "digest",
