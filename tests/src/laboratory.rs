@@ -76,6 +76,11 @@ impl TestLaboratory {
 
     /// The same, with more lines at the end of the truth.
     pub fn with_truth(more_truth: &str, more: &[&str], changes: &[(&str, &str)]) -> Self {
+        Self::with_imus(&["imu-a"], more_truth, more, changes)
+    }
+
+    /// The same, with these IMUs on the turntable.
+    pub fn with_imus(imus: &[&str], more_truth: &str, more: &[&str], changes: &[(&str, &str)]) -> Self {
         let domain = TestDomain::new();
         // A linear truth, so that a few set points are enough to choose the order.
         let truth: String = TABLE.lines().map(linear).collect();
@@ -85,7 +90,9 @@ impl TestLaboratory {
             truth
         };
         domain.write("truth-table.toml", &(truth + more_truth));
-        let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
+        let served: Vec<_> = imus.iter().map(|imu| format!("{imu}={imu}.toml")).collect();
+        let served = served.iter().flat_map(|imu| ["--imu", imu]);
+        let service = domain.serve(&["--allow-uncalibrated"].into_iter().chain(served).collect::<Vec<_>>());
         let arguments = [
             "simulate",
             "station",
@@ -93,8 +100,6 @@ impl TestLaboratory {
             "station",
             "--truth",
             "truth-table.toml",
-            "--imu",
-            "imu-a",
             "--speed",
             SPEED,
             // Less than 1.5 times the plan's limit of 3: a set point that was late on a loaded machine must not end the campaign.
@@ -104,7 +109,8 @@ impl TestLaboratory {
             "0",
         ];
         let interval: &[&str] = if more.contains(&"--interval") { &[] } else { &["--interval", "10"] };
-        let station = domain.spawn(&[&arguments, interval, more].concat());
+        let on_table: Vec<_> = imus.iter().flat_map(|imu| ["--imu", imu]).collect();
+        let station = domain.spawn(&[&arguments, &on_table[..], interval, more].concat());
         let on_terminals = !more.contains(&"--tcp");
         wait_until("the station", || {
             let ports = ["station/chamber", "station/table"];
@@ -116,7 +122,9 @@ impl TestLaboratory {
             assert!(plan.contains(from), "{from}\n{plan}");
             plan = plan.replacen(from, to, 1);
         }
-        plan = plan.replace("install = \"imu-a.toml\"", "install = \"../imu-a.toml\"");
+        for imu in imus {
+            plan = plan.replace(&format!("install = \"{imu}.toml\""), &format!("install = \"../{imu}.toml\""));
+        }
         // The telemetry still drifts after such a short soak: without this key its drift is not checked.
         plan =
             plan.lines().filter(|line| !line.starts_with("telemetry_per_h")).map(|line| format!("{line}\n")).collect();
@@ -255,6 +263,13 @@ impl TestLaboratory {
     /// What `campaign status` says.
     pub fn status(&self) -> String {
         self.domain.run_ok(&["campaign", "status", "station/plan.toml"])
+    }
+
+    /// The same, with another exit code than 0.
+    pub fn status_of(&self, code: i32) -> String {
+        let output = self.domain.run(&["campaign", "status", "station/plan.toml"]);
+        assert_eq!(output.status.code(), Some(code), "{}", text(&output.stderr));
+        text(&output.stdout)
     }
 
     /// Whether a table was installed over another one.

@@ -16,7 +16,7 @@ use super::turntable::specific_force;
 use crate::gyroscopes::turn::outer_axis;
 use crate::positions::laboratory_axes;
 use isotherm_shared::wire::AXES;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Longest step of the integration \[s\].
 const STEP_S: f64 = 0.05;
@@ -45,6 +45,13 @@ impl InertialMotion {
             angle: (earth_rate(truth, angles_deg) * seconds).into(),
             specific_force: specific_force(truth, outer, inner),
         }
+    }
+
+    /// The same along the axes of an IMU that is mounted with this rotation: along its axes all is `mounting` times that along the turntable's.
+    #[must_use]
+    pub fn mounted(self, mounting: &Matrix3<f64>) -> Self {
+        let turned = |vector: [f64; AXES]| (mounting * Vector3::from(vector)).into();
+        Self { angle: turned(self.angle), specific_force: turned(self.specific_force) }
     }
 
     /// On the moving turntable for `seconds`.

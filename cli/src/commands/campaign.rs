@@ -5,15 +5,16 @@ use super::common::{joined, options};
 use crate::parse::seconds;
 use clap::{Args, Subcommand};
 use isotherm_calibration::alignment::AlignmentChoice;
+use isotherm_calibration::campaign::Member;
 use isotherm_calibration::checks::name;
 use isotherm_calibration::requirement::Requirement;
 use isotherm_calibration::transients::LagChoice;
 use isotherm_campaign::control::{self, Lock, runner_pid, snapshot};
-use isotherm_campaign::finish::Finish;
+use isotherm_campaign::finish::{Finish, dropped};
 use isotherm_campaign::journal::{self, Entry, Journal};
-use isotherm_campaign::outcome::outcome;
+use isotherm_campaign::outcome::{outcome, outcomes};
 use isotherm_campaign::plan::Plan;
-use isotherm_campaign::progress::{self, STATUS, Snapshot};
+use isotherm_campaign::progress::{self, DroppedImu, STATUS, Snapshot};
 use isotherm_campaign::runner::Runner;
 use isotherm_campaign::samples::write_campaign_file;
 use isotherm_campaign::station::Station;
@@ -172,7 +173,7 @@ impl RunCampaign {
             let (journal, history) = Journal::open(&plan)?;
             write_campaign_file(&plan)?;
             let done = history.kept.len() == units(&plan) && history.safe;
-            let runner = || Runner::new(&plan, (journal, &history), options.clone(), self.speed, Arc::clone(&ended));
+            let runner = || Runner::new(&plan, (journal, &history), &options, self.speed, Arc::clone(&ended));
             if done { Ok(None) } else { runner().map(|runner| Some(runner.with_other_device(self.other_device))) }
         })();
         let runner = runner.map_err(|failure| {
@@ -184,27 +185,54 @@ impl RunCampaign {
             Some(runner) => runner.run()?,
             None => tracing::info!("all {} units are complete", units(&plan)),
         }
-        if !self.calibrate {
-            return Ok(());
+        let finished = if self.calibrate {
+            let (mut journal, _) = Journal::open(&plan)?;
+            let alignment = AlignmentChoice::of(self.alignment, self.no_alignment);
+            let finish = Finish { require, alignment, lag: self.lag.unwrap_or_default(), accept: self.accept };
+            finish.run(&plan, &mut journal, &options, &ended)
+        } else {
+            Ok(())
+        };
+        if !plan.is_batch() {
+            return finished;
         }
-        let (mut journal, _) = Journal::open(&plan)?;
-        let alignment = AlignmentChoice::of(self.alignment, self.no_alignment);
-        let finish = Finish { require, alignment, lag: self.lag.unwrap_or_default(), accept: self.accept };
-        finish.run(&plan, &mut journal, &options, &ended)
+        let dropped = dropped(&plan)?.into_iter();
+        let dropped =
+            dropped.map(|DroppedImu { imu, reason }| Failure::new(Exit::Failed, format!("{imu} is dropped {reason}")));
+        Failure::all(dropped.chain(finished.err()).collect()).map_or(Ok(()), Err)
     }
+}
+
+/// What a batch's plan says of each IMU: one line each. Empty if the IMU is alone.
+fn imus(plan: &Plan) -> String {
+    let mut text = String::new();
+    for plan in &plan.batch {
+        let Some(Member { imu, serial, mounting }) = &plan.member else { continue };
+        let serial = serial.as_ref().map_or_else(String::new, |serial| format!(", serial {serial}"));
+        let rows = [0, 1, 2].map(|i| format!("[{}, {}, {}]", mounting[(i, 0)], mounting[(i, 1)], mounting[(i, 2)]));
+        let install =
+            plan.install.as_ref().map_or_else(String::new, |file| format!(", to install as {}", file.display()));
+        // Writing to a String cannot fail.
+        let _ =
+            writeln!(text, "  {imu}{serial}, mounting [{}], samples {}{install}", rows.join(", "), plan.samples_file());
+    }
+    text
 }
 
 impl CheckCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load_to_run(&self.plan)?;
         let takes_s = left_s(&plan, 0);
-        let mut text = format!("{}: campaign of {}, {}", self.plan.display(), plan.imu, plan.size());
+        let mut text = format!("{}: campaign of {}, {}", self.plan.display(), plan.names(), plan.size());
         // Writing to a String cannot fail.
         let _ = plan.verify.as_ref().map(|verify| {
             let s = if verify.runs == 1 { "" } else { "s" };
             write!(text, ", {} verification run{s}", verify.runs)
         });
         let _ = writeln!(text, "; about {}\n", duration(takes_s));
+        if plan.is_batch() {
+            let _ = writeln!(text, "{}", imus(&plan));
+        }
         for moment in moments(&plan) {
             let _ = writeln!(text, "  {:>12}  {}", duration(moment.at_s), moment.event);
         }
@@ -220,6 +248,7 @@ impl StatusCampaign {
         let plan = Plan::load(&self.plan)?;
         let (pid, snapshot) = (runner_pid(&plan.output)?, snapshot(&plan.output)?);
         let outcome = outcome(&plan.output);
+        let imus = if plan.is_batch() { outcomes(&plan) } else { Ok(Vec::new()) };
         let has_outcome = outcome.as_ref().is_ok_and(|outcome| outcome.fit.is_some());
         if snapshot.is_none() && !has_outcome {
             let message = format!("{}: no campaign has been run there", plan.output.display());
@@ -227,7 +256,11 @@ impl StatusCampaign {
         }
         let died = pid.is_none() && snapshot.as_ref().is_some_and(|snapshot| snapshot.ended.is_none());
         if self.json {
-            let document = serde_json::json!({ "pid": pid, "campaign": snapshot, "outcome": outcome.as_ref().ok() });
+            let document = if plan.is_batch() {
+                serde_json::json!({ "pid": pid, "campaign": snapshot, "imus": imus.as_ref().ok() })
+            } else {
+                serde_json::json!({ "pid": pid, "campaign": snapshot, "outcome": outcome.as_ref().ok() })
+            };
             print_data(&format!("{document:#}\n"))?;
         } else {
             let state = match (pid, &snapshot) {
@@ -237,7 +270,11 @@ impl StatusCampaign {
                 (None, None) => format!("not running; its {STATUS} is missing, or of another version"),
             };
             let line = snapshot.map_or_else(String::new, |snapshot| snapshot.line() + "\n");
-            let outcome = outcome.as_ref().map_or_else(|_| String::new(), ToString::to_string);
+            let outcome = if plan.is_batch() {
+                imus.iter().flatten().map(ToString::to_string).collect()
+            } else {
+                outcome.as_ref().map_or_else(|_| String::new(), ToString::to_string)
+            };
             print(&format!("{state}\n{line}{outcome}"))?;
         }
         // The state is told even if the journal cannot be read.

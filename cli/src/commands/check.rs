@@ -26,7 +26,7 @@ fn plan(text: &str, path: &Path) -> Result<String, Failure> {
     for warning in plan.warnings() {
         tell("isotherm", format!("{}: warning: {warning}", path.display()));
     }
-    Ok(format!("campaign plan of {}, {}", plan.imu, plan.size()))
+    Ok(format!("campaign plan of {}, {}", plan.names(), plan.size()))
 }
 
 fn campaign(text: &str, path: &Path) -> Result<String, Failure> {

@@ -51,6 +51,7 @@ pub fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
                 };
                 (NoteKind::Warning, name, format!("{place}: {reason}"))
             }
+            Entry::Dropped { reason } => (NoteKind::Bad, "dropped", reason.clone()),
             Entry::Paused { cause } => (NoteKind::Warning, "pause", format!("{place}: {cause}")),
             Entry::Resumed { after_s } => (NoteKind::Good, "resume", format!("{place}, after {}", duration(*after_s))),
             Entry::Safe { reason, stopped, table, chamber, certain } => {
@@ -98,11 +99,12 @@ pub fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
         let apart = matches!(line.entry, Entry::Verified { .. } | Entry::NotJudged { .. } | Entry::NotInstalled { .. });
         let texts: Vec<_> =
             if apart { text.lines().map(ToOwned::to_owned).collect() } else { vec![text.replace('\n', "; ")] };
+        let of_imu = |text: String| line.imu.as_ref().map_or_else(|| text.clone(), |imu| format!("{imu}: {text}"));
         events.extend(texts.into_iter().map(|text| Event {
             unix_s: line.unix_s,
             kind,
             name,
-            text,
+            text: of_imu(text),
             interrupts,
             marked,
         }));
@@ -150,7 +152,8 @@ mod tests {
         ];
         entries.extend((1..units(&plan)).map(|_| kept()));
         entries.push(safe("all data are taken", Some(false), true));
-        let lines: Vec<_> = (0_u32..).zip(entries).map(|(n, entry)| JournalLine { unix_s: n.into(), entry }).collect();
+        let lines: Vec<_> =
+            (0_u32..).zip(entries).map(|(n, entry)| JournalLine { unix_s: n.into(), imu: None, entry }).collect();
         let events = events(&plan, &lines);
         let found: Vec<_> = events.iter().map(|event| (event.unix_s, event.kind, event.name)).collect();
         let (good, warning, bad) = (NoteKind::Good, NoteKind::Warning, NoteKind::Bad);
@@ -187,7 +190,8 @@ mod tests {
         let plan = Plan::from_toml(include_str!("../../../examples/plan-whole.toml"), Path::new("/")).unwrap();
         let kept = (0..12).map(|_| Entry::Kept(Kept::default()));
         let discarded = Entry::Discarded { reason: "samples are missing".to_owned() };
-        let lines: Vec<_> = kept.chain([discarded]).map(|entry| JournalLine { unix_s: 1.0, entry }).collect();
+        let lines: Vec<_> =
+            kept.chain([discarded]).map(|entry| JournalLine { unix_s: 1.0, imu: None, entry }).collect();
         let events = events(&plan, &lines);
         assert_eq!(
             (events.len(), events[0].name, events[0].text.as_str()),
@@ -210,7 +214,7 @@ mod tests {
             Entry::NotCalibrated { reason: reason() },
             Entry::Installed { digest: "sha256:1".to_owned(), file: "imu-a.toml".into() },
         ];
-        let lines: Vec<_> = entries.into_iter().map(|entry| JournalLine { unix_s: 1.0, entry }).collect();
+        let lines: Vec<_> = entries.into_iter().map(|entry| JournalLine { unix_s: 1.0, imu: None, entry }).collect();
         let events = events(&plan(), &lines);
         assert!(events.iter().all(|event| !event.marked && !event.interrupts));
         let found: Vec<_> = events.iter().map(|event| (event.kind, event.name, event.text.as_str())).collect();

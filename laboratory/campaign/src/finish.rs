@@ -3,10 +3,11 @@
 //! Over 400 lines: the steps in their order, with what each hands on.
 
 use super::in_force::{InForce, changes};
-use super::journal::{Entry, Journal, LargestError};
+use super::journal::{self, Entry, JOURNAL, Journal, LargestError};
 use super::page;
-use super::plan::{Plan, SAMPLES};
-use super::runner::{run_files, stopped_by};
+use super::plan::Plan;
+use super::progress::DroppedImu;
+use super::runner::stopped_by;
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
@@ -32,8 +33,8 @@ use std::sync::atomic::AtomicUsize;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The name of the fitted table in the campaign's folder.
-pub const TABLE: &str = "table.toml";
+/// Begin of the name of the fitted table in the campaign's folder; see [`Plan::file`].
+const TABLE: &str = "table";
 /// Longest time until the service has the installed table in force; it takes milliseconds if the service watches the file.
 const IN_FORCE_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -53,10 +54,12 @@ pub struct Finish {
 
 impl Finish {
     /// Fits the table, verifies it with every run, and installs it if all runs show what is required, none shows that the table in force is
-    /// better, and no signal has asked to end. The journal has what becomes of each step, and so has the live page.
+    /// better, and no signal has asked to end. The journal has what becomes of each step, and so has the live page. Of a batch each IMU that is
+    /// not dropped has its own table; a failure of one does not stop the others.
     ///
     /// # Errors
-    /// The step that has failed. A failure before the installation leaves the installed table unchanged.
+    /// The step that has failed; of a batch those of all IMUs, with [`Exit::Failed`]. A failure before the installation leaves the installed table
+    /// unchanged.
     pub fn run(
         self,
         plan: &Plan,
@@ -64,11 +67,38 @@ impl Finish {
         options: &Options,
         stop_signal: &AtomicUsize,
     ) -> Result<(), Failure> {
-        let result = self.steps(plan, journal, options, stop_signal);
+        let result = if plan.is_batch() {
+            self.batch(plan, journal, options, stop_signal)
+        } else {
+            self.steps(plan, journal, options, stop_signal)
+        };
         if let Err(error) = page::rewrite(plan) {
             tracing::warn!("writing the live page: {error}");
         }
         result
+    }
+
+    /// The steps of each IMU of a batch that is not dropped.
+    fn batch(
+        &self,
+        plan: &Plan,
+        journal: &mut Journal,
+        options: &Options,
+        stop_signal: &AtomicUsize,
+    ) -> Result<(), Failure> {
+        let dropped = dropped(plan)?;
+        let mut failed = Vec::new();
+        for plan in plan.each().iter().filter(|plan| !dropped.iter().any(|dropped| dropped.imu == plan.imu.as_str())) {
+            check_stop_signal(stop_signal)?;
+            journal.about(Some(&plan.imu));
+            let result = self.steps(plan, journal, options, stop_signal);
+            journal.about(None);
+            if let Err(failure) = result {
+                failed.extend(failure.message.lines().map(|line| format!("{}: {line}", plan.imu)));
+            }
+        }
+        check_stop_signal(stop_signal)?;
+        if failed.is_empty() { Ok(()) } else { Err(Failure::new(Exit::Failed, failed.join("\n"))) }
     }
 
     fn steps(
@@ -93,7 +123,7 @@ impl Finish {
         let transients = fit.calibration.transients.iter().flat_map(|found| &found.words);
         let accuracy = transients.fold(accuracy, |accuracy, words| format!("{accuracy}; {words}"));
         journal.write_synced(Entry::Calibrated { digest: fit.digest(), accuracy })?;
-        let left_aside = plan.output.join(TABLE);
+        let left_aside = plan.output.join(plan.file(TABLE, "toml"));
         let left_aside = left_aside.display();
         let installed = self.verify(plan, journal, &fit, stop_signal).and_then(|()| {
             check_stop_signal(stop_signal)?;
@@ -140,9 +170,10 @@ impl Finish {
                 None
             }
         };
-        print_message("fitting");
-        let folder = &plan.output;
-        let (calibration, text) = self.calibrate_campaign(folder, in_force.as_ref().map(|in_force| &in_force.table))?;
+        print_message(
+            &plan.member.as_ref().map_or_else(|| "fitting".to_owned(), |member| format!("fitting {}", member.imu)),
+        );
+        let (calibration, text) = self.calibrate_campaign(plan, in_force.as_ref().map(|in_force| &in_force.table))?;
         for change in in_force.iter().flat_map(|in_force| changes(&in_force.table, &calibration.table)) {
             print_message(&format!("note: {change}"));
         }
@@ -180,7 +211,7 @@ impl Finish {
         }
         let (mut refused_runs, mut failed) = (Vec::new(), Vec::new());
         let mut exercised = Exercised::default();
-        for (index, run) in run_files(plan).into_iter().enumerate() {
+        for (index, run) in plan.run_files().into_iter().enumerate() {
             check_stop_signal(stop_signal)?;
             let attitude = verify.attitude(index);
             // It includes the tilt of the base that the fit has found.
@@ -226,16 +257,23 @@ impl Finish {
         Err(Refused { failure, reason: causes.join("\n"), remedy })
     }
 
-    /// Fits the table of the campaign in `folder`, and writes it with its report. Returns also the text of the table.
+    /// Fits the table of the IMU of `plan` from the campaign's folder, and writes it with its report. Returns also the text of the table.
     fn calibrate_campaign(
         &self,
-        folder: &Path,
+        plan: &Plan,
         in_force: Option<&CoefficientTable>,
     ) -> Result<(Calibration, String), Failure> {
-        let (file, samples) = (folder.join("campaign.toml"), folder.join(SAMPLES));
+        let folder = &plan.output;
+        let (file, samples) = (folder.join("campaign.toml"), folder.join(plan.samples_file()));
         let (text, _) = read_text(&file, WorldWritable::Allow)?;
-        let campaign = Campaign::from_toml(&text);
-        let campaign = campaign.map_err(|faults| LoadError::Refused { path: file.clone(), faults })?;
+        let campaigns = Campaign::batch_from_toml(&text);
+        let campaigns = campaigns.map_err(|faults| LoadError::Refused { path: file.clone(), faults })?;
+        let campaign = campaigns.into_iter().find(|campaign| campaign.imu == plan.imu);
+        let campaign = campaign.ok_or_else(|| {
+            let message =
+                format!("{}: {} is not in it; run the campaign again, which writes it anew", file.display(), plan.imu);
+            Failure::new(Exit::Data, message)
+        })?;
         let source = open_recording(&samples).map_err(|error| Failure::io("opening the samples", &samples, &error))?;
         let mut hashed = Hashed::new(source);
         let measurements = CampaignCsvReader::new(&mut hashed).and_then(|rows| read(&campaign, rows));
@@ -278,11 +316,24 @@ impl Finish {
             print_message(&finding.tagged(locate));
         }
         let _ = io::stderr().write_all(printable(&report::text::calibration(&calibration)).as_bytes());
-        let page = StagedText::create(Some(&folder.join("calibration.html")))?;
+        let page = StagedText::create(Some(&folder.join(plan.file("calibration", "html"))))?;
         let page = page.write(&report::calibration::html(&campaign, &calibration, &source))?;
-        StagedText::finish_together(vec![StagedText::create(Some(&folder.join(TABLE)))?.write(&sealed)?, page])?;
+        StagedText::finish_together(vec![
+            StagedText::create(Some(&folder.join(plan.file(TABLE, "toml"))))?.write(&sealed)?,
+            page,
+        ])?;
         Ok((calibration, sealed))
     }
+}
+
+/// The IMUs of the batch of `plan` that are dropped.
+///
+/// # Errors
+/// If the journal cannot be read.
+pub fn dropped(plan: &Plan) -> Result<Vec<DroppedImu>, Failure> {
+    let (lines, _) = journal::read(&plan.output.join(JOURNAL))?;
+    let dropped = journal::history(&lines).dropped.into_iter();
+    Ok(dropped.map(|(imu, reason)| DroppedImu { imu, reason }).collect())
 }
 
 /// Length of the windows of the stability \[s\].

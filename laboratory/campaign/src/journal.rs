@@ -2,11 +2,12 @@
 //!
 //! Over 400 lines: the entries, their writing and their reading define one file format.
 
-use super::plan::{BACK, Plan, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
+use super::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, SAMPLES, without_comment};
 use isotherm_calibration::provenance::sha256;
 use isotherm_calibration::provenance::tool;
 use isotherm_client::unix_s;
 use isotherm_failure::{Exit, Failure};
+use isotherm_shared::stream::ImuId;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
@@ -23,6 +24,9 @@ const FORMAT: u32 = 1;
 pub struct JournalLine {
     /// Unix time \[s\].
     pub unix_s: f64,
+    /// The IMU of a batch that it is about; `None` if it is about all of them, or if the IMU is alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imu: Option<String>,
     /// The event.
     #[serde(flatten)]
     pub entry: Entry,
@@ -68,6 +72,11 @@ pub enum Entry {
     Kept(Kept),
     /// The unit in progress was discarded.
     Discarded {
+        /// The reason.
+        reason: String,
+    },
+    /// An IMU of a batch is dropped: no more of its samples are taken. The others go on.
+    Dropped {
         /// The reason.
         reason: String,
     },
@@ -193,6 +202,16 @@ pub struct Kept {
     pub gaps: u64,
     /// Number of samples left out: telemetry too old or missing, counter saturated, interval or time invalid.
     pub left_out: u64,
+    /// The same unit of the other IMUs of a batch that are not dropped. All of them are in one line, so that a unit is complete or not.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub others: Vec<Self>,
+}
+
+impl Kept {
+    /// The unit of each IMU.
+    pub fn each(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(&self.others)
+    }
 }
 
 /// The read-backs of a turn: outer and inner angle at rest \[deg\].
@@ -215,16 +234,28 @@ pub struct History {
     pub reached: Option<(f64, f64)>,
     /// When the last unit was kept, Unix time \[s\]; 0 if none was.
     pub kept_unix_s: f64,
+    /// The IMUs of a batch that are dropped, with the reason of each.
+    pub dropped: Vec<(String, String)>,
     /// Whether a runner has started.
     pub begun: bool,
     /// Whether the instruments are in a confirmed safe state since the last runner.
     pub safe: bool,
 }
 
+impl History {
+    /// Why this IMU of a batch is dropped; `None` if it is not.
+    #[must_use]
+    pub fn reason_dropped(&self, imu: &ImuId) -> Option<&str> {
+        self.dropped.iter().find(|(dropped, _)| dropped == imu.as_str()).map(|(_, reason)| reason.as_str())
+    }
+}
+
 /// The open journal.
 pub struct Journal {
     file: File,
     path: PathBuf,
+    /// The IMU of a batch that the next entries are about.
+    imu: Option<String>,
     /// Length of the complete lines \[bytes\]; `None` if an incomplete line could not be removed.
     length: Option<u64>,
 }
@@ -258,7 +289,7 @@ impl Journal {
         refuse_data_of_others(&plan.output)?;
         let (lines, whole) = read(&path)?;
         let file = open(&path, whole).map_err(failed)?;
-        let mut journal = Self { file, path: path.clone(), length: Some(whole) };
+        let mut journal = Self { file, path: path.clone(), imu: None, length: Some(whole) };
         if lines.is_empty() {
             journal.write_synced(begin_entry(plan))?;
             // The name of a new file is durable only when its folder is synced.
@@ -276,7 +307,16 @@ impl Journal {
             history.reached = None;
         }
         check_unchanged(&plan.output, &history.kept)?;
+        if history.kept.is_empty() {
+            // The runner that starts now takes them in again.
+            history.dropped.clear();
+        }
         Ok((journal, history))
+    }
+
+    /// The next entries are about this IMU of a batch; `None` if about all of them, or if the IMU is alone.
+    pub fn about(&mut self, imu: Option<&ImuId>) {
+        self.imu = imu.map(ToString::to_string);
     }
 
     /// Appends an entry.
@@ -284,7 +324,7 @@ impl Journal {
     /// # Errors
     /// If the operating system cannot write it.
     pub fn write(&mut self, entry: Entry) -> Result<(), Failure> {
-        let line = JournalLine { unix_s: unix_s(), entry };
+        let line = JournalLine { unix_s: unix_s(), imu: self.imu.clone(), entry };
         let failed = |error: io::Error| Failure::io("writing the journal", &self.path, &error);
         let text = serde_json::to_string(&line).map_err(|error| failed(error.into()))? + "\n";
         let Some(length) = self.length else {
@@ -352,7 +392,7 @@ pub fn append(folder: &Path, entry: Entry) -> Result<(), Failure> {
     let path = folder.join(JOURNAL);
     let (_, whole) = read(&path)?;
     let file = open(&path, whole).map_err(|error| Failure::io("opening the journal", &path, &error))?;
-    Journal { file, path, length: Some(whole) }.write_synced(entry)
+    Journal { file, path, imu: None, length: Some(whole) }.write_synced(entry)
 }
 
 fn open(path: &Path, whole: u64) -> io::Result<File> {
@@ -366,12 +406,19 @@ pub fn history(lines: &[JournalLine]) -> History {
     let mut history = History::default();
     for line in lines {
         match &line.entry {
-            Entry::Started { .. } => (history.begun, history.safe) = (true, false),
+            Entry::Started { .. } => {
+                (history.begun, history.safe) = (true, false);
+                if history.kept.is_empty() {
+                    // Nothing is missing of them yet.
+                    history.dropped.clear();
+                }
+            }
             Entry::Kept(kept) => {
                 history.kept.push(kept.clone());
                 history.kept_unix_s = line.unix_s;
             }
             Entry::Reached { set_point_c } => history.reached = Some((*set_point_c, line.unix_s)),
+            Entry::Dropped { reason } => history.dropped.extend(line.imu.clone().map(|imu| (imu, reason.clone()))),
             Entry::Begin { .. } | Entry::Left => history.reached = None,
             Entry::Safe { certain, .. } => (history.reached, history.safe) = (None, *certain),
             _ => {}
@@ -388,7 +435,7 @@ fn begin_entry(plan: &Plan) -> Entry {
 /// Returns whether it is the same plan: verification runs that are not taken yet may differ, and so may ramps before the first run.
 fn check_same_plan(path: &Path, lines: &[JournalLine], plan: &Plan, kept: &[Kept]) -> Result<bool, Failure> {
     let runs = kept.iter().filter(|kept| kept.file.starts_with(RUN_FILE)).count();
-    let ramps = kept.iter().filter(|kept| kept.file != SAMPLES).count() - runs;
+    let ramps = kept.iter().filter(|kept| kept.file.starts_with(RAMP_FILE)).count();
     let refuse = |message: String| Err(Failure::new(Exit::Config, format!("{}: {message}", path.display())));
     let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Begin { .. }));
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
@@ -440,7 +487,7 @@ fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
 /// Checks that the bytes of every kept unit are unchanged.
 fn check_unchanged(folder: &Path, kept: &[Kept]) -> Result<(), Failure> {
     let mut buffer = Vec::new();
-    for unit in kept {
+    for unit in kept.iter().flat_map(Kept::each) {
         let path = folder.join(&unit.file);
         let failed = |error: io::Error| Failure::io("reading back", &path, &error);
         let mut file = File::open(&path).map_err(failed)?;
@@ -513,7 +560,7 @@ mod tests {
         let files = ["verify-1.csv", "verify-2.csv", "verify-3.csv"];
         let units = std::iter::repeat_n(SAMPLES, 180).chain(files).enumerate().map(kept);
         let lines = [begin].into_iter().chain(units).map(|entry| {
-            let line = serde_json::to_string(&JournalLine { unix_s: 1.0, entry }).unwrap() + "\n";
+            let line = serde_json::to_string(&JournalLine { unix_s: 1.0, imu: None, entry }).unwrap() + "\n";
             line.replace("\"angles_deg\":null,", "")
         });
         fs::write(folder.join(JOURNAL), lines.collect::<String>()).unwrap();
@@ -571,15 +618,53 @@ mod tests {
     fn a_turn_has_its_read_backs_and_other_units_are_written_as_before() {
         let turn = TurnReadBacks { angle_deg: 360.0, before_deg: [0.0001, 90.0], after_deg: [360.0, 90.0] };
         let kept = Kept { unit: 12, turn: Some(turn), ..Kept::default() };
-        let line = JournalLine { unix_s: 1.0, entry: Entry::Kept(kept.clone()) };
+        let line = JournalLine { unix_s: 1.0, imu: None, entry: Entry::Kept(kept.clone()) };
         let text = serde_json::to_string(&line).unwrap();
         let read_backs = r#""turn":{"angle_deg":360.0,"before_deg":[0.0001,90.0],"after_deg":[360.0,90.0]}"#;
         assert!(text.contains(read_backs), "{text}");
         assert_eq!(serde_json::from_str::<JournalLine>(&text).unwrap(), line);
-        let dwell = JournalLine { unix_s: 1.0, entry: Entry::Kept(Kept { turn: None, ..kept }) };
+        let dwell = JournalLine { unix_s: 1.0, imu: None, entry: Entry::Kept(Kept { turn: None, ..kept }) };
         let text = serde_json::to_string(&dwell).unwrap();
         assert!(!text.contains("turn"), "{text}");
         assert_eq!(serde_json::from_str::<JournalLine>(&text).unwrap(), dwell);
+    }
+
+    #[test]
+    fn a_unit_of_a_batch_is_one_line_and_who_is_dropped_stays_so_once_something_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = include_str!("../../../examples/plan-batch.toml").replace("\"batch-campaign\"", "\".\"");
+        let plan = Plan::from_toml(&text, folder.path()).unwrap();
+        let b = &plan.each()[1].imu;
+        let drop_b = |journal: &mut Journal| {
+            journal.about(Some(b));
+            journal.write(Entry::Dropped { reason: "silent".to_owned() }).unwrap();
+            journal.about(None);
+        };
+        let started = || Entry::Started { pid: 1, speed: 1.0, unit: 0 };
+        let (mut journal, _) = Journal::open(&plan).unwrap();
+        journal.write(started()).unwrap();
+        drop_b(&mut journal);
+        assert_eq!(Journal::open(&plan).unwrap().1.reason_dropped(b), None, "it has missed nothing yet");
+        journal.write(started()).unwrap();
+        let kept = |file: &str| {
+            fs::write(folder.path().join(file), file).unwrap();
+            Kept { file: file.to_owned(), to: file.len() as u64, sha256: sha256(file.as_bytes()), ..Kept::default() }
+        };
+        let unit = Kept { others: vec![kept("imu-b.csv"), kept("imu-c.csv")], ..kept("imu-a.csv") };
+        journal.write(Entry::Kept(unit.clone())).unwrap();
+        assert_eq!(Journal::open(&plan).unwrap().1.dropped, []);
+        drop_b(&mut journal);
+        journal.write(started()).unwrap();
+        let (_, history) = Journal::open(&plan).unwrap();
+        assert_eq!((history.kept, history.dropped), (vec![unit], vec![("imu-b".to_owned(), "silent".to_owned())]));
+        let lines = fs::read_to_string(folder.path().join(JOURNAL)).unwrap();
+        assert!(lines.contains(r#""imu":"imu-b","event":"dropped","reason":"silent""#), "{lines}");
+        let single = serde_json::to_string(&kept("imu-c.csv")).unwrap();
+        assert!(!single.contains("others") && !single.contains("imu\":"), "{single}");
+        // The samples of each are checked.
+        fs::write(folder.path().join("imu-c.csv"), "imu-x.csv").unwrap();
+        let refused = Journal::open(&plan).err().unwrap();
+        assert!(refused.exit == Exit::Data && refused.to_string().contains("imu-c.csv: the bytes"), "{refused}");
     }
 
     #[test]

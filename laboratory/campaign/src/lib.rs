@@ -25,4 +25,5 @@ mod safe_state;
 pub mod samples;
 mod stability;
 pub mod station;
+mod streams;
 pub mod timeline;

@@ -2,6 +2,7 @@
 
 use super::journal::{self, Entry, JOURNAL, JournalLine, LargestError};
 use super::page::utc;
+use super::plan::Plan;
 use isotherm_failure::Failure;
 use isotherm_files::{WorldWritable, load_table};
 use serde::Serialize;
@@ -62,24 +63,54 @@ pub struct Installation {
     pub refused: Option<String>,
 }
 
-/// What became of the campaign in `folder`.
+/// What became of an IMU of a batch.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImuOutcome {
+    /// Its name.
+    pub imu: String,
+    /// Where and why it was dropped; `None` if it was not.
+    pub dropped: Option<String>,
+    /// What became of its last fit.
+    pub outcome: Outcome,
+}
+
+/// What became of the campaign of one IMU in `folder`.
 ///
 /// # Errors
 /// If the journal cannot be read.
 pub fn outcome(folder: &Path) -> Result<Outcome, Failure> {
     let (lines, _) = journal::read(&folder.join(JOURNAL))?;
-    let mut outcome = of_lines(&lines);
+    Ok(present(of_lines(&lines)))
+}
+
+/// What became of each IMU of the batch of `plan`, in the order of the plan.
+///
+/// # Errors
+/// If the journal cannot be read.
+pub fn outcomes(plan: &Plan) -> Result<Vec<ImuOutcome>, Failure> {
+    let (lines, _) = journal::read(&plan.output.join(JOURNAL))?;
+    let history = journal::history(&lines);
+    let of_imu = |plan: &Plan| {
+        let about = |line: &&JournalLine| line.imu.as_deref() == Some(plan.imu.as_str());
+        let dropped = history.reason_dropped(&plan.imu).map(ToOwned::to_owned);
+        ImuOutcome { imu: plan.imu.to_string(), dropped, outcome: present(of_lines(lines.iter().filter(about))) }
+    };
+    Ok(plan.each().iter().map(of_imu).collect())
+}
+
+/// With the digest of the table that is in the installed file now.
+fn present(mut outcome: Outcome) -> Outcome {
     if let Some(installation) = &mut outcome.installation {
         let file = installation.file.as_ref().filter(|file| file.is_absolute());
         let table = file.map(|file| load_table(file, None, WorldWritable::Allow));
         installation.present = table.and_then(Result::ok).map(|(table, _)| table.digest().to_string());
     }
-    Ok(outcome)
+    outcome
 }
 
-fn of_lines(lines: &[JournalLine]) -> Outcome {
+fn of_lines<'l>(lines: impl IntoIterator<Item = &'l JournalLine>) -> Outcome {
     let mut outcome = Outcome::default();
-    for JournalLine { unix_s, entry } in lines {
+    for JournalLine { unix_s, entry, .. } in lines {
         let unix_s = *unix_s;
         let installation = |file, refused| Some(Installation { unix_s, file, present: None, refused });
         match entry.clone() {
@@ -111,6 +142,17 @@ fn of_lines(lines: &[JournalLine]) -> Outcome {
 /// One reason as it is, several as indented lines.
 fn listed(reasons: &str) -> String {
     if reasons.contains('\n') { format!("\n  {}", reasons.replace('\n', "\n  ")) } else { format!(" {reasons}") }
+}
+
+/// The lines of [`Outcome`], each with the IMU's name, and one if it was dropped.
+impl fmt::Display for ImuOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { imu, dropped, outcome } = self;
+        if let Some(reason) = dropped {
+            writeln!(f, "{imu}: dropped {}", reason.replace('\n', "; "))?;
+        }
+        outcome.to_string().lines().try_for_each(|line| writeln!(f, "{imu}: {line}"))
+    }
 }
 
 /// One line for each step and reason; empty if there was no fit.
@@ -202,8 +244,9 @@ mod tests {
             Entry::NotInstalled { reason: "verify-2.csv refuses it".to_owned() },
         ];
         // As the journal writes and reads them.
-        let written =
-            entries.into_iter().map(|entry| serde_json::to_string(&JournalLine { unix_s: 1.0, entry }).unwrap());
+        let written = entries
+            .into_iter()
+            .map(|entry| serde_json::to_string(&JournalLine { unix_s: 1.0, imu: None, entry }).unwrap());
         let written: Vec<_> = written.collect();
         assert_eq!(lines(&written[0]).to_string(), "fit, 1970-01-01T00:00:01Z: no table: a fault\n");
         assert_eq!(

@@ -6,7 +6,7 @@ use super::curves::PlottedCurves;
 use super::events::{Event, events};
 use super::journal::{self, JOURNAL};
 use super::plan::Plan;
-use super::progress::Snapshot;
+use super::progress::{DroppedImu, Snapshot};
 use super::readbacks::Readbacks;
 
 use isotherm_calibration::report::page::{Cell, NoteKind, Page};
@@ -34,15 +34,18 @@ const DAY_S: f64 = 86_400.0;
 /// The name of a curve in the legend, and its number in [`PlottedCurves`].
 type NamedCurve = (&'static str, usize);
 
+/// The points of a curve of an IMU: Unix time \[s\] and value.
+type Points<'a> = &'a dyn Fn(&PlottedCurves, usize) -> Vec<(f64, f64)>;
+
 const CHAMBER: [NamedCurve; 2] = [("air", 0), ("set point", 1)];
 const HEADS: [NamedCurve; 3] = [(AXIS_NAMES[0], 2), (AXIS_NAMES[1], 3), (AXIS_NAMES[2], 4)];
 const BOARDS: [NamedCurve; 3] = [(AXIS_NAMES[0], 5), (AXIS_NAMES[1], 6), (AXIS_NAMES[2], 7)];
 
-/// Replaces the page.
+/// Replaces the page. `curves` are those of each IMU, in the order of the plan.
 ///
 /// # Errors
 /// If the operating system cannot write it, or the journal cannot be read.
-pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves) -> io::Result<()> {
+pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves]) -> io::Result<()> {
     let staged = plan.output.join("live.html.new");
     // The journal has a line for each unit and each event, of earlier runners and of `campaign stop` too.
     let (lines, _) = journal::read(&plan.output.join(JOURNAL)).map_err(io::Error::other)?;
@@ -56,12 +59,13 @@ pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves) -> io::Re
 /// As [`write`]. Without a state there is no page.
 pub fn rewrite(plan: &Plan) -> Result<(), Failure> {
     let Some(snapshot) = snapshot(&plan.output)? else { return Ok(()) };
-    let readbacks = Readbacks::open(&plan.output, !plan.turns.is_empty())?;
+    let readbacks = plan.each().iter().map(Readbacks::open).collect::<Result<Vec<_>, _>>()?;
+    let curves: Vec<_> = readbacks.iter().map(Readbacks::curves).collect();
     let failed = |error: io::Error| Failure::io("writing", &plan.output.join(PAGE), &error);
-    write(plan, &snapshot, readbacks.curves()).map_err(failed)
+    write(plan, &snapshot, &curves).map_err(failed)
 }
 
-fn html(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves, events: &[Event]) -> String {
+fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[Event]) -> String {
     let written = utc(snapshot.unix_s);
     let kinds = match (plan.turns.is_empty(), plan.ramps.is_empty()) {
         (true, true) => "dwells and runs",
@@ -71,7 +75,7 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves, events: &[Even
     };
     let subtitle =
         format!("{} of {} {kinds} · {} left · {written}", snapshot.unit, snapshot.units, snapshot.remaining());
-    let mut page = Page::new(&format!("Campaign of {}", plan.imu), &subtitle);
+    let mut page = Page::new(&format!("Campaign of {}", plan.names()), &subtitle);
     match (&snapshot.ended, &snapshot.paused) {
         (Some(ended), _) => {
             let kind = if snapshot.unit == snapshot.units { NoteKind::Good } else { NoteKind::Warning };
@@ -80,41 +84,47 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &PlottedCurves, events: &[Even
         (None, Some(cause)) => page.note(NoteKind::Warning, "Paused", cause),
         (None, None) => page.note(NoteKind::Good, "Running", &snapshot.line()),
     }
+    for DroppedImu { imu, reason } in &snapshot.dropped {
+        page.note(NoteKind::Bad, "Dropped", &format!("{imu} {}", reason.replace('\n', "; ")));
+    }
     if snapshot.ended.is_none() {
         page.reload_every(PERIOD_S);
     }
-    let [begin_s, end_s] = curves.span_s().unwrap_or([f64::NAN; 2]);
+    // The readings of the chamber are the same of every IMU.
+    let [begin_s, end_s] = curves.iter().find_map(|curves| curves.span_s()).unwrap_or([f64::NAN; 2]);
     let hours = |unix_s: f64| (unix_s - begin_s) * snapshot.speed / 3600.0;
     // The latest events with their numbers. One before the first reading is listed, but has no place in the curves.
     let numbered: Vec<_> = (1..).zip(events).skip(events.len().saturating_sub(MAX_EVENTS)).collect();
     let marks_since = |since_s: f64| numbered.iter().filter(move |(_, event)| event.marked && event.unix_s >= since_s);
-    let figures = |since_s: f64, points: &dyn Fn(usize) -> Vec<(f64, f64)>| {
-        let draw = |title: &str, label: &str, named: &[NamedCurve]| {
+    let figures = |since_s: f64, points: Points<'_>| {
+        let draw = |curves: &PlottedCurves, title: &str, label: &str, named: &[NamedCurve]| {
             let clock = clock_ticks([since_s, end_s]).into_iter().map(|(unix_s, label)| (hours(unix_s), label));
             let plot = Plot::new(title, "Time / h", label).upper_axis("UTC", clock);
             let mark =
                 |plot: Plot, (number, event): &(u32, &Event)| plot.marker(hours(event.unix_s), &number.to_string());
             let plot = marks_since(since_s).fold(plot, mark);
             let plot = named.iter().fold(plot, |plot, (name, curve)| {
-                let points = broken(points(*curve), events);
+                let points = broken(points(curves, *curve), events);
                 plot.series(name, Style::Line, points.into_iter().map(|(unix_s, value)| (hours(unix_s), value)))
             });
             (plot.svg(), String::new())
         };
-        let unit = &plan.campaign.temperature_unit;
-        [
-            draw("Chamber", "Temperature / degC", &CHAMBER),
-            draw("Heads", &format!("Telemetry / {unit}"), &HEADS),
-            draw("Boards", &format!("Telemetry / {unit}"), &BOARDS),
-        ]
+        let label = format!("Telemetry / {}", plan.campaign.temperature_unit);
+        let chamber = curves.iter().take(1).map(|curves| draw(curves, "Chamber", "Temperature / degC", &CHAMBER));
+        let of_imu = |(plan, curves): (&Plan, &&PlottedCurves)| {
+            let imu = plan.member.as_ref().map_or_else(String::new, |member| format!(" of {}", member.imu));
+            let [heads, boards] = ["Heads", "Boards"].map(|title| format!("{title}{imu}"));
+            [draw(curves, &heads, &label, &HEADS), draw(curves, &boards, &label, &BOARDS)]
+        };
+        chamber.chain(plan.each().iter().zip(curves).flat_map(of_imu)).collect::<Vec<_>>()
     };
     if hours(end_s) > RECENT_H {
         let since_s = end_s - RECENT_H * 3600.0 / snapshot.speed;
         page.heading(2, "recent", &format!("The last {RECENT_H} hours"));
-        page.figures(&figures(since_s, &|curve| curves.recent(curve, since_s).collect()));
+        page.figures(&figures(since_s, &|curves, curve| curves.recent(curve, since_s).collect()));
     }
     page.heading(2, "all", "All of it");
-    page.figures(&figures(begin_s, &|curve| curves.all(curve).collect()));
+    page.figures(&figures(begin_s, &|curves, curve| curves.all(curve).collect()));
     page.heading(2, "events", "Events");
     page.paragraph(
         "The latest first. The numbers are those of the vertical marks in the figures; what follows the readings has no mark.",
@@ -218,7 +228,7 @@ mod tests {
             curves.add(CurveRow { unix_s: 1_795_305_600.0 + 60.0 * f64::from(row), values: [20.0; CURVES] });
         }
         let snapshot = Snapshot { unix_s: 1_795_309_200.0, speed: 1.0, ..Snapshot::default() };
-        html(&plan, &snapshot, &curves, events)
+        html(&plan, &snapshot, &[&curves], events)
     }
 
     fn event(minute: u32, text: &str) -> Event {

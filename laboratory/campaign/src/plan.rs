@@ -1,5 +1,7 @@
 //! The plan of a campaign: everything that the operator specifies. It is checked before anything moves.
 
+mod files;
+mod imus;
 mod model;
 mod number;
 mod ramps;
@@ -10,11 +12,10 @@ mod warnings;
 
 pub use turns::MAX_ROW_DEG;
 
+pub use files::{RAMP_FILE, READBACKS, RUN_FILE, SAMPLES};
 pub use model::{
-    DwellPlan, Motion, Patience, Plan, PlannedTurn, RUN_FILE, RampPlan, SAMPLES, Soak, ThereAndBack, TurnPlan,
-    VerificationPlan,
+    DwellPlan, Motion, Patience, Plan, PlannedTurn, RampPlan, Soak, ThereAndBack, TurnPlan, VerificationPlan,
 };
-pub use ramps::ramp_file;
 
 use isotherm_calibration::positions::Position;
 use isotherm_files::{LoadError, WorldWritable, read_text};
@@ -111,8 +112,12 @@ impl Plan {
             }));
         // The keys before the first section of the campaign file: imu, gravity and others.
         let top = self.campaign_toml.lines().take_while(|line| !line.starts_with('['));
-        let top = top.filter_map(|line| line.split_once(" = "));
+        let top = top
+            .filter_map(|line| line.split_once(" = "))
+            .filter(|(key, _)| !key.starts_with("imus") && !key.starts_with(' '));
         identity.extend(top.map(|(key, value)| pair(key, without_comment(value).to_owned())));
+        let members = self.batch.iter().filter_map(|plan| plan.member.as_ref());
+        identity.extend(members.map(|member| pair(&format!("imus.{}", member.imu), member.to_toml())));
         identity.extend(self.positions.iter().map(|position| {
             let Position { number, angles, specific_force, .. } = position;
             pair(&format!("position.{number}"), format!("{:?} deg, {specific_force:?}", angles.unwrap_or_default()))

@@ -20,6 +20,15 @@ const LOG_PERIOD_S: f64 = 600.0;
 /// Shortest time between two log lines with the state, real time.
 const LOG_PERIOD: Duration = Duration::from_secs(10);
 
+/// An IMU of a batch that is dropped.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct DroppedImu {
+    /// Its name.
+    pub imu: String,
+    /// Where, and why.
+    pub reason: String,
+}
+
 /// The state of a campaign at one moment. Durations are laboratory time.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Snapshot {
@@ -63,6 +72,9 @@ pub struct Snapshot {
     pub ended: Option<String>,
     /// Whether the runner ended in a confirmed safe state.
     pub safe: bool,
+    /// The IMUs of a batch that are dropped; not there if none is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub dropped: Vec<DroppedImu>,
 }
 
 impl Snapshot {
@@ -96,6 +108,10 @@ impl Snapshot {
         );
         for (count, name) in self.repeated.iter().zip(["chamber", "table"]).filter(|(count, _)| **count > 0) {
             text += &format!(" | {count} requests to the {name} repeated");
+        }
+        if !self.dropped.is_empty() {
+            let imus: Vec<_> = self.dropped.iter().map(|dropped| dropped.imu.as_str()).collect();
+            text += &format!(" | dropped: {}", imus.join(", "));
         }
         text
     }

@@ -1,6 +1,8 @@
-//! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, and its curves for the live page.
+//! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, one for each IMU of a batch, and its curves for the
+//! live page.
 
 use crate::curves::{CURVES, CurveRow, PlottedCurves};
+use crate::plan::{Plan, READBACKS};
 use isotherm_client::unix_s;
 use isotherm_failure::Failure;
 use isotherm_instruments::{ChamberReading, TurntableReading};
@@ -10,8 +12,6 @@ use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
-/// The file in the campaign's folder.
-const READBACKS: &str = "readbacks.csv";
 const HEADER: &str = "unix_s,laboratory_s,phase,chamber_air_c,chamber_set_point_c,chamber_running,outer_deg,inner_deg,\
                       outer_deg_s,inner_deg_s,a1_head,a1_board,a2_head,a2_board,a3_head,a3_board";
 /// More columns if the gyroscopes are calibrated.
@@ -33,12 +33,16 @@ pub struct Readbacks {
 }
 
 impl Readbacks {
-    /// Opens the file or creates it, and reads the curves of the rows that it has. A new file has columns of the gyroscopes if they are calibrated.
+    /// Opens the file for the IMU of `plan` or creates it, and reads the curves of the rows that it has. A new file has columns of the gyroscopes if
+    /// they are calibrated.
     ///
     /// # Errors
     /// If it cannot be read or written.
-    pub fn open(folder: &Path, with_gyroscopes: bool) -> Result<Self, Failure> {
-        let path = folder.join(READBACKS);
+    pub fn open(plan: &Plan) -> Result<Self, Failure> {
+        Self::at(plan.output.join(plan.file(READBACKS, "csv")), !plan.turns.is_empty())
+    }
+
+    fn at(path: PathBuf, with_gyroscopes: bool) -> Result<Self, Failure> {
         let opened = open(&path, with_gyroscopes);
         let (file, curves, has_gyroscopes) = opened.map_err(|error| Failure::io("opening", &path, &error))?;
         Ok(Self { file, path, curves, has_gyroscopes })
@@ -131,19 +135,21 @@ mod tests {
     use super::*;
     use std::fs;
 
+    const FILE: &str = "readbacks.csv";
+
     #[test]
     fn a_runner_goes_on_with_the_curves_of_the_one_before_and_without_its_cut_row() {
         let folder = tempfile::tempdir().unwrap();
         let chamber = ChamberReading { air_c: -5.0, set_point_c: -10.0, running: true, ..ChamberReading::default() };
         let telemetry = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]];
-        let mut first = Readbacks::open(folder.path(), false).unwrap();
+        let mut first = Readbacks::at(folder.path().join(FILE), false).unwrap();
         first.write(&chamber, &TurntableReading::default(), telemetry, "soak", 7.0).unwrap();
         drop(first);
-        let path = folder.path().join(READBACKS);
+        let path = folder.path().join(FILE);
         let whole = fs::read(&path).unwrap();
         fs::write(&path, [&whole[..], b"1.0,2.0,so"].concat()).unwrap();
 
-        let mut second = Readbacks::open(folder.path(), false).unwrap();
+        let mut second = Readbacks::at(folder.path().join(FILE), false).unwrap();
         assert_eq!(fs::read(&path).unwrap(), whole);
         second.write(&chamber, &TurntableReading::default(), telemetry, "dwell", 8.0).unwrap();
         let values = |curve: usize| second.curves().all(curve).map(|point| point.1).collect::<Vec<_>>();
@@ -159,11 +165,11 @@ mod tests {
         for first in [true, false] {
             let folder = tempfile::tempdir().unwrap();
             for with_gyroscopes in [first, !first] {
-                let mut readbacks = Readbacks::open(folder.path(), with_gyroscopes).unwrap();
+                let mut readbacks = Readbacks::at(folder.path().join(FILE), with_gyroscopes).unwrap();
                 let (chamber, table) = (ChamberReading::default(), TurntableReading::default());
                 readbacks.write(&chamber, &table, [[1.0; 2]; 2 * AXES], "turn", 8.0).unwrap();
             }
-            let text = fs::read_to_string(folder.path().join(READBACKS)).unwrap();
+            let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
             assert_eq!(text.lines().next().unwrap().ends_with(",g3_board"), first);
             let columns: Vec<_> = text.lines().map(|line| line.split(',').count()).collect();
             assert_eq!(columns, [if first { 22 } else { 16 }; 3]);
@@ -174,8 +180,8 @@ mod tests {
     fn rows_that_cannot_be_read_stay_in_the_file_and_hide_none_behind_them() {
         let folder = tempfile::tempdir().unwrap();
         let chamber = ChamberReading { air_c: -5.0, ..ChamberReading::default() };
-        drop(Readbacks::open(folder.path(), false).unwrap());
-        let path = folder.path().join(READBACKS);
+        drop(Readbacks::at(folder.path().join(FILE), false).unwrap());
+        let path = folder.path().join(FILE);
         let row = |air_c: f64| format!("1.0,2.0,soak,{air_c},0,true,0,0,0,0,1,1,1,1,1,1\n").into_bytes();
         let long = [vec![b'x'; 3 * MAX_LINE as usize], b"\n".to_vec()].concat();
         let exact = [vec![b'x'; MAX_LINE as usize - 1], b"\n".to_vec()].concat();
@@ -183,7 +189,7 @@ mod tests {
         let complete = [before, row(1.0), long, row(2.0), b"\xff,\xfe\n".to_vec(), row(3.0), exact, row(4.0)].concat();
         for incomplete in [&b""[..], b"1.0,2.0,so", &[b'y'; 2 * MAX_LINE as usize], &[b'z'; MAX_LINE as usize]] {
             fs::write(&path, [&complete[..], incomplete].concat()).unwrap();
-            let mut readbacks = Readbacks::open(folder.path(), false).unwrap();
+            let mut readbacks = Readbacks::at(folder.path().join(FILE), false).unwrap();
             assert_eq!(fs::read(&path).unwrap(), complete, "{} bytes too many", incomplete.len());
             readbacks.write(&chamber, &TurntableReading::default(), [[1.0; 2]; 2 * AXES], "dwell", 8.0).unwrap();
             let air: Vec<_> = readbacks.curves().all(0).map(|point| point.1).filter(|air_c| !air_c.is_nan()).collect();

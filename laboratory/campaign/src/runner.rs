@@ -10,16 +10,16 @@ use super::journal::{Entry, History, Journal, Kept, TurnReadBacks};
 use super::machine::{Action, CampaignMachine, Halt, Observation, Phase, Unit};
 use super::page;
 use super::plan::{Plan, ThereAndBack};
-use super::progress::{Progress, Snapshot};
+use super::progress::{DroppedImu, Progress, Snapshot};
 use super::readbacks::Readbacks;
-use super::samples::{LaboratoryClock, SampleRecorder, SampleTap, file_of};
-use super::stability::{Trend, Trends, telemetry};
+use super::samples::LaboratoryClock;
+use super::stability::{Trend, Trends};
 use super::station::{Station, StationError};
+use super::streams::{FailedImu, Streams};
 use super::timeline::{left_s, turn_s, unit_s, units};
 use isotherm_client::{Options, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_instruments::{ChamberReading, TurntableReading};
-use isotherm_shared::wire::AXES;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -80,25 +80,19 @@ pub struct Runner<'p> {
     clock: LaboratoryClock,
     machine: CampaignMachine<'p>,
     station: Station<'p>,
-    tap: SampleTap,
-    recorder: SampleRecorder<'p>,
+    streams: Streams<'p>,
     journal: Journal,
-    readbacks: Readbacks,
     progress: Progress,
     trends: Trends,
     ramp: Trend,
     chamber: (ChamberReading, f64),
     turntable: (TurntableReading, f64),
-    /// Head and board of each accelerometer and each gyroscope in the last usable sample.
-    telemetry: [[f64; 2]; 2 * AXES],
+    /// The IMUs of a batch that are dropped.
+    dropped: Vec<DroppedImu>,
+    /// Whether an IMU of a batch may be dropped: before anything has moved, what is missing ends the campaign instead.
+    may_drop: bool,
     /// When the live page was last written.
     page: Option<Instant>,
-    /// Length of the kept part of the dwells' file \[bytes\].
-    kept_bytes: u64,
-    /// The transport's last error; `None` after a sample.
-    stream_error: Option<String>,
-    /// Name of the service's domain.
-    domain: String,
     /// The number of the signal that asks the runner to end; 0 before one.
     stop_signal: Arc<AtomicUsize>,
     /// The last time that all was well.
@@ -125,7 +119,7 @@ impl<'p> Runner<'p> {
     pub fn new(
         plan: &'p Plan,
         (journal, history): (Journal, &History),
-        options: Options,
+        options: &Options,
         speed: f64,
         stop_signal: Arc<AtomicUsize>,
     ) -> Result<Self, Failure> {
@@ -135,10 +129,10 @@ impl<'p> Runner<'p> {
         let well_unix_s = super::control::snapshot(&plan.output)?.map_or(0.0, |snapshot| snapshot.well_unix_s);
         let target = Unit::of(plan, history.kept.len()).map(|unit| unit.set_point_c(plan));
         let reached = history.reached.filter(|(set_point_c, _)| Some(*set_point_c) == target);
-        let last_dwell = history.kept.iter().rfind(|kept| kept.file == super::plan::SAMPLES);
-        let domain = options.domain.name().to_owned();
-        let tap = SampleTap::start(plan.imu.clone(), options);
-        let tap = tap.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))?;
+        let mut trends = Trends::new(plan);
+        for (imu, _) in plan.each().iter().enumerate().filter(|(_, plan)| history.reason_dropped(&plan.imu).is_some()) {
+            trends.leave_out(imu);
+        }
         // All was well too when the journal recorded a reached set point or a complete unit.
         let last_well = history.reached.map_or(0.0, |(_, unix)| unix).max(history.kept_unix_s).max(well_unix_s);
         let interruption_s = ago_s(last_well);
@@ -147,20 +141,16 @@ impl<'p> Runner<'p> {
             clock,
             machine: CampaignMachine::new(plan, history.kept.len(), min_timeout_s),
             station: Station::stopped_by(plan, history.begun && !history.safe, &stop_signal),
-            tap,
-            recorder: SampleRecorder::new(plan, clock, history.kept.last(), ago_s(history.kept_unix_s)),
+            streams: Streams::start(plan, history, clock, options)?,
             journal,
-            readbacks: Readbacks::open(&plan.output, !plan.turns.is_empty())?,
             progress: Progress::new(&plan.output, units(plan)),
-            trends: Trends::new(plan.soak.window_s, !plan.turns.is_empty()),
+            trends,
             ramp: Trend::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),
             turntable: (TurntableReading::default(), f64::NEG_INFINITY),
-            telemetry: [[f64::NAN; 2]; 2 * AXES],
+            dropped: history.dropped.iter().cloned().map(|(imu, reason)| DroppedImu { imu, reason }).collect(),
+            may_drop: !history.kept.is_empty(),
             page: None,
-            kept_bytes: last_dwell.map_or(0, |kept| kept.to),
-            stream_error: None,
-            domain,
             stop_signal,
             well_at: 0.0,
             reached_in_journal: reached.is_some(),
@@ -175,7 +165,7 @@ impl<'p> Runner<'p> {
     /// Takes samples of another unit than the plan's, if `accepts`.
     #[must_use]
     pub fn with_other_device(self, accepts: bool) -> Self {
-        Self { recorder: self.recorder.with_other_device(accepts), ..self }
+        Self { streams: self.streams.with_other_device(accepts), ..self }
     }
 
     /// Takes all missing units, and ends in the safe state.
@@ -197,8 +187,14 @@ impl<'p> Runner<'p> {
             Err(_) => Some(Failure::new(Exit::Failed, "the program has failed; its message is above")),
         };
         let (turntable, chamber) = self.station.enter_safe_state();
-        self.recorder.discard();
-        let reason = failure.as_ref().map_or_else(|| "all data are taken".to_owned(), ToString::to_string);
+        self.streams.discard();
+        let all = if self.dropped.is_empty() {
+            "all data are taken".to_owned()
+        } else {
+            let dropped: Vec<_> = self.dropped.iter().map(|dropped| dropped.imu.as_str()).collect();
+            format!("all data are taken, without {}", dropped.join(", "))
+        };
+        let reason = failure.as_ref().map_or(all, ToString::to_string);
         let message = format!("{reason}\nsafe state: {turntable}; {chamber}");
         if failure.is_none() {
             self.progress.event(&message.replace('\n', "; "));
@@ -253,7 +249,7 @@ impl<'p> Runner<'p> {
         let begun = Instant::now();
         self.check_stop_signal()?;
         self.drain()?;
-        self.check_stream()?;
+        self.check_streams()?;
         let now = self.clock.now();
         if now - self.chamber.1 >= CHAMBER_PERIOD_S[0].max(CHAMBER_PERIOD_S[1] * self.clock.speed) {
             self.read_chamber()?;
@@ -265,19 +261,29 @@ impl<'p> Runner<'p> {
         // Samples that arrived during the reading were taken while the turntable was at the measured angles.
         self.drain()?;
         loop {
+            self.drop_all(self.streams.spoilers())?;
+            let spoiled = self.streams.spoiled();
             let observation = Observation {
                 now: self.clock.now(),
                 chamber: (&self.chamber.0, self.chamber.1),
                 turntable: (&self.turntable.0, self.turntable.1),
                 trends: &self.trends,
-                collected_s: self.recorder.collected_s(),
-                complete: self.recorder.complete(),
-                spoiled: self.recorder.spoiled(),
+                collected_s: self.streams.collected_s(),
+                complete: self.streams.complete(),
+                spoiled: spoiled.as_deref(),
             };
-            match self.machine.step(&observation)? {
-                Action::Wait => break,
-                Action::Done => return Ok(true),
-                action => self.execute(action)?,
+            match self.machine.step(&observation) {
+                Ok(Action::Wait) => break,
+                Ok(Action::Done) => return Ok(true),
+                Ok(action) => self.execute(action)?,
+                // Samples are missing: of all IMUs, or of some of a batch.
+                Err(Halt::Interrupted(cause)) => {
+                    let slow = self.machine.unit().map(|unit| self.streams.slow(unit, &cause)).unwrap_or_default();
+                    if slow.is_empty() || !self.drop_all(slow)? {
+                        return Err(RunnerError::Interrupted(cause));
+                    }
+                }
+                Err(halt) => return Err(halt.into()),
             }
         }
         if self.reached_in_journal && self.machine.reached().is_none() {
@@ -305,8 +311,7 @@ impl<'p> Runner<'p> {
                 self.progress.event(&format!("{set_point_c} degC reached"));
             }
             Action::Collect(unit) => {
-                let kept = if unit.has_own_file() { 0 } else { self.kept_bytes };
-                self.recorder.begin(unit, self.clock.now(), kept)?;
+                self.streams.begin(unit)?;
             }
             Action::Discard(reason) => self.discard(reason)?,
             Action::Keep { unit, turned_deg } => self.keep(unit, turned_deg)?,
@@ -317,10 +322,7 @@ impl<'p> Runner<'p> {
     /// Makes the unit last: its samples are synced, then it is journalled.
     fn keep(&mut self, unit: Unit, turned_deg: Option<[[f64; 2]; 2]>) -> Result<(), Failure> {
         let number = self.machine.completed() - 1;
-        let Some(kept) = self.recorder.keep(number)? else { return Ok(()) };
-        if !unit.has_own_file() {
-            self.kept_bytes = kept.to;
-        }
+        let Some(kept) = self.streams.keep(unit, number)? else { return Ok(()) };
         let mut message = format!("{} complete: {} rows, {:.0} s", kept.name, kept.rows, kept.seconds);
         let turn = match (unit, turned_deg) {
             (Unit::Turn { turn, .. }, Some([before_deg, after_deg])) => {
@@ -332,7 +334,8 @@ impl<'p> Runner<'p> {
             _ => None,
         };
         let kept = Kept { turn, ..kept };
-        for (count, name) in [(kept.gaps, "gaps"), (kept.left_out, "samples left out")] {
+        let sum = |of: fn(&Kept) -> u64| kept.each().map(of).sum::<u64>();
+        for (count, name) in [(sum(|kept| kept.gaps), "gaps"), (sum(|kept| kept.left_out), "samples left out")] {
             if count > 0 {
                 message += &format!(", {count} {name}");
             }
@@ -344,7 +347,7 @@ impl<'p> Runner<'p> {
     }
 
     fn discard(&mut self, reason: String) -> Result<(), Failure> {
-        self.recorder.discard();
+        self.streams.discard();
         self.progress.event(&format!("{} is begun again: {reason}", self.unit_name()));
         self.journal.write(Entry::Discarded { reason })
     }
@@ -353,40 +356,49 @@ impl<'p> Runner<'p> {
         stopped_by(&self.stop_signal).map_or(Ok(()), |signal| Err(RunnerError::Stopped(signal)))
     }
 
-    /// Gives all received samples to the recorder and the trends.
+    /// Longest time without a usable sample of an IMU \[s\].
+    fn stream_patience_s(&self) -> f64 {
+        self.plan.patience.stream_s.max(MIN_TIMEOUT.as_secs_f64() * self.clock.speed)
+    }
+
+    /// Gives all received samples to the recorders and the trends.
     fn drain(&mut self) -> Result<(), Failure> {
-        while let Some(next) = self.tap.take_sample() {
-            match next {
-                Ok((sample, received_ns)) => {
-                    self.stream_error = None;
-                    if self.recorder.take(&sample, received_ns)? {
-                        self.trends.sample(&sample);
-                        self.telemetry = telemetry(&sample);
-                    }
-                }
-                Err(error) => self.stream_error = Some(error),
+        let patience_s = self.stream_patience_s();
+        while let Some(failed) = self.streams.drain(&mut self.trends, patience_s)? {
+            let reason = failed.reason.clone();
+            if !self.drop_all(vec![failed])? {
+                return Err(Failure::new(Exit::Data, reason));
             }
         }
         Ok(())
     }
 
-    /// Checks that the last usable sample is not too old.
-    fn check_stream(&self) -> Result<(), RunnerError> {
-        let patience = self.plan.patience.stream_s.max(MIN_TIMEOUT.as_secs_f64() * self.clock.speed);
-        let age = self.clock.now() - self.recorder.usable_at().unwrap_or(f64::NEG_INFINITY);
-        if age <= patience {
-            return Ok(());
+    /// Checks that the last usable sample of no IMU is too old. An IMU of a batch is dropped if others send.
+    fn check_streams(&mut self) -> Result<(), RunnerError> {
+        let patience_s = self.stream_patience_s();
+        self.drop_all(self.streams.silent(patience_s, patience_s))?;
+        self.streams.silence(patience_s).map_or(Ok(()), |cause| Err(RunnerError::Interrupted(cause)))
+    }
+
+    /// Drops these IMUs of a batch, unless none would be left. Returns whether one is dropped.
+    fn drop_all(&mut self, failed: Vec<FailedImu>) -> Result<bool, Failure> {
+        let mut is_dropped = false;
+        for FailedImu { imu, reason } in failed {
+            if !self.may_drop || !self.streams.has_others() {
+                break;
+            }
+            let reason = format!("at {}: {reason}", self.unit_name());
+            let plan = self.streams.drop_imu(imu);
+            self.trends.leave_out(imu);
+            self.progress.event(&format!("{} is dropped {reason}", plan.imu));
+            self.journal.about(Some(&plan.imu));
+            let noted = self.journal.write_synced(Entry::Dropped { reason: reason.clone() });
+            self.journal.about(None);
+            noted?;
+            self.dropped.push(DroppedImu { imu: plan.imu.to_string(), reason });
+            is_dropped = true;
         }
-        let imu = &self.plan.imu;
-        let since = match self.recorder.usable_at() {
-            Some(_) => format!("for {age:.0} s"),
-            None => "yet".to_owned(),
-        };
-        let cause = self.stream_error.clone().unwrap_or_else(|| {
-            let domain = &self.domain;
-            format!("see with `isotherm status` whether a service serves {imu} in domain {domain:?} and its acquisition runs")
-        });
-        Err(RunnerError::Interrupted(format!("no usable sample of {imu} {since}; {cause}")))
+        Ok(is_dropped)
     }
 
     fn read_chamber(&mut self) -> Result<(), RunnerError> {
@@ -396,7 +408,7 @@ impl<'p> Runner<'p> {
         self.trends.chamber(now, self.chamber.0.air_c);
         self.ramp.add(now, self.chamber.0.air_c);
         let phase = self.machine.phase().name();
-        self.readbacks.write(&self.chamber.0, &self.turntable.0, self.telemetry, phase, now)?;
+        self.streams.write_readbacks(&self.chamber.0, &self.turntable.0, phase, now)?;
         self.station.check_ramp(self.ramp.per_h())?;
         Ok(())
     }
@@ -415,6 +427,7 @@ impl<'p> Runner<'p> {
         self.progress.event(&format!("chamber: {}; table: {}", names[0], names[1]));
         let [chamber, table] = names;
         self.journal.write(Entry::Connected { chamber, table })?;
+        self.may_drop = true;
         let now = self.clock.now();
         if self.reached.is_some() || self.machine.completed() > 0 {
             self.machine.resume(now, self.interruption_s + now, reached, &self.chamber.0)?;
@@ -426,8 +439,8 @@ impl<'p> Runner<'p> {
     fn pause(&mut self, cause: String) -> Result<(), RunnerError> {
         self.progress.event(&format!("paused: {cause}"));
         self.journal.write(Entry::Paused { cause: cause.clone() })?;
-        self.recorder.discard();
-        self.recorder.reset_timing();
+        self.streams.discard();
+        self.streams.reset_timing();
         let reached = self.machine.reached();
         let well_at = self.well_at;
         if self.machine.phase().is_moving() {
@@ -459,6 +472,11 @@ impl<'p> Runner<'p> {
             };
             self.check_stop_signal()?;
             if self.clock.now() - begun > patience_s {
+                // It has waited for them long enough.
+                let silent = self.streams.silent(self.stream_patience_s(), 0.0);
+                if self.drop_all(silent)? {
+                    continue;
+                }
                 return Err(RunnerError::GivenUp(Failure::new(Exit::Unavailable, cause)));
             }
             self.paused.get_or_insert_with(|| cause.clone());
@@ -488,7 +506,7 @@ impl<'p> Runner<'p> {
         }
         chamber.and(turntable)?;
         self.drain()?;
-        self.check_stream()
+        self.check_streams()
     }
 
     fn unit_name(&self) -> String {
@@ -505,7 +523,7 @@ impl<'p> Runner<'p> {
             }
             None => return 0.0,
         };
-        (self.recorder.collected_s() / takes_s).min(1.0)
+        (self.streams.collected_s() / takes_s).min(1.0)
     }
 
     /// Estimated time until the campaign is complete.
@@ -523,7 +541,7 @@ impl<'p> Runner<'p> {
             Some(unit) => unit.has_own_file(),
             None => false,
         };
-        let done = self.recorder.collected_s() + if first { soaked } else { 0.0 };
+        let done = self.streams.collected_s() + if first { soaked } else { 0.0 };
         left_s(self.plan, unit) - done.min(takes_s)
     }
 
@@ -542,7 +560,8 @@ impl<'p> Runner<'p> {
 
     /// Writes the live page. A failure is only logged, because the page is soon written again.
     fn write_page(&self, snapshot: &Snapshot) {
-        if let Err(error) = page::write(self.plan, snapshot, self.readbacks.curves()) {
+        let curves: Vec<_> = self.streams.readbacks().map(Readbacks::curves).collect();
+        if let Err(error) = page::write(self.plan, snapshot, &curves) {
             tracing::warn!("writing the live page: {error}");
         }
     }
@@ -566,9 +585,9 @@ impl<'p> Runner<'p> {
                     self.trends.unsettled(&self.plan.soak).unwrap_or_default()
                 }
             }
-            Phase::Dwell { .. } | Phase::Turn(_) => format!("{:.0} s taken", self.recorder.collected_s()),
+            Phase::Dwell { .. } | Phase::Turn(_) => format!("{:.0} s taken", self.streams.collected_s()),
             Phase::Sweep { held, .. } => {
-                let taken = super::timeline::duration(self.recorder.collected_s());
+                let taken = super::timeline::duration(self.streams.collected_s());
                 let target = self.target_c().unwrap_or_default();
                 let does = if held.is_some() { "holds at" } else { "ramps to" };
                 format!("the chamber {does} {target} degC, {taken} taken")
@@ -591,19 +610,15 @@ impl<'p> Runner<'p> {
             telemetry_per_h: self.trends.telemetry_per_h().map(|(rate, _)| rate),
             angles_deg: read_at(self.turntable.1).then_some(self.turntable.0.angles_deg),
             repeated: self.station.repeated(),
-            collected_s: self.recorder.collected_s(),
+            collected_s: self.streams.collected_s(),
             left_s: self.left_s(),
             paused: self.paused.clone(),
             well_unix_s: self.well_unix_s,
             ended: None,
             safe: false,
+            dropped: self.dropped.clone(),
         }
     }
-}
-
-/// Names of the verification runs' files.
-pub fn run_files(plan: &Plan) -> Vec<String> {
-    (0..plan.verify.as_ref().map_or(0, |verify| verify.runs as usize)).map(|run| file_of(Unit::Run(run))).collect()
 }
 
 /// The message for the signal that has asked to end; `None` before one.

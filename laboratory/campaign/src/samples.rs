@@ -16,7 +16,7 @@
 
 use super::journal::Kept;
 use super::machine::Unit;
-use super::plan::{MAX_ROW_DEG, Plan, RUN_FILE, SAMPLES, ramp_file};
+use super::plan::{MAX_ROW_DEG, Plan};
 use isotherm_calibration::campaign::implausible;
 use isotherm_calibration::gyroscopes::runs::implausible as gyroscopes_implausible;
 use isotherm_calibration::provenance::Hashed;
@@ -163,12 +163,12 @@ impl ClockOffset {
     }
 }
 
-/// The name of the file of a unit's samples.
-pub fn file_of(unit: Unit) -> String {
+/// The name of the file of a unit's samples of the IMU of `plan`.
+pub fn file_of(unit: Unit, plan: &Plan) -> String {
     match unit {
-        Unit::Dwell { .. } | Unit::Turn { .. } => SAMPLES.to_owned(),
-        Unit::Ramp(ramp) => ramp_file(ramp),
-        Unit::Run(run) => format!("{RUN_FILE}{}.csv", run + 1),
+        Unit::Dwell { .. } | Unit::Turn { .. } => plan.samples_file(),
+        Unit::Ramp(ramp) => plan.ramp_file(ramp),
+        Unit::Run(run) => plan.run_file(run),
     }
 }
 
@@ -406,7 +406,7 @@ impl<'p> SampleRecorder<'p> {
             }
             Unit::Ramp(_) | Unit::Run(_) => written.session.to_string(),
         };
-        let file = file_of(open.unit);
+        let file = file_of(open.unit, self.plan);
         open.sink.write(leading, &written).map_err(|error| self.failed("writing", &file, &error))
     }
 
@@ -420,7 +420,7 @@ impl<'p> SampleRecorder<'p> {
     /// # Errors
     /// If its file cannot be opened.
     pub fn begin(&mut self, unit: Unit, since: f64, kept: u64) -> Result<(), Failure> {
-        let name = file_of(unit);
+        let name = file_of(unit, self.plan);
         let sink = self.sink(unit, &name, kept).map_err(|error| self.failed("opening", &name, &error))?;
         self.open = Some(OpenUnit {
             unit,
@@ -472,7 +472,7 @@ impl<'p> SampleRecorder<'p> {
     /// Discards the unit in progress.
     pub fn discard(&mut self) {
         if let Some(open) = self.open.take() {
-            let path = self.plan.output.join(file_of(open.unit));
+            let path = self.plan.output.join(file_of(open.unit, self.plan));
             let from = open.from;
             // Dropping the sink flushes its buffer: before the file is truncated, not after it.
             drop(open.sink);
@@ -487,7 +487,7 @@ impl<'p> SampleRecorder<'p> {
     /// If it cannot be written.
     pub fn keep(&mut self, number: usize) -> Result<Option<Kept>, Failure> {
         let Some(open) = self.open.take() else { return Ok(None) };
-        let file = file_of(open.unit);
+        let file = file_of(open.unit, self.plan);
         let failed = |error: io::Error| Failure::io("writing", &self.plan.output.join(&file), &error);
         let sink = open.sink.finish().map_err(failed)?;
         let (sink, sha256) = sink.finish();
@@ -516,6 +516,7 @@ impl<'p> SampleRecorder<'p> {
             gaps: open.gaps,
             left_out: open.left_out,
             file,
+            others: Vec::new(),
         }))
     }
 }

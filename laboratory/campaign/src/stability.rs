@@ -1,6 +1,6 @@
 //! Rates of change over a sliding window, and whether they are low enough.
 
-use super::plan::Soak;
+use super::plan::{Plan, Soak};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::{AXES, RawSample, Triad};
 use std::array;
@@ -87,22 +87,39 @@ pub fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
 #[derive(Clone, Debug)]
 pub struct Trends {
     chamber: Trend,
+    imus: Vec<ImuTrends>,
+}
+
+/// The rates of change of an IMU's temperatures.
+#[derive(Clone, Debug)]
+struct ImuTrends {
+    /// What stands before the names of its sensors: the name of an IMU of a batch.
+    name: String,
     /// Head and board of each accelerometer, and of each gyroscope if they are calibrated.
-    imu: Vec<[Trend; 2]>,
+    sensors: Vec<[Trend; 2]>,
 }
 
 impl Trends {
-    /// Empty windows of `window_s` for the accelerometers, and for the gyroscopes if they are calibrated.
-    pub fn new(window_s: f64, with_gyroscopes: bool) -> Self {
-        let trend = || Trend::new(window_s);
-        let sensors = if with_gyroscopes { 2 * AXES } else { AXES };
-        Self { chamber: trend(), imu: (0..sensors).map(|_| [trend(), trend()]).collect() }
+    /// Empty windows for the IMUs of `plan`: for their accelerometers, and for their gyroscopes if they are calibrated.
+    pub fn new(plan: &Plan) -> Self {
+        let trend = || Trend::new(plan.soak.window_s);
+        let sensors = if plan.turns.is_empty() { AXES } else { 2 * AXES };
+        let imu = |plan: &Plan| ImuTrends {
+            name: plan.member.as_ref().map_or_else(String::new, |member| format!("{} ", member.imu)),
+            sensors: (0..sensors).map(|_| [trend(), trend()]).collect(),
+        };
+        Self { chamber: trend(), imus: plan.each().iter().map(imu).collect() }
     }
 
     /// Empties all windows, after an interruption.
     pub fn clear(&mut self) {
         self.chamber.clear();
-        self.imu.iter_mut().flatten().for_each(Trend::clear);
+        self.imus.iter_mut().flat_map(|imu| &mut imu.sensors).flatten().for_each(Trend::clear);
+    }
+
+    /// Leaves out the IMU number `imu` of the plan from now on: it is dropped.
+    pub fn leave_out(&mut self, imu: usize) {
+        self.imus[imu].sensors.clear();
     }
 
     /// Adds the temperature of the chamber's air \[degC\] at a laboratory time.
@@ -110,10 +127,10 @@ impl Trends {
         self.chamber.add(time_s, air_c);
     }
 
-    /// Adds the telemetry of a sample, at the sample's own timestamp.
-    pub fn sample(&mut self, sample: &RawSample) {
+    /// Adds the telemetry of a sample of the IMU number `imu` of the plan, at the sample's own timestamp.
+    pub fn sample(&mut self, imu: usize, sample: &RawSample) {
         let time_s = sample.timestamp_ns as f64 / 1e9;
-        for (trends, [head, board]) in self.imu.iter_mut().zip(telemetry(sample)) {
+        for (trends, [head, board]) in self.imus[imu].sensors.iter_mut().zip(telemetry(sample)) {
             trends[0].add(time_s, head);
             trends[1].add(time_s, board);
         }
@@ -124,15 +141,17 @@ impl Trends {
         self.chamber.per_h()
     }
 
-    /// Rate of change of the IMU's fastest temperature \[unit/h\], and its name; `None` until all windows are full.
+    /// Rate of change of the fastest temperature of all IMUs \[unit/h\], and its name; `None` until all windows are full.
     pub fn telemetry_per_h(&self) -> Option<(f64, String)> {
         let mut fastest: Option<(f64, String)> = None;
-        let names = AXIS_NAMES.iter().chain(&GYROSCOPE_NAMES);
-        for (trends, name) in self.imu.iter().zip(names) {
-            for (trend, place) in trends.iter().zip(["head", "board"]) {
-                let rate = trend.per_h()?;
-                if fastest.as_ref().is_none_or(|(most, _)| rate.abs() > most.abs()) {
-                    fastest = Some((rate, format!("{name} {place}")));
+        for ImuTrends { name: imu, sensors } in &self.imus {
+            let names = AXIS_NAMES.iter().chain(&GYROSCOPE_NAMES);
+            for (trends, name) in sensors.iter().zip(names) {
+                for (trend, place) in trends.iter().zip(["head", "board"]) {
+                    let rate = trend.per_h()?;
+                    if fastest.as_ref().is_none_or(|(most, _)| rate.abs() > most.abs()) {
+                        fastest = Some((rate, format!("{imu}{name} {place}")));
+                    }
                 }
             }
         }
@@ -159,6 +178,7 @@ impl Trends {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
     fn a_slope_is_the_slope_however_fast_the_points_come() {
@@ -181,26 +201,39 @@ mod tests {
     }
 
     #[test]
+    fn the_slowest_of_a_batch_is_waited_for_until_it_is_dropped() {
+        let plan = Plan::from_toml(include_str!("../../../examples/plan-batch.toml"), Path::new("")).unwrap();
+        let mut trends = Trends::new(&plan);
+        for second in 0..1200_u64 {
+            trends.chamber(second as f64, 20.0);
+            for imu in 0..3 {
+                let mut sample = RawSample { timestamp_ns: second * 1_000_000_000, ..RawSample::default() };
+                sample.accelerometers.head_temperature[2] =
+                    second as f64 * 0.05 / 3600.0 * f64::from(u8::from(imu == 1));
+                trends.sample(imu, &sample);
+            }
+        }
+        let unsettled = trends.unsettled(&plan.soak);
+        assert_eq!(unsettled.as_deref(), Some("imu-b A3 head +0.0500 per h, limit 0.03"));
+        trends.leave_out(1);
+        assert_eq!(trends.unsettled(&plan.soak), None);
+    }
+
+    #[test]
     fn gyroscopes_are_waited_for_if_they_are_calibrated() {
-        let soak = Soak {
-            time_s: 0.0,
-            stay_s: 0.0,
-            tolerance_c: 0.5,
-            window_s: 600.0,
-            chamber_c_per_h: 2.0,
-            telemetry_per_h: Some(0.03),
-        };
-        let unsettled = |with_gyroscopes: bool| {
-            let mut trends = Trends::new(soak.window_s, with_gyroscopes);
+        let unsettled = |plan: &str| {
+            let plan = Plan::from_toml(plan, Path::new("")).unwrap();
+            let mut trends = Trends::new(&plan);
             for second in 0..1200_u64 {
                 let mut sample = RawSample { timestamp_ns: second * 1_000_000_000, ..RawSample::default() };
                 sample.gyroscopes.board_temperature[1] = second as f64 * 0.05 / 3600.0;
                 trends.chamber(second as f64, 20.0);
-                trends.sample(&sample);
+                trends.sample(0, &sample);
             }
-            trends.unsettled(&soak)
+            trends.unsettled(&plan.soak)
         };
-        assert_eq!(unsettled(false), None);
-        assert_eq!(unsettled(true).as_deref(), Some("G2 board +0.0500 per h, limit 0.03"));
+        assert_eq!(unsettled(include_str!("../../../examples/plan.toml")), None);
+        let whole = unsettled(include_str!("../../../examples/plan-whole.toml"));
+        assert_eq!(whole.as_deref(), Some("G2 board +0.0500 per h, limit 0.03"));
     }
 }

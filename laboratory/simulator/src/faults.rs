@@ -1,12 +1,13 @@
 //! Faults that are injected on request: DIR/faults has one per line and is read again whenever it changes.
 //!
 //! A line is `WHAT[:DEVICE][@WHEN]`. WHAT is one of [`InjectedFault::NAMES`]. DEVICE is `chamber` or `table`; without it both
-//! have the fault. WHEN is `3` for the third request, `3-5` for the third to the fifth, or `100s-200s` for simulated seconds;
+//! have the fault. DEVICE of `silent` is the name of an IMU; without it all IMUs have the fault. WHEN is `3` for the third request, `3-5` for the third to the fifth, or `100s-200s` for simulated seconds;
 //! without it the fault is permanent. Requests are counted from the last reading of the file.
 
 use super::station::StationProcess;
 use isotherm_failure::tell;
 use isotherm_files::Identity;
+use isotherm_shared::stream::ImuId;
 use std::fs;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -42,11 +43,13 @@ pub enum InjectedFault {
     Overshoot,
     /// The chamber never reaches its set point.
     NeverThere,
+    /// The IMU sends nothing.
+    Silent,
 }
 
 impl InjectedFault {
     /// Every fault with its name.
-    pub const NAMES: [(Self, &'static str); 12] = [
+    pub const NAMES: [(Self, &'static str); 13] = [
         (Self::Garbled, "garbled"),
         (Self::Late, "late"),
         (Self::Missing, "missing"),
@@ -59,6 +62,7 @@ impl InjectedFault {
         (Self::NoSettle, "no-settle"),
         (Self::Overshoot, "overshoot"),
         (Self::NeverThere, "never-there"),
+        (Self::Silent, "silent"),
     ];
 }
 
@@ -74,8 +78,10 @@ enum When {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Injection {
     fault: InjectedFault,
-    /// `None` for both devices.
+    /// `None` for both devices, or for all IMUs.
     device: Option<StationProcess>,
+    /// The IMU that is silent; `None` for all of them.
+    imu: Option<ImuId>,
     when: When,
 }
 
@@ -88,15 +94,22 @@ impl FromStr for Injection {
         let names = || InjectedFault::NAMES.map(|(_, name)| name).join(", ");
         let fault = InjectedFault::NAMES.iter().find(|(_, name)| *name == fault);
         let (fault, _) = *fault.ok_or_else(|| format!("give one of {}", names()))?;
+        let expected = "after the @ give a request as 3, requests as 3-5, or seconds as 100s-200s";
+        let when = when.map_or(Some(When::Always), parse_when).ok_or(expected)?;
+        if fault == InjectedFault::Silent {
+            if matches!(when, When::Requests(_)) {
+                return Err("an IMU gets no requests; after the @ give seconds as 100s-200s".to_owned());
+            }
+            let imu = device.map(str::parse).transpose().map_err(|_| "after the colon give the name of an IMU")?;
+            return Ok(Self { fault, device: Some(StationProcess::Imu), imu, when });
+        }
         let device = match device {
             None => None,
             Some("chamber") => Some(StationProcess::Chamber),
             Some("table") => Some(StationProcess::Turntable),
             Some(_) => return Err("after the colon give chamber or table".to_owned()),
         };
-        let expected = "after the @ give a request as 3, requests as 3-5, or seconds as 100s-200s";
-        let when = when.map_or(Some(When::Always), parse_when).ok_or(expected)?;
-        Ok(Self { fault, device, when })
+        Ok(Self { fault, device, imu: None, when })
     }
 }
 
@@ -136,18 +149,27 @@ impl FaultSchedule {
     /// The faults that are active at `now_s`, for the latest request.
     pub fn active(&mut self, now_s: f64) -> Vec<InjectedFault> {
         self.reload_if_changed();
+        self.injected(now_s).map(|injection| injection.fault).collect()
+    }
+
+    /// Whether `imu` is silent at `now_s`, as the file was last read.
+    pub fn is_silent(&self, now_s: f64, imu: &ImuId) -> bool {
+        let of_imu = |injection: &Injection| injection.imu.as_ref().is_none_or(|silent| silent == imu);
+        self.injected(now_s).any(|injection| injection.fault == InjectedFault::Silent && of_imu(injection))
+    }
+
+    fn injected(&self, now_s: f64) -> impl Iterator<Item = &Injection> {
         let mine =
             self.injections.iter().filter(|injection| injection.device.is_none_or(|device| device == self.device));
-        let active = mine.filter(|injection| match &injection.when {
+        mine.filter(move |injection| match &injection.when {
             When::Always => true,
             When::Requests(range) => range.contains(&self.requests),
             When::Seconds(range) => range.contains(&now_s),
-        });
-        active.map(|injection| injection.fault).collect()
+        })
     }
 
     /// Reads the file again if it has changed. An invalid line is reported and ignored, so that the station goes on.
-    fn reload_if_changed(&mut self) {
+    pub fn reload_if_changed(&mut self) {
         let version = Identity::of(&self.path);
         if version != self.version {
             self.version = version;
@@ -177,13 +199,58 @@ mod tests {
     fn a_line_has_fault_device_and_time() {
         let parse = |line: &str| line.parse::<Injection>();
         let (fault, device) = (InjectedFault::Late, Some(StationProcess::Turntable));
-        assert_eq!(parse("late:table@3-5"), Ok(Injection { fault, device, when: When::Requests(3..=5) }));
-        assert_eq!(parse("late:table@7"), Ok(Injection { fault, device, when: When::Requests(7..=7) }));
+        let imu = None;
+        assert_eq!(
+            parse("late:table@3-5"),
+            Ok(Injection { fault, device, imu: imu.clone(), when: When::Requests(3..=5) })
+        );
+        assert_eq!(
+            parse("late:table@7"),
+            Ok(Injection { fault, device, imu: imu.clone(), when: When::Requests(7..=7) })
+        );
         let when = When::Seconds(100.0..=2e3);
-        assert_eq!(parse("port-loss@100s-2000s"), Ok(Injection { fault: InjectedFault::PortLoss, device: None, when }));
-        for wrong in ["", "lost", "late:imu", "late@0", "late@5-3", "late@1s-2", "late@", "late:table@x"] {
+        assert_eq!(
+            parse("port-loss@100s-2000s"),
+            Ok(Injection { fault: InjectedFault::PortLoss, device: None, imu, when: when.clone() })
+        );
+        let (fault, device) = (InjectedFault::Silent, Some(StationProcess::Imu));
+        let imu = ImuId::new("imu-b");
+        assert_eq!(parse("silent:imu-b@100s-2000s"), Ok(Injection { fault, device, imu, when }));
+        for wrong in [
+            "silent:no name",
+            "silent@3",
+            "",
+            "lost",
+            "late:imu",
+            "late@0",
+            "late@5-3",
+            "late@1s-2",
+            "late@",
+            "late:table@x",
+        ] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn one_imu_or_all_of_them_are_silent() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut faults = FaultSchedule::new(folder.path(), StationProcess::Imu);
+        let imus = ["imu-a", "imu-b"].map(|name| ImuId::new(name).unwrap());
+        for (line, expected) in [
+            ("silent:imu-b", [false, true]),
+            ("silent", [true, true]),
+            ("silent:imu-a@6s-7s", [false, false]),
+            ("late", [false, false]),
+        ] {
+            fs::write(folder.path().join(FAULTS), line).unwrap();
+            faults.version = None;
+            faults.reload_if_changed();
+            assert_eq!(imus.each_ref().map(|imu| faults.is_silent(5.0, imu)), expected, "{line}");
+        }
+        let mut chamber = FaultSchedule::new(folder.path(), StationProcess::Chamber);
+        fs::write(folder.path().join(FAULTS), "silent").unwrap();
+        assert_eq!(chamber.active(5.0), []);
     }
 
     #[test]

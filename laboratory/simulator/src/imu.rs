@@ -1,15 +1,18 @@
-//! The process of the IMU: it simulates one control period after the other and publishes raw samples, as an acquisition does.
+//! The process of the IMU, or of the IMUs that share a turntable: it simulates one control period after the other and publishes raw samples, as
+//! acquisitions do.
 //!
 //! Over 400 lines: one IMU: its thermal state, its sensors and its test against closed forms.
 
+use super::faults::FaultSchedule;
 use super::link::{Answer, DeviceEvent, LinkClient};
 use super::positioning::PositioningErrors;
-use super::station::SimulatedStation;
+use super::station::{SimulatedStation, StationImu, StationProcess};
 use isotherm_calibration::simulate::{self, InertialMotion, SimulatedTurntable, Truth};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{WorldWritable, load_table};
 use isotherm_shared::wire::RawSample;
+use nalgebra::Matrix3;
 use std::collections::VecDeque;
 use std::io;
 use std::path::Path;
@@ -31,11 +34,11 @@ const DROP_AFTER: Duration = Duration::from_secs(10);
 /// A new set point begins another visit if the air was at the last one for longer than this \[s\].
 const VISIT_S: f64 = 600.0;
 
-/// Runs until SIGTERM or SIGINT, or until the process of a device has ended. SIGUSR1 restarts the acquisition: the service sees another session.
+/// Runs until SIGTERM or SIGINT, or until the process of a device has ended. SIGUSR1 restarts the acquisitions: the service sees other sessions.
 ///
 /// # Errors
-/// If the IMU's true coefficients cannot be read.
-pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domain) -> Result<(), Failure> {
+/// If the true coefficients of an IMU cannot be read.
+pub fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) -> Result<(), Failure> {
     let ended = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         // If this fails, the signal ends the process at once, and the service cleans up.
@@ -45,14 +48,22 @@ pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domai
     let handled = signal_hook::flag::register(signal_hook::consts::SIGUSR1, Arc::clone(&restart));
     handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
     let failed = |error: io::Error| Failure::new(Exit::Io, format!("the simulated IMU: {error}"));
-    let table = load_table(&folder.join("truth.toml"), None, WorldWritable::Allow)?.0;
-    let serial = table.content().serial.clone();
-    let SimulatedStation { tilt_rad, gravity_local, latitude_deg, heading_deg, .. } = *station;
-    let plays = station.plays.clone();
-    let truth = Truth { plays, tilt_rad, gravity_local, latitude_deg, heading_deg, ..Truth::of(table) };
+    let truths = station.imus.iter().map(|imu| {
+        let table = load_table(&folder.join(&imu.truth), None, WorldWritable::Allow)?.0;
+        let SimulatedStation { tilt_rad, gravity_local, latitude_deg, heading_deg, .. } = *station;
+        let plays = station.plays.clone();
+        Ok(Truth { plays, tilt_rad, gravity_local, latitude_deg, heading_deg, ..Truth::of(table) })
+    });
+    let truths = truths.collect::<Result<Vec<_>, Failure>>()?;
     let mut devices = [LinkClient::new(io::stdin()).map_err(failed)?, LinkClient::new(io::stdout()).map_err(failed)?];
-    let mut imu_model = MountedImu::new(station, &truth);
-    let mut output = SampleSender::new(imu, serial, domain, Arc::clone(&ended));
+    let mut imus = Vec::new();
+    for (imu, truth) in station.imus.iter().zip(&truths) {
+        let id: ImuId = imu.id.parse().map_err(|error| Failure::new(Exit::Config, format!("{error}")))?;
+        let serial = truth.table.content().serial.clone();
+        let output = SampleSender::new(&id, serial, domain.clone(), Arc::clone(&ended));
+        imus.push((MountedImu::new(station, imu, truth), output));
+    }
+    let mut faults = FaultSchedule::new(folder, StationProcess::Imu);
     let mut last_turn = Instant::now();
     // The samples until then are not sent.
     let mut missed_s = 0.0;
@@ -65,25 +76,32 @@ pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domai
         for device in &mut devices {
             let Ok(Answer { now_s, events }) = device.ask() else { return Ok(()) };
             known_s = known_s.min(now_s);
-            imu_model.events.extend(events);
-        }
-        if restart.swap(false, Ordering::Relaxed) {
-            output.acquisition = None;
-        }
-        imu_model.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
-        let mut burst = 0;
-        while imu_model.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
-            let sample = imu_model.step();
-            if imu_model.begin_s() >= missed_s {
-                output.send(&sample);
-            }
-            burst += 1;
-            if burst % BURST == 0 {
-                thread::sleep(PAUSE);
+            for (imu, _) in &mut imus {
+                imu.events.extend(events.iter().copied());
             }
         }
-        output.receive();
-        let left = (imu_model.end_s() - station.now_s()) / station.speed;
+        faults.reload_if_changed();
+        let restarts = restart.swap(false, Ordering::Relaxed);
+        for (imu, output) in &mut imus {
+            if restarts {
+                output.acquisition = None;
+            }
+            imu.events.make_contiguous().sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            let mut burst = 0;
+            while imu.end_s() <= known_s && !ended.load(Ordering::Relaxed) {
+                let sample = imu.step();
+                if imu.begin_s() >= missed_s && !faults.is_silent(imu.begin_s(), &output.imu) {
+                    output.send(&sample);
+                }
+                burst += 1;
+                if burst % BURST == 0 {
+                    thread::sleep(PAUSE);
+                }
+            }
+            output.receive();
+        }
+        let end_s = imus.iter().map(|(imu, _)| imu.end_s()).fold(f64::INFINITY, f64::min);
+        let left = (end_s - station.now_s()) / station.speed;
         thread::sleep(Duration::from_secs_f64(left.clamp(0.0, 0.1)).max(PAUSE));
     }
     Ok(())
@@ -92,6 +110,8 @@ pub fn run(station: &SimulatedStation, imu: &ImuId, folder: &Path, domain: Domai
 /// The IMU with the turntable and the chamber that it is in, at the end of the last simulated period.
 struct MountedImu<'a> {
     truth: &'a Truth,
+    /// The rotation from the turntable's axes to the IMU's.
+    mounting: Matrix3<f64>,
     imu: simulate::SimulatedImu,
     turntable: SimulatedTurntable,
     interval_ns: u64,
@@ -108,12 +128,14 @@ struct MountedImu<'a> {
 }
 
 impl<'a> MountedImu<'a> {
-    fn new(station: &SimulatedStation, truth: &'a Truth) -> Self {
+    fn new(station: &SimulatedStation, imu: &StationImu, truth: &'a Truth) -> Self {
         let SimulatedStation { chain, noise, ambient_c, seed, interval_ns, .. } = station;
-        let mut imu = simulate::SimulatedImu::new(truth, chain, noise, *ambient_c, *seed);
+        let mounting = Matrix3::from_fn(|i, j| imu.mounting[i][j]);
+        let mut imu = simulate::SimulatedImu::new(truth, chain, noise, *ambient_c, imu.seed);
         imu.visit();
         Self {
             truth,
+            mounting,
             imu,
             turntable: SimulatedTurntable::default(),
             interval_ns: *interval_ns,
@@ -144,7 +166,7 @@ impl<'a> MountedImu<'a> {
             self.turntable.angles_deg()
         });
         self.periods += 1;
-        let raw = self.imu.step(&motion, self.interval_ns);
+        let raw = self.imu.step(&motion.mounted(&self.mounting), self.interval_ns);
         if self.imu.chamber_c() != self.target_c {
             self.arrived_s = end_s;
         }
@@ -252,7 +274,7 @@ impl SampleSender {
     fn print_obstacle(&mut self, obstacle: &str) {
         if self.obstacle != obstacle {
             self.obstacle = obstacle.to_owned();
-            tell("isotherm", format_args!("the simulated IMU: {obstacle}; it keeps trying to connect"));
+            tell("isotherm", format_args!("the simulated IMU {}: {obstacle}; it keeps trying to connect", self.imu));
         }
     }
 
@@ -288,7 +310,7 @@ mod tests {
 
     fn station(interval_ns: u64) -> SimulatedStation {
         SimulatedStation {
-            imu: "imu-g".to_owned(),
+            imus: vec![StationImu::new("imu-g", 0, 1, 1)],
             chamber: ChamberProtocol::Espec,
             chamber_port: String::new(),
             table: TurntableProtocol::Acutrol,
@@ -346,7 +368,7 @@ mod tests {
             let truth = truth(&station);
             let [x, y, z] = truth.earth_rate();
             assert!((z - EARTH_RATE * 39.9_f64.to_radians().sin()).abs() < 1e-9);
-            let mut imu = MountedImu::new(&station, &truth);
+            let mut imu = MountedImu::new(&station, &station.imus[0], &truth);
             imu.events.push_back((REST_S, go_to(0, 360.0)));
             imu.events.push_back((REST_S, go_to(1, 0.0)));
             let [angle, force] = compensated(&mut imu, WHOLE_S);
@@ -377,7 +399,7 @@ mod tests {
         station.noise = Noise { positioning_rad: 10.0 * ARCSEC, turn_rad: 0.2 * ARCSEC, ..Noise::NONE };
         let truth = truth(&station);
         let [x, ..] = truth.earth_rate();
-        let mut imu = MountedImu::new(&station, &truth);
+        let mut imu = MountedImu::new(&station, &station.imus[0], &truth);
         for turn in 0..20_u32 {
             let begin_s = f64::from(turn) * 50.0;
             let (target, turned_deg) = if turn % 2 == 0 { (360.0, 360.0) } else { (0.0, -360.0) };
@@ -406,7 +428,7 @@ mod tests {
         content.gyroscopes.as_mut().unwrap().axes[1].transient = 500.0;
         let table = CoefficientTable::new(content).unwrap();
         let moving = Truth { table, plays: station.plays.clone(), ..still.clone() };
-        let mut imus = [&still, &moving].map(|truth| MountedImu::new(&station, truth));
+        let mut imus = [&still, &moving].map(|truth| MountedImu::new(&station, &station.imus[0], truth));
         // 0.6 degC/min up: after 40 min heads and elements follow at that rate.
         let ramp = DeviceEvent::Chamber { target_c: 80.0, ramp_c_per_s: 0.01 };
         let [resting, moving] = imus.each_mut().map(|imu| {

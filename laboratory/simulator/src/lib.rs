@@ -1,4 +1,5 @@
-//! A simulated station: chamber, turntable and IMU, each in its own process, with the same simulated physics.
+//! A simulated station: chamber, turntable and IMU, each in its own process, with the same simulated physics. Several IMUs on the turntable share one
+//! process.
 //!
 //! # Time
 //! All processes use one clock: simulated time is `speed` times CLOCK_MONOTONIC since the station's start. Chamber and turntable
@@ -12,7 +13,7 @@
 //!    writes DIR, supervises     +-- table     DIR/table or TCP, byte by byte      | ... and of the axes
 //!                               +-- imu       raw samples to the service   <------+
 //! ```
-//! The faults that DIR/faults lists are injected into the devices and their replies (module `faults`).
+//! The faults that DIR/faults lists are injected into the devices and their replies, and into the streams of the IMUs (module `faults`).
 
 mod chamber;
 mod faults;
@@ -30,4 +31,4 @@ mod turntable;
 
 pub use faults::Injection;
 pub use launch::{end_with_parent, free_port};
-pub use station::{ChamberProtocol, SimulatedStation, StationProcess, TurntableProtocol};
+pub use station::{ChamberProtocol, SimulatedStation, StationImu, StationProcess, TurntableProtocol};

@@ -1,12 +1,13 @@
 //! A campaign plan for a simulated station.
 
-use crate::station::{ChamberProtocol, SimulatedStation, TurntableProtocol};
+use crate::station::{ChamberProtocol, SimulatedStation, StationImu, TurntableProtocol};
 use isotherm_calibration::simulate::Truth;
 
 impl SimulatedStation {
-    /// The text of a campaign plan with this station's instruments.
+    /// The text of a campaign plan with this station's instruments. `truths` are those of its IMUs; `None` without one.
     #[must_use]
-    pub fn plan_toml(&self, truth: &Truth) -> String {
+    pub fn plan_toml(&self, truths: &[Truth]) -> Option<String> {
+        let truth = truths.first()?;
         let content = truth.table.content();
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let chamber = self.chamber.name();
@@ -26,13 +27,26 @@ impl SimulatedStation {
         let latitude =
             content.gyroscopes.as_ref().map_or(String::new(), |_| format!("latitude_deg = {:?}\n", self.latitude_deg));
         let turns = if content.gyroscopes.is_some() { "[turns]\n\n" } else { "" };
-        let serial = content.serial.as_ref().map_or(String::new(), |serial| format!("serial = {}\n", quoted(serial)));
+        let serial_of = |truth: &Truth| truth.table.content().serial.as_ref().map(|serial| quoted(serial));
+        let (imus, install) = match &self.imus[..] {
+            [StationImu { id, .. }] => {
+                let serial = serial_of(truth).map_or(String::new(), |serial| format!("serial = {serial}\n"));
+                (format!("imu = \"{id}\"\n{serial}"), format!("install = \"{id}.toml\"\n"))
+            }
+            imus => {
+                let items = imus.iter().zip(truths).map(|(StationImu { id, mounting, .. }, truth)| {
+                    let serial = serial_of(truth).map_or(String::new(), |serial| format!("serial = {serial}, "));
+                    format!("    {{ id = \"{id}\", {serial}mounting = {mounting:?}, install = \"{id}.toml\" }},\n")
+                });
+                (format!("imus = [\n{}]\n", items.collect::<String>()), String::new())
+            }
+        };
         let telemetry = self.chain.telemetry_slope.abs();
-        format!(
+        Some(format!(
             "# The campaign at this simulated station: isotherm campaign run --speed {} plan.toml\n\
-             format = 1\nimu = \"{}\"\n{serial}output = \"campaign\"\n\
+             format = 1\n{imus}output = \"campaign\"\n\
              gravity_reference = {:?}\ngravity_local = {:?}\n{latitude}temperature_unit = {}\n\
-             positions = \"six-faces-two-headings\"\ninstall = \"{}.toml\"\n\n\
+             positions = \"six-faces-two-headings\"\n{install}\n\
              [set_points]\nstart_c = -25\nstop_c = 45\nstep_c = 5\n\n\
              [soak]\ntime_s = 3600\nstay_s = 4200\nwindow_s = 900\nchamber_c_per_h = 2\ntelemetry_per_h = {:?}\n\n\
              [dwell]\ntime_s = 300\nrow_s = 10\n\n{turns}\
@@ -43,15 +57,13 @@ impl SimulatedStation {
              [safe]\nchamber = \"standby\"\n\n\
              [verify]\nruns = 2\nattitudes_deg = [[50, 130], [230, 130]]\nfrom_c = -25\nto_c = 45\nramp_c_per_h = 20\nhold_s = 1800\n",
             self.speed,
-            self.imu,
             content.gravity,
             self.gravity_local,
             quoted(&content.temperature_unit),
-            self.imu,
             // 0.75 degC/h.
             (telemetry * 750.0).round() / 1000.0,
             quoted(&self.chamber_port),
             quoted(&self.table_port),
-        )
+        ))
     }
 }

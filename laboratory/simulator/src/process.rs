@@ -2,7 +2,7 @@
 
 use crate::station::{SimulatedStation, StationProcess};
 use crate::{chamber, imu, launch, server, turntable};
-use isotherm_client::{Domain, ImuId};
+use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure};
 use std::path::Path;
 
@@ -28,10 +28,7 @@ impl SimulatedStation {
                     (turntable::TurntableDevice::new(station.wrap), station.table.implementation(tcp));
                 server::serve(process, device, protocol, &station, &station.table_port, folder)
             }
-            StationProcess::Imu => {
-                let imu: ImuId = station.imu.parse().map_err(|error| Failure::new(Exit::Config, format!("{error}")))?;
-                imu::run(&station, &imu, folder, domain)
-            }
+            StationProcess::Imu => imu::run(&station, folder, &domain),
         }
     }
 }

@@ -2,13 +2,45 @@
 
 use isotherm_calibration::simulate::{Chain, Noise, Play};
 use isotherm_client::monotonic_ns;
+use isotherm_shared::wire::AXES;
 use serde::{Deserialize, Serialize};
+
+/// An IMU of a station.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct StationImu {
+    /// Its name.
+    pub id: String,
+    /// The rotation from the turntable's axes to its own, by rows.
+    pub mounting: [[f64; AXES]; AXES],
+    /// The file of its true coefficients in the station's folder.
+    pub truth: String,
+    /// Seed of its noise.
+    pub seed: u64,
+}
+
+/// Mountings of the IMUs on one turntable, in order: each turns the axes of the one before.
+const MOUNTINGS: [[[f64; AXES]; AXES]; 4] = [
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+];
+
+impl StationImu {
+    /// IMU number `number` of `count`, counted from 0, of a station with this seed. Each has another mounting and another seed.
+    #[must_use]
+    pub fn new(id: &str, number: usize, count: usize, seed: u64) -> Self {
+        let truth = if count == 1 { "truth.toml".to_owned() } else { format!("truth-{id}.toml") };
+        let mounting = MOUNTINGS[number % MOUNTINGS.len()];
+        Self { id: id.to_owned(), mounting, truth, seed: seed.wrapping_add(number as u64) }
+    }
+}
 
 /// A station, as described in its file DIR/station.json.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct SimulatedStation {
-    /// The IMU whose samples are published.
-    pub imu: String,
+    /// The IMUs on the turntable, whose samples are published.
+    pub imus: Vec<StationImu>,
     /// Protocol of the chamber.
     pub chamber: ChamberProtocol,
     /// Port of the chamber: a symbolic link to a pseudo-terminal, or `tcp://127.0.0.1:port`.
@@ -25,7 +57,7 @@ pub struct SimulatedStation {
     pub origin_ns: u64,
     /// Control period of the IMU \[ns\].
     pub interval_ns: u64,
-    /// Seed of the noise and of the phase of the chamber's oscillation.
+    /// Seed of the turntable's errors and of the phase of the chamber's oscillation.
     pub seed: u64,
     /// Temperature of the laboratory, and of the chamber at the beginning \[degC\].
     pub ambient_c: f64,
@@ -62,7 +94,7 @@ pub enum StationProcess {
     Chamber,
     /// The turntable.
     Turntable,
-    /// The IMU.
+    /// The IMUs.
     Imu,
 }
 

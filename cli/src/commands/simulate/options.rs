@@ -7,7 +7,7 @@ use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Output, StagedText, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;
-use isotherm_shared::table::{CoefficientTable, FORMAT, Refusal};
+use isotherm_shared::table::{CoefficientTable, Content, FORMAT, Refusal};
 use isotherm_shared::wire::AXES;
 use serde::Serialize;
 use std::io;
@@ -36,7 +36,7 @@ pub struct SimulatedImuOptions {
     vary: bool,
     /// Name of the IMU; as in the table unless given
     #[arg(long, value_name = "ID")]
-    imu: Option<ImuId>,
+    imu: Vec<ImuId>,
     /// Local gravity [m/s2]; as the table's 1 g0 unless given or drawn
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
@@ -60,11 +60,34 @@ pub struct SimulatedImuOptions {
 }
 
 impl SimulatedImuOptions {
+    /// The truth of the one IMU.
     pub fn truth(&self) -> Result<Truth, Failure> {
-        let refused = |refusals: Vec<Refusal>| {
-            let refusals: Vec<_> = refusals.iter().map(Refusal::to_string).collect();
-            Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
-        };
+        match &self.imu[..] {
+            [] | [_] => self.first_truth(),
+            _ => Err(usage("--imu: this simulates one IMU; isotherm simulate station has several on one turntable")),
+        }
+    }
+
+    /// The truth of each IMU. The first one is that of an IMU that is alone; the others are drawn from it and from the seeds that follow, and are in
+    /// the same laboratory.
+    pub fn truths(&self) -> Result<Vec<Truth>, Failure> {
+        if let Some((_, imu)) = self.imu.iter().enumerate().find(|(index, imu)| self.imu[..*index].contains(imu)) {
+            return Err(usage(format!("--imu: {imu} is there twice")));
+        }
+        let first = self.first_truth()?;
+        let content = first.table.content();
+        let others = (2..).zip(self.imu.iter().skip(1)).map(|(number, imu)| {
+            let serial = content.serial.as_ref().map(|serial| format!("{serial}-{number}"));
+            let content = Content { imu: imu.clone(), serial, ..content.clone() };
+            let truth = Truth::varied(&content, self.seed.wrapping_add(number - 1)).map_err(refused)?;
+            let Truth { plays, tilt_rad, gravity_local, latitude_deg, heading_deg, .. } = first.clone();
+            Ok(Truth { plays, tilt_rad, gravity_local, latitude_deg, heading_deg, ..truth })
+        });
+        let others = others.collect::<Result<Vec<_>, Failure>>()?;
+        Ok([vec![first.clone()], others].concat())
+    }
+
+    fn first_truth(&self) -> Result<Truth, Failure> {
         let given = match &self.truth {
             Some(path) => load_table(path, None, WorldWritable::Allow)?.0,
             None => {
@@ -73,7 +96,7 @@ impl SimulatedImuOptions {
             }
         };
         let mut content = given.content().clone();
-        if let Some(imu) = &self.imu {
+        if let Some(imu) = self.imu.first() {
             content.imu = imu.clone();
         }
         if self.gyroscopes && content.gyroscopes.is_none() {
@@ -140,6 +163,12 @@ fn chain_in(unit: &str) -> Result<(Chain, f64), Failure> {
         }
         unit => Err(usage(format!("the truth's telemetry is in {unit}; V and degC can be simulated"))),
     }
+}
+
+/// The failure of a truth that no table can have.
+fn refused(refusals: Vec<Refusal>) -> Failure {
+    let refusals: Vec<_> = refusals.iter().map(Refusal::to_string).collect();
+    Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
 }
 
 /// A usage error.

@@ -9,7 +9,8 @@ use isotherm_client::{Domain, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::print;
 use isotherm_simulator::{
-    ChamberProtocol, Injection, SimulatedStation, StationProcess, TurntableProtocol, end_with_parent, free_port,
+    ChamberProtocol, Injection, SimulatedStation, StationImu, StationProcess, TurntableProtocol, end_with_parent,
+    free_port,
 };
 use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -24,8 +25,8 @@ use std::time::Duration;
 /// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT
 ///
 /// Chamber and turntable speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU publishes to the
-/// running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients. Write faults into DIR/faults
-/// to inject them.
+/// running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients. With several --imu they share the
+/// turntable, each with another mounting, and their coefficients are DIR/truth-ID.toml. Write faults into DIR/faults to inject them.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate station -o station --imu imu-a --speed 100\n  isotherm simulate station -o station --imu imu-a --chamber watlow-f4t --table aerosmith --tcp\n  isotherm simulate station -o station --imu imu-a --fault late:table@3-5 --fault never-there@7200s-9000s\n  echo port-loss:chamber > station/faults"
@@ -63,9 +64,9 @@ pub struct SimulateStation {
     /// The chamber's fastest ramp [degC/min]
     #[arg(long, value_name = "DEGC/MIN", default_value_t = 3.0, value_parser = ramp)]
     chamber_ramp: f64,
-    /// A fault, WHAT[:chamber|:table][@WHEN]
+    /// A fault, WHAT[:chamber|:table|:IMU][@WHEN]
     ///
-    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, babble, dead, no-settle, overshoot or never-there; WHEN is 3 for the
+    /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, babble, dead, no-settle, overshoot or never-there, or silent for an IMU; WHEN is 3 for the
     /// third request, 3-5 for the third to the fifth, 100s-200s for simulated seconds, always unless given
     #[arg(long, value_name = "WHAT@WHEN", value_parser = fault)]
     fault: Vec<String>,
@@ -120,8 +121,9 @@ impl SimulateStation {
             handled.map_err(|error| Failure::new(Exit::Failed, format!("handling signals: {error}")))?;
         }
         let folder = self.folder()?;
-        let truth = self.imu.truth()?;
-        let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        let truths = self.imu.truths()?;
+        let Some(truth) = truths.first() else { return Ok(()) };
+        let (chain, noise) = self.imu.chain_and_noise(truth, self.telemetry_every)?;
         let positioning_rad = arcsec(self.positioning);
         // An exact turntable repeats exactly.
         let noise = Noise { positioning_rad, turn_rad: noise.turn_rad.min(positioning_rad), ..noise };
@@ -131,7 +133,12 @@ impl SimulateStation {
             ["chamber", "table"].map(|name| folder.join(name).display().to_string())
         };
         let station = SimulatedStation {
-            imu: truth.table.content().imu.to_string(),
+            imus: (0..)
+                .zip(&truths)
+                .map(|(number, truth)| {
+                    StationImu::new(truth.table.content().imu.as_str(), number, truths.len(), self.imu.seed)
+                })
+                .collect(),
             chamber: self.chamber,
             chamber_port,
             table: self.table,
@@ -162,11 +169,11 @@ impl SimulateStation {
         let SimulatedStation { interval_ns, ambient_c, ramp_c_per_s, .. } = station;
         let schedule = StationSchedule { interval_ns, ambient_c, ramp_c_per_s, chain, noise };
         let mut files = SimulatedFiles::default();
-        files.add(
-            folder.join("truth.toml"),
-            &truth_toml(&truth, "isotherm simulate station", self.imu.seed, &schedule)?,
-        )?;
-        files.add(folder.join("plan.toml"), &station.plan_toml(&truth))?;
+        for (imu, truth) in station.imus.iter().zip(&truths) {
+            let text = truth_toml(truth, "isotherm simulate station", imu.seed, &schedule)?;
+            files.add(folder.join(&imu.truth), &text)?;
+        }
+        files.add(folder.join("plan.toml"), &station.plan_toml(&truths).unwrap_or_default())?;
         files.finish()?;
         let program = std::env::current_exe();
         let program = program
@@ -190,10 +197,12 @@ impl SimulateStation {
 
 /// Prints the ports and the next commands.
 fn announce(station: &SimulatedStation, folder: &Path) -> Result<(), Failure> {
-    let (imu, folder) = (&station.imu, folder.display());
+    let folder = folder.display();
+    let imus = station.imus.iter().map(|StationImu { id, .. }| format!(" --imu {id}={folder}/{id}.toml"));
+    let imus: String = imus.collect();
     print(&format!(
         "chamber {}\ntable {}\n\
-         next: isotherm serve --allow-uncalibrated --imu {imu}={folder}/{imu}.toml\n\
+         next: isotherm serve --allow-uncalibrated{imus}\n\
          and:  isotherm campaign run --speed {} {folder}/plan.toml\n\
          ready\n",
         station.chamber_port, station.table_port, station.speed

@@ -64,7 +64,7 @@ impl SimulatedLaboratory {
             wraps: false,
             turn_error_deg: 0.0,
             spoiled: None,
-            trends: Trends::new(plan.soak.window_s, !plan.turns.is_empty()),
+            trends: Trends::new(plan),
             collecting: None,
             off: (0.0, 0.0),
             drift_c_per_h: 0.0,

@@ -1,28 +1,23 @@
 //! What a plan specifies.
 
 use crate::limits::Limits;
-use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::campaign::{Campaign, Member};
 use isotherm_calibration::positions::Position;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::stream::ImuId;
 use std::path::PathBuf;
 
-/// The file of the dwells' samples in the campaign's folder.
-pub const SAMPLES: &str = "campaign.csv";
-
-/// Begin of the names of the verification runs' files; the number of the run follows, from 1.
-pub const RUN_FILE: &str = "verify-";
-
 /// A checked plan. Times are laboratory time \[s\].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The IMU to calibrate.
+    /// The IMU to calibrate; the first one of a batch.
     pub imu: ImuId,
     /// The folder for everything that the campaign writes.
     pub output: PathBuf,
     /// Chamber temperatures, in order \[degC\].
     pub set_points_c: Vec<f64>,
-    /// Positions of the turntable at each set point, in order; all have angles.
+    /// Positions of the turntable at each set point, in order; all have angles. The directions of a batch are along the axes of an IMU without
+    /// mounting, those of one of its IMUs along its own.
     pub positions: Vec<Position>,
     /// When a set point counts as reached and settled.
     pub soak: Soak,
@@ -46,7 +41,7 @@ pub struct Plan {
     pub ambient_c: Option<f64>,
     /// Verification runs; `None` for none.
     pub verify: Option<VerificationPlan>,
-    /// The file that the coefficient table is installed as if the verification holds.
+    /// The file that the coefficient table is installed as if the verification holds; each IMU of a batch has its own.
     pub install: Option<PathBuf>,
     /// The chamber's driver and line.
     pub chamber: ChamberConfig,
@@ -54,8 +49,12 @@ pub struct Plan {
     pub turntable: TurntableConfig,
     /// Text of the campaign file that is written beside the samples.
     pub campaign_toml: String,
-    /// The same campaign file, parsed.
+    /// The same campaign file, parsed; of a batch the part of the first IMU.
     pub campaign: Campaign,
+    /// The IMU's place in a batch; `None` if it is alone.
+    pub member: Option<Member>,
+    /// The plan of each IMU, in order, for a plan with `imus`; else empty. See [`each`](Self::each).
+    pub batch: Vec<Self>,
 }
 
 /// When a set point counts as reached and settled. Times are laboratory time \[s\].

@@ -8,12 +8,6 @@ use nalgebra::Matrix3;
 /// Largest number of ramps of a plan.
 const MAX_RAMPS: usize = 100;
 
-/// The name of the file of a ramp's samples, which is counted from 0.
-#[must_use]
-pub fn ramp_file(ramp: usize) -> String {
-    format!("ramp-{}.csv", ramp + 1)
-}
-
 /// The ramps that the plan lists; `None` if one of them is wrong.
 pub(super) fn ramps(root: &Section<'_, '_>, mounting: &Matrix3<f64>, air: &AirLimits<'_>) -> Option<Vec<RampPlan>> {
     let sections = root.list("ramp");

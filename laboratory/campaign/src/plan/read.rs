@@ -2,13 +2,15 @@
 //!
 //! Over 400 lines: one file format, with one function for each of its sections.
 
-use super::model::{DwellPlan, Motion, Patience, Plan, RampPlan, SAMPLES, Soak, VerificationPlan};
+use super::files::{ramp_file, samples_file};
+use super::imus::{PlannedImu, batch, imus, imus_toml};
+use super::model::{DwellPlan, Motion, Patience, Plan, RampPlan, Soak, VerificationPlan};
 use super::number::{at_most, not_negative, positive};
-use super::ramps::{ramp_file, ramps};
+use super::ramps::ramps;
 use super::stay::{AirLimits, position_at, way};
 use super::turns::{self, turn_plan};
 use crate::limits::{self, Limits};
-use isotherm_calibration::campaign::{Campaign, Ramp};
+use isotherm_calibration::campaign::{Campaign, IMU, Ramp};
 use isotherm_calibration::gyroscopes::observable;
 use isotherm_calibration::gyroscopes::turn::Turn;
 use isotherm_calibration::positions::{Position, SAME_DIRECTION, Scheme, mounting};
@@ -29,16 +31,21 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     let format = root.number("format", "format = 1, the version of this file format");
     root.refuse("format", format.filter(|f| *f != 1.0).map(|_| "unknown; this version reads format = 1".to_owned()));
     // These values are checked below, by the parser of the campaign file that they go into.
-    let header = CampaignHeader::read(root);
+    let is_batch = root.has("imus");
+    let header = CampaignHeader::read(root, is_batch);
     let output = root.string("output", "the folder that the campaign is written into").map(|path| folder.join(path));
-    let install = root.optional_string("install").map(|path| folder.join(path));
-    if to_run {
-        root.refuse("install", install.as_deref().and_then(missing_folder));
-    }
+    let refuse_install = |file: &Path| if to_run { missing_folder(file) } else { None };
+    let (install, imus) = if is_batch {
+        (None, imus(root, folder, refuse_install))
+    } else {
+        let install = root.optional_string("install").map(|path| folder.join(path));
+        root.refuse("install", install.as_deref().and_then(refuse_install));
+        (install, Some(Vec::new()))
+    };
     let limits = root.section("limits", "[limits] with chamber_c, outer_deg and inner_deg").map(limits::read);
     let limits = &limits.unwrap_or(Limits::ABSOLUTE);
     let (chamber, ramp_c_per_s, tolerance_c) = chamber(root, limits);
-    let (turntable, motion, mounting) = turntable(root, limits);
+    let (turntable, motion, mounting) = turntable(root, limits, is_batch);
     let rotation = mounting.unwrap_or_else(Matrix3::identity);
     let air = AirLimits { limits, tolerance_c };
     let set_points_c = root.section("set_points", "[set_points] with start_c, stop_c and step_c, or list_c");
@@ -59,20 +66,27 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         Some(turns) => turns.iter().map(|(turn, _)| turn.clone()).collect(),
         None => placeholder().unwrap_or_default().into_iter().map(|(turn, _)| turn).collect(),
     };
-    let campaign_toml = header.campaign(&known, &turns_in_file, ramps.as_deref().unwrap_or_default());
-    let campaign = match Campaign::from_toml(&campaign_toml) {
-        Ok(campaign) => campaign,
+    let campaign_toml = header.campaign(
+        &known,
+        &turns_in_file,
+        ramps.as_deref().unwrap_or_default(),
+        imus.as_deref().unwrap_or_default(),
+    );
+    let campaigns = match Campaign::batch_from_toml(&campaign_toml) {
+        Ok(campaigns) => campaigns,
         // The keys are the same in both files; therefore the faults are reported as faults of the plan.
         Err(faults) => {
             faults.0.iter().for_each(|fault| root.fault(&fault.key, fault.message.clone()));
             return None;
         }
     };
+    // The others of a batch differ by their mountings alone.
+    let campaign = campaigns.first()?.clone();
     if let Err(error) = observable(&campaign) {
         root.fault("positions", error.to_string());
     }
-    Some(Plan {
-        imu: header.imu?,
+    let plan = Plan {
+        imu: campaign.imu.clone(),
         output: output?,
         set_points_c: set_points_c?,
         positions: positions?,
@@ -92,7 +106,13 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
         turntable: mounting.and(turntable)?,
         campaign_toml,
         campaign,
-    })
+        member: None,
+        batch: Vec::new(),
+    };
+    if !is_batch {
+        return header.imu.map(|imu| Plan { imu, ..plan });
+    }
+    Some(batch(plan, imus?, campaigns))
 }
 
 /// The fault of a file to be written whose folder does not exist.
@@ -114,12 +134,13 @@ struct CampaignHeader<'d> {
 }
 
 impl<'d> CampaignHeader<'d> {
-    fn read(root: &Section<'d, '_>) -> Self {
+    /// The IMUs of a batch are not read here.
+    fn read(root: &Section<'d, '_>, is_batch: bool) -> Self {
         let reference = root.number("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
         let local = root.number("gravity_local", "gravity at the station in m/s2");
         Self {
-            imu: root.imu_id("imu"),
-            serial: root.optional_string("serial"),
+            imu: if is_batch { None } else { root.imu_id("imu") },
+            serial: if is_batch { None } else { root.optional_string("serial") },
             gravity: [reference, local],
             unit: root.string("temperature_unit", "the unit of the telemetry, for example \"V\""),
             out_of_range: root.optional_string("out_of_range"),
@@ -132,7 +153,7 @@ impl<'d> CampaignHeader<'d> {
     }
 
     /// The text of the campaign file. A valid value replaces a missing one, which is reported as a fault already.
-    fn campaign(&self, positions: &[Position], turns: &[Turn], ramps: &[RampPlan]) -> String {
+    fn campaign(&self, positions: &[Position], turns: &[Turn], ramps: &[RampPlan], imus: &[PlannedImu]) -> String {
         let quoted = |text: &str| toml::Value::from(text).to_string();
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -144,10 +165,15 @@ impl<'d> CampaignHeader<'d> {
         }
         let imu = self.imu.as_ref().map_or("imu", ImuId::as_str);
         let [reference, local] = self.gravity.map(|gravity| gravity.unwrap_or(9.8));
-        text += &campaign_toml(imu, SAMPLES, reference, local, self.unit.unwrap_or("V"), positions);
+        let in_files = if imus.is_empty() { None } else { Some(IMU) };
+        let samples = samples_file(in_files);
+        text += &campaign_toml(imu, &samples, reference, local, self.unit.unwrap_or("V"), positions);
+        if !imus.is_empty() {
+            text = text.replacen(&format!("imu = \"{imu}\"\n"), &imus_toml(imus), 1);
+        }
         let turns = turns.iter().map(Turn::to_toml);
         let ramps = ramps.iter().enumerate().map(|(number, ramp)| {
-            Ramp { samples: ramp_file(number), specific_force: Some(ramp.attitude.specific_force) }.to_toml()
+            Ramp { samples: ramp_file(number, in_files), specific_force: Some(ramp.attitude.specific_force) }.to_toml()
         });
         turns.chain(ramps).fold(text, |text, section| text + "\n" + &section)
     }
@@ -167,7 +193,13 @@ fn chamber(root: &Section<'_, '_>, limits: &Limits) -> (Option<ChamberConfig>, f
 }
 
 /// The turntable's configuration, its motion, and the mounting of the IMU; the mounting is `None` if it is wrong.
-fn turntable(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
+///
+/// In a batch the mounting is the identity: each IMU has its own.
+fn turntable(
+    root: &Section<'_, '_>,
+    limits: &Limits,
+    is_batch: bool,
+) -> (Option<TurntableConfig>, Motion, Option<Matrix3<f64>>) {
     let section = root.section("table", "[table] with driver and port");
     let config = section.as_ref().and_then(TurntableConfig::read);
     let number = |key, default, most| section.as_ref().map_or(default, |section| at_most(section, key, default, most));
@@ -179,6 +211,9 @@ fn turntable(root: &Section<'_, '_>, limits: &Limits) -> (Option<TurntableConfig
         settle_s: section.as_ref().map_or(10.0, |section| not_negative(section, "settle_s", 10.0)),
     };
     let mounting = section.as_ref().and_then(mounting);
+    if let Some(section) = section.as_ref().filter(|section| is_batch && section.has("mounting")) {
+        section.fault("mounting", "there is imus, where each IMU has its own mounting; give it there");
+    }
     if let Some(section) = section {
         section.refuse("rate_deg_s", limits.rate(motion.rate_deg_s));
         section.refuse("acceleration_deg_s2", limits.acceleration(motion.acceleration_deg_s2));

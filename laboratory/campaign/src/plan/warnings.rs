@@ -8,9 +8,16 @@ use isotherm_shared::wire::AXES;
 const COVERED: f64 = 0.8;
 
 impl Plan {
-    /// What the verification runs would not judge, and how they would.
+    /// What the verification runs would not judge, and how they would; of a batch for each IMU.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
+        let of_imu =
+            |plan: &Self| plan.own_warnings().into_iter().map(|warning| format!("{}: {warning}", plan.imu)).collect();
+        let of_batch: Vec<Vec<String>> = self.batch.iter().map(of_imu).collect();
+        if self.is_batch() { of_batch.concat() } else { self.own_warnings() }
+    }
+
+    fn own_warnings(&self) -> Vec<String> {
         let Some(verify) = &self.verify else { return Vec::new() };
         let missing = names(&undriven(&verify.forces()));
         let channels = (!missing.is_empty()).then(|| {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::plan::Plan;
+use crate::plan::{Plan, SAMPLES};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_recording::CampaignCsvReader;
 use std::path::Path;

@@ -1,0 +1,73 @@
+//! The names of the files in a campaign's folder. Those of an IMU of a batch have its name in them.
+
+use super::model::Plan;
+
+/// The file of the dwells' samples of an IMU that is alone.
+pub const SAMPLES: &str = "campaign.csv";
+/// Begin of the names of the verification runs' files; the number of the run follows, from 1.
+pub const RUN_FILE: &str = "verify-";
+/// The same for the ramps.
+pub const RAMP_FILE: &str = "ramp-";
+/// Begin of the names of the files with the read-backs.
+pub const READBACKS: &str = "readbacks";
+
+/// The file of the dwells' samples. `imu` is the name of an IMU of a batch, `None` for one that is alone.
+pub(super) fn samples_file(imu: Option<&str>) -> String {
+    imu.map_or_else(|| SAMPLES.to_owned(), |imu| format!("{imu}.csv"))
+}
+
+/// The file of a ramp's samples; the ramp is counted from 0.
+pub(super) fn ramp_file(ramp: usize, imu: Option<&str>) -> String {
+    own_file(&format!("{RAMP_FILE}{}", ramp + 1), "csv", imu)
+}
+
+fn own_file(stem: &str, extension: &str, imu: Option<&str>) -> String {
+    let imu = imu.map_or_else(String::new, |imu| format!("-{imu}"));
+    format!("{stem}{imu}.{extension}")
+}
+
+/// Why an IMU of a batch cannot have this name: its samples would have a name that other files have. `None` if it can.
+pub(super) fn taken_name(imu: &str) -> Option<String> {
+    let taken = [RUN_FILE, RAMP_FILE, READBACKS].into_iter().find(|begin| imu.starts_with(begin))?;
+    let file = samples_file(Some(imu));
+    Some(format!(
+        "is {imu:?}, its samples would be {file}, but other files have names that begin with {taken}; run it alone, or name it anew"
+    ))
+}
+
+impl Plan {
+    /// The name in the IMU's files: that of an IMU of a batch, `None` for one that is alone.
+    fn name_in_files(&self) -> Option<&str> {
+        self.member.as_ref().map(|member| member.imu.as_str())
+    }
+
+    /// The file of the dwells' and turns' samples.
+    #[must_use]
+    pub fn samples_file(&self) -> String {
+        samples_file(self.name_in_files())
+    }
+
+    /// The file of a ramp's samples; the ramp is counted from 0.
+    #[must_use]
+    pub fn ramp_file(&self, ramp: usize) -> String {
+        ramp_file(ramp, self.name_in_files())
+    }
+
+    /// The file of a verification run's samples; the run is counted from 0.
+    #[must_use]
+    pub fn run_file(&self, run: usize) -> String {
+        self.file(&format!("{RUN_FILE}{}", run + 1), "csv")
+    }
+
+    /// Names of the verification runs' files.
+    #[must_use]
+    pub fn run_files(&self) -> Vec<String> {
+        (0..self.verify.as_ref().map_or(0, |verify| verify.runs as usize)).map(|run| self.run_file(run)).collect()
+    }
+
+    /// Another file of the IMU: `stem` and `extension`, and between them the name of an IMU of a batch.
+    #[must_use]
+    pub fn file(&self, stem: &str, extension: &str) -> String {
+        own_file(stem, extension, self.name_in_files())
+    }
+}

@@ -1,0 +1,137 @@
+use super::*;
+use isotherm_client::monotonic_ns;
+use isotherm_shared::wire::RawSample;
+use std::path::Path;
+
+const SECOND: u64 = 1_000_000_000;
+const DWELL: Unit = Unit::Dwell { visit: 0, position: 0 };
+
+/// The streams of three IMUs with dwells of 30 s, without a service: samples come by [`Bench::feed`].
+struct Bench {
+    streams: Streams<'static>,
+    begun_ns: u64,
+}
+
+impl Bench {
+    fn new(folder: &Path) -> Self {
+        let text = include_str!("../../../../examples/plan-batch.toml").replace("time_s = 300\n", "time_s = 30\n");
+        let plan = Plan::from_toml(&text.replace("\"batch-campaign\"", "\".\""), folder).unwrap();
+        let plan: &'static Plan = Box::leak(Box::new(plan));
+        let (clock, history) = (LaboratoryClock::new(1.0), History::default());
+        let all = plan.each().iter().map(|plan| ImuStream::new(plan, &history, clock, 0.0).unwrap());
+        let streams = Streams { all: all.collect(), clock, domain: "default".to_owned() };
+        Self { streams, begun_ns: monotonic_ns() }
+    }
+
+    /// Samples of 1 s of an IMU, that end within these seconds after the begin.
+    fn feed(&mut self, imu: usize, session: u64, seconds: std::ops::Range<u64>) {
+        for second in seconds {
+            let end_ns = 1000 * SECOND + second * SECOND;
+            let sample = RawSample {
+                session,
+                sequence: second,
+                timestamp_ns: end_ns,
+                interval_ns: SECOND,
+                sent_ns: self.begun_ns + second * SECOND,
+                telemetry_ns: end_ns,
+                ..RawSample::default()
+            };
+            assert!(self.streams.all[imu].recorder.take(&sample, sample.sent_ns + 1000).unwrap(), "{second}");
+        }
+    }
+}
+
+fn numbers(failed: &[FailedImu]) -> Vec<usize> {
+    failed.iter().map(|failed| failed.imu).collect()
+}
+
+#[test]
+fn a_unit_is_complete_when_every_imu_that_is_in_has_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = Bench::new(folder.path());
+    bench.streams.begin(DWELL).unwrap();
+    for imu in 0..2 {
+        bench.feed(imu, 7, 1..40);
+    }
+    bench.feed(2, 7, 1..15);
+    assert!(!bench.streams.complete() && bench.streams.collected_s() == 10.0);
+    assert_eq!(numbers(&bench.streams.slow(DWELL, "few")), [2]);
+    let plan = bench.streams.drop_imu(2);
+    assert_eq!((plan.imu.as_str(), bench.streams.has_others()), ("imu-c", true));
+    assert!(bench.streams.complete());
+    let kept = bench.streams.keep(DWELL, 0).unwrap().unwrap();
+    let files: Vec<_> = kept.each().map(|kept| (kept.file.as_str(), kept.rows)).collect();
+    assert_eq!(files, [("imu-a.csv", 3), ("imu-b.csv", 3)]);
+    // Nothing of the unit stays of the one that was dropped, and the next unit follows the first in each file.
+    assert_eq!(std::fs::metadata(folder.path().join("imu-c.csv")).unwrap().len(), 0);
+    let next = Unit::Dwell { visit: 0, position: 1 };
+    bench.streams.begin(next).unwrap();
+    let from = bench.streams.present().map(|stream| stream.kept_bytes).collect::<Vec<_>>();
+    assert_eq!(from, [kept.to, kept.others[0].to]);
+    // All are slow: it is nobody's fault.
+    assert_eq!(numbers(&bench.streams.slow(next, "few")), NONE);
+    // The last one stays.
+    bench.streams.drop_imu(0);
+    assert!(!bench.streams.has_others());
+}
+
+#[test]
+fn who_spoils_a_unit_as_often_as_the_plan_attempts_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = Bench::new(folder.path());
+    for attempt in 0..5 {
+        assert_eq!(numbers(&bench.streams.spoilers()), NONE);
+        bench.streams.begin(DWELL).unwrap();
+        let begin = 1 + 10 * attempt;
+        bench.feed(0, 7, begin..begin + 10);
+        // Its acquisition starts anew in every attempt.
+        bench.feed(1, 10 + 2 * attempt, begin..begin + 5);
+        assert_eq!(bench.streams.spoiled(), None);
+        bench.feed(1, 11 + 2 * attempt, begin + 5..begin + 10);
+        assert_eq!(bench.streams.spoiled().as_deref(), Some("imu-b: the acquisition was started anew"));
+        if attempt < 4 {
+            assert_eq!(numbers(&bench.streams.spoilers()), NONE, "{attempt}");
+            bench.streams.discard();
+        }
+    }
+    let spoilers = bench.streams.spoilers();
+    assert_eq!(numbers(&spoilers), [1]);
+    assert_eq!(spoilers[0].reason, "the acquisition was started anew; 5 attempts");
+    bench.streams.drop_imu(1);
+    assert_eq!((bench.streams.spoiled(), numbers(&bench.streams.spoilers())), (None, NONE.to_vec()));
+}
+
+const NONE: [usize; 0] = [];
+
+/// Streams with a sample each second within these spans \[s\].
+fn silent_at(now: f64, others_s: f64, spans: &[&[[u32; 2]]]) -> Vec<usize> {
+    let flow = |spans: &&[[u32; 2]]| {
+        let mut flow = Flow::default();
+        let times = spans.iter().flat_map(|[from, to]| *from..*to).map(f64::from);
+        times.filter(|at| *at <= now).for_each(|at| flow.add(at, 60.0));
+        flow
+    };
+    let flows: Vec<_> = spans.iter().map(flow).enumerate().collect();
+    Flow::silent(&flows, now, 60.0, others_s)
+}
+
+#[test]
+fn a_stream_has_stopped_only_while_another_one_flows() {
+    let one_stops: [&[[u32; 2]]; 3] = [&[[0, 1000]], &[[0, 100]], &[[0, 1000]]];
+    assert_eq!(silent_at(159.0, 60.0, &one_stops), NONE);
+    assert_eq!(silent_at(160.0, 60.0, &one_stops), [1]);
+    // All stop, one a little later than the others.
+    let all_stop: [&[[u32; 2]]; 3] = [&[[0, 100]], &[[0, 100]], &[[0, 120]]];
+    for now in [150.0, 160.0, 170.0, 200.0, 1000.0] {
+        assert_eq!(silent_at(now, 60.0, &all_stop), NONE, "{now}");
+    }
+    // One comes back before the others: they have the same time again.
+    let back: [&[[u32; 2]]; 3] = [&[[0, 100], [500, 1000]], &[[0, 100], [540, 1000]], &[[0, 100]]];
+    assert_eq!(silent_at(539.0, 60.0, &back), NONE);
+    assert_eq!(silent_at(560.0, 60.0, &back), NONE);
+    assert_eq!(silent_at(561.0, 60.0, &back), [2]);
+    assert_eq!(silent_at(510.0, 0.0, &back), [1, 2], "the pause is over");
+    // One that has never sent.
+    assert_eq!(silent_at(161.0, 60.0, &[&[[0, 1000]], &[]]), [1]);
+    assert_eq!(silent_at(161.0, 60.0, &[&[], &[]]), NONE);
+}
