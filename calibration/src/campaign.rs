@@ -7,7 +7,7 @@ mod direction;
 mod dwell;
 mod ramp;
 
-pub use batch::{IMU, MOST_IMUS, Member, members};
+pub use batch::{IMU, MOST_IMUS, Member, members, select};
 pub use dwell::{Block, Dwell, DwellSums, RowSteps, range};
 pub use ramp::Ramp;
 

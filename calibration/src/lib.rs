@@ -4,9 +4,11 @@
 
 pub mod accuracy;
 pub mod alignment;
+pub mod batch;
 pub mod calibrate;
 pub mod campaign;
 pub mod checks;
+pub mod compare;
 pub mod curve;
 pub mod diagnosis;
 pub mod diagnostics;

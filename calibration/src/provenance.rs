@@ -1,10 +1,13 @@
 //! The `[provenance]` section that `calibrate` writes below a table: the origin of the table and its uncertainty. It is not
-//! part of the digest. It is for people and scripts; of it, programs read only `gravity_local` and Earth's rate, which `verify` takes if the user
-//! states none: an edited value passes unnoticed.
+//! part of the digest, so an edited value passes unnoticed. It is for people and scripts. Of it, programs read `gravity_local` and Earth's rate, which
+//! `verify` takes if the user states none, and the time and the errors of the table, see [`Origin`].
 //!
 //! Over 400 lines: the records of the section, key by key; those of ramps are in `transients`.
 
+mod origin;
 mod transients;
+
+pub use origin::{CurveErrors, Origin, TableFile};
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;

@@ -4,7 +4,9 @@
 //! one embedded stylesheet, so a figure follows the light, dark or print palette of its page.
 
 mod axis;
+pub mod batch;
 pub mod calibration;
+pub mod comparison;
 pub mod gravity_only;
 pub mod json;
 pub mod lengths;

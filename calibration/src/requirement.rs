@@ -4,6 +4,8 @@
 //! axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error of a gyroscope at rest. A bound is met only if the
 //! whole interval is within it.
 
+pub(crate) mod bounds;
+
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
 use isotherm_shared::table::AXIS_NAMES;
@@ -26,29 +28,9 @@ pub struct Requirement {
     pub rate: Option<f64>,
 }
 
-/// Units of each bound, with their size in the bound's own unit.
-type Units = &'static [(&'static str, f64)];
-const BIAS_UNITS: Units = &[("ug0", 1e-6), ("mg0", 1e-3), ("g0", 1.0)];
-const SCALE_UNITS: Units = &[("ppm", 1e-6), ("%", 1e-2)];
-const LEVEL_UNITS: Units = &[
-    ("arcsec", std::f64::consts::PI / 648_000.0),
-    ("arcmin", std::f64::consts::PI / 10_800.0),
-    ("deg", std::f64::consts::PI / 180.0),
-    ("urad", 1e-6),
-    ("mrad", 1e-3),
-    ("rad", 1.0),
-];
-const RATE_UNITS: Units = &[("deg/h", 1.0), ("deg/s", 3600.0), ("arcsec/s", 1.0)];
 /// The rule, for messages.
 const REQUIREMENT_RULE: &str =
     "give a factor, or bounds such as bias=20ug0,scale=50ppm,level=5arcsec,rate=0.02deg/h; factor=10 may be among them";
-
-/// Smallest and largest value of a bound that makes sense, in its own unit and in words. No smaller one has digits where it is printed.
-const FACTORS: ([f64; 2], &str) = ([1e-9, 1e9], "1e-9 to 1e9");
-const BIASES: ([f64; 2], &str) = ([1e-9, 1.0], "0.001 ug0 to 1 g0");
-const SCALES: ([f64; 2], &str) = ([1e-9, 1.0], "0.001 ppm to 100 %");
-const LEVELS: ([f64; 2], &str) = ([0.001 * LEVEL_UNITS[0].1, 90.0 * LEVEL_UNITS[2].1], "0.001 arcsec to 90 deg");
-const RATES: ([f64; 2], &str) = ([1e-6, 36_000.0], "1e-6 deg/h to 10 deg/s");
 
 impl FromStr for Requirement {
     type Err = String;
@@ -68,37 +50,15 @@ fn bound(part: &str) -> Result<Requirement, String> {
     }
     let (name, value) = part.split_once('=').map_or(("factor", part), |(name, value)| (name.trim(), value.trim()));
     let mut found = Requirement::default();
-    let (place, units, ([least, most], range)): (&mut Option<f64>, Units, _) = match name {
-        "factor" => (&mut found.factor, &[], FACTORS),
-        "bias" => (&mut found.bias, BIAS_UNITS, BIASES),
-        "scale" => (&mut found.scale, SCALE_UNITS, SCALES),
-        "level" => (&mut found.level, LEVEL_UNITS, LEVELS),
-        "rate" => (&mut found.rate, RATE_UNITS, RATES),
+    let (place, kind) = match name {
+        "factor" => (&mut found.factor, bounds::FACTOR),
+        "bias" => (&mut found.bias, bounds::BIAS),
+        "scale" => (&mut found.scale, bounds::SCALE),
+        "level" => (&mut found.level, bounds::LEVEL),
+        "rate" => (&mut found.rate, bounds::RATE),
         _ => return Err(format!("{name:?} is no bound; {REQUIREMENT_RULE}")),
     };
-    // Both characters for micro: the sign, and the Greek letter.
-    let ascii = value.replace(['\u{b5}', '\u{3bc}'], "u");
-    // The unit "ug0" ends with a digit, and "g0" ends it too.
-    let with_unit = units.iter().find_map(|(unit, size)| {
-        let number = ascii.strip_suffix(unit)?.trim().parse::<f64>().ok()?;
-        Some(number * size)
-    });
-    let number = if units.is_empty() { ascii.parse::<f64>().ok() } else { with_unit };
-    let Some(number) = number else {
-        if units.is_empty() {
-            return Err(format!("{value:?} is no number; {REQUIREMENT_RULE}"));
-        }
-        let names: Vec<_> = units.iter().map(|(unit, _)| *unit).collect();
-        return Err(format!("{name} is {value:?}; give a number with a unit: {}", names.join(", ")));
-    };
-    // 1e-9: 90 deg is 90 deg, whatever rounding makes of it. NaN is in no range.
-    if number <= 0.0 {
-        return Err(format!("{name} must be over 0"));
-    }
-    if !(least * (1.0 - 1e-9)..=most * (1.0 + 1e-9)).contains(&number) {
-        return Err(format!("{name} must be from {range}"));
-    }
-    *place = Some(number);
+    *place = Some(kind.parse(value, REQUIREMENT_RULE)?);
     Ok(found)
 }
 

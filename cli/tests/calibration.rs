@@ -295,6 +295,8 @@ fn has_unit(key: &str) -> bool {
     units.iter().any(|unit| key.ends_with(unit))
         || none.contains(&key)
         || ["windows_in_group", "factor", "exit_code", "part", "interval_ratio"].contains(&key)
+        || ["_urad", "_in_unit_per_year"].iter().any(|unit| key.ends_with(unit))
+        || ["years", "degrees_of_freedom", "band_factor", "largest_ratio", "p", "chi2"].contains(&key)
 }
 
 /// Asserts that each number has the unit of its key, or of the key above `value` and `interval`.
@@ -308,6 +310,31 @@ fn assert_units(key: &str, value: &Value) {
         }
         _ => {}
     }
+}
+
+#[test]
+fn the_json_of_a_comparison_has_units() {
+    let folder = folder();
+    let [old, new, newest, other] =
+        ["2023", "2024", "2026", "other_imu"].map(|name| format!("{DATA}/any_lab/compare/{name}.toml"));
+    let document = |code, arguments: &[&str]| -> Value {
+        let (out, err) = run(folder.path(), code, &[&["compare", "--json"], arguments].concat());
+        let document = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
+        assert_units("", &document);
+        document
+    };
+    let found = document(1, &[&old, &new, "--require", "bias=2ug0"]);
+    assert_eq!((&found["verdict"], &found["curves"][0]["verdict"]), (&"beyond".into(), &"beyond".into()));
+    assert_eq!(found["curves"][1]["verdict"], Value::Null);
+    let upper = found["curves"][0]["upper_in_unit"].as_f64().unwrap();
+    assert!((upper - 4.77151).abs() < 1e-5, "{upper}");
+    assert_eq!(found["curves"][0]["telemetry"]["points_in_unit"].as_array().unwrap().len(), 41);
+    let found = document(0, &[&newest, &new, &old]);
+    assert_eq!((&found["old"], &found["verdict"]), (&old.as_str().into(), &Value::Null));
+    assert_eq!(found["trends"].as_array().unwrap().len(), 9);
+    let found = document(78, &[&old, &other]);
+    assert_eq!(found["exit_code"], 78);
+    assert!(found["error"].as_str().unwrap().contains("tables of two IMUs: imu-a, imu-b"), "{found}");
 }
 
 #[test]

@@ -80,6 +80,22 @@ fn member(section: &Section<'_, '_>) -> Option<Member> {
     Some(Member { imu: imu?, serial, mounting: mounting? })
 }
 
+/// The campaign of `imu` alone, or the only one.
+///
+/// # Errors
+/// If there is no such IMU, or if there are several and none is chosen.
+pub fn select(campaigns: Vec<Campaign>, imu: Option<&str>) -> Result<Campaign, String> {
+    let names: Vec<_> = campaigns.iter().map(|campaign| campaign.imu.to_string()).collect();
+    let names = names.join(", ");
+    let several = campaigns.len() > 1;
+    let mut chosen = campaigns.into_iter().filter(|campaign| imu.is_none_or(|imu| campaign.imu.as_str() == imu));
+    match (chosen.next(), imu) {
+        (Some(_), None) if several => Err(format!("it has several IMUs; choose one of {names}")),
+        (Some(campaign), _) => Ok(campaign),
+        (None, imu) => Err(format!("there is no {}; it has {names}", imu.unwrap_or_default())),
+    }
+}
+
 /// Reports the files of a batch whose names do not hold [`IMU`].
 pub(super) fn check_files(root: &Section<'_, '_>, campaign: &Campaign) {
     let ramps = campaign.ramps.iter().map(|ramp| ("ramp", &ramp.samples));

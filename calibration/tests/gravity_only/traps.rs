@@ -69,7 +69,7 @@ fn a_turn_within_a_standstill_is_named() {
     for (index, direction) in cube().iter().enumerate() {
         for k in 0..1200 {
             // Direction 7 is in the plane of A1 and A2.
-            let angle = if index == 9 { f64::from(k) / 1200.0 * 3_f64.to_radians() } else { 0.0 };
+            let angle = if index == 7 { f64::from(k) / 1200.0 * 3_f64.to_radians() } else { 0.0 };
             let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * direction;
             imu.row(&turned, 25.0, 0.0);
         }

@@ -5,6 +5,7 @@ mod campaign;
 mod check;
 mod clean;
 mod common;
+mod compare;
 mod feed;
 mod generate;
 mod record;
@@ -26,12 +27,13 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 15] = [
+pub const WITHOUT_DOMAIN: [&str; 16] = [
     "calibrate",
     "campaign check",
     "campaign status",
     "campaign stop",
     "check",
+    "compare",
     "completions",
     "demo",
     "man",
@@ -58,6 +60,7 @@ pub enum Command {
     Calibrate(calibrate::Calibrate),
     Regress(regress::Regress),
     Verify(verify::Verify),
+    Compare(compare::Compare),
     Simulate(Box<simulate::Simulate>),
     Campaign(campaign::CampaignCommand),
     Rollback(rollback::Rollback),
@@ -88,6 +91,7 @@ impl Command {
             Self::Calibrate(calibrate) => calibrate.run(),
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),
+            Self::Compare(compare) => compare.run(),
             Self::Simulate(simulate) => simulate.run(&domain),
             Self::Campaign(campaign) => campaign.run(domain),
             Self::Rollback(rollback) => rollback.run(),
@@ -101,7 +105,12 @@ impl Command {
     /// Whether the command writes files, ends by itself and registers no signals of its own.
     fn writes_and_ends(&self) -> bool {
         match self {
-            Self::Feed(_) | Self::Replay(_) | Self::Calibrate(_) | Self::Verify(_) | Self::Man(_) => true,
+            Self::Feed(_)
+            | Self::Replay(_)
+            | Self::Calibrate(_)
+            | Self::Verify(_)
+            | Self::Compare(_)
+            | Self::Man(_) => true,
             Self::Simulate(simulate) => simulate.writes_and_ends(),
             _ => false,
         }

@@ -24,7 +24,6 @@ use pyo3::prelude::*;
 use serde_json::Value;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Size of a row: a raw sample, the set point and the position \[bytes\].
 const ROW: usize = RAW + 16;
@@ -262,7 +261,7 @@ impl Calibration {
             FittedCampaign::Positions(figures) => &figures.table,
             FittedCampaign::Ramps(figures) => &figures.table,
         };
-        Table(Arc::new(table.clone()))
+        Table::new(table.clone(), &self.text)
     }
 
     #[getter]

@@ -12,6 +12,7 @@ use std::path::Path;
 
 import_exception!(isotherm._errors, CalibrationError);
 import_exception!(isotherm._errors, Closed);
+import_exception!(isotherm._errors, ComparisonError);
 import_exception!(isotherm._errors, Full);
 import_exception!(isotherm._errors, IsothermError);
 import_exception!(isotherm._errors, NoService);

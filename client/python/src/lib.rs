@@ -3,6 +3,7 @@
 
 mod acquisition;
 mod calibration;
+mod compare;
 mod connection;
 mod errors;
 mod lag;
@@ -27,6 +28,8 @@ mod _isotherm {
     use crate::acquisition::{Acquisition, Loan, LoanTriad};
     #[pymodule_export]
     use crate::calibration::{Calibration, calibrate, read_text, samples_of};
+    #[pymodule_export]
+    use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]
     use crate::lag::device;
     #[pymodule_export]

@@ -13,9 +13,21 @@ use std::ops::Index;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A valid coefficient table.
+/// A valid coefficient table, and the text of its file with the provenance.
 #[pyclass(frozen, module = "isotherm")]
-pub struct Table(pub Arc<CoefficientTable>);
+pub struct Table(pub Arc<CoefficientTable>, Arc<str>);
+
+impl Table {
+    /// The table of a file with this text.
+    pub fn new(table: CoefficientTable, text: &str) -> Self {
+        Self(Arc::new(table), text.into())
+    }
+
+    /// The text of its file, with the provenance.
+    pub fn text(&self) -> &str {
+        &self.1
+    }
+}
 
 /// The coefficients of one accelerometer or gyroscope.
 #[pyclass(frozen, module = "isotherm")]
@@ -179,7 +191,7 @@ fn rows(matrix: &impl Index<(usize, usize), Output = f64>) -> [[f64; 3]; 3] {
 
 fn parse(text: &str, source: &str) -> PyResult<Table> {
     let table = CoefficientTable::from_toml(text, None).map_err(|all| faults(source, &all))?;
-    Ok(Table(Arc::new(table)))
+    Ok(Table::new(table, text))
 }
 
 #[pymethods]

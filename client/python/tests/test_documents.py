@@ -106,3 +106,42 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
     program = "\n".join(block for block in blocks(document) if block != plain)
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr
+
+
+def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
+    """Runs its code on the tables of four years, and on those of five IMUs."""
+    tables = REPOSITORY / "calibration/tests/data/any_lab/compare"
+    for year in ("2023", "2024", "2025", "2026"):
+        shutil.copy(tables / f"{year}.toml", tmp_path)
+    for index, name in enumerate(("imu-a", "imu-b", "imu-c", "imu-d", "imu-e")):
+        text = (tables / f"{2023 + index % 4}.toml").read_text()
+        (tmp_path / f"{name}.toml").write_text(text.replace('"imu-a"', f'"{name}"').replace("c0 = 7", f"c0 = 7{index}"))
+    program = "\n".join(blocks(REPOSITORY / "docs/compare.md"))
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    assert "'A1 bias'" in done.stdout and "No unit stands out" in done.stdout
+
+
+def test_fleet(tmp_path: Path) -> None:
+    """Campaigns on two workers: the tables are those of one by one, and one that fails does not stop the others."""
+    names = ["imu-1", "imu-2", "imu-3"]
+    for name in names:
+        shutil.copytree(CAMPAIGN.parent, tmp_path / name)
+        file = tmp_path / name / "campaign.toml"
+        file.write_text(file.read_text().replace('"imu-paper"', f'"{name}"'))
+    # The second one has lost its samples.
+    (tmp_path / "imu-2" / "samples.csv").unlink()
+    campaigns = [tmp_path / name / "campaign.toml" for name in names]
+    arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "2"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 1, done.stderr
+    assert "2 tables, 1 campaigns failed\nbatch of 2 units\n" in done.stdout, done.stdout
+    assert f"{campaigns[1]}: failed: [Errno 2] No such file or directory" in done.stderr
+    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["imu-1.html", "imu-1.toml", "imu-3.html", "imu-3.toml"]
+
+    def without_time(text: str) -> str:
+        return re.sub(r"^time = .*\n", "", text, flags=re.MULTILINE)
+
+    for name in ("imu-1", "imu-3"):
+        alone = isotherm.calibrate(tmp_path / name / "campaign.toml").text
+        assert without_time((tmp_path / "tables" / f"{name}.toml").read_text()) == without_time(alone)

@@ -662,3 +662,62 @@ def test_a_campaign_mapping_becomes_toml() -> None:
         "samples": "samples", "imu": 'a"\n\x7f\u00e9', "n": 3, "f": 1e-7, "position": [{"number": 1, "specific_force": [0.0, 0.0, 1.0]}],
         "turn": [{"number": 2, "axis": [0, 0, 1]}, {"number": 3}],
     }  # fmt: skip
+
+
+COMPARE = REPOSITORY / "calibration/tests/data/any_lab/compare"
+
+
+def test_compare_is_the_command(tmp_path: Path) -> None:
+    old, new = COMPARE / "2023.toml", COMPARE / "2024.toml"
+    found = isotherm.compare(old, new)
+    document = json.loads(command("compare", old, new, "--json"))
+    assert found.summary == document
+    assert found.changed == document["changed"] and found.changed[0] == "A1 bias"
+    assert str(found) == command("compare", old, new)
+    assert repr(found).startswith("Comparison('Changed by more than the errors: A1 bias, ")
+    # Tables keep the errors of their files.
+    tables = isotherm.compare(isotherm.Table.load(old), isotherm.Table.parse(new.read_text()))
+    assert tables.summary["curves"] == document["curves"] and tables.summary["old"] == "table 1"
+    assert found.judge("bias=2ug0")[0][:2] == ("A1 bias", "beyond")
+    assert [verdict for _, verdict, _ in found.judge("bias=4.2ug0")] == ["undecided"] * 3
+    found.check("bias=5ug0,scale=9ppm,alignment=1urad")
+    with pytest.raises(isotherm.ComparisonError, match="2024.toml: the requirement is not met:\n  A1 bias: 4.258, with"):
+        found.check("bias=2ug0")
+    with pytest.raises(ValueError, match='require: bias is "2"; give a number with a unit: ug0'):
+        found.check("bias=2")
+    found.report(tmp_path / "r.html", require="bias=2ug0")
+    assert "Requirement missed" in (tmp_path / "r.html").read_text()
+    years = isotherm.compare(*(COMPARE / f"{year}.toml" for year in (2026, 2023, 2025, 2024)))
+    trend = years.summary["trends"][0]
+    assert abs(trend["slope_in_unit_per_year"] - 3.99594) < 1e-5 and trend["unit"] == "ug0"
+    with pytest.raises(isotherm.ComparisonError, match="tables of two IMUs: imu-a, imu-b; give those of one, or"):
+        isotherm.compare(old, COMPARE / "other_imu.toml")
+    assert isotherm.compare(old, COMPARE / "other_imu.toml", other_unit=True).summary["tables"][1]["imu"] == "imu-b"
+    # A calibration compares as the file that it saves, here to itself.
+    calibration = isotherm.calibrate(CAMPAIGN)
+    calibration.save(tmp_path / "table.toml")
+    same = isotherm.compare(calibration, tmp_path / "table.toml")
+    assert same.changed == [] and same.summary["errors_known"]
+
+
+def test_batch_of_tables(tmp_path: Path) -> None:
+    text = (COMPARE / "2023.toml").read_text()
+    # Biases of five IMUs, the last one far off.
+    biases = [0.0, 3.0, -2.0, 1.0, -1.5, 4000.0]
+    units = [
+        isotherm.Table.parse(text.replace('"imu-a"', f'"imu-{index}"').replace("c0 = 792.7", f"c0 = {792.7 + bias}"))
+        for index, bias in enumerate(biases)
+    ]
+    found = isotherm.batch(units)
+    assert found.units == [f"imu-{index}" for index in range(6)]
+    assert found.stand_outs is not None and {unit for unit, _, _ in found.stand_outs} == {"imu-5"}
+    quantities = {quantity["name"]: quantity for quantity in found.summary["quantities"]}
+    values = quantities["A1 bias at 2.5000"]["values_in_unit"]
+    assert np.allclose(np.array(values) - values[0], np.array(biases) - biases[0], atol=0.1)
+    assert found.summary["gravity_m_s2"] == 9.8015
+    assert "imu-5 stands out: A1 bias at " in str(found)
+    found.report(tmp_path / "batch.html")
+    assert "imu-5 stands out" in (tmp_path / "batch.html").read_text()
+    assert isotherm.batch(units[:4]).stand_outs is None
+    with pytest.raises(isotherm.ComparisonError, match="two tables are of imu-1"):
+        isotherm.batch([*units, units[1]])

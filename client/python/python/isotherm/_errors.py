@@ -90,6 +90,10 @@ class CalibrationError(IsothermError, ValueError):
         self.findings = findings or []
 
 
+class ComparisonError(IsothermError, ValueError):
+    """Tables cannot be compared, or make no batch. `Comparison.check` raises it too: they differ by more than is required."""
+
+
 class StabilityError(IsothermError, ValueError):
     """The stability cannot be computed from a recording: it is too short, not still, or has values that are not finite.
 

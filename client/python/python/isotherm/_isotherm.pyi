@@ -22,7 +22,9 @@ __all__ = [
     "FLAGS",
     "Acquisition",
     "Axis",
+    "Batch",
     "Calibration",
+    "Comparison",
     "Increment",
     "IncrementReader",
     "Loan",
@@ -31,7 +33,9 @@ __all__ = [
     "Table",
     "Triad",
     "__version__",
+    "batch",
     "calibrate",
+    "compare",
     "device",
     "read_increments",
     "read_recording",
@@ -468,6 +472,44 @@ class Calibration:
     def gyroscope_runs(self) -> list[tuple[float, int, int, int, float]]: ...
     def html(self) -> str: ...
 
+@final
+class Comparison:
+    """What has changed between tables. `str()` gives the text of `isotherm compare`."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The document of `isotherm compare --json`, without a requirement: curves, alignments, lines over the dates, and notes."""
+    @property
+    def changed(self) -> list[str]:
+        """What has changed by more than the errors, for example ["A1 bias"]."""
+    def judge(self, require: str) -> list[tuple[str, str, str]]:
+        """Judges each bound of `require`: (curve or triad, "within", "undecided" or "beyond", the judgement in words).
+
+        `require` is as that of the command, for example "bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h".
+        """
+    def check(self, require: str) -> None:
+        """Raises ComparisonError where `isotherm compare --require` ends with exit code 1: a difference is not within its bound."""
+    def report(self, path: _Path, *, require: str | None = None) -> None:
+        """Writes the report (HTML), with the judgement of what is required."""
+
+@final
+class Batch:
+    """The statistics of a batch of tables. `str()` gives them as text."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The statistics, as `isotherm calibrate --batch --json` prints them: each quantity with its unit, median, standard deviation and range."""
+    @property
+    def units(self) -> list[str]:
+        """The IMUs, in the order of the values."""
+    @property
+    def stand_outs(self) -> list[tuple[str, str, float]] | None:
+        """(IMU, quantity, t) of each value that stands out from the others; None under five units."""
+    def report(self, path: _Path) -> None:
+        """Writes the report (HTML)."""
+
+def compare(named: Sequence[tuple[str, Table]], other_unit: bool) -> Comparison: ...
+def batch(named: Sequence[tuple[str, Table]]) -> Batch: ...
 def device(serial: str) -> int:
     """The number of the unit with this serial number, which every sample carries; 0 for blanks."""
 

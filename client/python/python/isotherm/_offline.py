@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from . import _isotherm
 from ._files import staged, write_text, write_together
-from ._isotherm import Stability, Table
+from ._isotherm import Batch, Comparison, Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ AnyPath: TypeAlias = str | os.PathLike[str]
 QUANTITIES = ("bias", "positive_scale_factor", "negative_scale_factor")
 SENSORS = ("A1", "A2", "A3", "G1", "G2", "G3")
 # The sections of a campaign file of which there may be several.
-LISTS = ("position", "turn", "ramp")
+LISTS = ("imus", "position", "turn", "ramp")
 
 
 @overload
@@ -291,6 +291,37 @@ def calibrate(
         text, name, folder, given, fixed, method, alignment, list(exclude), names, strict, other_device, seconds
     )
     return Calibration(native)
+
+
+def compare(*tables: Table | Calibration | AnyPath, other_unit: bool = False) -> Comparison:
+    """Compares tables of one IMU, as `isotherm compare` does: the old one and the new one, or three or more by their dates.
+
+    A table is a path, a Table, or the Calibration that made it. Their errors and dates come from the provenance. With `other_unit` the tables may be
+    of different IMUs. Raises ComparisonError if they cannot be compared.
+    """
+    return _isotherm.compare(_named(tables), other_unit)
+
+
+def batch(tables: Iterable[Table | Calibration | AnyPath]) -> Batch:
+    """The statistics of tables of different IMUs of one kind: how they spread, which IMU stands out, and whether one curve fits all.
+
+    A table is a path, a Table, or the Calibration that made it. Raises ComparisonError if there are fewer than two, if two are of one IMU, or if their
+    telemetry is in different units.
+    """
+    return _isotherm.batch(_named(tables))
+
+
+def _named(tables: Iterable[Table | Calibration | AnyPath]) -> list[tuple[str, Table]]:
+    """The tables, each with its name in messages."""
+
+    def named(index: int, table: Table | Calibration | AnyPath) -> tuple[str, Table]:
+        if isinstance(table, Calibration):
+            table = table.table
+        if isinstance(table, Table):
+            return f"table {index}", table
+        return os.fspath(table), Table.load(table)
+
+    return [named(index, table) for index, table in enumerate(tables, 1)]
 
 
 def campaign_toml(campaign: Mapping[str, Any]) -> str:

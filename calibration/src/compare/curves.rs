@@ -1,0 +1,196 @@
+//! The difference of two curves, with its band.
+
+use super::requirement::Verdict;
+use super::table::FormCurve;
+use crate::order::QUANTITIES;
+use crate::regression::f_limit;
+use isotherm_shared::units::SensorKind;
+
+/// Points of the common range that curves are compared at.
+pub const POINTS: usize = 41;
+/// Standard gravity \[m/s2\]: 1e6 ug0. Tables may have other values of 1 g0; differences have this one.
+pub const STANDARD_GRAVITY: f64 = 9.806_65;
+/// Probability that any curve counts as changed, or any misalignment, where nothing has. It is shared among the curves of a triad.
+const FALSE_ALARM: f64 = 0.05;
+/// Curves of a triad.
+const CURVES: f64 = 9.0;
+
+/// The band around the difference of two curves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Band {
+    /// Standard error of the difference at each point, in its unit.
+    pub standard_errors: Vec<f64>,
+    /// Welch's degrees of freedom; the median over the points.
+    pub freedom: f64,
+    /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/9)) with k coefficients. So the band holds the whole
+    /// difference of the true curves, at all telemetries at once (Scheffe).
+    pub factor: f64,
+}
+
+/// The difference of one curve in two tables: new less old.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveComparison {
+    /// A1 to G3.
+    pub sensor: &'static str,
+    /// `bias`, `positive_scale_factor` or `negative_scale_factor`.
+    pub quantity: &'static str,
+    /// Unit of the difference: ug0 of 9.80665e-6 m/s2, deg/h, or ppm of the old scale factor.
+    pub unit: &'static str,
+    /// The common range of the telemetry.
+    pub range: [f64; 2],
+    /// Telemetry of the points, rising evenly over the range.
+    pub telemetry: Vec<f64>,
+    /// Difference at each point.
+    pub differences: Vec<f64>,
+    /// The band, if both tables have the errors of the curve.
+    pub band: Option<Band>,
+}
+
+/// The common range of curves; `None` if there is none.
+pub(crate) fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) -> Option<[f64; 2]> {
+    let ends = |[low, high]: [f64; 2], curve: &FormCurve| {
+        let [from, to] = curve.range();
+        [low.max(from), high.min(to)]
+    };
+    let range = curves.into_iter().fold([f64::NEG_INFINITY, f64::INFINITY], ends);
+    (range[0] < range[1]).then_some(range)
+}
+
+/// Unit of the difference of a quantity.
+pub(super) const fn unit(kind: SensorKind, quantity: usize) -> &'static str {
+    match (kind, quantity) {
+        (SensorKind::Accelerometer, 0) => "ug0",
+        (SensorKind::Gyroscope, 0) => "deg/h",
+        _ => "ppm",
+    }
+}
+
+/// From a difference of a quantity to its unit; `old` is the old value.
+pub(super) fn unit_factor(kind: SensorKind, quantity: usize, old: f64) -> f64 {
+    match (kind, quantity) {
+        (SensorKind::Accelerometer, 0) => 1e6 / STANDARD_GRAVITY,
+        (SensorKind::Gyroscope, 0) => 1.0,
+        _ => 1e6 / old,
+    }
+}
+
+/// The points of a range.
+pub(crate) fn points([low, high]: [f64; 2]) -> Vec<f64> {
+    let last = (POINTS - 1) as f64;
+    (0..POINTS).map(|i| (low * (last - i as f64) + high * i as f64) / last).collect()
+}
+
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    match values.len() {
+        0 => f64::NAN,
+        odd if odd % 2 == 1 => values[middle],
+        _ => f64::midpoint(values[middle - 1], values[middle]),
+    }
+}
+
+/// Welch's degrees of freedom of the sum of two variances, each with its own.
+pub(super) fn welch(variances: [f64; 2], freedoms: [f64; 2]) -> f64 {
+    let [a, b] = variances;
+    (a + b).powi(2) / (a * a / freedoms[0] + b * b / freedoms[1])
+}
+
+impl CurveComparison {
+    /// Compares a quantity of a sensor over the range that both curves have.
+    pub(super) fn of(
+        (kind, axis, quantity): (SensorKind, usize, usize),
+        [old, new]: [&FormCurve; 2],
+        range: [f64; 2],
+    ) -> Self {
+        let telemetry = points(range);
+        let factors: Vec<f64> = telemetry.iter().map(|u| unit_factor(kind, quantity, old.at(*u))).collect();
+        let differences = telemetry.iter().zip(&factors).map(|(u, factor)| (new.at(*u) - old.at(*u)) * factor);
+        let variances: Option<Vec<[f64; 2]>> =
+            telemetry.iter().map(|u| Some([old.variance(*u)?, new.variance(*u)?])).collect();
+        let band = variances.zip(old.freedom().zip(new.freedom())).map(|(variances, (a, b))| {
+            let freedom = median(variances.iter().map(|pair| welch(*pair, [a, b])).collect());
+            let k = old.coefficients().max(new.coefficients()) as f64;
+            let error = |([a, b], factor): (&[f64; 2], &f64)| (a + b).sqrt() * factor.abs();
+            Band {
+                standard_errors: variances.iter().zip(&factors).map(error).collect(),
+                freedom,
+                factor: (k * f_limit(FALSE_ALARM / CURVES, k, freedom)).sqrt(),
+            }
+        });
+        Self {
+            sensor: kind.names()[axis],
+            quantity: QUANTITIES[quantity],
+            unit: unit(kind, quantity),
+            range,
+            differences: differences.collect(),
+            telemetry,
+            band,
+        }
+    }
+
+    /// Sensor and quantity, as `A1 bias`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("{} {}", self.sensor, self.quantity)
+    }
+
+    /// Mean of the difference over the points.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.differences.iter().sum::<f64>() / self.differences.len() as f64
+    }
+
+    /// Size of the largest difference, and its telemetry.
+    #[must_use]
+    pub fn largest(&self) -> (f64, f64) {
+        let sizes = self.differences.iter().map(|difference| difference.abs()).zip(self.telemetry.iter().copied());
+        // The first of several.
+        sizes.rev().max_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or((f64::NAN, f64::NAN))
+    }
+
+    /// Half the width of the band at each point.
+    pub fn half_widths(&self) -> Option<impl Iterator<Item = f64> + Clone> {
+        self.band.as_ref().map(|band| band.standard_errors.iter().map(|error| error * band.factor))
+    }
+
+    /// Standard error of the difference; the median over the points.
+    #[must_use]
+    pub fn standard_error(&self) -> Option<f64> {
+        self.band.as_ref().map(|band| median(band.standard_errors.clone()))
+    }
+
+    /// The most that the difference can be anywhere, by its band.
+    #[must_use]
+    pub fn upper(&self) -> Option<f64> {
+        let halves = self.half_widths()?;
+        Some(self.differences.iter().zip(halves).map(|(d, half)| d.abs() + half).fold(0.0, f64::max))
+    }
+
+    /// What the difference is somewhere at least, by its band; 0 if it may be 0 everywhere.
+    #[must_use]
+    pub fn lower(&self) -> Option<f64> {
+        let halves = self.half_widths()?;
+        Some(self.differences.iter().zip(halves).map(|(d, half)| d.abs() - half).fold(0.0, f64::max))
+    }
+
+    /// Largest ratio of difference to standard error.
+    #[must_use]
+    pub fn worst_ratio(&self) -> Option<f64> {
+        let band = self.band.as_ref()?;
+        Some(self.differences.iter().zip(&band.standard_errors).map(|(d, error)| d.abs() / error).fold(0.0, f64::max))
+    }
+
+    /// Whether the difference is outside of its band anywhere; `None` without errors.
+    #[must_use]
+    pub fn is_changed(&self) -> Option<bool> {
+        Some(self.worst_ratio()? > self.band.as_ref()?.factor)
+    }
+
+    /// Whether the difference is within a bound, in its unit. Without errors the values decide.
+    #[must_use]
+    pub fn verdict(&self, bound: f64) -> Verdict {
+        let (largest, _) = self.largest();
+        Verdict::of(self.lower().unwrap_or(largest), self.upper().unwrap_or(largest), bound)
+    }
+}

@@ -1,0 +1,208 @@
+//! Tables as they are compared: curves in units that no table's 1 g0 changes, and both triads' alignment by one convention.
+
+use crate::provenance::{CurveErrors, TableFile};
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::AXES;
+use nalgebra::{DVector, Matrix3};
+
+/// Entries of a matrix that differ by less than this are the same.
+const ROUNDING: f64 = 1e-12;
+
+/// The alignment matrices of accelerometers and gyroscopes.
+fn alignments(file: &TableFile) -> [Option<Matrix3<f64>>; 2] {
+    let content = file.table.content();
+    [content.alignment, content.gyroscopes.as_ref().and_then(|gyroscopes| gyroscopes.alignment)]
+}
+
+/// How the accelerometers' misalignments are written.
+fn written(file: &TableFile) -> Written {
+    match alignments(file)[0] {
+        None => Written::Either,
+        Some(matrix) if (matrix - Matrix3::identity()).amax() < ROUNDING => Written::Either,
+        Some(matrix) => {
+            let below = matrix.lower_triangle() - Matrix3::identity();
+            if below.amax() < ROUNDING { Written::Triangular } else { Written::Full }
+        }
+    }
+}
+
+/// How a table's misalignments are written.
+#[derive(Clone, Copy, Eq, PartialEq)]
+enum Written {
+    /// With six: relative to the turntable's axes.
+    Full,
+    /// With three, so that A3 is along the body's z, and A2 in its y-z plane.
+    Triangular,
+    /// There are none.
+    Either,
+}
+
+/// The convention that misalignments are compared by.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Convention {
+    /// As they are in the tables.
+    AsWritten,
+    /// Three misalignments: A3 along the body's z, A2 in its y-z plane. Tables with six were converted to it.
+    Triangular,
+}
+
+impl Convention {
+    /// The one that all tables can be compared by.
+    #[must_use]
+    pub fn of(tables: &[TableFile]) -> Self {
+        let has = |found: Written| tables.iter().any(|table| written(table) == found);
+        if has(Written::Full) && has(Written::Triangular) { Self::Triangular } else { Self::AsWritten }
+    }
+
+    /// Its name in documents.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::AsWritten => "as written",
+            Self::Triangular => "triangular",
+        }
+    }
+}
+
+/// A curve of a table in a unit that does not depend on the table's 1 g0: m/s2 and pulse/(m/s), deg/h and pulse/arcsec.
+#[derive(Clone, Debug)]
+pub(crate) struct FormCurve {
+    polynomial: Polynomial,
+    /// From the unit of the table.
+    factor: f64,
+    errors: Option<CurveErrors>,
+}
+
+impl FormCurve {
+    pub(crate) const fn range(&self) -> [f64; 2] {
+        self.polynomial.range()
+    }
+
+    pub(crate) fn coefficients(&self) -> usize {
+        self.polynomial.coefficients().len()
+    }
+
+    pub(crate) fn at(&self, telemetry: f64) -> f64 {
+        self.polynomial.at(telemetry) * self.factor
+    }
+
+    /// Variance of the value; `None` if it is not known, or if it is not over 0, which no variance is.
+    pub(crate) fn variance(&self, telemetry: f64) -> Option<f64> {
+        let errors = self.errors.as_ref()?;
+        let x = (telemetry - self.polynomial.center()) / self.polynomial.scale();
+        let powers = DVector::from_fn(self.coefficients(), |k, _| x.powi(k as i32));
+        let variance = powers.dot(&(&errors.covariance * &powers)) * self.factor * self.factor;
+        (variance > 0.0 && variance.is_finite()).then_some(variance)
+    }
+
+    /// Degrees of freedom of the variance.
+    pub(crate) fn freedom(&self) -> Option<f64> {
+        self.errors.as_ref().map(|errors| errors.freedom)
+    }
+}
+
+/// A table in the form that is compared.
+#[derive(Clone, Debug)]
+pub(crate) struct Form {
+    /// Bias, K+ and K- of each sensor; three sensors or six.
+    pub(crate) curves: Vec<[FormCurve; 3]>,
+    /// Of the accelerometers and of the gyroscopes; the identity without one.
+    pub(crate) alignment: [Matrix3<f64>; 2],
+    /// Standard errors of the entries \[rad\]. Of a table without a matrix they are 0, because it is the identity by choice.
+    pub(crate) alignment_error: [Option<Matrix3<f64>>; 2],
+}
+
+impl Form {
+    pub(crate) fn of(table: &TableFile, convention: Convention) -> Self {
+        let gravity = table.table.content().gravity;
+        let matrices = alignments(table);
+        let mut alignment = matrices.map(|matrix| matrix.unwrap_or_else(Matrix3::identity));
+        let mut alignment_error = [0, 1].map(|triad| match matrices[triad] {
+            Some(_) => table.origin.misalignment_error[triad],
+            None => Some(Matrix3::zeros()),
+        });
+        let mut scales = [1.0; 2 * AXES];
+        if convention == Convention::Triangular
+            && written(table) == Written::Full
+            && let Some(triangular) = Triangular::of(&alignment[0])
+        {
+            scales[..AXES].copy_from_slice(&triangular.scale);
+            alignment[0] = triangular.alignment;
+            // The body's axes turn, so those that the gyroscopes' output is along turn too.
+            alignment[1] = triangular.rotation * alignment[1];
+            // To first order a misalignment of the triangle is the sum of the two that are opposite in the full matrix.
+            alignment_error[0] = alignment_error[0]
+                .map(|error| Matrix3::from_fn(|i, j| if i < j { error[(i, j)].hypot(error[(j, i)]) } else { 0.0 }));
+        }
+        let curves = table.sensors().enumerate().map(|(index, (kind, _, axis))| {
+            let (bias, scale_factor) = match kind {
+                SensorKind::Accelerometer => (axis.bias_unit.factor() * gravity, 1.0 / gravity),
+                SensorKind::Gyroscope => (axis.bias_unit.factor(), 1.0),
+            };
+            let errors = &table.origin.curves[index];
+            let curve = |polynomial: &Polynomial, factor: f64, errors: &Option<CurveErrors>| FormCurve {
+                polynomial: *polynomial,
+                factor,
+                errors: errors.clone(),
+            };
+            let scale = scales[index];
+            [
+                curve(&axis.bias, bias / scale, &errors[0]),
+                curve(&axis.positive_scale_factor, scale_factor * scale, &errors[1]),
+                curve(&axis.negative_scale_factor, scale_factor * scale, &errors[2]),
+            ]
+        });
+        Self { curves: curves.collect(), alignment, alignment_error }
+    }
+}
+
+/// A full alignment in the triangular convention.
+struct Triangular {
+    alignment: Matrix3<f64>,
+    /// From the axes of the full convention to those of the triangular one.
+    rotation: Matrix3<f64>,
+    /// K of the triangular convention over K of the full one, and A of the full one over A of the triangular one.
+    scale: [f64; AXES],
+}
+
+impl Triangular {
+    /// The misalignment matrix M, the inverse of the alignment, is R Q with an upper triangle R and a rotation Q. What accelerometer i indicates is
+    /// row i of M times the specific force f, so row i of R times Q f: in the turned axes, with d = R(i,i), it has K d, A/d and the row R(i,..)/d.
+    fn of(alignment: &Matrix3<f64>) -> Option<Self> {
+        let misalignment = alignment.try_inverse()?;
+        // R Q of M is the transpose of the Q R of M with its rows in reverse order, reversed again.
+        let reverse = Matrix3::from_fn(|i, j| if i + j == 2 { 1.0 } else { 0.0 });
+        let (q, r) = (reverse * misalignment).transpose().qr().unpack();
+        let (mut r, mut q) = (reverse * r.transpose() * reverse, reverse * q.transpose());
+        for i in 0..AXES {
+            if r[(i, i)] < 0.0 {
+                r.column_mut(i).neg_mut();
+                q.row_mut(i).neg_mut();
+            }
+        }
+        let scale = [0, 1, 2].map(|i| r[(i, i)]);
+        let unit = Matrix3::from_fn(|i, j| match i.cmp(&j) {
+            std::cmp::Ordering::Less => r[(i, j)] / r[(i, i)],
+            std::cmp::Ordering::Equal => 1.0,
+            std::cmp::Ordering::Greater => 0.0,
+        });
+        Some(Self { alignment: unit.try_inverse()?, rotation: q, scale })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_alignment_is_a_triangle_times_a_rotation() {
+        let misalignment = Matrix3::new(1.0, 0.02, -0.01, -0.015, 1.0, 0.025, 0.01, -0.03, 1.0);
+        let found = Triangular::of(&misalignment.try_inverse().unwrap()).unwrap();
+        let triangle = Matrix3::from_diagonal(&found.scale.into()) * found.alignment.try_inverse().unwrap();
+        assert!((triangle * found.rotation - misalignment).amax() < 1e-15);
+        assert!((found.rotation * found.rotation.transpose() - Matrix3::identity()).amax() < 1e-15);
+        assert!(found.rotation.determinant() > 0.0);
+        assert!((found.alignment.lower_triangle() - Matrix3::identity()).amax() < 1e-15);
+    }
+}

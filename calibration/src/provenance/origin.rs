@@ -1,0 +1,164 @@
+//! What programs read of a table's `[provenance]`: when the table was made, and its errors.
+
+use crate::order::QUANTITIES;
+use isotherm_shared::document::Faults;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{Axis, CoefficientTable};
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::AXES;
+use nalgebra::{DMatrix, Matrix3};
+use toml::{Table, Value};
+
+/// The covariance of a curve's coefficients.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveErrors {
+    /// In the unit and the powers of the table's polynomial; as many rows as it has coefficients.
+    pub covariance: DMatrix<f64>,
+    /// Degrees of freedom, at least 1.
+    pub freedom: f64,
+}
+
+/// When a table was made, and its errors. A part that is missing, or that cannot be right, is `None`: the provenance is free for the user.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Origin {
+    /// The text of `time`.
+    pub time: Option<String>,
+    /// The same in seconds since 1970, if it is RFC 3339 in UTC.
+    pub unix_s: Option<f64>,
+    /// Errors of bias, K+ and K-, for A1, A2, A3, G1, G2, G3.
+    pub curves: [[Option<CurveErrors>; 3]; 2 * AXES],
+    /// Misalignments of accelerometers and gyroscopes \[rad\]: row i is what sensor i indicates for 1 along each axis; 1 on the diagonal.
+    pub misalignment: [Option<Matrix3<f64>>; 2],
+    /// Standard errors of the misalignments of accelerometers and gyroscopes \[rad\]; 0 on the diagonal.
+    pub misalignment_error: [Option<Matrix3<f64>>; 2],
+    /// Standard deviation of the residuals of A1, A2, A3 \[g0\].
+    pub residual_sd_g0: Option<[f64; AXES]>,
+    /// Rms of the residuals of a calibration that has one for all accelerometers \[g0\].
+    pub residual_rms_g0: Option<f64>,
+}
+
+/// A table with the name of its file, and what its provenance says.
+#[derive(Clone, Debug)]
+pub struct TableFile {
+    /// Its name in messages.
+    pub name: String,
+    /// The table.
+    pub table: CoefficientTable,
+    /// When it was made, and its errors.
+    pub origin: Origin,
+}
+
+impl TableFile {
+    /// Reads a table from the text of its file.
+    ///
+    /// # Errors
+    /// All faults of the text.
+    pub fn from_toml(name: impl Into<String>, text: &str) -> Result<Self, Faults> {
+        let table = CoefficientTable::from_toml(text, None)?;
+        let origin = Origin::of_toml(text, &table);
+        Ok(Self { name: name.into(), table, origin })
+    }
+
+    /// The sensors with their kind and errors: A1, A2, A3, and the gyroscopes if the table has them.
+    pub(crate) fn sensors(&self) -> impl Iterator<Item = (SensorKind, usize, &Axis)> {
+        let content = self.table.content();
+        let gyroscopes = content.gyroscopes.iter().flat_map(|gyroscopes| &gyroscopes.axes);
+        let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];
+        let places = kinds.into_iter().flat_map(|kind| (0..AXES).map(move |axis| (kind, axis)));
+        places.zip(content.axes.iter().chain(gyroscopes)).map(|((kind, index), axis)| (kind, index, axis))
+    }
+
+    /// Whether the table has gyroscopes.
+    #[must_use]
+    pub fn has_gyroscopes(&self) -> bool {
+        self.table.content().gyroscopes.is_some()
+    }
+}
+
+impl Origin {
+    /// Reads the provenance of `table` from `text`, the text of its file.
+    #[must_use]
+    pub fn of_toml(text: &str, table: &CoefficientTable) -> Self {
+        let file = text.parse::<Table>().unwrap_or_default();
+        let Some(provenance) = file.get("provenance").and_then(Value::as_table) else { return Self::default() };
+        let time = match provenance.get("time") {
+            Some(Value::String(time)) => Some(time.clone()),
+            Some(Value::Datetime(time)) => Some(time.to_string()),
+            _ => None,
+        };
+        let since =
+            |time: &String| humantime::parse_rfc3339_weak(time).ok()?.duration_since(std::time::UNIX_EPOCH).ok();
+        let mut origin = Self {
+            unix_s: time.as_ref().and_then(since).map(|since| since.as_secs_f64()),
+            time,
+            misalignment: ["misalignment", "gyroscope_misalignment"].map(|key| square(&matrix(provenance.get(key)?)?)),
+            misalignment_error: ["misalignment_standard_error", "gyroscope_misalignment_standard_error"]
+                .map(|key| square(&matrix(provenance.get(key)?)?).filter(|errors| errors.min() >= 0.0)),
+            residual_sd_g0: provenance.get("residual_sd_g0").and_then(residuals),
+            residual_rms_g0: provenance.get("residual_rms_g0").and_then(number),
+            ..Self::default()
+        };
+        let records = provenance.get("curve").and_then(Value::as_array);
+        for record in records.into_iter().flatten().filter_map(Value::as_table) {
+            let word = |key: &str| record.get(key).and_then(Value::as_str);
+            let quantity = QUANTITIES.iter().position(|name| Some(*name) == word("quantity"));
+            let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];
+            let names = kinds.iter().flat_map(|kind| kind.names().map(|name| (*kind, name)));
+            let sensor = names.enumerate().find(|(_, (_, name))| Some(*name) == word("axis"));
+            let (Some(quantity), Some((index, (kind, _)))) = (quantity, sensor) else { continue };
+            let content = table.content();
+            let axis = match kind {
+                SensorKind::Accelerometer => Some(&content.axes[index]),
+                SensorKind::Gyroscope => content.gyroscopes.as_ref().map(|gyroscopes| &gyroscopes.axes[index - AXES]),
+            };
+            let Some(axis) = axis else { continue };
+            let (polynomial, unit) = quantity_of(axis, kind, quantity);
+            // Errors in another unit than the table's are not the table's.
+            if word("unit").is_none_or(|stated| stated == unit) {
+                origin.curves[index][quantity] = curve_errors(record, polynomial);
+            }
+        }
+        origin
+    }
+}
+
+/// The polynomial of a quantity with its unit in the table.
+fn quantity_of(axis: &Axis, kind: SensorKind, quantity: usize) -> (&Polynomial, &'static str) {
+    match quantity {
+        0 => (&axis.bias, axis.bias_unit.name()),
+        1 => (&axis.positive_scale_factor, kind.scale_factor_unit()),
+        _ => (&axis.negative_scale_factor, kind.scale_factor_unit()),
+    }
+}
+
+fn curve_errors(record: &Table, polynomial: &Polynomial) -> Option<CurveErrors> {
+    let freedom = number(record.get("degrees_of_freedom")?).filter(|freedom| *freedom >= 1.0)?;
+    let rows = matrix(record.get("covariance")?)?;
+    let count = polynomial.coefficients().len();
+    let square = rows.len() == count && rows.iter().all(|row| row.len() == count);
+    square.then(|| CurveErrors { covariance: DMatrix::from_fn(count, count, |i, j| rows[i][j]), freedom })
+}
+
+fn square(rows: &[Vec<f64>]) -> Option<Matrix3<f64>> {
+    let right = rows.len() == AXES && rows.iter().all(|row| row.len() == AXES);
+    right.then(|| Matrix3::from_fn(|i, j| rows[i][j]))
+}
+
+fn residuals(value: &Value) -> Option<[f64; AXES]> {
+    let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(number).collect();
+    numbers?.try_into().ok()
+}
+
+fn matrix(value: &Value) -> Option<Vec<Vec<f64>>> {
+    value.as_array()?.iter().map(|row| row.as_array()?.iter().map(number).collect()).collect()
+}
+
+/// A finite number.
+fn number(value: &Value) -> Option<f64> {
+    let number = match value {
+        Value::Integer(integer) => Some(*integer as f64),
+        Value::Float(float) => Some(*float),
+        _ => None,
+    };
+    number.filter(|number| number.is_finite())
+}

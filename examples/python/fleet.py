@@ -1,0 +1,62 @@
+"""Calibrates hundreds of campaigns on all processors, or on the machines of a Dask cluster.
+
+    python3 fleet.py lot-7/*/campaign.toml -o tables --workers 8
+    python3 fleet.py lot-7/*/campaign.toml -o tables --scheduler tcp://10.0.0.1:8786
+
+Needs `pip install 'dask[distributed]'`. Each campaign gives TABLE.toml and TABLE.html, named after its IMU. A campaign that fails is reported with its
+reason, and the others go on; then the exit code is 1. Workers on other machines must see the same files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import isotherm
+from dask.distributed import Client, LocalCluster, as_completed
+
+
+def make_table(campaign: str, folder: str) -> tuple[str, str]:
+    """Runs in a worker. Returns the table's file, and what was reached."""
+    calibration = isotherm.calibrate(campaign)
+    table = Path(folder) / f"{calibration.table.imu}.toml"
+    calibration.save(table, report=table.with_suffix(".html"))
+    return str(table), calibration.accuracy
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("campaigns", nargs="+", metavar="CAMPAIGN.toml", help="campaign files, one for each IMU; they name their samples")
+    parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder of the tables and reports")
+    parser.add_argument("--workers", type=int, help="processes on this machine [default: one for each processor]")
+    parser.add_argument("--scheduler", help="address of a running Dask scheduler; without one, workers start on this machine")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    folder = str(options.output.resolve())
+
+    # Each worker is a process with one thread: a fit keeps one processor busy.
+    if options.scheduler is None:
+        client = Client(LocalCluster(n_workers=options.workers, threads_per_worker=1, processes=True, dashboard_address=None))
+    else:
+        client = Client(options.scheduler)
+    with client:
+        jobs = {client.submit(make_table, str(Path(name).resolve()), folder, key=f"{name}", retries=0): name for name in options.campaigns}
+        tables, failed = [], 0
+        for job in as_completed(jobs):
+            error = job.exception()
+            if error is None:
+                table, accuracy = job.result()
+                tables.append(table)
+                print(f"{jobs[job]}: {accuracy}", flush=True)
+            else:
+                failed += 1
+                print(f"{jobs[job]}: failed: {error}", file=sys.stderr, flush=True)
+    print(f"{len(tables)} tables, {failed} campaigns failed")
+    if len(tables) > 1:
+        print(isotherm.batch(sorted(tables)), end="")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
