@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, Read};
 
 mod numbers;
 
-pub use numbers::{DecimalMark, Separator};
+pub use numbers::{DecimalMark, Separator, looks_like_number};
 
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 16;
@@ -22,6 +22,26 @@ const MAX_LINE: u64 = 1 << 16;
 /// A column: its name and its index in a row.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct CsvColumn(String, usize);
+
+impl CsvColumn {
+    /// The column with this index, from 0. `name` stands for it in messages.
+    #[must_use]
+    pub const fn new(name: String, index: usize) -> Self {
+        Self(name, index)
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.0
+    }
+
+    /// Its index in a row, from 0.
+    #[must_use]
+    pub const fn index(&self) -> usize {
+        self.1
+    }
+}
 
 /// The rows of a CSV text, one per line, with their line numbers. Blank lines are skipped.
 pub struct Rows<R> {
@@ -89,6 +109,20 @@ impl<R: Read> Rows<R> {
             }
         }
         self.split().map(|()| true)
+    }
+
+    /// Skips lines without looking at them: what a program writes above the header.
+    ///
+    /// # Errors
+    /// If the source cannot be read, or has fewer lines.
+    pub fn skip_lines(&mut self, count: u64) -> Result<(), RecordingError> {
+        for _ in 0..count {
+            self.line += 1;
+            if self.source.skip_until(b'\n')? == 0 {
+                return Err(self.error(format!("the text ends here; {count} lines were to be skipped")));
+            }
+        }
+        Ok(())
     }
 
     /// Finds the fields of the current line.
@@ -234,7 +268,12 @@ impl<R: Read> Rows<R> {
         Err(self.error(format!("{} fields, but the header has {count}; is the row cut?", self.len())))
     }
 
-    fn field(&self, index: usize) -> &[u8] {
+    /// A field of the current row, without outer blanks and quotation marks.
+    ///
+    /// # Panics
+    /// If the row has no field with this index.
+    #[must_use]
+    pub fn field(&self, index: usize) -> &[u8] {
         let (begin, end) = self.fields[index];
         let row = if self.quoted { &self.unquoted } else { &self.text };
         row[begin..end].trim_ascii()
@@ -351,7 +390,8 @@ fn list_columns(names: impl IntoIterator<Item = String>) -> String {
 /// Splits a plain decimal (at most one minus sign, at most one point, up to 18 digits): 1 if it is negative, else 0; its digits
 /// as one integer; the number of digits after the point. `None` for any other field, which the standard library then parses.
 #[inline]
-fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
+#[must_use]
+pub fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
     let (negative, unsigned) = match field.split_first() {
         Some((b'-', rest)) => (1, rest),
         _ => (0, field),
@@ -382,7 +422,13 @@ const POWERS: [f64; 23] = [
 /// (Clinger, 1990).
 #[inline]
 fn decimal(field: &[u8]) -> Option<f64> {
-    let (negative, mantissa, after) = digits(field)?;
+    digits(field).and_then(nearest_double)
+}
+
+/// The nearest double of a decimal that [`digits`] has split; `None` if it has too many digits for one division.
+#[inline]
+#[must_use]
+pub fn nearest_double((negative, mantissa, after): (usize, u64, usize)) -> Option<f64> {
     let size = (mantissa <= 1 << 53).then(|| mantissa as f64 / POWERS[after])?;
     Some(if negative == 1 { -size } else { size })
 }

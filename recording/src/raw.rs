@@ -182,6 +182,7 @@ pub struct RawCsvWriter<W> {
     leading: bool,
     /// The columns, by their index in [`RAW`].
     columns: Vec<usize>,
+    plain: bool,
     row: Vec<u8>,
 }
 
@@ -205,7 +206,7 @@ impl<W: Write> RawCsvWriter<W> {
         let columns = columns(telemetry_ns, layout);
         let names: Vec<_> = columns.iter().map(|index| RAW[*index].name).collect();
         writeln!(sink, "{leading}{comma}{}", names.join(","))?;
-        Ok(Self { sink, leading: !leading.is_empty(), columns, row: Vec::new() })
+        Ok(Self { sink, leading: !leading.is_empty(), columns, plain: false, row: Vec::new() })
     }
 
     /// Appends rows to a file that already has a header of [`new`](Self::new). `leading` says whether the file has the caller's own columns.
@@ -217,7 +218,13 @@ impl<W: Write> RawCsvWriter<W> {
     /// Appends rows to a file that already has a header of [`with_layout`](Self::with_layout).
     #[must_use]
     pub fn resume_with_layout(sink: W, leading: bool, telemetry_ns: bool, layout: Layout) -> Self {
-        Self { sink, leading, columns: columns(telemetry_ns, layout), row: Vec::new() }
+        Self { sink, leading, columns: columns(telemetry_ns, layout), plain: false, row: Vec::new() }
+    }
+
+    /// Writes whole telemetry without a decimal point, 25 and not 25.0. It reads back as the same double.
+    #[must_use]
+    pub fn with_plain_whole_numbers(self) -> Self {
+        Self { plain: true, ..self }
     }
 
     /// Writes one row. `leading` has the comma-separated values of the caller's own columns.
@@ -231,7 +238,11 @@ impl<W: Write> RawCsvWriter<W> {
             write!(row, "{leading},")?;
         }
         for index in &self.columns {
-            append_value(RAW[*index].kind, load(raw, *index), row);
+            let (kind, value) = (RAW[*index].kind, load(raw, *index));
+            match kind {
+                ColumnKind::F64 if self.plain => append_plain(f64::from_bits(value), row),
+                _ => append_value(kind, value, row),
+            }
             row.push(b',');
         }
         // Replaces the comma after the last value.
@@ -247,6 +258,19 @@ impl<W: Write> RawCsvWriter<W> {
     pub fn finish(mut self) -> io::Result<W> {
         self.sink.flush()?;
         Ok(self.sink)
+    }
+}
+
+/// Appends a double in the shortest form that reads back as the same one.
+fn append_plain(value: f64, row: &mut Vec<u8>) {
+    /// Up to here every whole double is exact as an integer, and shorter than with an exponent.
+    const MOST: f64 = 1e6;
+    let is_plain = value.fract() == 0.0 && value.abs() < MOST && (value != 0.0 || value.is_sign_positive());
+    if is_plain {
+        // Writing to memory cannot fail.
+        let _ = write!(row, "{}", value as i64);
+    } else {
+        append_value(ColumnKind::F64, value.to_bits(), row);
     }
 }
 
@@ -408,6 +432,23 @@ mod tests {
             "sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_positive,a2_negative,a2_head,\
              a2_board,a3_positive,a3_negative,a3_head,a3_board,telemetry_ns\n"
         );
+    }
+
+    #[test]
+    fn whole_telemetry_may_be_written_without_a_decimal_point() {
+        let [whole, fraction, zero, negative] = [25.0, 25.125, -0.0, -40.0];
+        let accelerometers = Triad {
+            head_temperature: [whole, fraction, zero],
+            board_temperature: [negative, 1e6, f64::NAN],
+            ..Triad::default()
+        };
+        let raw = RawSample { accelerometers, ..RawSample::default() };
+        let mut writer = RawCsvWriter::new(Vec::new(), "", false).unwrap().with_plain_whole_numbers();
+        writer.write("", &raw).unwrap();
+        let text = String::from_utf8(writer.finish().unwrap()).unwrap();
+        assert!(text.ends_with("\n0,0,0,0,0,25,-40,0,0,25.125,1000000.0,0,0,-0.0,NaN\n"), "{text}");
+        let back = read(&text).unwrap()[0].accelerometers;
+        assert_eq!(back.head_temperature.map(f64::to_bits), accelerometers.head_temperature.map(f64::to_bits));
     }
 
     /// The header of a file with all columns, without these.

@@ -9,6 +9,8 @@ pub enum FileKind {
     Plan,
     /// A campaign file: what a laboratory states about the samples of a campaign.
     Campaign,
+    /// A mapping: what the columns of foreign data are.
+    Mapping,
     /// A configuration of the service.
     Configuration,
     /// A coefficient table.
@@ -27,6 +29,8 @@ impl FileKind {
             Some(Self::Plan)
         } else if has(&["position", "ramp", "samples", "gravity_reference"]) {
             Some(Self::Campaign)
+        } else if has(&["accelerometer", "time"]) {
+            Some(Self::Mapping)
         } else if document.is_list("imu") || has(&["wait", "latency", "realtime", "metrics"]) {
             Some(Self::Configuration)
         } else if has(&["axis", "imu", "temperature", "alignment", "format", "digest"]) {
@@ -42,6 +46,7 @@ impl FileKind {
         match self {
             Self::Plan => "a campaign plan",
             Self::Campaign => "a campaign file",
+            Self::Mapping => "a mapping",
             Self::Configuration => "a service configuration",
             Self::Table => "a coefficient table",
         }

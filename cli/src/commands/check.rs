@@ -5,6 +5,8 @@ use isotherm_calibration::gyroscopes::observable;
 use isotherm_campaign::plan::Plan;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
+use isotherm_recording_formats::convert::{KnownColumns, Mapping};
+use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
 use std::path::Path;
 
@@ -13,11 +15,22 @@ pub fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String
     match kind {
         FileKind::Plan => plan(text, path),
         FileKind::Campaign => campaign(text, path),
+        FileKind::Mapping => mapping(text, path),
         FileKind::Configuration | FileKind::Table => Err(Failure::new(
             Exit::Usage,
             format!("{}: {} is not a file of the laboratory", path.display(), kind.name()),
         )),
     }
+}
+
+fn mapping(text: &str, path: &Path) -> Result<String, Failure> {
+    let refuse = |faults| LoadError::Refused { path: path.to_owned(), faults };
+    if Document::parse(text).is_ok_and(|document| !document.has("accelerometer")) {
+        KnownColumns::from_toml(text).map_err(refuse)?;
+        return Ok("mapping of data whose columns are known".to_owned());
+    }
+    let mapping = Mapping::from_toml(text).map_err(refuse)?;
+    Ok(format!("mapping of {} columns of a text", mapping.columns().count()))
 }
 
 fn plan(text: &str, path: &Path) -> Result<String, Failure> {

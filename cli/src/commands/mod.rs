@@ -6,6 +6,7 @@ mod check;
 mod clean;
 mod common;
 mod compare;
+mod convert;
 mod feed;
 mod generate;
 mod record;
@@ -27,7 +28,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 16] = [
+pub const WITHOUT_DOMAIN: [&str; 17] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -35,6 +36,7 @@ pub const WITHOUT_DOMAIN: [&str; 16] = [
     "check",
     "compare",
     "completions",
+    "convert",
     "demo",
     "man",
     "regress",
@@ -57,6 +59,7 @@ pub enum Command {
     Feed(feed::Feed),
     Replay(replay::Replay),
     Record(record::Record),
+    Convert(convert::Convert),
     Calibrate(calibrate::Calibrate),
     Regress(regress::Regress),
     Verify(verify::Verify),
@@ -88,6 +91,7 @@ impl Command {
             Self::Feed(feed) => feed.run(domain),
             Self::Replay(replay) => replay.run(),
             Self::Record(record) => record.run(domain),
+            Self::Convert(convert) => convert.run(),
             Self::Calibrate(calibrate) => calibrate.run(),
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),
@@ -110,6 +114,7 @@ impl Command {
             | Self::Calibrate(_)
             | Self::Verify(_)
             | Self::Compare(_)
+            | Self::Convert(_)
             | Self::Man(_) => true,
             Self::Simulate(simulate) => simulate.writes_and_ends(),
             _ => false,

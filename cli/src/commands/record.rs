@@ -7,8 +7,8 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{check_stdout, check_written, end_signals};
-use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, Rotation};
+use isotherm_files::{WorldWritable, check_stdout, check_written, end_signals, load_table};
+use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, Rotation};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::stream::StreamKind;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ use std::time::Duration;
 /// files hold everything up to the last flush, even if the recorder is killed.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head"
+    after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
 )]
 pub struct Record {
     /// An IMU to record; may be given several times
@@ -34,9 +34,15 @@ pub struct Record {
     /// replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Format of the files, whatever their name ends with
+    /// Format of the files, whatever their name ends with; ros is MCAP with sensor_msgs/msg/Imu
     #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(Format::NAMES.map(|(_, name)| name)).map(format))]
     format: Option<Format>,
+    /// Table of an IMU, for --format ros, which names it; may be given several times
+    ///
+    /// Without it the messages only name the first 16 digits of the table's digest, and there is no sensor_msgs/msg/Temperature, for which
+    /// the unit of the telemetry must be known to be degC.
+    #[arg(long = "table", value_name = "TABLE")]
+    tables: Vec<PathBuf>,
     /// Only this stream; both unless given, and raw if they go to stdout
     #[arg(long, value_name = "STREAM", value_parser = PossibleValuesParser::new(StreamKind::BOTH.map(StreamKind::name)).map(stream))]
     stream: Option<StreamKind>,
@@ -99,8 +105,27 @@ impl Record {
         if stdout {
             check_written(None, check_stdout())?;
         }
+        if format == Format::Ros && self.stream.is_some() {
+            return usage(
+                "--format ros takes the increments, and the telemetry of the raw samples; leave out --stream"
+                    .to_owned(),
+            );
+        }
+        if format != Format::Ros && !self.tables.is_empty() {
+            return usage("--table is for --format ros".to_owned());
+        }
+        let tables = self.tables.iter().map(|path| {
+            let (table, _) = load_table(path, None, WorldWritable::Allow)?;
+            let table = RosTable::new(&table, path);
+            if self.imus.contains(table.imu()) {
+                return Ok(table);
+            }
+            let message = format!("{}: a table of {}, which is not recorded", path.display(), table.imu());
+            Err(Failure::new(Exit::Usage, message))
+        });
+        let tables = tables.collect::<Result<Vec<_>, _>>()?;
         let file_per_imu = name.contains(IMU_PLACEHOLDER);
-        if self.imus.len() > 1 && format != Format::Mcap && !file_per_imu {
+        if self.imus.len() > 1 && !format.is_joint() && !file_per_imu {
             return usage(format!(
                 "several IMUs need a file each: put {IMU_PLACEHOLDER} into the name {name}, or record MCAP"
             ));
@@ -118,7 +143,7 @@ impl Record {
         };
         let mut files: Vec<Files> = Vec::new();
         for group in groups {
-            match Files::create(output, format, rotation, &self.imus, &group) {
+            match Files::create_with_tables(output, format, rotation, &self.imus, &group, &tables) {
                 Ok(made) => files.push(made),
                 Err(error) => {
                     // Either all files are created or none.

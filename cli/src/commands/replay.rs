@@ -6,18 +6,22 @@ use indicatif::ProgressBar;
 use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
+use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::Samples;
+use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
-use std::fmt;
-use std::path::PathBuf;
+use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
+use std::path::{Path, PathBuf};
+use std::{fmt, io, slice};
 
 /// Compensate a recording offline, with the very arithmetic of the service
 ///
-/// The output equals that of `feed`, byte for byte. The last line on stderr counts the flags.
+/// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu. The last line on
+/// stderr counts the flags.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head"
+    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
 )]
 pub struct Replay {
     /// Coefficient table
@@ -31,8 +35,8 @@ pub struct Replay {
     recording: Vec<PathBuf>,
     #[command(flatten)]
     lag: LagSetting,
-    /// Where the increments go (CSV); - is stdout
-    #[arg(short, long, value_name = "OUT.csv")]
+    /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout
+    #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
 }
 
@@ -46,9 +50,9 @@ impl Replay {
         let mut samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
         let path = self.output.as_deref();
-        let sink = Output::create(path);
         let layout = IncrementLayout { gyroscopes: table.gyroscopes().is_some(), delivery: false };
-        let mut writer = match sink.and_then(|sink| IncrementCsvWriter::new(sink, layout)) {
+        let ros = RosTable::new(&table, &self.table);
+        let mut writer = match Output::create(path).and_then(|sink| Writer::new(sink, path, layout, &ros)) {
             Ok(writer) => writer,
             Err(error) => return check_written(path, Err(error)),
         };
@@ -59,16 +63,54 @@ impl Replay {
             warning.check(&sample);
             let increment = answer(Some(&table), &sample);
             flags.add(increment.flags);
-            if let Err(error) = writer.write(&increment) {
+            if let Err(error) = writer.write(&sample, &increment) {
                 return check_written(path, Err(error));
             }
         }
+        let tells_no_temperature = matches!(writer, Writer::Ros(_)) && !ros.is_celsius();
         check_written(path, writer.finish().and_then(Output::finish))?;
+        if tells_no_temperature {
+            let unit = &table.content().temperature_unit;
+            tell("isotherm", format_args!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC"));
+        }
         if flags.count(Flags::OTHER_DEVICE) > 0 {
             super::common::warn_of_other_device(&table);
         }
         tell("isotherm", flags);
         Ok(())
+    }
+}
+
+enum Writer {
+    Csv(IncrementCsvWriter<Output>),
+    Ros(Box<RosWriter<Output>>),
+}
+
+impl Writer {
+    fn new(sink: Output, path: Option<&Path>, layout: IncrementLayout, table: &RosTable) -> io::Result<Self> {
+        let is_mcap = path.and_then(Path::extension).is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
+        if !is_mcap {
+            return IncrementCsvWriter::new(sink, layout).map(Self::Csv);
+        }
+        RosWriter::new(sink, &[(0, table.imu())], slice::from_ref(table)).map(Box::new).map(Self::Ros)
+    }
+
+    fn write(&mut self, sample: &RawSample, increment: &CompensatedIncrement) -> io::Result<()> {
+        match self {
+            Self::Csv(writer) => writer.write(increment),
+            Self::Ros(writer) => {
+                let recorded_ns = increment.timestamp_ns;
+                writer.write(&RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(*sample) })?;
+                writer.write(&RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Increment(*increment) })
+            }
+        }
+    }
+
+    fn finish(self) -> io::Result<Output> {
+        match self {
+            Self::Csv(writer) => writer.finish(),
+            Self::Ros(writer) => writer.finish(),
+        }
     }
 }
 

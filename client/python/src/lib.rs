@@ -5,6 +5,7 @@ mod acquisition;
 mod calibration;
 mod compare;
 mod connection;
+mod convert;
 mod errors;
 mod lag;
 mod offline;
@@ -30,6 +31,8 @@ mod _isotherm {
     use crate::calibration::{Calibration, calibrate, read_text, samples_of};
     #[pymodule_export]
     use crate::compare::{Batch, Comparison, batch, compare};
+    #[pymodule_export]
+    use crate::convert::{convert, write_ros};
     #[pymodule_export]
     use crate::lag::device;
     #[pymodule_export]

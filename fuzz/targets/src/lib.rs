@@ -5,6 +5,7 @@
 
 pub mod campaign;
 pub mod config;
+pub mod convert;
 pub mod formats;
 pub mod recording;
 pub mod sample;

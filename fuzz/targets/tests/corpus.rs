@@ -1,7 +1,7 @@
 //! Every input of `fuzz/corpus` passes its target. libFuzzer is not needed for this.
 #![allow(clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_fuzz_targets::{campaign, config, formats, recording, sample, table};
+use isotherm_fuzz_targets::{campaign, config, convert, formats, recording, sample, table};
 use std::fs;
 use std::path::PathBuf;
 
@@ -35,6 +35,11 @@ fn recordings() {
 #[test]
 fn files_of_recordings() {
     run("formats", formats::run);
+}
+
+#[test]
+fn foreign_data() {
+    run("convert", convert::run);
 }
 
 #[test]

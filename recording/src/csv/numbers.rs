@@ -124,6 +124,12 @@ impl DecimalMark {
     }
 }
 
+/// Whether a field can be a number, with any decimal mark.
+#[must_use]
+pub fn looks_like_number(field: &str) -> bool {
+    field.replacen(',', ".", 1).parse::<f64>().is_ok()
+}
+
 fn mixed(mark: &str, line: u64) -> String {
     format!("a number with a decimal {mark} as in line {line}, or the other decimal mark throughout")
 }

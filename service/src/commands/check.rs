@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
 ///
-/// Coefficient tables and service configurations; `isotherm check` also campaign files and campaign plans. The content of a file
+/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings. The content of a file
 /// tells what it is. All faults of all files are reported, each with line and key.
 #[derive(Debug, Args)]
 #[command(
@@ -33,11 +33,11 @@ pub struct Check {
     files: Vec<PathBuf>,
 }
 
-/// Validates a campaign file or plan that was read from this path. Returns a line for the operator if it is valid.
+/// Validates a campaign file, plan or mapping that was read from this path. Returns a line for the operator if it is valid.
 pub type CheckLaboratoryFile = fn(FileKind, &str, &Path) -> Result<String, Failure>;
 
 impl Check {
-    /// Validates the files. `laboratory` validates campaign files and plans.
+    /// Validates the files. `laboratory` validates campaign files, plans and mappings.
     ///
     /// # Errors
     /// All faults of all files.
@@ -66,7 +66,7 @@ fn check(
         FileKind::Table if seal && path == Path::new("-") => {
             Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
         }
-        kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Configuration) if seal => {
+        kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Configuration) if seal => {
             let message = format!("{}: {}; only tables are sealed", path.display(), kind.name());
             Err(Failure::new(Exit::Config, message))
         }
@@ -84,7 +84,7 @@ fn check(
             let content = table.content();
             Ok(format!("table of {}, {}, {sealed}{}", content.imu, table.digest(), format_2(content)))
         }
-        kind @ (FileKind::Plan | FileKind::Campaign) => laboratory(kind, &text, path),
+        kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping) => laboratory(kind, &text, path),
         FileKind::Configuration => {
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));

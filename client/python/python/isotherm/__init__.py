@@ -1,5 +1,6 @@
 """Isotherm: clients of the compensation service and its offline tools. See docs/python.md of the repository."""
 
+from ._convert import convert, write_ros
 from ._errors import (
     CalibrationError,
     Closed,
@@ -86,6 +87,7 @@ __all__ = [
     "batch",
     "calibrate",
     "compare",
+    "convert",
     "device",
     "flag_names",
     "read_increments",
@@ -95,4 +97,5 @@ __all__ = [
     "verify",
     "write_increments",
     "write_recording",
+    "write_ros",
 ]

@@ -64,7 +64,7 @@ class WrongThread(IsothermError, RuntimeError):
 
 
 class TableError(IsothermError, ValueError):
-    """A table or campaign file is not valid. `faults` are all faults of the file: (line, key, message)."""
+    """A table, campaign or mapping file is not valid. `faults` are all faults of the file: (line, key, message)."""
 
     def __init__(self, message: str, faults: list[tuple[int, str, str]]) -> None:
         super().__init__(message)

@@ -36,6 +36,7 @@ __all__ = [
     "batch",
     "calibrate",
     "compare",
+    "convert",
     "device",
     "read_increments",
     "read_recording",
@@ -46,6 +47,7 @@ __all__ = [
     "verify",
     "write_increments",
     "write_recording",
+    "write_ros",
 ]
 
 __version__: Final[str]
@@ -520,6 +522,15 @@ def read_recording(path: _Path) -> _Bytes: ...
 def read_increments(path: _Path) -> _Bytes: ...
 def write_recording(path: _Path, samples: _Bytes) -> None: ...
 def write_increments(path: _Path, increments: _Bytes, delivery: bool) -> None: ...
+def convert(
+    source: _Path | bytes,
+    mapping: tuple[_Path, str] | None,
+    temperature: float | None,
+    interval_ns: int | None,
+    topic: str | None,
+    temperature_topic: str | None,
+) -> tuple[_Bytes, list[str]]: ...
+def write_ros(path: _Path, table: Table, increments: _Bytes, samples: _Bytes | None, table_file: _Path) -> None: ...
 def regress(
     x: _Doubles,
     y: _Doubles,

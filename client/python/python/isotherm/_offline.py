@@ -16,6 +16,7 @@ from . import _isotherm
 from ._files import staged, write_text, write_together
 from ._isotherm import Batch, Comparison, Stability, Table
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
+from ._toml import toml_value
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -328,24 +329,9 @@ def campaign_toml(campaign: Mapping[str, Any]) -> str:
     """A campaign's settings as the text of a campaign file."""
     alone = campaign.get("ramp") and not campaign.get("position")
     plain = ({} if alone else {"samples": "samples"}) | {key: value for key, value in campaign.items() if key not in LISTS and value is not None}
-    lines = [f"{json.dumps(key)} = {_toml(value)}" for key, value in plain.items()]
+    lines = [f"{json.dumps(key)} = {toml_value(value)}" for key, value in plain.items()]
     for name in LISTS:
         for section in campaign.get(name) or ():
             lines += ["", f"[[{name}]]"]
-            lines += [f"{json.dumps(key)} = {_toml(value)}" for key, value in section.items() if value is not None]
+            lines += [f"{json.dumps(key)} = {toml_value(value)}" for key, value in section.items() if value is not None]
     return "\n".join(lines) + "\n"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        # JSON's escapes are valid in TOML too. TOML requires one more character to be escaped.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, (int, np.integer)):
-        return str(int(value))
-    if isinstance(value, (float, np.floating)):
-        return repr(float(value))
-    if isinstance(value, (Sequence, np.ndarray)):
-        return f"[{', '.join(_toml(part) for part in value)}]"
-    raise TypeError(f"a campaign has no values of the type {type(value).__name__}")

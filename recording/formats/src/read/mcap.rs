@@ -2,27 +2,19 @@
 //! unfinished file is read up to its last complete record.
 
 use super::fields::{FieldMap, decode, map_fields};
-use super::panics::catch_panic;
+use super::records::{Records, RecordsError};
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use crate::protobuf;
 use isotherm_recording::RecordingError;
 use isotherm_shared::stream::ImuId;
-use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{McapError, parse_record};
+use mcap::records::Record;
 use std::collections::{BTreeSet, HashMap};
 use std::io::Read;
 use std::rc::Rc;
 
-/// Longest record or chunk that is read \[bytes\]. Common writers make chunks of about 1 MB.
-const MAX_RECORD: usize = 64 << 20;
-/// Most bytes that are read at once.
-const BUFFER: usize = 1 << 20;
-
 /// Reads the wanted columns from the messages of one stream, which may have several channels.
 pub struct McapReader {
-    source: Box<dyn Read>,
-    reader: LinearReader,
+    records: Records,
     wanted: Vec<WantedColumn>,
     choice: ImuChoice,
     /// Whether only channels `isotherm/<imu>/raw` are read.
@@ -37,12 +29,7 @@ pub struct McapReader {
     unreadable: Option<String>,
     /// The stream of the messages that have been returned.
     delivered: Option<String>,
-    bytes: u64,
     messages: u64,
-    /// Whether the footer was read.
-    finished: bool,
-    /// Whether the file ends within a record.
-    truncated: bool,
 }
 
 /// A channel with the wanted columns.
@@ -54,27 +41,11 @@ struct OpenChannel {
     selected: bool,
 }
 
-/// An event of the library's reader.
-enum McapEvent {
-    Read(usize),
-    Record(Record<'static>),
-    Footer,
-    /// A schema or channel whose texts are longer than its record.
-    TooLong,
-    Other,
-}
-
 impl McapReader {
     /// Reads from `source`; with `raw`, the messages of channels `isotherm/<imu>/raw`, else those of any channel.
     pub fn new(source: Box<dyn Read>, wanted: Vec<WantedColumn>, choice: ImuChoice, raw: bool) -> Self {
-        // The checksum of a chunk is verified before any of its content is used.
-        let options = LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MAX_RECORD);
         Self {
-            source,
-            reader: LinearReader::new_with_options(options),
+            records: Records::new(source),
             wanted,
             choice,
             raw,
@@ -83,41 +54,7 @@ impl McapReader {
             new_channel: false,
             unreadable: None,
             delivered: None,
-            bytes: 0,
             messages: 0,
-            finished: false,
-            truncated: false,
-        }
-    }
-
-    /// The library's next event; `None` at the end.
-    fn event(&mut self) -> Result<Option<McapEvent>, RecordingError> {
-        let event = catch_panic(|| {
-            Some(match self.reader.next_event()? {
-                Ok(LinearReadEvent::ReadRequest(need)) => Ok(McapEvent::Read(need)),
-                Ok(LinearReadEvent::Record { opcode: op::FOOTER, .. }) => Ok(McapEvent::Footer),
-                Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL), data })
-                    if !texts_fit(opcode, data) =>
-                {
-                    Ok(McapEvent::TooLong)
-                }
-                Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL | op::MESSAGE), data }) => {
-                    parse_record(opcode, data).map(|record| McapEvent::Record(record.into_owned()))
-                }
-                Ok(LinearReadEvent::Record { .. }) => Ok(McapEvent::Other),
-                Err(error) => Err(error),
-            })
-        });
-        match event.ok_or_else(|| self.error("a record that cannot be read".to_owned()))? {
-            None => Ok(None),
-            Some(Ok(McapEvent::TooLong)) => Err(self.error("a text that is longer than its record".to_owned())),
-            Some(Ok(event)) => Ok(Some(event)),
-            // The file ends within a record.
-            Some(Err(McapError::UnexpectedEof)) => {
-                self.truncated = true;
-                Ok(None)
-            }
-            Some(Err(error)) => Err(self.error(format!("not a valid MCAP file: {error}"))),
         }
     }
 
@@ -240,15 +177,13 @@ impl TableReader for McapReader {
 
     fn read(&mut self, values: &mut Vec<Option<u64>>) -> Result<bool, RecordingError> {
         loop {
-            match self.event()? {
-                Some(McapEvent::Read(need)) => {
-                    let read = self.source.read(self.reader.insert(need.clamp(1, BUFFER)))?;
-                    self.bytes += read as u64;
-                    self.reader.notify_read(read);
-                }
-                Some(McapEvent::Footer) => self.finished = true,
-                Some(McapEvent::Other | McapEvent::TooLong) => {}
-                Some(McapEvent::Record(record)) => {
+            let record = match self.records.next() {
+                Ok(record) => record,
+                Err(RecordsError::Io(error)) => return Err(error.into()),
+                Err(RecordsError::Invalid(message)) => return Err(self.error(message)),
+            };
+            match record {
+                Some(record) => {
                     if self.take_record(record, values)? {
                         return Ok(true);
                     }
@@ -272,49 +207,11 @@ impl TableReader for McapReader {
     }
 
     fn error(&self, message: String) -> RecordingError {
-        let place = format!("byte {}, message {}", self.bytes, self.messages);
+        let place = format!("byte {}, message {}", self.records.bytes(), self.messages);
         RecordingError::Place { place, message }
     }
 
     fn truncation(&self) -> Option<String> {
-        let what = match (self.truncated, self.finished) {
-            (true, _) => "its last record is cut and left out",
-            (false, false) => "it has no end record",
-            _ => return None,
-        };
-        Some(format!("the recording was not ended properly: {what}; everything before has been read"))
+        self.records.truncation()
     }
-}
-
-/// Whether the texts of a schema or a channel end within its record. The library allocates the length that a text claims before it
-/// reads the text.
-fn texts_fit(opcode: u8, record: &[u8]) -> bool {
-    fn length(rest: &mut &[u8]) -> Option<usize> {
-        let (length, after) = rest.split_first_chunk()?;
-        *rest = after;
-        usize::try_from(u32::from_le_bytes(*length)).ok()
-    }
-    fn text(rest: &mut &[u8]) -> Option<()> {
-        let length = length(rest)?;
-        *rest = rest.get(length..)?;
-        Some(())
-    }
-    let fit = || {
-        let channel = opcode == op::CHANNEL;
-        // The numbers of schema and channel, then two names.
-        let mut rest = record.get(if channel { 4 } else { 2 }..)?;
-        text(&mut rest)?;
-        text(&mut rest)?;
-        if channel {
-            // Keys and values, in this number of bytes.
-            let size = length(&mut rest)?;
-            let end = rest.len().checked_sub(size)?;
-            while rest.len() > end {
-                text(&mut rest)?;
-                text(&mut rest)?;
-            }
-        }
-        Some(())
-    };
-    fit().is_some()
 }

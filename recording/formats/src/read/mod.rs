@@ -9,6 +9,7 @@ mod panics;
 mod parquet;
 mod places;
 mod recording;
+pub(crate) mod records;
 mod table;
 
 pub use numbers::{NumberRow, NumberTable, read_numbers};

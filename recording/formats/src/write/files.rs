@@ -3,6 +3,7 @@
 use super::growing::GrowingFile;
 use super::mcap::McapFile;
 use super::parquet::ParquetFile;
+use super::ros::{RosFile, RosTable};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::{self, RecordedRow, columns};
 use isotherm_shared::stream::{ImuId, StreamKind};
@@ -20,11 +21,20 @@ pub enum Format {
     Parquet,
     /// MCAP, which Foxglove and PlotJuggler open: all streams in one file
     Mcap,
+    /// MCAP with ROS messages, `sensor_msgs/msg/Imu`: the increments of all IMUs in one file
+    Ros,
 }
 
 impl Format {
     /// Every format with its name.
-    pub const NAMES: [(Self, &'static str); 3] = [(Self::Csv, "csv"), (Self::Parquet, "parquet"), (Self::Mcap, "mcap")];
+    pub const NAMES: [(Self, &'static str); 4] =
+        [(Self::Csv, "csv"), (Self::Parquet, "parquet"), (Self::Mcap, "mcap"), (Self::Ros, "ros")];
+
+    /// Whether one file has all streams, whatever columns they have.
+    #[must_use]
+    pub const fn is_joint(self) -> bool {
+        matches!(self, Self::Mcap | Self::Ros)
+    }
 }
 
 /// Placeholder for the IMU's name in a file name.
@@ -53,6 +63,7 @@ pub struct Files {
     format: Format,
     rotation: Rotation,
     imus: Vec<ImuId>,
+    tables: Vec<RosTable>,
     streams: Vec<(usize, StreamKind)>,
     number: u32,
     opened: Instant,
@@ -77,6 +88,7 @@ enum FormatWriter {
     Csv(GrowingFile, Layout),
     Mcap(Box<McapFile>),
     Parquet(Box<ParquetFile>),
+    Ros(Box<RosFile>),
 }
 
 /// What became of the columns that a row needs and the current files do not have.
@@ -102,11 +114,27 @@ impl Files {
         imus: &[ImuId],
         streams: &[(usize, StreamKind)],
     ) -> Result<Self, FileError> {
+        Self::create_with_tables(name, format, rotation, imus, streams, &[])
+    }
+
+    /// As [`create`](Self::create), with the tables that a file of ROS messages names.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_with_tables(
+        name: &Path,
+        format: Format,
+        rotation: Rotation,
+        imus: &[ImuId],
+        streams: &[(usize, StreamKind)],
+        tables: &[RosTable],
+    ) -> Result<Self, FileError> {
         let mut files = Self {
             name: name.to_owned(),
             format,
             rotation,
             imus: imus.to_vec(),
+            tables: tables.to_vec(),
             streams: streams.to_vec(),
             number: 0,
             opened: Instant::now(),
@@ -130,7 +158,7 @@ impl Files {
         let known = self.layouts[row.imu];
         let layout = known.with(Layout::of(&row.sample));
         let has_columns = |(_, stream): &(_, StreamKind)| known.of_stream(*stream) == layout.of_stream(*stream);
-        let fits = !self.has_rows || self.format == Format::Mcap || self.streams.iter().all(has_columns);
+        let fits = !self.has_rows || self.format.is_joint() || self.streams.iter().all(has_columns);
         self.layouts[row.imu] = layout;
         let more = match fits {
             true => None,
@@ -167,6 +195,7 @@ impl Files {
                 }
                 FormatWriter::Mcap(file) => file.change_layouts(&self.layouts),
                 FormatWriter::Parquet(file) => file.change_layout(&self.imus[imu], stream, layout),
+                FormatWriter::Ros(_) => Ok(()),
             };
             result.map_err(|error| FileError(path.clone(), error))?;
         }
@@ -176,7 +205,7 @@ impl Files {
 
     fn encode(&mut self, row: &RecordedRow) -> Result<(), FileError> {
         let index = match self.format {
-            Format::Mcap => 0,
+            format if format.is_joint() => 0,
             _ => self.streams.iter().position(|(_, stream)| *stream == row.stream()).unwrap_or(0),
         };
         let OpenFile { path, writer } = &mut self.open[index];
@@ -187,6 +216,7 @@ impl Files {
             }
             FormatWriter::Mcap(file) => file.write(row, self.layouts[row.imu]),
             FormatWriter::Parquet(file) => file.write(row),
+            FormatWriter::Ros(file) => file.write(row),
         };
         result.map_err(|error| FileError(path.clone(), error))
     }
@@ -221,6 +251,7 @@ impl Files {
                     FormatWriter::Csv(file, _) => file.flush(),
                     FormatWriter::Mcap(file) => file.flush(),
                     FormatWriter::Parquet(file) => file.flush(),
+                    FormatWriter::Ros(file) => file.flush(),
                 };
                 result.map_err(|error| FileError(path.clone(), error))?;
             }
@@ -255,6 +286,7 @@ impl Files {
             FormatWriter::Csv(file, _) => file.size(),
             FormatWriter::Mcap(file) => file.size(),
             FormatWriter::Parquet(file) => file.size(),
+            FormatWriter::Ros(file) => file.size(),
         };
         let old = self.rotation.time.is_some_and(|time| self.opened.elapsed() >= time);
         let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| size(file) >= most));
@@ -304,6 +336,11 @@ impl Files {
             Format::Parquet => {
                 FormatWriter::Parquet(Box::new(ParquetFile::create(path, &self.imus[imu], stream, layout)?))
             }
+            Format::Ros => {
+                let increments = self.streams.iter().filter(|(_, stream)| *stream == StreamKind::Increment);
+                let imus: Vec<_> = increments.map(|(imu, _)| (*imu, &self.imus[*imu])).collect();
+                FormatWriter::Ros(Box::new(RosFile::create(path, &imus, &self.tables)?))
+            }
         })
     }
 
@@ -313,7 +350,7 @@ impl Files {
         let is_named = number == 1 && !self.rotation.is_enabled();
         let number = if is_named { String::new() } else { format!("-{number:04}") };
         match self.format {
-            Format::Mcap => vec![file_name(&self.name, &self.imus[first], &number)],
+            format if format.is_joint() => vec![file_name(&self.name, &self.imus[first], &number)],
             _ if self.streams.len() == 1 => vec![file_name(&self.name, &self.imus[first], &number)],
             _ => ["", ".increments"]
                 .map(|end| file_name(&self.name, &self.imus[first], &format!("{number}{end}")))
@@ -328,6 +365,7 @@ fn finish(files: &mut [OpenFile]) -> Result<(), FileError> {
             FormatWriter::Csv(file, _) => file.flush(),
             FormatWriter::Mcap(file) => file.finish(),
             FormatWriter::Parquet(file) => file.flush(),
+            FormatWriter::Ros(file) => file.finish(),
         };
         result.map_err(|error| FileError(path.clone(), error))?;
     }

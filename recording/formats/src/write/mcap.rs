@@ -39,7 +39,19 @@ struct FileStream {
 
 /// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined state.
 #[derive(Clone, Default)]
-struct Memory(Rc<RefCell<Vec<u8>>>);
+pub struct Memory(Rc<RefCell<Vec<u8>>>);
+
+impl Memory {
+    /// Takes what has been written.
+    pub fn take(&self) -> Vec<u8> {
+        self.0.take()
+    }
+
+    /// Number of bytes that have been written and not taken.
+    pub fn len(&self) -> usize {
+        self.0.borrow().len()
+    }
+}
 
 impl Write for Memory {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
@@ -72,7 +84,7 @@ impl McapFile {
         });
         let streams = streams.collect::<io::Result<_>>()?;
         writer.flush().map_err(io_error)?;
-        let file = GrowingFile::create(path, &memory.0.take())?;
+        let file = GrowingFile::create(path, &memory.take())?;
         Ok(Self { writer, memory, file, path: path.to_owned(), streams, message: Vec::new() })
     }
 
@@ -137,23 +149,27 @@ impl McapFile {
     }
 
     fn append(&mut self) -> io::Result<()> {
-        self.file.pending.append(&mut self.memory.0.borrow_mut());
+        self.file.pending.append(&mut self.memory.take());
         self.file.flush()
     }
 
     /// Size without the open chunk \[bytes\].
     pub fn size(&self) -> u64 {
-        self.file.size() + self.memory.0.borrow().len() as u64
+        self.file.size() + self.memory.len() as u64
     }
 }
 
 /// A file in memory.
 fn begin(memory: &Memory) -> io::Result<mcap::Writer<NoSeek<Memory>>> {
+    options().create(NoSeek::new(memory.clone())).map_err(io_error)
+}
+
+/// How all MCAP files are written.
+pub fn options() -> WriteOptions {
     let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
     // Compression runs in this thread. The sink cannot seek.
     let options = WriteOptions::new().library(library).disable_seeking(true);
-    let options = options.compression_level(1).compression_threads(0);
-    options.create(NoSeek::new(memory.clone())).map_err(io_error)
+    options.compression_level(1).compression_threads(0)
 }
 
 impl FileStream {
@@ -171,6 +187,7 @@ impl FileStream {
     }
 }
 
-fn io_error(error: McapError) -> io::Error {
+/// An error of the library.
+pub fn io_error(error: McapError) -> io::Error {
     io::Error::other(error)
 }

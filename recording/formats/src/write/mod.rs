@@ -4,5 +4,8 @@ mod files;
 mod growing;
 mod mcap;
 mod parquet;
+mod ros;
 
 pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
+pub use parquet::ParquetStream;
+pub use ros::{RosTable, RosWriter};

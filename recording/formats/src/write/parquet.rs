@@ -4,6 +4,8 @@
 //! hidden one. At a flush the hidden file gets the full row groups that it lacks, then the open row group, then the footer. Then
 //! the two files exchange their names in one step. A reader that opens the name, also after a crash, gets all rows up to the last
 //! flush.
+//!
+//! Over 400 lines: the file that grows and the stream that does not share how a row group and a footer are encoded.
 
 use super::growing::{create, staged_file};
 use isotherm_recording::columns::{Column, ColumnKind, Layout};
@@ -173,6 +175,63 @@ impl ParquetFile {
     /// Encodes the open row group for the position after the body.
     fn encode_open(&self) -> io::Result<(Vec<u8>, RowGroupMetaData)> {
         encode(&self.schema, &self.properties, &self.open, self.body, self.groups.len()).map_err(io_error)
+    }
+}
+
+/// Rows that become one Parquet file from beginning to end, in any sink. Nothing can be read before it is finished.
+pub struct ParquetStream<W> {
+    sink: W,
+    layout: Layout,
+    schema: TypePtr,
+    properties: WriterPropertiesPtr,
+    /// Bytes written.
+    length: u64,
+    groups: Vec<RowGroupMetaData>,
+    open: ParquetColumns,
+}
+
+impl<W: io::Write> ParquetStream<W> {
+    /// Begins a file of a stream.
+    ///
+    /// # Errors
+    /// Those of the sink and of the library.
+    pub fn new(mut sink: W, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+        let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
+        sink.write_all(MAGIC)?;
+        let length = MAGIC.len() as u64;
+        Ok(Self { sink, layout, schema, properties, length, groups: Vec::new(), open })
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// Those of the sink and of the library.
+    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+        self.open.push(row, self.layout);
+        if self.open.rows < ROW_GROUP { Ok(()) } else { self.end_group() }
+    }
+
+    fn end_group(&mut self) -> io::Result<()> {
+        let (schema, properties, ordinal) = (&self.schema, &self.properties, self.groups.len());
+        let (bytes, group) = encode(schema, properties, &self.open, self.length, ordinal).map_err(io_error)?;
+        self.open.clear();
+        self.groups.push(group);
+        self.length += bytes.len() as u64;
+        self.sink.write_all(&bytes)
+    }
+
+    /// Writes the footer and returns the sink.
+    ///
+    /// # Errors
+    /// Those of the sink and of the library.
+    pub fn finish(mut self) -> io::Result<W> {
+        if self.open.rows > 0 {
+            self.end_group()?;
+        }
+        let footer = footer(&self.schema, &self.properties, &mut self.groups, None).map_err(io_error)?;
+        self.sink.write_all(&footer)?;
+        self.sink.flush()?;
+        Ok(self.sink)
     }
 }
 

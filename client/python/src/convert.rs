@@ -1,0 +1,106 @@
+//! Foreign data as raw samples, and increments as ROS messages, on arrays. The library does the work; this module converts arguments and
+//! results.
+
+use crate::errors::{RecordingFault, faults, file};
+use crate::records::{Fields, INCREMENT, RAW, array, raw_bytes};
+use crate::table::Table;
+use isotherm_failure::{Exit, Failure};
+use isotherm_recording::rows::RecordedRow;
+use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings};
+use isotherm_recording_formats::write::{RosTable, RosWriter};
+use isotherm_shared::wire::StreamSample;
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::prelude::*;
+use std::fs::File;
+use std::io::{self, BufWriter, Cursor};
+use std::path::{Path, PathBuf};
+
+/// Foreign data: a file, or a text.
+#[derive(FromPyObject)]
+pub enum Foreign {
+    Text(Vec<u8>),
+    File(PathBuf),
+}
+
+/// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a mapping file.
+#[pyfunction]
+pub fn convert(
+    py: Python<'_>,
+    source: Foreign,
+    mapping: Option<(PathBuf, String)>,
+    temperature: Option<f64>,
+    interval_ns: Option<u64>,
+    topic: Option<String>,
+    temperature_topic: Option<String>,
+) -> PyResult<(Bound<'_, PyArray1<u8>>, Vec<String>)> {
+    if let Foreign::File(path) = &source {
+        // Python's own exception for a file that cannot be opened.
+        File::open(path).map_err(|error| file(path, &error))?;
+    }
+    let settings = Settings { temperature, interval_ns, topic, temperature_topic };
+    let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
+    let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {
+        let mut conversion = match source {
+            Foreign::Text(text) => Conversion::of_text(Path::new("array"), Cursor::new(text), named, &settings)?,
+            Foreign::File(path) => Conversion::of_file(&path, named, &settings)?,
+        };
+        let mut bytes = Vec::new();
+        for sample in &mut conversion {
+            bytes.extend_from_slice(&raw_bytes(&sample?));
+        }
+        Ok((bytes, conversion.notes()))
+    };
+    let (bytes, notes) = py.detach(read).map_err(|failure| exception(failure, named))?;
+    Ok((array(py, bytes), notes))
+}
+
+fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {
+    let line = failure.place.as_ref().and_then(|(_, line)| *line);
+    match (failure.exit, mapping) {
+        (Exit::Config, Some((name, text))) => {
+            let name = name.display().to_string();
+            let (whole, known) = (Mapping::from_toml(text).err(), KnownColumns::from_toml(text).err());
+            let all = [whole, known].into_iter().flatten();
+            let all = all.map(|all| (format!("{name}:{}", all.0.first().map_or(0, |fault| fault.line)), all));
+            let mut said = all.filter(|(begin, _)| failure.message.starts_with(begin));
+            said.next().map_or_else(|| PyValueError::new_err(failure.message), |(_, all)| faults(&name, &all))
+        }
+        (Exit::Data, _) => RecordingFault::new_err((failure.message, line)),
+        (Exit::Io, _) => PyOSError::new_err(failure.message),
+        _ => PyValueError::new_err(failure.message),
+    }
+}
+
+/// Writes increments, and the temperatures of samples, as ROS messages in MCAP. `table_file` is the name of the table's file.
+#[pyfunction]
+pub fn write_ros(
+    py: Python<'_>,
+    path: PathBuf,
+    table: &Table,
+    increments: PyReadonlyArray1<'_, u8>,
+    samples: Option<PyReadonlyArray1<'_, u8>>,
+    table_file: PathBuf,
+) -> PyResult<()> {
+    let increments = increments.as_slice()?;
+    let samples = samples.as_ref().map(|samples| samples.as_slice()).transpose()?.unwrap_or_default();
+    let known = RosTable::new(&table.0, &table_file);
+    let write = || -> io::Result<()> {
+        let sink = BufWriter::new(File::create(&path)?);
+        let mut writer = RosWriter::new(sink, &[(0, known.imu())], std::slice::from_ref(&known))?;
+        let mut write = |recorded_ns, sample| writer.write(&RecordedRow { imu: 0, recorded_ns, sample });
+        let mut raw = samples.chunks_exact(RAW).map(|record| Fields(record).raw());
+        for record in increments.chunks_exact(INCREMENT) {
+            let increment = Fields(record).increment();
+            if let Some(raw) = raw.next() {
+                write(raw.timestamp_ns, StreamSample::Raw(raw))?;
+            }
+            write(increment.timestamp_ns, StreamSample::Increment(increment))?;
+        }
+        writer.finish()?.into_inner()?.sync_data()
+    };
+    py.detach(write).map_err(|error| match error.kind() {
+        io::ErrorKind::InvalidData => PyValueError::new_err(error.to_string()),
+        _ => file(&path, &error),
+    })
+}

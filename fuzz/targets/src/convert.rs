@@ -1,0 +1,65 @@
+//! Input: a mapping, a zero byte, and foreign data in any format. They are converted, or refused with a message that a terminal can show. The
+//! mapping that is proposed for a text is valid.
+
+use isotherm_failure::{Exit, printable};
+use isotherm_recording_formats::convert::{Conversion, Mapping, Settings};
+use isotherm_shared::document::{Faults, MAX_BYTES};
+use isotherm_shared::wire::MAX_INTERVAL_NS;
+use rustix::fs::{MemfdFlags, memfd_create};
+use std::fs::{self, File};
+use std::os::fd::AsRawFd as _;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+/// The data, in memory, and a path that opens them.
+static INPUT: LazyLock<(File, PathBuf)> = LazyLock::new(|| {
+    let file = File::from(memfd_create("foreign", MemfdFlags::empty()).expect("a file in memory"));
+    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
+    (file, PathBuf::from(path))
+});
+
+/// Runs the target.
+pub fn run(bytes: &[u8]) {
+    let (mapping, data) = bytes.iter().position(|byte| *byte == 0).map_or((bytes, &[][..]), |at| {
+        let (mapping, rest) = bytes.split_at(at);
+        (mapping, &rest[1..])
+    });
+    let Ok(mapping) = str::from_utf8(mapping) else { return };
+    if mapping.len() as u64 > MAX_BYTES {
+        return;
+    }
+    if let Err(faults) = Mapping::from_toml(mapping) {
+        check(mapping, &faults);
+    }
+    fs::write(&INPUT.1, data).expect("memory takes all");
+    convert(Some(mapping));
+    if let Some(proposal) = convert(None) {
+        Mapping::from_toml(&proposal).unwrap_or_else(|faults| panic!("{faults}\n{proposal}"));
+        convert(Some(&proposal));
+    }
+}
+
+fn check(text: &str, faults: &Faults) {
+    crate::check_faults(text, faults);
+}
+
+/// Converts the data. Returns the mapping that is proposed.
+fn convert(mapping: Option<&str>) -> Option<String> {
+    let named = mapping.map(|mapping| (Path::new("mapping.toml"), mapping));
+    let converted = Conversion::of_file(&INPUT.1, named, &Settings::default()).and_then(|mut conversion| {
+        let mut before = None;
+        for sample in &mut conversion {
+            let sample = sample?;
+            let now = (sample.sequence, sample.timestamp_ns);
+            assert!(before.is_none_or(|(sequence, time)| sequence < now.0 && time < now.1), "{before:?} {now:?}");
+            assert!((1..=MAX_INTERVAL_NS).contains(&sample.interval_ns), "{}", sample.interval_ns);
+            before = Some(now);
+        }
+        Ok(drop(conversion.notes()))
+    });
+    let failure = converted.err()?;
+    assert!([Exit::Data, Exit::Config, Exit::Usage].contains(&failure.exit), "{failure}");
+    assert_eq!(printable(&failure.message), failure.message);
+    (failure.exit == Exit::Usage && mapping.is_none())
+        .then(|| failure.message.split_once("\n\n").map(|(_, proposal)| proposal.to_owned()))?
+}

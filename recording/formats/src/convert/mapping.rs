@@ -1,0 +1,385 @@
+//! The mapping file: which columns of a text are time, accelerometers, gyroscopes and temperature, and what their numbers mean.
+//!
+//! ```toml
+//! format = 1
+//! [time]
+//! column = "t"
+//! unit = "s"
+//! interval_s = 0.01
+//! [accelerometer]
+//! columns = ["ax", "ay", "az"]
+//! kind = "reading"
+//! offset = 32768
+//! resolution = 1
+//! sign = [1, 1, 1]
+//! [temperature]
+//! columns = ["temperature"]
+//! ```
+
+use isotherm_shared::document::{Document, Faults, Section};
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
+
+/// Shortest nominal interval \[ns\].
+const MIN_INTERVAL_NS: f64 = 1e3;
+/// Highest number of a column.
+const MAX_COLUMN: i64 = 4096;
+/// Most lines that may be skipped.
+const MAX_SKIP: i64 = 1_000_000;
+
+/// What the columns of a text mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mapping {
+    /// The decimal mark; `None`: it is found.
+    pub decimal: Option<Decimal>,
+    /// Whether the first row that is not skipped has the names of the columns.
+    pub header: bool,
+    /// Number of lines above the header, or above the first row.
+    pub skip: u64,
+    /// The time.
+    pub time: Time,
+    /// The accelerometers.
+    pub accelerometer: Sensors,
+    /// The gyroscopes, if the IMU has any.
+    pub gyroscope: Option<Sensors>,
+    /// The telemetry.
+    pub temperature: Temperature,
+}
+
+/// A decimal mark.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Decimal {
+    /// `1.5`
+    Point,
+    /// `1,5`
+    Comma,
+}
+
+/// A column: by its name in the header, or by its number from 1 in a text without header.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub enum ColumnRef {
+    /// Its name.
+    Name(String),
+    /// Its number, from 1.
+    Number(usize),
+}
+
+/// The time of the rows.
+#[derive(Clone, Debug, Default, Eq, PartialEq)]
+pub struct Time {
+    /// The column and the power of ten of its unit in ns; `None`: the rows are `interval_ns` apart.
+    pub column: Option<(ColumnRef, u32)>,
+    /// Nominal interval \[ns\]; `None`: it is found from the time.
+    pub interval_ns: Option<u64>,
+}
+
+/// What a number of a column is.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Kind {
+    /// A value at a moment. It counts over the nominal interval, whatever the jitter of the time.
+    Reading,
+    /// What was counted since the row before.
+    Increment,
+}
+
+/// Three sensors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensors {
+    /// The columns of the axes 1, 2, 3.
+    pub columns: [ColumnRef; AXES],
+    /// What the numbers are.
+    pub kind: Kind,
+    /// What is taken off each number first, such as the digital zero of an unsigned count, in the column's unit.
+    pub offset: f64,
+    /// One pulse, in the column's unit; `None`: 1 for whole numbers, else 1e-6.
+    pub resolution: Option<f64>,
+    /// 1, or -1 for an axis that points the other way.
+    pub sign: [f64; AXES],
+}
+
+/// Where the telemetry comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Temperature {
+    /// From columns. Each is for all sensors, for an axis, or for one sensor.
+    Columns {
+        /// 1, 3 or 6 columns of the sensor heads.
+        head: Vec<ColumnRef>,
+        /// 1, 3 or 6 columns of the converter boards; those of the heads if there are none of their own.
+        board: Vec<ColumnRef>,
+    },
+    /// The same for all rows.
+    Constant(f64),
+}
+
+/// What a mapping may say about data whose columns are known, such as `sensor_msgs/msg/Imu`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KnownColumns {
+    /// Nominal interval \[ns\]; `None`: it is found from the time.
+    pub interval_ns: Option<u64>,
+    /// The telemetry of all rows; `None`: that of the data, if they have any.
+    pub temperature: Option<f64>,
+}
+
+const WANTED: &str = "give the mapping file; the data come without --mapping";
+
+impl Mapping {
+    /// Reads the mapping of a text.
+    ///
+    /// # Errors
+    /// All faults, with line and key.
+    pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        let document = Document::parse_as(text, WANTED)?;
+        let root = document.root();
+        format(&root);
+        let decimal = root.optional_choice("decimal", &[(Decimal::Point, "."), (Decimal::Comma, ",")]);
+        let header = root.optional_bool("header").unwrap_or(true);
+        let skip = root.optional_integer("skip", 0..=MAX_SKIP).map_or(0, i64::cast_unsigned);
+        let time = root.section("time", "a section [time]").map(|section| {
+            let time = Time { column: time_column(&section, header), interval_ns: interval(&section) };
+            if !section.has("column") && !section.has("interval_s") {
+                section.fault("interval_s", "missing; give the nominal interval in s, or the column of the time");
+            }
+            section.finish();
+            time
+        });
+        let accelerometer = root.section("accelerometer", "a section [accelerometer]").and_then(|s| sensors(s, header));
+        let mixed = root.optional_section("gyroscope");
+        let has_gyroscope = mixed.is_some();
+        let gyroscope = mixed.and_then(|section| {
+            let line = section.line();
+            let sensors = sensors(section, header);
+            if let (Some(a), Some(g)) = (&accelerometer, &sensors)
+                && a.kind != g.kind
+            {
+                let message = "differs from accelerometer.kind; all numbers of a row count over the same interval";
+                document.fault(line, "gyroscope.kind", message);
+            }
+            sensors
+        });
+        let temperature = root.section("temperature", "a section [temperature]");
+        let temperature = temperature.and_then(|section| temperature_of(section, header, has_gyroscope));
+        root.finish();
+        let mapping = match (time, accelerometer, temperature) {
+            (Some(time), Some(accelerometer), Some(temperature)) => {
+                Some(Self { decimal, header, skip, time, accelerometer, gyroscope, temperature })
+            }
+            _ => None,
+        };
+        document.finish(mapping)
+    }
+
+    /// All columns that it names.
+    pub fn columns(&self) -> impl Iterator<Item = &ColumnRef> {
+        let time = self.time.column.iter().map(|(column, _)| column);
+        let gyroscope = self.gyroscope.iter().flat_map(|sensors| &sensors.columns);
+        let (head, board): (&[_], &[_]) = match &self.temperature {
+            Temperature::Columns { head, board } => (head, board),
+            Temperature::Constant(_) => (&[], &[]),
+        };
+        time.chain(&self.accelerometer.columns).chain(gyroscope).chain(head).chain(board)
+    }
+}
+
+impl KnownColumns {
+    /// Reads the mapping of data whose columns are known. It may have `time.interval_s` and `temperature.constant`.
+    ///
+    /// # Errors
+    /// All faults, with line and key.
+    pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        let document = Document::parse_as(text, WANTED)?;
+        let root = document.root();
+        format(&root);
+        let mut known = Self::default();
+        if let Some(time) = root.optional_section("time") {
+            known.interval_ns = interval(&time);
+            time.finish();
+        }
+        if let Some(temperature) = root.optional_section("temperature") {
+            known.temperature = temperature.optional_number("constant");
+            temperature.finish();
+        }
+        root.finish();
+        document.finish(Some(known))
+    }
+}
+
+fn format(root: &Section<'_, '_>) {
+    if !root.has("format") {
+        root.fault("format", "missing; give 1");
+    }
+    root.optional_integer("format", 1..=1);
+}
+
+fn time_column(section: &Section<'_, '_>, header: bool) -> Option<(ColumnRef, u32)> {
+    let unit = section.optional_choice("unit", &[(9, "s"), (6, "ms"), (3, "us"), (0, "ns")]);
+    if !section.has("column") {
+        return None;
+    }
+    if !section.has("unit") {
+        section.fault("unit", "missing; give the unit of the time: \"s\", \"ms\", \"us\" or \"ns\"");
+    }
+    let column = columns(section, "column", &[1], "the column of the time", header)?.pop()?;
+    Some((column, unit?))
+}
+
+fn interval(section: &Section<'_, '_>) -> Option<u64> {
+    let ns = section.optional_number("interval_s")? * 1e9;
+    let is_right = (MIN_INTERVAL_NS..=MAX_INTERVAL_NS as f64).contains(&ns);
+    section.refuse("interval_s", (!is_right).then(|| "give a number of seconds from 0.000001 to 3600".to_owned()));
+    is_right.then(|| ns.round() as u64)
+}
+
+/// The columns of a key: names, or without a header numbers.
+fn columns(
+    section: &Section<'_, '_>,
+    key: &'static str,
+    counts: &[usize],
+    expected: &str,
+    header: bool,
+) -> Option<Vec<ColumnRef>> {
+    let columns: Vec<_> = if header {
+        let expected = format!("{expected}, by name as in the header");
+        section.strings(key, &expected)?.into_iter().map(|name| ColumnRef::Name(name.trim().to_owned())).collect()
+    } else {
+        if !section.has(key) {
+            section.fault(key, format!("missing; give {expected}, by number from 1"));
+        }
+        let numbers = section.optional_integers(key, 1..=MAX_COLUMN)?;
+        numbers.into_iter().map(|number| ColumnRef::Number(number as usize)).collect()
+    };
+    if counts.contains(&columns.len()) {
+        return Some(columns);
+    }
+    section.fault(key, format!("has {} columns, give {expected}", columns.len()));
+    None
+}
+
+fn sensors(section: Section<'_, '_>, header: bool) -> Option<Sensors> {
+    let columns = columns(&section, "columns", &[AXES], "three columns, of the axes 1, 2, 3", header);
+    let kind = section.choice("kind", &[(Kind::Reading, "reading"), (Kind::Increment, "increment")]);
+    let offset = section.optional_number("offset").unwrap_or(0.0);
+    let resolution = section.optional_number("resolution");
+    section.refuse(
+        "resolution",
+        resolution
+            .filter(|resolution| *resolution <= 0.0 || !(1.0 / resolution).is_finite())
+            .map(|resolution| format!("is {resolution}, give one pulse in the column's unit, over 0")),
+    );
+    let sign = match section.has("sign") {
+        true => section.numbers("sign", "three signs, each 1 or -1"),
+        false => {
+            section.ignore("sign");
+            Some(vec![1.0; AXES])
+        }
+    };
+    let right = sign.and_then(|sign| <[f64; AXES]>::try_from(sign).ok());
+    let right = right.filter(|sign| sign.iter().all(|sign| sign.abs() == 1.0));
+    section.refuse("sign", right.is_none().then(|| "give three signs, each 1 or -1, of the axes 1, 2, 3".to_owned()));
+    section.finish();
+    let columns = <[ColumnRef; AXES]>::try_from(columns?).ok()?;
+    Some(Sensors { columns, kind: kind?, offset, resolution, sign: right? })
+}
+
+fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> Option<Temperature> {
+    let (counts, expected): (&[_], _) = match gyroscopes {
+        true => (&[1, 3, 6], "1 column of all sensors, 3 of the axes, or 6 of A1, A2, A3, G1, G2, G3"),
+        false => (&[1, 3], "1 column of all sensors, or 3 of A1, A2, A3"),
+    };
+    let constant = section.optional_number("constant");
+    let temperature = match (section.has("constant"), section.has("columns")) {
+        (true, true) => {
+            section.ignore("columns");
+            section.fault("constant", "is there beside columns; give one of them");
+            None
+        }
+        (true, false) => constant.map(Temperature::Constant),
+        (false, true) => columns(&section, "columns", counts, expected, header).and_then(|head| {
+            let board = match section.has("board_columns") {
+                true => columns(&section, "board_columns", counts, expected, header)?,
+                false => head.clone(),
+            };
+            Some(Temperature::Columns { head, board })
+        }),
+        (false, false) => {
+            section.fault("columns", "missing; give the columns of the temperature, or a constant");
+            None
+        }
+    };
+    section.ignore("columns");
+    section.ignore("board_columns");
+    if section.has("constant") && section.has("board_columns") {
+        section.fault("board_columns", "is there without columns; leave it out");
+    }
+    section.finish();
+    temperature
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"ms\"\ninterval_s = 0.01\n[accelerometer]\n\
+         columns = [\"x\", \"y\", \"z\"]\nkind = \"reading\"\n[temperature]\ncolumns = \"T\"\n";
+
+    #[test]
+    fn a_mapping_of_a_few_lines_is_enough() {
+        let mapping = Mapping::from_toml(GOOD).unwrap();
+        let name = |name: &str| ColumnRef::Name(name.to_owned());
+        assert_eq!(mapping.time, Time { column: Some((name("t"), 6)), interval_ns: Some(10_000_000) });
+        assert_eq!(mapping.accelerometer.columns, ["x", "y", "z"].map(name));
+        assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (0.0, None));
+        assert_eq!((mapping.header, mapping.skip, mapping.decimal, mapping.gyroscope.clone()), (true, 0, None, None));
+        assert_eq!(mapping.columns().count(), 6);
+        let numbers = GOOD.replace("format = 1", "format = 1\nheader = false\nskip = 2\ndecimal = \",\"");
+        let numbers = numbers.replace("\"t\"", "1").replace("[\"x\", \"y\", \"z\"]", "[2, 3, 4]");
+        let numbers = Mapping::from_toml(&numbers.replace("\"T\"", "[5]\nboard_columns = 6")).unwrap();
+        assert_eq!(numbers.accelerometer.columns, [2, 3, 4].map(ColumnRef::Number));
+        assert_eq!((numbers.header, numbers.skip, numbers.decimal), (false, 2, Some(Decimal::Comma)));
+        let board = vec![ColumnRef::Number(6)];
+        assert_eq!(numbers.temperature, Temperature::Columns { head: vec![ColumnRef::Number(5)], board });
+        let known = KnownColumns::from_toml("format = 1\n[time]\ninterval_s = 0.005\n[temperature]\nconstant = 20\n");
+        assert_eq!(known, Ok(KnownColumns { interval_ns: Some(5_000_000), temperature: Some(20.0) }));
+    }
+
+    #[test]
+    fn all_faults_are_reported_with_line_and_key() {
+        let faults = |text: &str| Mapping::from_toml(text).unwrap_err().to_string();
+        let wrong = GOOD
+            .replace("format = 1", "format = 2\nseparator = \";\"")
+            .replace("0.01", "0")
+            .replace("\"ms\"", "\"min\"")
+            .replace(", \"z\"", "")
+            .replace("\"reading\"", "\"rate\"\nresolution = 0\nsign = [1, 2, 1]");
+        let wrong = faults(&(wrong + "constant = 25\n"));
+        for expected in [
+            "line 1: format: is the integer 2",
+            "line 2: separator: unknown key",
+            "line 5: time.unit: is \"min\", give \"s\" or \"ms\" or \"us\" or \"ns\"",
+            "line 6: time.interval_s: give a number of seconds",
+            "line 8: accelerometer.columns: has 2 columns, give three columns",
+            "line 9: accelerometer.kind: is \"rate\"",
+            "line 10: accelerometer.resolution: is 0, give one pulse",
+            "line 11: accelerometer.sign: give three signs",
+            "line 14: temperature.constant: is there beside columns",
+        ] {
+            assert!(wrong.contains(expected), "{expected}\n--\n{wrong}");
+        }
+        assert_eq!(
+            faults("format = 1\n"),
+            "line 1: time: missing; give a section [time]\n\
+             line 1: accelerometer: missing; give a section [accelerometer]\n\
+             line 1: temperature: missing; give a section [temperature]"
+        );
+        assert!(faults("t,x,y,z\n1,2,3,4\n").contains("this is CSV data, not TOML; give the mapping file"));
+        let gyroscope = "[gyroscope]\ncolumns = [\"a\", \"b\", \"c\"]\nkind = \"increment\"\n";
+        assert!(faults(&format!("{GOOD}{gyroscope}")).starts_with("line 11: gyroscope.kind: differs from"));
+        let six = GOOD.replace("\"T\"", "[\"1\", \"2\", \"3\", \"4\", \"5\", \"6\"]");
+        assert!(faults(&six).contains("temperature.columns: has 6 columns, give 1 column of all sensors, or 3"));
+        assert!(
+            faults(&GOOD.replace("column = \"t\"\nunit = \"ms\"\ninterval_s = 0.01", ""))
+                .contains("time.interval_s: missing")
+        );
+        assert!(faults(&GOOD.replace("unit = \"ms\"\n", "")).contains("time.unit: missing"));
+        let known = KnownColumns::from_toml(GOOD).unwrap_err().to_string();
+        assert!(known.contains("line 6: accelerometer: unknown key; known here: format, time, temperature"), "{known}");
+    }
+}

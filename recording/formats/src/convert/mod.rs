@@ -1,0 +1,386 @@
+//! Foreign data as raw samples: text with a mapping, NovAtel logs, and `sensor_msgs/msg/Imu` in MCAP.
+//!
+//! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the sign of the axis, on the
+//! positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row, and by more where the time shows that rows are
+//! missing.
+
+mod mapping;
+mod novatel;
+mod proposal;
+mod refused;
+mod ros;
+mod text;
+
+pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time};
+
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::{LoadError, WorldWritable, open_recording, read_text};
+use isotherm_recording::RecordingError;
+use isotherm_recording::columns::{Layout, MCAP_MAGIC};
+use isotherm_recording::csv::Rows;
+use isotherm_shared::document::Faults;
+use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
+use std::collections::VecDeque;
+use std::io::{Cursor, Read};
+use std::path::{Path, PathBuf};
+
+/// Telemetry of data that have none, unless it is given. A placeholder.
+pub const PLACEHOLDER: f64 = 25.0;
+/// Rows from which the nominal interval is found.
+const FOUND_FROM: usize = 1000;
+/// Bytes by which the format is recognised.
+const BEGINNING: u64 = 1 << 16;
+/// A step of the time over this number of nominal intervals is a gap: rows are missing.
+const GAP: f64 = 1.5;
+
+/// What is known of foreign data besides a mapping.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// The telemetry of all rows, in the unit of the table.
+    pub temperature: Option<f64>,
+    /// The nominal interval \[ns\].
+    pub interval_ns: Option<u64>,
+    /// The topic of the `sensor_msgs/msg/Imu`, if there are several.
+    pub topic: Option<String>,
+    /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
+    pub temperature_topic: Option<String>,
+}
+
+/// A row of a source.
+#[derive(Clone, Copy, Debug, Default)]
+struct Reading {
+    /// Line of a text, number of a message.
+    place: u64,
+    /// `None` in a text without a column of the time.
+    timestamp_ns: Option<u64>,
+    /// Pulses with their sign: A1, A2, A3, G1, G2, G3.
+    pulses: [i64; 2 * AXES],
+    head: [f64; 2 * AXES],
+    board: [f64; 2 * AXES],
+}
+
+/// What the foreign formats have in common.
+trait Source {
+    /// The next row.
+    fn read(&mut self) -> Result<Option<Reading>, RecordingError>;
+
+    /// An error about the row at this place.
+    fn error(&self, place: u64, message: String) -> RecordingError;
+
+    /// Whether the rows have gyroscopes.
+    fn has_gyroscopes(&self) -> bool;
+
+    /// Whether the numbers count over the time since the row before, not over the nominal interval.
+    fn counts_since_the_row_before(&self) -> bool {
+        false
+    }
+
+    /// What the operator should know. Valid after the last row.
+    fn notes(&self) -> Vec<String>;
+}
+
+/// An iterator over the raw samples of foreign data that ends at the first error.
+pub struct Conversion {
+    path: PathBuf,
+    source: Box<dyn Source>,
+    /// Rows that have been read to find the nominal interval.
+    ahead: VecDeque<Reading>,
+    nominal_ns: u64,
+    found: bool,
+    /// Time and sequence of the last row.
+    last: Option<(u64, u64)>,
+    rows: u64,
+    gaps: Gaps,
+    ended: bool,
+}
+
+/// Where rows are missing.
+#[derive(Default)]
+struct Gaps {
+    count: u64,
+    missing: u64,
+    first: u64,
+}
+
+impl Conversion {
+    /// Opens foreign data. `-` is stdin, for text. The format is recognised by the first bytes.
+    ///
+    /// # Errors
+    /// [`Exit::Usage`] if a text has no mapping, with the mapping that would be. [`Exit::Config`] with all faults of the mapping.
+    /// [`Exit::Data`] if the data are of no known format, or do not have what the mapping names. [`Exit::Io`].
+    pub fn open(path: &Path, mapping: Option<&Path>, settings: &Settings) -> Result<Self, Failure> {
+        let text = match mapping {
+            Some(mapping) => Some(read_text(mapping, WorldWritable::Allow)?.0),
+            None => None,
+        };
+        Self::of_file(path, mapping.zip(text.as_deref()), settings)
+    }
+
+    /// As [`open`](Self::open), with the name and the text of the mapping file.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn of_file(path: &Path, mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Self, Failure> {
+        if path.is_dir() {
+            let message = format!("{}: a folder; name the .mcap file in it", path.display());
+            return Err(Failure::new(Exit::Data, message));
+        }
+        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+        Self::read(path, source, mapping, settings)
+    }
+
+    /// As [`open`](Self::open), of a text that is in memory. `name` stands for the data in messages; `mapping` has a name and the text of the
+    /// mapping file.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn of_text(
+        name: &Path,
+        text: impl Read + 'static,
+        mapping: Option<(&Path, &str)>,
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
+        Self::read(name, Box::new(text), mapping, settings)
+    }
+
+    fn read(
+        path: &Path,
+        mut source: Box<dyn Read>,
+        mapping: Option<(&Path, &str)>,
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| error.failure(path);
+        let mut beginning = Vec::new();
+        let read = (&mut source).take(BEGINNING).read_to_end(&mut beginning);
+        read.map_err(|error| Failure::io("reading", path, &error))?;
+        if let Some(message) = refused::reason(&beginning) {
+            return Err(Failure::new(Exit::Data, format!("{}: {message}", path.display())));
+        }
+        let (is_mcap, is_novatel) = (beginning.starts_with(MCAP_MAGIC), novatel::is_log(&beginning));
+        let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
+        if !is_mcap && (settings.topic.is_some() || settings.temperature_topic.is_some()) {
+            return Err(Failure::new(
+                Exit::Usage,
+                format!("{}: a topic is named, but this is not MCAP", path.display()),
+            ));
+        }
+        if is_mcap || is_novatel {
+            let known = match mapping {
+                Some((file, text)) => KnownColumns::from_toml(text).map_err(|faults| refuse(file, faults))?,
+                None => KnownColumns::default(),
+            };
+            let temperature = settings.temperature.or(known.temperature);
+            let source: Box<dyn Source> = if is_mcap {
+                Box::new(ros::RosSource::open(path, settings, temperature)?)
+            } else {
+                Box::new(novatel::NovatelSource::new(source, temperature))
+            };
+            return Self::begin(path, source, settings.interval_ns.or(known.interval_ns)).map_err(failed);
+        }
+        let mut rows = Rows::new(source);
+        let Some((file, text)) = mapping else {
+            let proposal = proposal::propose(&mut rows).map_err(failed)?;
+            let name = path.display();
+            let message = format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
+            return Err(Failure::new(Exit::Usage, message));
+        };
+        let mut mapping = Mapping::from_toml(text).map_err(|faults| refuse(file, faults))?;
+        if let Some(temperature) = settings.temperature {
+            mapping.temperature = Temperature::Constant(temperature);
+        }
+        let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
+        let source = text::TextSource::new(rows, mapping).map_err(failed)?;
+        Self::begin(path, Box::new(source), interval_ns).map_err(failed)
+    }
+
+    /// Reads as many rows as are needed to find the nominal interval, if it is not given.
+    fn begin(path: &Path, mut source: Box<dyn Source>, interval_ns: Option<u64>) -> Result<Self, RecordingError> {
+        let mut ahead = VecDeque::new();
+        let most = if interval_ns.is_some() { 1 } else { FOUND_FROM };
+        while ahead.len() < most
+            && let Some(reading) = source.read()?
+        {
+            ahead.push_back(reading);
+        }
+        let Some(first) = ahead.front().map(|reading: &Reading| reading.place) else {
+            return Err(source.error(0, "there are no rows".to_owned()));
+        };
+        let nominal_ns = match interval_ns {
+            Some(nominal_ns) => nominal_ns,
+            None => nominal(&ahead).ok_or_else(|| {
+                let message = "the nominal interval cannot be found from the time; give time.interval_s or --interval";
+                source.error(first, message.to_owned())
+            })?,
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            source,
+            ahead,
+            nominal_ns,
+            found: interval_ns.is_none(),
+            last: None,
+            rows: 0,
+            gaps: Gaps::default(),
+            ended: false,
+        })
+    }
+
+    /// Which columns the samples need.
+    #[must_use]
+    pub fn layout(&self) -> Layout {
+        Layout { gyroscopes: self.source.has_gyroscopes(), ..Layout::default() }
+    }
+
+    /// Number of rows so far.
+    #[must_use]
+    pub const fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// What the operator should know, a line each; those that begin with "warning: " concern the data's worth. Valid after the last row.
+    #[must_use]
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = self.source.notes();
+        let seconds = self.nominal_ns as f64 / 1e9;
+        if self.found {
+            notes.push(format!(
+                "the nominal interval is {seconds} s, found from the first {FOUND_FROM} rows; for recordings that belong together give it"
+            ));
+        }
+        let Gaps { count, missing, first } = self.gaps;
+        if count > self.rows / 2 {
+            notes.push(format!("warning: most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
+        } else if count > 0 {
+            notes.push(format!(
+                "warning: {count} gaps, {missing} rows missing by the time, the first before row {first}; the sequence rises by them"
+            ));
+        }
+        notes
+    }
+
+    fn advance(&mut self) -> Result<Option<RawSample>, RecordingError> {
+        let reading = match self.ahead.pop_front() {
+            Some(reading) => reading,
+            None => match self.source.read()? {
+                Some(reading) => reading,
+                None => return Ok(None),
+            },
+        };
+        let sample = self.sample(&reading).map_err(|message| self.source.error(reading.place, message))?;
+        self.rows += 1;
+        Ok(Some(sample))
+    }
+
+    fn sample(&mut self, reading: &Reading) -> Result<RawSample, String> {
+        let nominal_ns = self.nominal_ns;
+        let timestamp_ns = reading.timestamp_ns.unwrap_or_else(|| nominal_ns.saturating_mul(self.rows + 1));
+        let (mut sequence, mut interval_ns) = (0, nominal_ns);
+        if let Some((last_ns, last)) = self.last {
+            let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
+                format!("the time is {timestamp_ns} ns after {last_ns} ns; it must rise from row to row")
+            })?;
+            let steps = step_ns as f64 / nominal_ns as f64;
+            let missing = if steps > GAP { (steps.round() as u64).saturating_sub(1) } else { 0 };
+            if missing > 0 {
+                self.gaps.missing = self.gaps.missing.saturating_add(missing);
+                self.gaps.count += 1;
+                if self.gaps.count == 1 {
+                    self.gaps.first = self.rows + 1;
+                }
+            } else if self.source.counts_since_the_row_before() {
+                interval_ns = step_ns;
+            }
+            sequence = last
+                .checked_add(missing + 1)
+                .ok_or_else(|| format!("the time steps by {step_ns} ns, over all that a sequence can count"))?;
+        }
+        self.last = Some((timestamp_ns, sequence));
+        let gyroscopes = if self.source.has_gyroscopes() { triad(reading, AXES) } else { Triad::default() };
+        Ok(RawSample {
+            sequence,
+            timestamp_ns,
+            interval_ns,
+            accelerometers: triad(reading, 0),
+            gyroscopes,
+            ..RawSample::default()
+        })
+    }
+}
+
+impl Iterator for Conversion {
+    type Item = Result<RawSample, Failure>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let item = self.advance().transpose();
+        self.ended = !matches!(item, Some(Ok(_)));
+        item.map(|item| item.map_err(|error| error.failure(&self.path)))
+    }
+}
+
+/// The sensors of a row from this index on.
+fn triad(reading: &Reading, first: usize) -> Triad {
+    let mut triad = Triad::default();
+    for axis in 0..AXES {
+        let (pulses, index) = (reading.pulses[first + axis], first + axis);
+        // The sources have checked the size.
+        let size = pulses.unsigned_abs() as u32;
+        if pulses < 0 {
+            triad.negative_pulses[axis] = size;
+        } else {
+            triad.positive_pulses[axis] = size;
+        }
+        triad.head_temperature[axis] = reading.head[index];
+        triad.board_temperature[axis] = reading.board[index];
+    }
+    triad
+}
+
+/// The pulses of a value; `Err` says what is wrong with it.
+fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, String> {
+    let pulses = (sign * ((value - offset) / resolution)).round();
+    if pulses.abs() <= f64::from(u32::MAX) {
+        return Ok(pulses as i64);
+    }
+    Err(format!(
+        "{value} is {pulses} pulses of {resolution}, over {}; give a larger resolution, or the offset",
+        u32::MAX
+    ))
+}
+
+/// The nominal interval \[ns\] of rows by the median of their time differences: of a whole number of Hz or of s where it is within 0.5 %
+/// of it, else to 1 us.
+fn nominal(rows: &VecDeque<Reading>) -> Option<u64> {
+    const NEAR: f64 = 0.005;
+    let times: Vec<_> = rows.iter().filter_map(|row| row.timestamp_ns).collect();
+    let mut steps: Vec<_> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
+    steps.sort_unstable();
+    let median = *steps.get(steps.len() / 2)?;
+    let seconds = median as f64 / 1e9;
+    let is_near = |value: f64| value.round() >= 1.0 && (value / value.round() - 1.0).abs() < NEAR;
+    let found = if is_near(1.0 / seconds) {
+        (1e9 / (1.0 / seconds).round()).round() as u64
+    } else if is_near(seconds) {
+        seconds.round() as u64 * 1_000_000_000
+    } else {
+        median.div_ceil(1000).saturating_mul(1000)
+    };
+    (1..=MAX_INTERVAL_NS).contains(&found).then_some(found)
+}
+
+fn refuse(path: &Path, faults: Faults) -> Failure {
+    LoadError::Refused { path: path.to_owned(), faults }.into()
+}
+
+/// Tells that the telemetry is a placeholder, if it is not given.
+fn placeholder(temperature: Option<f64>) -> Option<String> {
+    let warning = || {
+        format!(
+            "warning: the data have no temperature; {PLACEHOLDER} is in all rows as a placeholder; give --temperature, or \
+             temperature.constant in a mapping"
+        )
+    };
+    temperature.is_none().then(warning)
+}

@@ -1,0 +1,399 @@
+//! The mapping that a text would have, by the names of its columns and its first rows: for messages, to be copied into a file and checked.
+
+use isotherm_failure::printable;
+use isotherm_recording::RecordingError;
+use isotherm_recording::csv::{Rows, Separator, looks_like_number};
+use isotherm_shared::wire::AXES;
+use std::borrow::Cow;
+use std::fmt::Write as _;
+use std::io::Read;
+
+/// Rows that are looked at.
+const ROWS: usize = 1000;
+/// Fewest numbers of a row: three accelerometers.
+const FEWEST: usize = 3;
+/// Most lines before the header.
+const MOST_SKIPPED: u64 = 100;
+/// Most columns that are listed.
+const LISTED: usize = 40;
+
+/// A column of the text.
+struct Found {
+    name: String,
+    /// The name in lower case, in parts.
+    parts: Vec<String>,
+    values: Vec<f64>,
+    is_whole: bool,
+}
+
+/// The row with the names of the columns, or the first of a text without a header.
+struct First {
+    line: u64,
+    separator: Separator,
+    names: Vec<String>,
+}
+
+/// Proposes a mapping for a text whose first row has not been read. The table begins with the first row that is followed by one with as many
+/// columns, of which three are numbers.
+///
+/// # Errors
+/// If there is no such row, or the text cannot be read.
+pub fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
+    let mut before: Option<First> = None;
+    while rows.line() <= MOST_SKIPPED && rows.next_row()? {
+        let separator = rows.detect_separator(is_separated)?;
+        let names: Vec<_> = rows.names().collect();
+        let numbers = names.iter().filter(|name| looks_like_number(name)).count();
+        if let Some(first) = before
+            .take_if(|first| first.separator == separator && first.names.len() == names.len() && numbers >= FEWEST)
+        {
+            return Ok(of_table(rows, &first));
+        }
+        before = Some(First { line: rows.line(), separator, names });
+    }
+    Err(rows.error(format!("no two rows with {FEWEST} numbers or more; this is no table of numbers")))
+}
+
+/// Proposes a mapping for a text whose current row is the first of the table.
+///
+/// # Errors
+/// If the text ends here, or cannot be read.
+pub fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
+    let separator = rows.detect_separator(is_separated)?;
+    let first = First { line: rows.line(), separator, names: rows.names().collect() };
+    if !rows.next_row()? {
+        return Err(rows.error("no rows".to_owned()));
+    }
+    Ok(of_table(rows, &first))
+}
+
+/// Whether these can be the fields of a row: none is a number and more, as with a separator that is not the right one.
+fn is_separated(fields: &[String]) -> bool {
+    let begins_as_number =
+        |field: &str| field.starts_with(|letter: char| letter.is_ascii_digit() || "+-.".contains(letter));
+    let is_whole =
+        |field: &String| looks_like_number(field) || !begins_as_number(field) && !field.contains([';', '\t']);
+    fields.len() >= FEWEST && fields.iter().all(is_whole)
+}
+
+/// The mapping of a table whose second row is the current one.
+fn of_table(rows: &mut Rows<Box<dyn Read>>, first: &First) -> String {
+    let header = !first.names.iter().all(|field| looks_like_number(field));
+    let mut columns: Vec<_> = first.names.iter().map(|name| Found::new(name)).collect();
+    let mut commas = false;
+    let mut take = |fields: &[String]| {
+        for (column, field) in columns.iter_mut().zip(fields) {
+            commas |= first.separator != Separator::Comma && looks_like_number(field) && field.contains(',');
+            column.take(field);
+        }
+    };
+    if !header {
+        take(&first.names);
+    }
+    for _ in 0..ROWS {
+        if rows.len() != first.names.len() {
+            break;
+        }
+        take(&rows.names().collect::<Vec<_>>());
+        if !rows.next_row().unwrap_or(false) {
+            break;
+        }
+    }
+    Text { columns, header, skip: first.line - 1, commas }.mapping()
+}
+
+struct Text {
+    columns: Vec<Found>,
+    header: bool,
+    skip: u64,
+    commas: bool,
+}
+
+impl Text {
+    fn mapping(&self) -> String {
+        let mut out = String::from("format = 1\n");
+        if self.skip > 0 {
+            line(&mut out, format_args!("skip = {}", self.skip));
+        }
+        if !self.header {
+            out.push_str("header = false                  # columns by number, from 1\n");
+        }
+        if self.commas {
+            out.push_str("decimal = \",\"\n");
+        }
+        let time = self.find(Found::is_time).or((!self.header && self.columns.len() > AXES).then_some(0));
+        out.push_str("[time]\n");
+        if let Some(time) = time {
+            let (unit, factor) = self.columns[time].unit();
+            line(&mut out, format_args!("column = {}\nunit = \"{unit}\"", self.name(time)));
+            if let Some(step) = self.columns[time].median_step() {
+                let seconds = round(step * factor);
+                line(&mut out, format_args!("interval_s = {seconds:<21}# nominal, from the first rows: check it"));
+            }
+        } else {
+            out.push_str("interval_s = 0.01               # nominal; there is no column of the time\n");
+        }
+        let numbered = |first: usize| {
+            let exists = !self.header && self.columns.len() >= first + AXES;
+            exists.then(|| [first, first + 1, first + 2])
+        };
+        let first = usize::from(time.is_some());
+        let accelerometer = self.triad(Found::accelerometer).or_else(|| numbered(first));
+        let gyroscope = self.triad(Found::gyroscope).or_else(|| numbered(first + AXES));
+        self.sensors(&mut out, "accelerometer", accelerometer);
+        if let Some(gyroscope) = gyroscope {
+            self.sensors(&mut out, "gyroscope", Some(gyroscope));
+        }
+        out.push_str("[temperature]\n");
+        let temperatures: Vec<_> =
+            (0..self.columns.len()).filter(|index| self.columns[*index].is_temperature()).collect();
+        let is_right = [1, 3].contains(&temperatures.len()) || temperatures.len() == 6 && gyroscope.is_some();
+        if is_right {
+            line(&mut out, format_args!("columns = {}", self.names(&temperatures)));
+        } else {
+            out.push_str("constant = 25.0                 # a placeholder, in the unit of the table; or columns = [..], 1, 3 or 6\n");
+        }
+        out
+    }
+
+    fn sensors(&self, out: &mut String, section: &str, columns: Option<[usize; AXES]>) {
+        line(out, format_args!("[{section}]"));
+        match columns {
+            Some(columns) => line(out, format_args!("columns = {}", self.names(&columns))),
+            None => {
+                let listed: Vec<_> = (0..self.columns.len().min(LISTED)).map(|index| self.name(index)).collect();
+                let more = if self.columns.len() > LISTED { ", .." } else { "" };
+                line(out, format_args!("columns = [\"?\", \"?\", \"?\"]       # three of {}{more}", listed.join(", ")));
+            }
+        }
+        out.push_str("kind = \"reading\"                # or \"increment\": what was counted since the row before\n");
+        let Some(columns) = columns else { return };
+        let whole = columns.iter().all(|index| self.columns[*index].is_whole);
+        if whole && columns.iter().all(|index| self.columns[*index].is_around_32768()) {
+            out.push_str("offset = 32768                  # digital zero of unsigned counts of 16 bits\n");
+        }
+        match whole {
+            true => out.push_str("resolution = 1                  # one pulse, in the column's unit\n"),
+            false => out.push_str("resolution = 1e-6               # one pulse, in the column's unit\n"),
+        }
+    }
+
+    /// The column as a mapping names it.
+    fn name(&self, index: usize) -> String {
+        if self.header { quoted(&self.columns[index].name) } else { (index + 1).to_string() }
+    }
+
+    fn names(&self, columns: &[usize]) -> String {
+        let names: Vec<_> = columns.iter().map(|index| self.name(*index)).collect();
+        if let [name] = &names[..] { name.clone() } else { format!("[{}]", names.join(", ")) }
+    }
+
+    fn find(&self, is: impl Fn(&Found) -> bool) -> Option<usize> {
+        self.columns.iter().position(is)
+    }
+
+    /// The first columns of the axes 1, 2, 3 of a kind of sensors.
+    fn triad(&self, axis_of: impl Fn(&Found) -> Option<usize>) -> Option<[usize; AXES]> {
+        let of = |axis: usize| self.find(|column| axis_of(column) == Some(axis));
+        Some([of(0)?, of(1)?, of(2)?])
+    }
+}
+
+impl Found {
+    fn new(name: &str) -> Self {
+        Self { name: name.to_owned(), parts: parts(name), values: Vec::new(), is_whole: true }
+    }
+
+    fn take(&mut self, field: &str) {
+        let value = field.replacen(',', ".", 1).parse().unwrap_or(f64::NAN);
+        self.is_whole &= !field.contains([',', '.', 'e', 'E']) && value.is_finite();
+        self.values.push(value);
+    }
+
+    fn has(&self, names: &[&str]) -> bool {
+        self.parts.iter().any(|part| names.contains(&part.as_str()))
+    }
+
+    fn begins(&self, beginnings: &[&str]) -> bool {
+        self.parts.iter().any(|part| beginnings.iter().any(|beginning| part.starts_with(beginning)))
+    }
+
+    fn is_time(&self) -> bool {
+        self.begins(&["time", "stamp", "second", "millis", "micros", "nanos"])
+            || self.has(&["t", "sec", "secs", "tow"])
+            || matches!(&self.parts[..], [only] if ["s", "ms", "us", "ns"].contains(&only.as_str()))
+    }
+
+    fn is_temperature(&self) -> bool {
+        self.begins(&["temp"]) || self.has(&["degc"])
+    }
+
+    fn accelerometer(&self) -> Option<usize> {
+        let short = ["ax", "ay", "az"];
+        self.one_of(short).or_else(|| self.begins(&["acc", "linear"]).then(|| self.axis())?)
+    }
+
+    fn gyroscope(&self) -> Option<usize> {
+        self.one_of(["gx", "gy", "gz"])
+            .or_else(|| self.one_of(["wx", "wy", "wz"]))
+            .or_else(|| self.begins(&["gyr", "omega", "angular", "rate", "angvel"]).then(|| self.axis())?)
+    }
+
+    fn one_of(&self, names: [&str; AXES]) -> Option<usize> {
+        names.iter().position(|name| self.has(&[name]))
+    }
+
+    /// The axis that a part of the name is, or that its last part ends with. The unit in brackets does not count: it may have digits.
+    fn axis(&self) -> Option<usize> {
+        let name = self.name.split(['[', '(']).next().unwrap_or_default();
+        let parts = parts(name);
+        let axes = [["x", "1"], ["y", "2"], ["z", "3"]];
+        let is = axes.iter().position(|names| parts.iter().any(|part| names.contains(&part.as_str())));
+        is.or_else(|| axes.iter().position(|names| parts.last().is_some_and(|last| last.ends_with(names[0]))))
+    }
+
+    fn median_step(&self) -> Option<f64> {
+        let mut steps: Vec<_> = self.values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.retain(|step| *step > 0.0);
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied()
+    }
+
+    /// The unit of the time and its length \[s\]: of the name, or else the first with which the rows are less than 2 s apart.
+    fn unit(&self) -> (&'static str, f64) {
+        const UNITS: [(&str, &str, f64); 4] =
+            [("ns", "nano", 1e-9), ("us", "micro", 1e-6), ("ms", "milli", 1e-3), ("s", "sec", 1.0)];
+        let named = UNITS.iter().find(|(unit, long, _)| self.has(&[unit]) || self.begins(&[long]));
+        let by_step = |step: f64| UNITS.iter().rev().find(|(_, _, factor)| step * factor < 2.0);
+        let found = named.or_else(|| self.median_step().and_then(by_step)).unwrap_or(&UNITS[3]);
+        (found.0, found.2)
+    }
+
+    fn is_around_32768(&self) -> bool {
+        let mut values = self.values.clone();
+        values.sort_by(f64::total_cmp);
+        let middle = values.get(values.len() / 2).copied().unwrap_or(0.0);
+        let all = values.iter().all(|value| (0.0..=65535.0).contains(value));
+        all && (8192.0..57344.0).contains(&middle)
+    }
+}
+
+/// The parts of a name in lower case: "AccX [m/s2]" has acc, x, m, s2.
+fn parts(name: &str) -> Vec<String> {
+    let (mut spaced, mut was_lower) = (String::new(), false);
+    for letter in name.chars() {
+        if !letter.is_alphanumeric() || letter.is_uppercase() && was_lower {
+            spaced.push(' ');
+        }
+        if letter.is_alphanumeric() {
+            spaced.extend(letter.to_lowercase());
+        }
+        was_lower = letter.is_lowercase();
+    }
+    spaced.split_whitespace().map(str::to_owned).collect()
+}
+
+/// A string of TOML that a terminal can show.
+fn quoted(name: &str) -> String {
+    let mut quoted = String::from("\"");
+    for letter in name.chars() {
+        // Writing to a String cannot fail.
+        let _ = match letter {
+            '"' | '\\' => write!(quoted, "\\{letter}"),
+            _ if matches!(printable(letter.encode_utf8(&mut [0; 4])), Cow::Owned(_)) || letter == '\t' => {
+                write!(quoted, "\\U{:08X}", u32::from(letter))
+            }
+            _ => write!(quoted, "{letter}"),
+        };
+    }
+    quoted + "\""
+}
+
+/// Six significant digits.
+fn round(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
+}
+
+fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
+    // Writing to a String cannot fail.
+    let _ = writeln!(out, "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::convert::mapping::{ColumnRef, Decimal, Mapping, Temperature};
+
+    fn proposed(text: &'static str) -> (String, Mapping) {
+        let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
+        let proposal = propose(&mut rows).unwrap();
+        let mapping = Mapping::from_toml(&proposal).unwrap_or_else(|faults| panic!("{faults}\n{proposal}"));
+        (proposal, mapping)
+    }
+
+    #[test]
+    fn the_columns_of_many_programs_are_recognised() {
+        for header in [
+            "time_s,ax_counts,ay_counts,az_counts,gx_counts,gy_counts,gz_counts",
+            "Timestamp,AccX,AccY,AccZ,GyroX,GyroY,GyroZ",
+            "t [s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]",
+            "header.stamp,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z,angular_velocity.x,angular_velocity.y,angular_velocity.z",
+            "seconds,acc_1 [m/s^2],acc_2 [m/s^2],acc_3 [m/s^2],rate_1,rate_2,rate_3",
+            "sec,accx,accy,accz,wx,wy,wz",
+        ] {
+            let text = format!("{header}\n0.01,1.5,2,3,4,5,6.5\n0.02,1,2,3,4,5,6\n");
+            let (proposal, mapping) = proposed(text.leak());
+            let names: Vec<_> = header.split(',').map(|name| ColumnRef::Name(name.to_owned())).collect();
+            assert_eq!(mapping.time.column, Some((names[0].clone(), 9)), "{proposal}");
+            assert_eq!(mapping.time.interval_ns, Some(10_000_000));
+            assert_eq!(mapping.accelerometer.columns, names[1..4], "{proposal}");
+            assert_eq!(mapping.gyroscope.unwrap().columns, names[4..], "{proposal}");
+            assert_eq!(
+                (mapping.accelerometer.resolution, mapping.temperature),
+                (Some(1e-6), Temperature::Constant(25.0))
+            );
+        }
+    }
+
+    #[test]
+    fn units_offsets_decimal_commas_and_temperatures_are_found() {
+        let (proposal, mapping) = proposed(
+            "# made by a logger\ntime_ms;AX;AY;AZ;Temp;note\n10;32768;32000;33000;25,5;1\n20;32768;32000;33000;25,6;1\n",
+        );
+        assert_eq!(mapping.time.column, Some((ColumnRef::Name("time_ms".to_owned()), 6)), "{proposal}");
+        assert_eq!(
+            (mapping.skip, mapping.decimal, mapping.time.interval_ns),
+            (1, Some(Decimal::Comma), Some(10_000_000))
+        );
+        assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (32768.0, Some(1.0)));
+        let temp = vec![ColumnRef::Name("Temp".to_owned())];
+        assert_eq!(mapping.temperature, Temperature::Columns { head: temp.clone(), board: temp });
+        assert_eq!(mapping.gyroscope, None);
+
+        let (proposal, mapping) = proposed("1000\t1\t-2\t3\t4\t5\t6\n2000\t1\t2\t3\t4\t5\t6\n");
+        assert!(!mapping.header, "{proposal}");
+        assert_eq!(mapping.time.column, Some((ColumnRef::Number(1), 6)), "{proposal}");
+        assert_eq!(mapping.accelerometer.columns, [2, 3, 4].map(ColumnRef::Number));
+        assert_eq!(mapping.gyroscope.unwrap().columns, [5, 6, 7].map(ColumnRef::Number));
+
+        let (proposal, mapping) = proposed("u,v,w,q\n1,2,3,4\n");
+        assert!(proposal.contains("# three of \"u\", \"v\", \"w\", \"q\""), "{proposal}");
+        assert_eq!(mapping.time.column, None);
+    }
+
+    #[test]
+    fn names_are_quoted_as_toml_and_for_a_terminal() {
+        let (proposal, mapping) = proposed("t,a\u{1b}[2J x,a\\y,\"a \"\"z\"\"\"\n1,1,2,3\n2,1,2,3\n");
+        assert!(matches!(printable(&proposal), Cow::Borrowed(_)), "{proposal}");
+        assert!(proposal.contains(r#""a\U0000001B[2J x", "a\\y", "a \"z\"""#), "{proposal}");
+        assert_eq!(mapping.time.column, Some((ColumnRef::Name("t".to_owned()), 9)));
+    }
+
+    #[test]
+    fn what_is_no_table_gets_no_proposal() {
+        for text in ["a\nb\n", "", "one,two\n1,2\n"] {
+            let mut rows = Rows::new(Box::new(text.as_bytes()) as Box<dyn Read>);
+            assert!(propose(&mut rows).unwrap_err().to_string().contains("this is no table of numbers"), "{text:?}");
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! `sensor_msgs/msg/Imu` in MCAP, as rosbag2 writes it, and converted bags of ROS 1.
+//!
+//! The time is that of `header.stamp`. The telemetry of a row is that of the last `sensor_msgs/msg/Temperature` up to its time; so the file is
+//! read twice, first for the topics and the temperatures.
+
+use super::{Reading, Settings, Source, pulses};
+use crate::read::records::{Records, RecordsError};
+use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
+use isotherm_failure::{Exit, Failure};
+use isotherm_files::open_recording;
+use isotherm_recording::RecordingError;
+use isotherm_shared::wire::AXES;
+use mcap::records::Record;
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::rc::Rc;
+
+/// One pulse \[m/s2 or rad/s\].
+const RESOLUTION: f64 = 1e-6;
+/// Most topics that a message lists.
+const LISTED: usize = 40;
+
+/// Rows of the messages of a topic.
+pub struct RosSource {
+    messages: Messages,
+    topic: String,
+    gyroscopes: bool,
+    /// The first row, which has been read already.
+    first: Option<Reading>,
+    temperature: Option<f64>,
+    temperatures: Temperatures,
+}
+
+/// The temperatures of a topic by their time \[ns\], and how many are in force.
+struct Temperatures {
+    topic: Option<String>,
+    values: Vec<(u64, f64)>,
+    passed: usize,
+    /// Rows before the first temperature.
+    before: u64,
+}
+
+/// A kind of messages that concern a conversion.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum MessageKind {
+    Imu,
+    Temperature,
+    /// Of any other schema, or in an unknown encoding.
+    Other,
+}
+
+/// The messages of an MCAP file, with their topics.
+struct Messages {
+    records: Records,
+    /// Names of the schemas.
+    schemas: HashMap<u16, String>,
+    channels: HashMap<u16, Rc<Channel>>,
+    /// Number of the last message, from 1.
+    count: u64,
+}
+
+struct Channel {
+    topic: String,
+    schema: String,
+    kind: MessageKind,
+    encoding: Encoding,
+}
+
+/// A message and its channel.
+type OfChannel = (Rc<Channel>, Vec<u8>);
+
+/// What is in a file.
+#[derive(Default)]
+struct Contents {
+    /// The topics of `sensor_msgs/msg/Imu`.
+    imus: Vec<String>,
+    temperatures: BTreeMap<String, Vec<(u64, f64)>>,
+    /// All topics, with their schemas.
+    topics: BTreeMap<String, String>,
+}
+
+impl RosSource {
+    /// Opens a file and chooses the topics.
+    ///
+    /// # Errors
+    /// If there is no topic of the messages, or several and none is chosen; if the file cannot be read twice.
+    pub fn open(path: &Path, settings: &Settings, temperature: Option<f64>) -> Result<Self, Failure> {
+        if path == Path::new("-") {
+            return Err(Failure::new(
+                Exit::Usage,
+                "MCAP cannot be converted from a pipe, since it is read twice; name the file",
+            ));
+        }
+        let failed = |error: RecordingError| error.failure(path);
+        let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", path.display()));
+        let mut contents = Contents::read(&mut Messages::open(path)?).map_err(failed)?;
+        let topic = choose(&contents.imus, settings.topic.as_deref(), "--topic")
+            .map_err(|problem| refused(contents.problem(&problem, IMU)))?
+            .ok_or_else(|| refused(contents.problem(&contents.no_imu(), IMU)))?;
+        let names: Vec<_> = contents.temperatures.keys().cloned().collect();
+        let chosen = match temperature {
+            Some(_) => None,
+            None => choose(&names, settings.temperature_topic.as_deref(), "--temperature-topic")
+                .map_err(|problem| refused(contents.problem(&problem, TEMPERATURE)))?,
+        };
+        let mut values = chosen.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
+        values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
+        let temperatures = Temperatures { topic: chosen, values, passed: 0, before: 0 };
+        let messages = Messages::open(path)?;
+        let mut source = Self { messages, topic, gyroscopes: true, first: None, temperature, temperatures };
+        source.first = source.next_reading(true).map_err(failed)?;
+        Ok(source)
+    }
+
+    /// The next row. The first decides whether there are gyroscopes.
+    fn next_reading(&mut self, is_first: bool) -> Result<Option<Reading>, RecordingError> {
+        loop {
+            let Some((channel, data)) = self.messages.next()? else { return Ok(None) };
+            if channel.kind != MessageKind::Imu || channel.topic != self.topic {
+                continue;
+            }
+            let reading = Imu::decode(channel.encoding, &data).and_then(|imu| self.reading(&imu, is_first));
+            return reading.map(Some).map_err(|message| self.messages.error(self.messages.count, message));
+        }
+    }
+
+    fn reading(&mut self, imu: &Imu, is_first: bool) -> Result<Reading, String> {
+        let acceleration =
+            imu.linear_acceleration.ok_or("no linear_acceleration: the first element of its covariance is -1")?;
+        if is_first {
+            self.gyroscopes = imu.angular_velocity.is_some();
+        }
+        let rates = match (imu.angular_velocity, self.gyroscopes) {
+            (Some(rates), true) => rates,
+            (_, false) => [0.0; AXES],
+            (None, true) => {
+                return Err("no angular_velocity, unlike the first message: its covariance begins with -1".to_owned());
+            }
+        };
+        let mut reading =
+            Reading { place: self.messages.count, timestamp_ns: Some(imu.stamp_ns), ..Reading::default() };
+        let names = ["linear_acceleration", "angular_velocity"];
+        for (index, value) in acceleration.into_iter().chain(rates).enumerate() {
+            let name = || format!("{}.{}", names[index / AXES], ["x", "y", "z"][index % AXES]);
+            if !value.is_finite() {
+                return Err(format!("{} is {value}, not a number", name()));
+            }
+            let pulses = pulses(value, 0.0, RESOLUTION, 1.0);
+            reading.pulses[index] = pulses.map_err(|message| format!("{}: {message}", name()))?;
+        }
+        let telemetry = self.temperatures.at(imu.stamp_ns);
+        let telemetry = self.temperature.or(telemetry).unwrap_or(super::PLACEHOLDER);
+        (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
+        Ok(reading)
+    }
+}
+
+impl Source for RosSource {
+    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+        match self.first.take() {
+            Some(first) => Ok(Some(first)),
+            None => self.next_reading(false),
+        }
+    }
+
+    fn error(&self, place: u64, message: String) -> RecordingError {
+        self.messages.error(place, message)
+    }
+
+    fn has_gyroscopes(&self) -> bool {
+        self.gyroscopes
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let mut notes: Vec<_> =
+            self.messages.records.truncation().map(|text| format!("warning: {text}")).into_iter().collect();
+        notes.push(format!("{}: A1, A2, A3 are x, y, z; one pulse is {RESOLUTION} m/s2 or rad/s", self.topic));
+        let Temperatures { topic, before, .. } = &self.temperatures;
+        match topic {
+            Some(topic) => notes.push(format!("temperature of {topic}, in degC")),
+            None => notes.extend(super::placeholder(self.temperature)),
+        }
+        if *before > 0 {
+            notes.push(format!("warning: {before} rows before the first temperature have that one"));
+        }
+        notes
+    }
+}
+
+impl Temperatures {
+    /// The last temperature up to this time, or else the first. The times of the calls rise.
+    fn at(&mut self, stamp_ns: u64) -> Option<f64> {
+        while self.values.get(self.passed).is_some_and(|(time_ns, _)| *time_ns <= stamp_ns) {
+            self.passed += 1;
+        }
+        if self.passed == 0 && !self.values.is_empty() {
+            self.before += 1;
+        }
+        self.values.get(self.passed.saturating_sub(1)).map(|(_, celsius)| *celsius)
+    }
+}
+
+impl Contents {
+    fn read(messages: &mut Messages) -> Result<Self, RecordingError> {
+        let mut contents = Self::default();
+        while let Some((channel, data)) = messages.next()? {
+            if channel.kind == MessageKind::Temperature {
+                let temperature = Temperature::decode(channel.encoding, &data);
+                let temperature = temperature.map_err(|message| messages.error(messages.count, message))?;
+                let values = contents.temperatures.entry(channel.topic.clone()).or_default();
+                values.push((temperature.stamp_ns, temperature.celsius));
+            }
+        }
+        for channel in messages.channels.values() {
+            contents.topics.insert(channel.topic.clone(), channel.schema.clone());
+            if channel.kind == MessageKind::Imu && !contents.imus.contains(&channel.topic) {
+                contents.imus.push(channel.topic.clone());
+            }
+        }
+        contents.imus.sort_unstable();
+        Ok(contents)
+    }
+
+    fn no_imu(&self) -> String {
+        let own = self.topics.values().any(|schema| schema.starts_with("isotherm."));
+        let own =
+            if own { "; a recording of Isotherm needs no conversion, every command reads it as it is" } else { "" };
+        format!("no messages{own}")
+    }
+
+    /// A message about the topics of a schema.
+    fn problem(&self, problem: &str, schema: &str) -> String {
+        let listed = self.topics.iter().take(LISTED).map(|(topic, schema)| format!("{topic} ({schema})"));
+        let listed = listed.collect::<Vec<_>>().join(", ");
+        let more = if self.topics.len() > LISTED { ", .." } else { "" };
+        format!(
+            "{schema} (cdr or ros1): {problem}; topics found: {}{more}",
+            if listed.is_empty() { "none" } else { &listed }
+        )
+    }
+}
+
+/// The topic that is wanted, or else the only one; `None` if there is none.
+fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Option<String>, String> {
+    match (wanted, topics) {
+        (Some(wanted), _) => {
+            match topics.iter().find(|topic| topic.trim_start_matches('/') == wanted.trim_start_matches('/')) {
+                Some(topic) => Ok(Some(topic.clone())),
+                None => Err(format!("no topic {wanted}")),
+            }
+        }
+        (None, []) => Ok(None),
+        (None, [only]) => Ok(Some(only.clone())),
+        (None, [..]) => Err(format!("several topics, {}; choose one with {option}", topics.join(", "))),
+    }
+}
+
+impl Messages {
+    fn open(path: &Path) -> Result<Self, Failure> {
+        let source = open_recording(path).map_err(|error| Failure::io("opening", path, &error))?;
+        Ok(Self { records: Records::new(source), schemas: HashMap::new(), channels: HashMap::new(), count: 0 })
+    }
+
+    /// The next message and its channel.
+    fn next(&mut self) -> Result<Option<OfChannel>, RecordingError> {
+        loop {
+            let record = match self.records.next() {
+                Ok(Some(record)) => record,
+                Ok(None) => return Ok(None),
+                Err(RecordsError::Io(error)) => return Err(error.into()),
+                Err(RecordsError::Invalid(message)) => return Err(self.error(self.count, message)),
+            };
+            match record {
+                Record::Schema { header, .. } => drop(self.schemas.insert(header.id, header.name)),
+                Record::Channel(channel) => {
+                    let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                    let encoding = match channel.message_encoding.as_str() {
+                        "cdr" => Some(Encoding::Cdr),
+                        "ros1" => Some(Encoding::Ros1),
+                        _ => None,
+                    };
+                    let kind = match (schema.replace("/msg/", "/").as_str(), encoding) {
+                        ("sensor_msgs/Imu", Some(_)) => MessageKind::Imu,
+                        ("sensor_msgs/Temperature", Some(_)) => MessageKind::Temperature,
+                        _ => MessageKind::Other,
+                    };
+                    let encoding = encoding.unwrap_or(Encoding::Cdr);
+                    let id = channel.id;
+                    self.channels.insert(id, Rc::new(Channel { topic: channel.topic, schema, kind, encoding }));
+                }
+                Record::Message { header, data } => {
+                    self.count += 1;
+                    if let Some(channel) = self.channels.get(&header.channel_id)
+                        && channel.kind != MessageKind::Other
+                    {
+                        return Ok(Some((Rc::clone(channel), data.into_owned())));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn error(&self, place: u64, message: String) -> RecordingError {
+        RecordingError::Place { place: format!("message {}", if place == 0 { self.count } else { place }), message }
+    }
+}

@@ -1,0 +1,339 @@
+//! Rows of a text with a mapping.
+
+use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature};
+use super::{Reading, Source, proposal, pulses};
+use isotherm_recording::RecordingError;
+use isotherm_recording::csv::{
+    CsvColumn, DecimalMark, Rows, digits, looks_like_number, missing_columns, nearest_double,
+};
+use isotherm_shared::wire::AXES;
+use std::borrow::Cow;
+use std::io::Read;
+
+/// One pulse of numbers that are not whole, unless it is given.
+const FINE: f64 = 1e-6;
+
+/// Rows of a text.
+pub struct TextSource {
+    rows: Rows<Box<dyn Read>>,
+    marks: Marks,
+    /// Whether the current row has not been returned yet: the first, in a text without header.
+    waiting: bool,
+    /// Number of fields of a row.
+    count: usize,
+    header: bool,
+    time: Option<(CsvColumn, u32)>,
+    accelerometers: Axes,
+    gyroscopes: Option<Axes>,
+    telemetry: Telemetry,
+    kind: Kind,
+}
+
+/// The columns of three sensors, and what their numbers mean.
+struct Axes {
+    columns: [CsvColumn; AXES],
+    offset: f64,
+    /// Of the first row on.
+    resolution: Option<f64>,
+    /// Whether the resolution was taken from the first row, where all numbers are whole.
+    taken_for_whole: bool,
+    sign: [f64; AXES],
+}
+
+enum Telemetry {
+    /// Of the heads and the boards.
+    Columns([Vec<CsvColumn>; 2]),
+    Constant(f64),
+}
+
+/// The decimal mark of the text.
+struct Marks {
+    given: Option<Decimal>,
+    found: DecimalMark,
+    has_point: bool,
+    has_comma: bool,
+}
+
+/// A number of a field.
+#[derive(Clone, Copy)]
+struct Number {
+    value: f64,
+    is_whole: bool,
+}
+
+impl TextSource {
+    /// Reads the header, or the first row.
+    ///
+    /// # Errors
+    /// If a column is missing, with the columns that were found and the mapping that would be.
+    pub fn new(mut rows: Rows<Box<dyn Read>>, mapping: Mapping) -> Result<Self, RecordingError> {
+        rows.skip_lines(mapping.skip)?;
+        if !rows.next_row()? {
+            return Err(rows.error("there are no rows".to_owned()));
+        }
+        let separator = if mapping.header {
+            let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::name).collect();
+            rows.detect_separator(|names| wanted.iter().all(|wanted| names.iter().any(|name| name == wanted)))?
+        } else {
+            let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::number).collect();
+            rows.detect_separator(|fields| {
+                let is_number = |number: &usize| fields.get(number - 1).is_some_and(|field| looks_like_number(field));
+                wanted.iter().all(is_number)
+            })?
+        };
+        let (names, count) = (rows.names().collect::<Vec<_>>(), rows.len());
+        let missing: Vec<_> =
+            mapping.columns().filter(|column| column.is_missing(&names)).map(ColumnRef::shown).collect();
+        if !missing.is_empty() {
+            return Err(Self::missing(&mut rows, &missing, mapping.header));
+        }
+        let find = |column: &ColumnRef| match column {
+            ColumnRef::Number(number) => Ok(CsvColumn::new(column.shown(), number - 1)),
+            ColumnRef::Name(name) => {
+                let mut indices = (0..count).filter(|index| names[*index] == *name);
+                match (indices.next(), indices.next()) {
+                    (Some(index), None) => Ok(CsvColumn::new(name.clone(), index)),
+                    _ => Err(rows.error(format!("the column {name} is there twice"))),
+                }
+            }
+        };
+        let all = |columns: &[ColumnRef]| columns.iter().map(find).collect::<Result<Vec<_>, _>>();
+        let time = match &mapping.time.column {
+            Some((column, power)) => Some((find(column)?, *power)),
+            None => None,
+        };
+        let axes = |sensors: &Sensors| -> Result<Axes, RecordingError> {
+            let [x, y, z] = &sensors.columns;
+            let Sensors { offset, resolution, sign, .. } = *sensors;
+            Ok(Axes { columns: [find(x)?, find(y)?, find(z)?], offset, resolution, taken_for_whole: false, sign })
+        };
+        let telemetry = match &mapping.temperature {
+            Temperature::Constant(constant) => Telemetry::Constant(*constant),
+            Temperature::Columns { head, board } => Telemetry::Columns([all(head)?, all(board)?]),
+        };
+        let accelerometers = axes(&mapping.accelerometer)?;
+        let gyroscopes = mapping.gyroscope.as_ref().map(axes).transpose()?;
+        let found = DecimalMark::new(separator);
+        let marks = Marks { given: mapping.decimal, found, has_point: false, has_comma: false };
+        let kind = mapping.accelerometer.kind;
+        let (header, waiting) = (mapping.header, !mapping.header);
+        Ok(Self { rows, marks, waiting, count, header, time, accelerometers, gyroscopes, telemetry, kind })
+    }
+
+    fn missing(rows: &mut Rows<Box<dyn Read>>, missing: &[String], header: bool) -> RecordingError {
+        let missing: Vec<_> = missing.iter().map(String::as_str).collect();
+        let (line, names) = (rows.line(), rows.names().collect::<Vec<_>>());
+        let message = if header {
+            missing_columns(&missing, names, "")
+        } else {
+            format!("missing columns: {}; the row has {}", missing.join(", "), names.len())
+        };
+        let message = match proposal::propose_from(rows) {
+            Ok(proposal) => format!("{message}; a mapping for these columns would be\n\n{proposal}"),
+            Err(_) => message,
+        };
+        RecordingError::Data { line, message }
+    }
+}
+
+impl Source for TextSource {
+    fn read(&mut self) -> Result<Option<Reading>, RecordingError> {
+        if !std::mem::take(&mut self.waiting) && !self.rows.next_row()? {
+            let commas = self.marks.found.has_commas();
+            return commas.map(|_| None).map_err(|(line, message)| RecordingError::Data { line, message });
+        }
+        let (rows, marks) = (&self.rows, &mut self.marks);
+        if rows.len() != self.count {
+            let first = if self.header { "the header" } else { "the first row" };
+            let message = format!("{} fields, but {first} has {}; is the row cut?", rows.len(), self.count);
+            return Err(rows.error(message));
+        }
+        let mut reading = Reading { place: rows.line(), ..Reading::default() };
+        if let Some((column, power)) = &self.time {
+            reading.timestamp_ns = Some(marks.time(rows, column, *power)?);
+        }
+        let (a, g) = reading.pulses.split_at_mut(AXES);
+        self.accelerometers.read(rows, marks, a)?;
+        if let Some(gyroscopes) = &mut self.gyroscopes {
+            gyroscopes.read(rows, marks, g)?;
+        }
+        match &self.telemetry {
+            Telemetry::Constant(constant) => (reading.head, reading.board) = ([*constant; _], [*constant; _]),
+            Telemetry::Columns(columns) => {
+                for (columns, values) in columns.iter().zip([&mut reading.head, &mut reading.board]) {
+                    for (index, column) in columns.iter().enumerate() {
+                        let value = marks.number(rows, column, true)?.value;
+                        match columns.len() {
+                            1 => values.fill(value),
+                            3 => (values[index], values[AXES + index]) = (value, value),
+                            _ => values[index] = value,
+                        }
+                    }
+                }
+            }
+        }
+        Ok(Some(reading))
+    }
+
+    fn error(&self, place: u64, message: String) -> RecordingError {
+        RecordingError::Data { line: if place == 0 { self.rows.line() } else { place }, message }
+    }
+
+    fn has_gyroscopes(&self) -> bool {
+        self.gyroscopes.is_some()
+    }
+
+    fn counts_since_the_row_before(&self) -> bool {
+        self.kind == Kind::Increment
+    }
+
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+}
+
+impl Axes {
+    fn read(&mut self, rows: &Rows<Box<dyn Read>>, marks: &mut Marks, to: &mut [i64]) -> Result<(), RecordingError> {
+        let mut numbers = [Number { value: 0.0, is_whole: true }; AXES];
+        for (number, column) in numbers.iter_mut().zip(&self.columns) {
+            *number = marks.number(rows, column, false)?;
+        }
+        let whole = numbers.iter().all(|number| number.is_whole);
+        let resolution = *self.resolution.get_or_insert_with(|| {
+            self.taken_for_whole = whole;
+            if whole { 1.0 } else { FINE }
+        });
+        if self.taken_for_whole && !whole {
+            let names: Vec<_> = self.columns.iter().map(CsvColumn::name).collect();
+            let message =
+                "not a whole number, as those of the first row are; give the resolution, such as resolution = 1e-6";
+            return Err(rows.error(format!("{}: {message}", names.join(", "))));
+        }
+        for (axis, number) in numbers.iter().enumerate() {
+            let pulses = pulses(number.value, self.offset, resolution, self.sign[axis]);
+            to[axis] = pulses.map_err(|message| rows.error(format!("{}: {message}", self.columns[axis].name())))?;
+        }
+        Ok(())
+    }
+}
+
+impl Marks {
+    /// The number of a field with a decimal point; in most texts the field itself.
+    fn with_point<'a>(&mut self, line: u64, text: &'a str) -> Result<Cow<'a, str>, Cow<'static, str>> {
+        let (comma, point) = (text.contains(','), text.contains('.'));
+        match self.given {
+            None => {
+                let result = self.found.with_point(line, text).map_err(Cow::Owned)?;
+                self.has_comma |= comma;
+                self.has_point |= point;
+                Ok(result)
+            }
+            Some(Decimal::Comma) if point => Err("a number with a decimal comma, as the mapping says".into()),
+            Some(Decimal::Comma) => Ok(text.replace(',', ".").into()),
+            Some(Decimal::Point) if comma => Err("a number with a decimal point, as the mapping says".into()),
+            Some(Decimal::Point) => Ok(Cow::Borrowed(text)),
+        }
+    }
+
+    /// Whether a plain decimal with these digits after its point needs no look at the decimal mark: nothing new would be learnt.
+    fn is_settled(&self, after: usize) -> bool {
+        after == 0 || self.given == Some(Decimal::Point) || (self.given.is_none() && self.has_point && !self.has_comma)
+    }
+
+    fn number(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn, any: bool) -> Result<Number, RecordingError> {
+        if let Some(decimal) = digits(rows.field(column.index()))
+            && self.is_settled(decimal.2)
+            && let Some(value) = nearest_double(decimal)
+        {
+            return Ok(Number { value, is_whole: decimal.2 == 0 });
+        }
+        let line = rows.line();
+        rows.parse_or(column, |text| {
+            let text = self.with_point(line, text)?;
+            let value = text.parse::<f64>().ok().filter(|value| any && !has_digits(&text) || value.is_finite());
+            let value = value.ok_or(Cow::Borrowed("a number"))?;
+            Ok(Number { value, is_whole: !text.contains(['.', 'e', 'E']) })
+        })
+    }
+
+    /// The time of a field \[ns\], exactly: never by way of a floating-point number.
+    fn time(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn, power: u32) -> Result<u64, RecordingError> {
+        let line = rows.line();
+        let field = rows.field(column.index());
+        if let Some((0, mantissa, after)) = digits(field)
+            && self.is_settled(after)
+            && let Some(ns) = scaled(mantissa.into(), power as i32 - after as i32)
+        {
+            return Ok(ns);
+        }
+        rows.parse_or(column, |text| {
+            let text = self.with_point(line, text)?;
+            decimal_ns(&text, power).ok_or(Cow::Borrowed("a time from 0 on, up to 2^64 ns"))
+        })
+    }
+}
+
+/// A decimal number, with or without exponent, times a power of ten, to the nearest whole number.
+pub fn decimal_ns(text: &str, power: u32) -> Option<u64> {
+    let (mantissa, exponent) = match text.split_once(['e', 'E']) {
+        Some((mantissa, exponent)) => (mantissa, exponent.parse::<i32>().ok()?),
+        None => (text, 0),
+    };
+    let mantissa = mantissa.strip_prefix('+').unwrap_or(mantissa);
+    let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+    // Further digits are far below 1 ns, whatever the unit.
+    let fraction = fraction.get(..fraction.len().min(20))?;
+    let all = format!("{whole}{fraction}");
+    if all.is_empty() || !all.bytes().all(|byte| byte.is_ascii_digit()) {
+        return None;
+    }
+    let exponent = exponent.checked_add(power as i32)?.checked_sub(fraction.len() as i32)?;
+    scaled(all.parse().ok()?, exponent)
+}
+
+/// `mantissa * 10^exponent`, to the nearest whole number.
+fn scaled(mantissa: u128, exponent: i32) -> Option<u64> {
+    let factor = 10_u128.checked_pow(exponent.unsigned_abs());
+    let value = match (factor, exponent < 0) {
+        _ if mantissa == 0 => 0,
+        (Some(factor), false) => mantissa.checked_mul(factor)?,
+        (Some(factor), true) => (mantissa + factor / 2) / factor,
+        (None, false) => return None,
+        (None, true) => 0,
+    };
+    u64::try_from(value).ok()
+}
+
+fn has_digits(text: &str) -> bool {
+    text.bytes().any(|byte| byte.is_ascii_digit())
+}
+
+impl ColumnRef {
+    fn name(&self) -> Option<&str> {
+        match self {
+            Self::Name(name) => Some(name),
+            Self::Number(_) => None,
+        }
+    }
+
+    const fn number(&self) -> Option<usize> {
+        match self {
+            Self::Name(_) => None,
+            Self::Number(number) => Some(*number),
+        }
+    }
+
+    fn shown(&self) -> String {
+        match self {
+            Self::Name(name) => name.clone(),
+            Self::Number(number) => format!("column {number}"),
+        }
+    }
+
+    fn is_missing(&self, names: &[String]) -> bool {
+        match self {
+            Self::Name(name) => !names.contains(name),
+            Self::Number(number) => *number > names.len(),
+        }
+    }
+}

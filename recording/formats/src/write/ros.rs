@@ -1,0 +1,265 @@
+//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the telemetry is in degC.
+//!
+//! An increment over its interval is a mean: `linear_acceleration = velocity_increment / interval` \[m/s2\], the specific force, and
+//! `angular_velocity = angle_increment / interval` \[rad/s\]. The stamp is the end of the interval on the acquisition's clock. A metadata
+//! record `isotherm.table` names each table that computed increments.
+
+use super::growing::GrowingFile;
+use super::mcap::{Memory, io_error, options};
+use crate::ros::{IMU, IMU_DEFINITION, Imu, TEMPERATURE, TEMPERATURE_DEFINITION, Temperature};
+use isotherm_recording::columns::Layout;
+use isotherm_recording::rows::RecordedRow;
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, StreamSample};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Name of the metadata record of a table.
+const TABLE: &str = "isotherm.table";
+/// Unit of telemetry that becomes messages.
+const CELSIUS: [&str; 3] = ["degC", "\u{b0}C", "C"];
+
+/// A table that may have computed the increments.
+#[derive(Clone, Debug)]
+pub struct RosTable {
+    imu: ImuId,
+    id: u64,
+    digest: String,
+    file: String,
+    is_celsius: bool,
+}
+
+impl RosTable {
+    /// A table and the path of its file, whose name is written; empty if it is not known.
+    #[must_use]
+    pub fn new(table: &CoefficientTable, file: &Path) -> Self {
+        let content = table.content();
+        Self {
+            imu: content.imu.clone(),
+            id: table.id(),
+            digest: table.digest().to_string(),
+            file: file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            is_celsius: CELSIUS.contains(&content.temperature_unit.as_str()),
+        }
+    }
+
+    /// The IMU that it is of.
+    #[must_use]
+    pub const fn imu(&self) -> &ImuId {
+        &self.imu
+    }
+
+    /// Whether its telemetry is in degC, and becomes messages.
+    #[must_use]
+    pub const fn is_celsius(&self) -> bool {
+        self.is_celsius
+    }
+}
+
+/// Writes increments of IMUs as ROS messages into any sink.
+pub struct RosWriter<W: Write> {
+    writer: mcap::Writer<NoSeek<W>>,
+    tables: Vec<RosTable>,
+    imus: Vec<RosImu>,
+    message: Vec<u8>,
+}
+
+/// The channels of an IMU.
+struct RosImu {
+    /// Index in the caller's list.
+    index: usize,
+    id: ImuId,
+    imu: u16,
+    temperature: Option<u16>,
+    sequence: [u32; 2],
+    /// The table of the last increment.
+    table: Option<u64>,
+}
+
+/// The namespace of an IMU's topics: names of ROS have no `-` and do not begin with a digit.
+fn namespace(imu: &ImuId) -> String {
+    let name = imu.as_str().replace('-', "_");
+    if name.starts_with(|letter: char| letter.is_ascii_digit()) { format!("imu_{name}") } else { name }
+}
+
+impl<W: Write> RosWriter<W> {
+    /// Adds the channels of these IMUs, each with its index in the rows. `tables` are those that may have computed the increments. An IMU
+    /// that has one in degC has a channel of temperatures.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub fn new(sink: W, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
+        let mut writer = options().profile("ros2").create(NoSeek::new(sink)).map_err(io_error)?;
+        // As rosbag2 writes it: no quality of service is known.
+        let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
+        let mut channel = |name: &str, definition: &str, topic: &str| {
+            let schema = writer.add_schema(name, "ros2msg", definition.as_bytes()).map_err(io_error)?;
+            writer.add_channel(schema, topic, "cdr", &metadata).map_err(io_error)
+        };
+        let imus = imus.iter().map(|&(index, id)| {
+            let space = namespace(id);
+            let imu = channel(IMU, IMU_DEFINITION, &format!("/{space}/data_raw"))?;
+            let temperature = match tables.iter().any(|table| table.imu == *id && table.is_celsius) {
+                true => Some(channel(TEMPERATURE, TEMPERATURE_DEFINITION, &format!("/{space}/temperature"))?),
+                false => None,
+            };
+            Ok(RosImu { index, id: id.clone(), imu, temperature, sequence: [0; 2], table: None })
+        });
+        let imus = imus.collect::<io::Result<_>>()?;
+        Ok(Self { writer, tables: tables.to_vec(), imus, message: Vec::new() })
+    }
+
+    /// Writes a row: an increment as an Imu, the head telemetry of a raw sample as a Temperature.
+    ///
+    /// # Errors
+    /// Those of the sink; if the time is after 2038, which ROS cannot say.
+    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+        match &row.sample {
+            StreamSample::Increment(increment) => self.increment(row.imu, increment, row.recorded_ns),
+            StreamSample::Raw(raw) => self.temperature(row.imu, raw, row.recorded_ns),
+        }
+    }
+
+    fn increment(&mut self, index: usize, increment: &CompensatedIncrement, log_time: u64) -> io::Result<()> {
+        let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == index) else { return Ok(()) };
+        if imu.table.replace(increment.table) != Some(increment.table) {
+            let known = self.tables.iter().find(|table| table.imu == imu.id && table.id == increment.table);
+            let metadata = metadata(&imu.id, increment.table, known);
+            self.writer.write_metadata(&metadata).map_err(io_error)?;
+        }
+        let seconds = increment.interval_ns as f64 / 1e9;
+        let mean = |over: [f64; AXES]| over.map(|value| value / seconds);
+        let has_gyroscopes = Layout::of(&StreamSample::Increment(*increment)).gyroscopes;
+        let message = Imu {
+            stamp_ns: increment.timestamp_ns,
+            frame_id: imu.id.to_string(),
+            angular_velocity: has_gyroscopes.then(|| mean(increment.angle_increment)),
+            linear_acceleration: Some(mean(increment.velocity_increment)),
+        };
+        self.message.clear();
+        message.encode(&mut self.message).map_err(|message| io::Error::new(io::ErrorKind::InvalidData, message))?;
+        imu.sequence[0] = imu.sequence[0].wrapping_add(1);
+        let header = MessageHeader {
+            channel_id: imu.imu,
+            sequence: imu.sequence[0],
+            log_time,
+            publish_time: increment.timestamp_ns,
+        };
+        self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
+    }
+
+    /// Writes the mean of the three heads. The stamp is when they were read, where the sample says that.
+    fn temperature(&mut self, index: usize, raw: &RawSample, log_time: u64) -> io::Result<()> {
+        let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == index) else { return Ok(()) };
+        let Some(channel_id) = imu.temperature else { return Ok(()) };
+        let stamp_ns = if raw.telemetry_ns == 0 { raw.timestamp_ns } else { raw.telemetry_ns };
+        let heads = raw.accelerometers.head_temperature;
+        let celsius = heads[0] + ((heads[1] - heads[0]) + (heads[2] - heads[0])) / AXES as f64;
+        self.message.clear();
+        Temperature { stamp_ns, frame_id: imu.id.to_string(), celsius }
+            .encode(&mut self.message)
+            .map_err(|message| io::Error::new(io::ErrorKind::InvalidData, message))?;
+        imu.sequence[1] = imu.sequence[1].wrapping_add(1);
+        let header = MessageHeader { channel_id, sequence: imu.sequence[1], log_time, publish_time: stamp_ns };
+        self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
+    }
+
+    /// Ends the chunk.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush().map_err(io_error)
+    }
+
+    /// Writes summary and footer.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub fn end(&mut self) -> io::Result<()> {
+        self.writer.finish().map(drop).map_err(io_error)
+    }
+
+    /// Writes summary and footer, and returns the sink.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub fn finish(mut self) -> io::Result<W> {
+        self.end()?;
+        Ok(self.writer.into_inner().into_inner())
+    }
+}
+
+/// The record about a table: what is known of it.
+fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> Metadata {
+    let mut texts =
+        BTreeMap::from([("imu".to_owned(), imu.to_string()), ("table".to_owned(), format!("{table:016x}"))]);
+    if let Some(known) = known {
+        texts.insert("digest".to_owned(), known.digest.clone());
+        if !known.file.is_empty() {
+            texts.insert("file".to_owned(), known.file.clone());
+        }
+    }
+    Metadata { name: TABLE.to_owned(), metadata: texts }
+}
+
+/// A file of ROS messages that grows only by complete flushes.
+pub struct RosFile {
+    writer: RosWriter<Memory>,
+    memory: Memory,
+    file: GrowingFile,
+}
+
+impl RosFile {
+    /// Creates a file with the channels of these IMUs.
+    ///
+    /// # Errors
+    /// If it exists or cannot be written.
+    pub fn create(path: &Path, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
+        let memory = Memory::default();
+        let mut writer = RosWriter::new(memory.clone(), imus, tables)?;
+        writer.flush()?;
+        let file = GrowingFile::create(path, &memory.take())?;
+        Ok(Self { writer, memory, file })
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// As [`RosWriter::write`].
+    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+        self.writer.write(row)
+    }
+
+    /// Ends the chunk and appends it to the file.
+    ///
+    /// # Errors
+    /// If the file cannot be written. The call can be repeated.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush()?;
+        self.append()
+    }
+
+    /// Writes summary and footer. The call can be repeated after an error.
+    ///
+    /// # Errors
+    /// As [`flush`](Self::flush).
+    pub fn finish(&mut self) -> io::Result<()> {
+        self.writer.end()?;
+        self.append()
+    }
+
+    fn append(&mut self) -> io::Result<()> {
+        self.file.pending.append(&mut self.memory.take());
+        self.file.flush()
+    }
+
+    /// Size without the open chunk \[bytes\].
+    pub fn size(&self) -> u64 {
+        self.file.size() + self.memory.len() as u64
+    }
+}
