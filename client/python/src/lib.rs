@@ -7,6 +7,7 @@ mod compare;
 mod connection;
 mod convert;
 mod errors;
+mod gravity_only;
 mod lag;
 mod offline;
 mod owned;
@@ -33,6 +34,8 @@ mod _isotherm {
     use crate::compare::{Batch, Comparison, batch, compare};
     #[pymodule_export]
     use crate::convert::{convert, write_ros};
+    #[pymodule_export]
+    use crate::gravity_only::{GravityOnlyCalibration, calibrate_gravity_only, lengths};
     #[pymodule_export]
     use crate::lag::device;
     #[pymodule_export]

@@ -23,6 +23,7 @@ from ._isotherm import (
     Axis,
     Batch,
     Comparison,
+    GravityOnlyCalibration,
     Increment,
     IncrementReader,
     Loan,
@@ -33,6 +34,7 @@ from ._isotherm import (
     __version__,
     device,
 )
+from ._gravity_only import calibrate_gravity_only, lengths
 from ._offline import (
     Calibration,
     batch,
@@ -64,6 +66,7 @@ __all__ = [
     "ComparisonError",
     "Flags",
     "Full",
+    "GravityOnlyCalibration",
     "Increment",
     "IncrementReader",
     "IsothermError",
@@ -86,10 +89,12 @@ __all__ = [
     "__version__",
     "batch",
     "calibrate",
+    "calibrate_gravity_only",
     "compare",
     "convert",
     "device",
     "flag_names",
+    "lengths",
     "read_increments",
     "read_recording",
     "regress",

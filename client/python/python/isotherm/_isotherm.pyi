@@ -25,6 +25,7 @@ __all__ = [
     "Batch",
     "Calibration",
     "Comparison",
+    "GravityOnlyCalibration",
     "Increment",
     "IncrementReader",
     "Loan",
@@ -475,6 +476,24 @@ class Calibration:
     def html(self) -> str: ...
 
 @final
+class GravityOnlyCalibration:
+    """The result of a calibration without a turntable. `str()` gives the text of `isotherm calibrate --gravity-only`."""
+
+    @property
+    def table(self) -> Table:
+        """The coefficient table."""
+    @property
+    def text(self) -> str:
+        """The text of the sealed table file: the table and its provenance."""
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The document of `isotherm calibrate --gravity-only --json`: the parameters with their standard errors, the standstills, D sqrt(n), warnings."""
+    def save(self, path: _Path, *, report: _Path | None = None) -> None:
+        """Writes the sealed table file, and with `report` the report (HTML) beside it: both or none."""
+    def report(self, path: _Path) -> None:
+        """Writes the report (HTML)."""
+
+@final
 class Comparison:
     """What has changed between tables. `str()` gives the text of `isotherm compare`."""
 
@@ -563,3 +582,18 @@ def calibrate(
     other_device: bool,
     lag: float | None,
 ) -> Calibration: ...
+def calibrate_gravity_only(
+    text: str,
+    name: str,
+    recordings: Sequence[_Path | _Bytes],
+    window: float,
+    order: int | None,
+    scale_factor: str,
+    misalignment: bool,
+    exclude: Sequence[int],
+    temperature_range: tuple[float, float] | None,
+    other_device: bool,
+) -> GravityOnlyCalibration: ...
+def lengths(
+    table: Table, samples: _Bytes, window: float, gravity_local: float | None, require: str | None
+) -> dict[str, Any]: ...

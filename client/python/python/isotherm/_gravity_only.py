@@ -1,0 +1,83 @@
+"""Calibration and verification without a turntable: the IMU is put down by hand, and the length of gravity is the reference."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from . import _isotherm
+from ._isotherm import GravityOnlyCalibration, Table
+from ._offline import AnyPath, campaign_toml
+from ._records import Records, is_frame, sample_bytes
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import pandas as pd
+
+
+def calibrate_gravity_only(
+    campaign: AnyPath | Mapping[str, Any],
+    recordings: AnyPath | Records | pd.DataFrame | Sequence[AnyPath | Records | pd.DataFrame] | None = None,
+    *,
+    order: int | Literal["auto"] = "auto",
+    scale_factor: Literal["auto", "single", "split"] = "auto",
+    misalignment: bool = True,
+    window: float = 1.0,
+    exclude: Iterable[int] = (),
+    temperature_range: tuple[float, float] | None = None,
+    other_device: bool = False,
+) -> GravityOnlyCalibration:
+    """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate --gravity-only` does.
+
+    `campaign` is the path of a campaign file with `method = "gravity-only"`, or a mapping with `imu`, `gravity_local`, `gravity_reference` [m/s2] and
+    `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
+    files (CSV). Without them the files that the campaign names are read.
+
+    `window` [s] is that of the search for standstills; a shorter one is left out. `exclude` lists numbers of standstills. Where the telemetry is
+    constant, `temperature_range` states where the table is valid. Raises CalibrationError with the parameters that the attitudes do not determine.
+    """
+    _positive("window", window)
+    if isinstance(campaign, Mapping):
+        settings = {"format": 1, "method": "gravity-only"} | dict(campaign)
+        text, name, folder = campaign_toml(settings), "campaign", Path()
+    else:
+        text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
+    given: list[Path | npt.NDArray[np.uint8]]
+    if recordings is None:
+        given = [folder / file for file in _isotherm.samples_of(text, name) or ()]
+    else:
+        single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
+        several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment, list-item]
+        given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
+    fixed = None if order == "auto" else order
+    return _isotherm.calibrate_gravity_only(
+        text, name, given, window, fixed, scale_factor, misalignment, list(exclude), temperature_range, other_device
+    )
+
+
+def lengths(
+    table: Table,
+    samples: Records | pd.DataFrame,
+    *,
+    window: float = 1.0,
+    gravity_local: float | None = None,
+    require: str | None = None,
+) -> dict[str, Any]:
+    """Compares the length of the output over each standstill with local gravity: the document of `isotherm verify --standstills --json`.
+
+    `gravity_local` [m/s2] is that of the table's provenance unless given. `require` is as that of the command, for example "scale=500ppm"; the document
+    has `met` and the judgements. Raises StabilityError if there are no standstills, or if local gravity is unknown.
+    """
+    _positive("window", window)
+    if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
+        raise ValueError(f"gravity_local is {gravity_local}, give 9.7 to 9.9 m/s2")
+    return _isotherm.lengths(table, sample_bytes(samples), window, gravity_local, require)
+
+
+def _positive(name: str, seconds: float) -> None:
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise ValueError(f"{name} is {seconds}, give seconds over 0")
