@@ -1,9 +1,11 @@
-//! From a campaign on a two-axis turntable in a temperature chamber to a coefficient table, and back.
+//! From measurements of an IMU to a coefficient table, and back: campaigns on a two-axis turntable in a temperature chamber, and an IMU that is put
+//! down by hand; the noise of a recording, and the comparison of tables.
 //!
 //! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
 
 pub mod accuracy;
 pub mod alignment;
+pub mod allan;
 pub mod batch;
 pub mod calibrate;
 pub mod campaign;

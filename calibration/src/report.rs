@@ -11,6 +11,7 @@ pub mod gravity_only;
 pub mod json;
 pub mod lengths;
 pub mod loops;
+pub mod noise;
 pub mod page;
 pub mod plot;
 pub mod ramps;

@@ -16,6 +16,12 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs_f64(seconds))
 }
 
+/// A number of seconds from 0.
+pub fn from_zero(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds >= 0.0);
+    seconds.ok_or_else(|| "give a number of seconds from 0".to_owned())
+}
+
 /// A time constant of lagged telemetry \[ns\]: a number of seconds, or `none` for 0.
 pub fn lag(text: &str) -> Result<u64, String> {
     if text == "none" {
@@ -169,5 +175,7 @@ mod tests {
         assert_eq!((time_constant("240"), positive("0.1")), (Ok(240.0), Ok(0.1)));
         assert!(["none", "0", "1e5", "nan"].into_iter().all(|text| time_constant(text).is_err()));
         assert!(["0", "-1", "inf", "1,2"].into_iter().all(|text| positive(text).is_err()));
+        assert_eq!((from_zero("0"), from_zero("1.5")), (Ok(0.0), Ok(1.5)));
+        assert!(["-1", "inf", "nan", ""].into_iter().all(|text| from_zero(text).is_err()));
     }
 }

@@ -292,8 +292,11 @@ fn has_unit(key: &str) -> bool {
         "by_accelerometers",
         "shared_bins",
     ];
+    let of_noise =
+        ["rows", "first_row", "last_row", "recorded_rows", "degrees_of_freedom", "chi_square", "white_noise_counts"];
     units.iter().any(|unit| key.ends_with(unit))
         || none.contains(&key)
+        || of_noise.contains(&key)
         || ["windows_in_group", "factor", "exit_code", "part", "interval_ratio"].contains(&key)
         || ["_urad", "_in_unit_per_year"].iter().any(|unit| key.ends_with(unit))
         || ["years", "degrees_of_freedom", "band_factor", "largest_ratio", "p", "chi2"].contains(&key)
@@ -398,6 +401,10 @@ fn json_is_one_document_also_of_a_failure() {
     let (document, err) = json(1, &[&verify[..], &["--require", "bias=0.001ug0"]].concat());
     assert!(document["met"] == false && err.contains("the requirement is not met"), "{err}");
     failed(65, &[&verify[..], &["--window", "1e6"]].concat());
+    let noise = ["noise", "run/run.csv", "--table", "t.toml"];
+    let (document, _) = json(0, &noise);
+    assert!(document["sensors"][2]["temperature"]["without"]["adev_in_unit"].is_array());
+    assert_eq!(failed(65, &[&noise[..], &["--to", "9"]].concat())["file"], "run/run.csv");
     assert_eq!(failed(74, &["verify", "--table", "none.toml", "run/run.csv"])["file"], "none.toml");
     failed(74, &[&verify[..], &["--report", "nowhere/r.html"]].concat());
     let raw = fs::read_to_string(folder.path().join("run/run.csv")).unwrap();

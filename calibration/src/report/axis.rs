@@ -40,10 +40,42 @@ impl PlotAxis {
         Self { low, high, ticks, note }
     }
 
+    /// A logarithmic axis over decimal logarithms, with a tick mark at powers of ten; under two decades also at their twice and five times.
+    pub(super) fn decades(logarithms: impl IntoIterator<Item = f64>) -> Self {
+        let (low, high) = range(logarithms);
+        let extra = (0.03 * (high - low)).max(0.05);
+        let (low, high) = (low - extra, high + extra);
+        let factors: &[i64] = if high - low < 2.0 { &[1, 2, 5] } else { &[1] };
+        let every = ((high - low) / TICKS.1 as f64).ceil().max(1.0) as usize;
+        let powers = (low.floor() as i32..=high.ceil() as i32).step_by(every);
+        let ticks = powers.flat_map(|power| {
+            factors.iter().map(move |factor| ((*factor as f64).log10() + f64::from(power), power_label(*factor, power)))
+        });
+        let ticks = ticks.filter(|(value, _)| (low..=high).contains(value)).collect();
+        Self { low, high, ticks, note: String::new() }
+    }
+
     /// Position of a value: 0 at the low end of the axis, 1 at the high one.
     pub(super) fn fraction(&self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
     }
+}
+
+/// `factor * 10^power` as a label: plain from 0.1 to 1000, else with an exponent.
+fn power_label(factor: i64, power: i32) -> String {
+    if (-1..=3).contains(&power) {
+        return decimal(factor, power);
+    }
+    let power = power.to_string();
+    let digits = power.chars().map(|c| match c {
+        '-' => '\u{207b}',
+        '1' => '\u{b9}',
+        '2' => '\u{b2}',
+        '3' => '\u{b3}',
+        digit => char::from_u32(0x2070 + digit.to_digit(10).unwrap_or(0)).unwrap_or(digit),
+    });
+    let digits: String = digits.collect();
+    if factor == 1 { format!("10{digits}") } else { format!("{factor}\u{b7}10{digits}") }
 }
 
 /// Ticks of a second scale, by pairs of a value on the axis and the value there on the second scale: round values of the second

@@ -3,6 +3,8 @@
 //! Colours, line widths and fonts come from the stylesheet of the [`page`](super::page) by class, so a figure follows
 //! its palette. The SVG itself contains only geometry and text, and no identifier that could occur twice on a page. Series
 //! differ by colour, by the shape of their points and, unless they are dense, by their dashes.
+//!
+//! Over 400 lines: one figure, from its parts to the drawing.
 
 use maud::{Markup, PreEscaped, html};
 use std::collections::BTreeSet;
@@ -38,6 +40,8 @@ pub struct Plot {
     /// Values that the range of y includes beside those of the series.
     also_y: Vec<f64>,
     zero: bool,
+    /// Whether all coordinates are decimal logarithms.
+    logarithmic: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -87,6 +91,7 @@ impl Plot {
             upper: None,
             also_y: Vec::new(),
             zero: false,
+            logarithmic: false,
         }
     }
 
@@ -131,6 +136,22 @@ impl Plot {
         self
     }
 
+    /// Puts both axes on logarithmic scales. Call it after everything else. Values that are not over 0 are skipped; error bars are not drawn.
+    #[must_use]
+    pub fn logarithmic(mut self) -> Self {
+        let log = |value: f64| if value > 0.0 { value.log10() } else { f64::NAN };
+        for series in &mut self.series {
+            series.points.iter_mut().for_each(|(x, y)| (*x, *y) = (log(*x), log(*y)));
+            series.band.iter_mut().for_each(|row| *row = (log(row.0), log(row.1), log(row.2)));
+            series.errors.clear();
+        }
+        self.markers.iter_mut().for_each(|(x, _)| *x = log(*x));
+        self.markers.retain(|(x, _)| usable(*x));
+        self.also_y.iter_mut().for_each(|y| *y = log(*y));
+        self.logarithmic = true;
+        self
+    }
+
     /// Draws a vertical line at x, with a label above the plot area, and extends the range of x to include it.
     #[must_use]
     pub fn marker(mut self, x: f64, label: &str) -> Self {
@@ -168,7 +189,11 @@ impl Plot {
         let bars = || self.series.iter().flat_map(PlotSeries::bars);
         let ys = points().map(|p| p.1).chain(rows().flat_map(|r| [r.1, r.2])).chain(self.zero.then_some(0.0));
         let ys = ys.chain(bars().flat_map(|(_, low, high)| [low, high])).chain(self.also_y.iter().copied());
-        let (x_axis, y_axis) = (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8));
+        let (x_axis, y_axis) = if self.logarithmic {
+            (PlotAxis::decades(xs), PlotAxis::decades(ys))
+        } else {
+            (PlotAxis::new(xs, 0.03, 6), PlotAxis::new(ys, 0.06, 8))
+        };
 
         let left = 10.0 + y_axis.ticks.iter().map(|(_, label)| text_width(label)).fold(22.0, f64::max);
         let x = |value: f64| left + x_axis.fraction(value) * (RIGHT - left);

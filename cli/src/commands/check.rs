@@ -57,6 +57,9 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
     if let Some(curves) = campaign.curves.as_ref().filter(|_| campaign.has_ramps_alone()) {
         return Ok(format!("campaign of {imus}{ramps} alone, curves of {curves}"));
     }
+    if campaign.gravity_only {
+        return Ok(format!("campaign of {imus} without a turntable, {} recordings", campaign.samples.len()));
+    }
     observable(campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
     let turns = match campaign.turns.len() {
         0 => String::new(),

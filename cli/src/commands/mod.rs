@@ -9,6 +9,7 @@ mod compare;
 mod convert;
 mod feed;
 mod generate;
+mod noise;
 mod record;
 mod regress;
 mod relay;
@@ -28,7 +29,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 17] = [
+pub const WITHOUT_DOMAIN: [&str; 18] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -39,6 +40,7 @@ pub const WITHOUT_DOMAIN: [&str; 17] = [
     "convert",
     "demo",
     "man",
+    "noise",
     "regress",
     "replay",
     "rollback",
@@ -64,6 +66,7 @@ pub enum Command {
     Regress(regress::Regress),
     Verify(verify::Verify),
     Compare(compare::Compare),
+    Noise(noise::Noise),
     Simulate(Box<simulate::Simulate>),
     Campaign(campaign::CampaignCommand),
     Rollback(rollback::Rollback),
@@ -96,6 +99,7 @@ impl Command {
             Self::Regress(regress) => regress.run(),
             Self::Verify(verify) => verify.run(),
             Self::Compare(compare) => compare.run(),
+            Self::Noise(noise) => noise.run(),
             Self::Simulate(simulate) => simulate.run(&domain),
             Self::Campaign(campaign) => campaign.run(domain),
             Self::Rollback(rollback) => rollback.run(),
@@ -115,6 +119,7 @@ impl Command {
             | Self::Verify(_)
             | Self::Compare(_)
             | Self::Convert(_)
+            | Self::Noise(_)
             | Self::Man(_) => true,
             Self::Simulate(simulate) => simulate.writes_and_ends(),
             _ => false,

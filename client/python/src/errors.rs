@@ -17,6 +17,7 @@ import_exception!(isotherm._errors, Full);
 import_exception!(isotherm._errors, IsothermError);
 import_exception!(isotherm._errors, NoService);
 import_exception!(isotherm._errors, NoSuchImu);
+import_exception!(isotherm._errors, NoiseError);
 import_exception!(isotherm._errors, Occupied);
 import_exception!(isotherm._errors, RecordingFault);
 import_exception!(isotherm._errors, SequenceError);

@@ -9,6 +9,7 @@ mod convert;
 mod errors;
 mod gravity_only;
 mod lag;
+mod noise;
 mod offline;
 mod owned;
 mod reader;
@@ -38,6 +39,8 @@ mod _isotherm {
     use crate::gravity_only::{GravityOnlyCalibration, calibrate_gravity_only, lengths};
     #[pymodule_export]
     use crate::lag::device;
+    #[pymodule_export]
+    use crate::noise::{noise, noise_of_rates};
     #[pymodule_export]
     use crate::offline::{
         Stability, read_increments, read_recording, regress, replay, verify, write_increments, write_recording,

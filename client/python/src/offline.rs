@@ -49,7 +49,7 @@ pub fn replay<'py>(
 
 /// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the commands do for a recording
 /// without it; each session begins soaked.
-fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
+pub fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
     let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
     let follows = table.lag_ns() != 0 && all().all(|sample| sample.lag_ns == 0);
     let (mut lag, mut session) = (Lag::new(table.lag_ns()), None);

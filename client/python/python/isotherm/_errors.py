@@ -94,6 +94,10 @@ class ComparisonError(IsothermError, ValueError):
     """Tables cannot be compared, or make no batch. `Comparison.check` raises it too: they differ by more than is required."""
 
 
+class NoiseError(IsothermError, ValueError):
+    """The noise cannot be computed: fewer than 1000 rows at rest without a gap, rates that never change or that are not finite."""
+
+
 class StabilityError(IsothermError, ValueError):
     """The stability cannot be computed from a recording: it is too short, not still, or has values that are not finite.
 

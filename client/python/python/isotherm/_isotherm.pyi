@@ -39,6 +39,8 @@ __all__ = [
     "compare",
     "convert",
     "device",
+    "noise",
+    "noise_of_rates",
     "read_increments",
     "read_recording",
     "read_text",
@@ -568,6 +570,8 @@ def verify(
     other_device: bool,
     recording: str,
 ) -> Stability: ...
+def noise(samples: _Bytes, table: Table | None, part: tuple[float, float], recording: str) -> tuple[str, str, str | None]: ...
+def noise_of_rates(rates: _Doubles, interval_s: float, telemetry: _Doubles | None) -> str: ...
 def calibrate(
     text: str,
     name: str,

@@ -137,6 +137,54 @@ def regress(
     return document
 
 
+def noise(
+    samples: Records | pd.DataFrame | npt.ArrayLike,
+    *,
+    interval: float | None = None,
+    telemetry: npt.ArrayLike | None = None,
+    table: Table | None = None,
+    start: float = 0.0,
+    end: float = math.inf,
+    report: AnyPath | None = None,
+    kalibr: AnyPath | None = None,
+    recording: str = "array",
+) -> dict[str, Any]:
+    """The noise of an IMU at rest, as `isotherm noise` shows it: Allan deviation with 95 % intervals, and the coefficients Q, N, B and K.
+
+    `samples` are those of a recording, as an array of RAW_SAMPLE or a data frame with its columns. The longest stretch without a gap, a movement
+    or a new session is analysed, between `start` and `end` [s since the begin of the first sample]. With `table` the outputs are compensated, in
+    g0 and deg/h; without one they are counts a second. The result is the document of `isotherm noise --json`. `report` (HTML) and `kalibr`
+    (imu.yaml, needs a table) are files that are written. `recording` is the name of the samples in messages and files.
+
+    With `interval` [s], `samples` are the rates of one sensor instead, in any unit, that far apart; `telemetry` are temperatures of the same
+    length, if the part that a straight line in them explains is to be seen. The result is what the document has for one sensor, with "unit" for
+    the unit of the rates. All rates are used: nothing looks for gaps or movement.
+
+    Raises NoiseError with fewer than 1000 rows.
+    """
+    if interval is not None:
+        if not (math.isfinite(interval) and interval > 0.0):
+            raise ValueError(f"interval is {interval}, give seconds over 0")
+        if table is not None or report is not None or kalibr is not None or (start, end) != (0.0, math.inf):
+            raise ValueError("table, start, end, report and kalibr are for samples of a recording, not for rates with an interval")
+        rates, heads = flat_doubles(samples), None if telemetry is None else flat_doubles(telemetry)
+        if heads is not None and len(heads) != len(rates):
+            raise ValueError("rates and telemetry must be of one length")
+        text = _isotherm.noise_of_rates(rates, interval, heads)
+    else:
+        if telemetry is not None:
+            raise ValueError("telemetry is for rates with an interval; samples have their own")
+        if not 0.0 <= start < end:
+            raise ValueError(f"start is {start}, end is {end}: give seconds from 0, the start before the end")
+        if kalibr is not None and table is None:
+            raise ValueError("kalibr needs a table: counts have no unit")
+        text, page, yaml = _isotherm.noise(sample_bytes(samples), table, (start, end), recording)
+        write_together([(path, content) for path, content in ((report, page), (kalibr, yaml)) if path is not None and content is not None])
+    document = json.loads(text)
+    assert isinstance(document, dict)
+    return document
+
+
 class Calibration:
     """The result of a calibration."""
 

@@ -1,0 +1,124 @@
+//! `noise`: the Allan deviation of a recording at rest.
+
+use super::common::{Refused, choice, inputs, or_document};
+use crate::parse::from_zero;
+use crate::progress::{bytes_bar, spinner};
+use clap::Args;
+use isotherm_calibration::allan::NoiseAnalysis;
+use isotherm_calibration::allan::kalibr::imu_yaml;
+use isotherm_calibration::provenance::{now, tool};
+use isotherm_calibration::report::noise::{self, NoiseSource};
+use isotherm_client::{ImuId, RawSample};
+use isotherm_failure::{Exit, Failure, tell};
+use isotherm_files::{
+    StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
+};
+use isotherm_recording_formats::read::{ImuChoice, Samples};
+use std::path::PathBuf;
+
+/// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk
+///
+/// The longest stretch of rows without a gap, a movement or a new session is analysed; it needs 1000 rows, and hours for a random walk. With a
+/// table the outputs are compensated, in g0 and deg/h; without one they are counts a second. The model with Q, N, B and K is fitted with the exact
+/// covariance of the Allan variances. What is not significant is given as "below" a limit. If the model does not hold, there are no ranges.
+///
+/// Where a straight line of the rate in head telemetry explains a part of the curve, the sensor is contaminated by the temperature, and the curve
+/// without the line is beside.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
+)]
+pub struct Noise {
+    /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
+    #[arg(value_name = "RAW", required = true)]
+    recording: Vec<PathBuf>,
+    /// Coefficient table
+    #[arg(long, value_name = "TABLE")]
+    table: Option<PathBuf>,
+    /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
+    #[arg(long, value_name = "ID")]
+    imu: Option<ImuId>,
+    /// Leave out what is before this time since the begin of the recording [s]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = from_zero)]
+    from: Option<f64>,
+    /// Leave out what is after this time since the begin of the recording [s]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = from_zero)]
+    to: Option<f64>,
+    /// Where the report goes (HTML)
+    #[arg(long, value_name = "R.html")]
+    report: Option<PathBuf>,
+    /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s
+    #[arg(long, value_name = "FILE.yaml", requires = "table")]
+    kalibr: Option<PathBuf>,
+    /// Print one JSON document instead of the text, also of a failure
+    #[arg(long)]
+    json: bool,
+}
+
+impl Noise {
+    pub fn run(self) -> Result<(), Failure> {
+        or_document(self.json, self.show())
+    }
+
+    fn show(self) -> Result<(), Refused> {
+        let part = [self.from.unwrap_or(0.0), self.to.unwrap_or(f64::INFINITY)];
+        if part[0] >= part[1] {
+            return Err(Failure::new(Exit::Usage, "--from is not before --to").into());
+        }
+        let mut files = inputs(&self.recording);
+        files.extend(self.table.as_deref().map(|table| (table, "the table")));
+        refuse_overlap(&files, &[self.report.as_deref(), self.kalibr.as_deref()])?;
+        check_written(None, check_stdout())?;
+        let table = match &self.table {
+            Some(path) => Some(load_table(path, None, WorldWritable::Allow)?.0),
+            None => None,
+        };
+        let staged = |path: &Option<PathBuf>| path.as_deref().map(|path| StagedText::create(Some(path))).transpose();
+        let (page, yaml) = (staged(&self.report)?, staged(&self.kalibr)?);
+        let imu = match (&self.imu, &table) {
+            (imu, Some(table)) => choice(imu.clone(), table),
+            (Some(imu), None) => ImuChoice::Only(imu.clone()),
+            (None, None) => ImuChoice::Any,
+        };
+        let bar = bytes_bar(&self.recording, "reading");
+        let mut samples = Samples::open(&self.recording, imu, &bar)?;
+        samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
+        let rows: Vec<RawSample> = samples.collect::<Result<_, _>>()?;
+        bar.finish_and_clear();
+        let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
+        let recording = names.join(", ");
+        let spinner = spinner("fitting");
+        let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
+        spinner.finish_and_clear();
+        let analysis = analysis.map_err(|error| {
+            let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
+            if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
+        })?;
+        for warning in analysis.warnings() {
+            tell("isotherm", format_args!("warning: {recording}: {warning}"));
+        }
+        if let (Some(yaml), Some(table)) = (yaml, &table) {
+            let text = imu_yaml(&analysis, table.content().gravity, &recording);
+            let text = text.ok_or_else(|| Failure::new(Exit::Usage, "--kalibr needs --table: counts have no unit"))?;
+            yaml.write(&text)?.finish()?;
+        }
+        if let Some(page) = page {
+            let of_table = table.as_ref().map(|table| table.content().imu.to_string());
+            let source = NoiseSource {
+                tool: tool(),
+                time: now(),
+                imu: of_table.or(self.imu.map(|imu| imu.to_string())).unwrap_or_else(|| recording.clone()),
+                recording,
+                table: (self.table.iter().zip(&table))
+                    .map(|(path, table)| [path.display().to_string(), table.digest().to_string()])
+                    .next(),
+            };
+            page.write(&noise::html(&analysis, &source))?.finish()?;
+        }
+        if self.json {
+            Ok(print_data(&format!("{:#}\n", noise::json::document(&analysis)))?)
+        } else {
+            Ok(print(&noise::text::text(&analysis))?)
+        }
+    }
+}
