@@ -61,6 +61,12 @@ impl Quantity {
         (self.values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
     }
 
+    /// Whether it is not the same in all units, which no unit could stand out in.
+    fn differs(&self) -> bool {
+        let [low, high] = self.range();
+        high - low > 1e-12 * low.abs().max(high.abs())
+    }
+
     /// Smallest and largest value.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
@@ -146,8 +152,7 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
     }
     found.add_residuals(tables);
     // What is the same in all units is no quantity that a unit can stand out in.
-    let judged: Vec<_> =
-        (0..found.quantities.len()).filter(|q| found.quantities[*q].t.iter().any(Option::is_some)).collect();
+    let judged: Vec<_> = (0..found.quantities.len()).filter(|q| found.quantities[*q].differs()).collect();
     let values: Vec<_> = judged.iter().map(|q| found.quantities[*q].values.clone()).collect();
     found.stand_outs = stand_outs(&values).map(|all| {
         let place = |it: StandOut| StandOut { quantity: judged[it.quantity], ..it };
@@ -257,7 +262,7 @@ impl Batch {
     /// Quantities that a unit can stand out in.
     #[must_use]
     pub fn judged(&self) -> usize {
-        self.quantities.iter().filter(|quantity| quantity.t.iter().any(Option::is_some)).count()
+        self.quantities.iter().filter(|quantity| quantity.differs()).count()
     }
 
     /// The size of t that a value must exceed to stand out; `None` under five units.

@@ -300,6 +300,7 @@ fn has_unit(key: &str) -> bool {
         || ["windows_in_group", "factor", "exit_code", "part", "interval_ratio"].contains(&key)
         || ["_urad", "_in_unit_per_year"].iter().any(|unit| key.ends_with(unit))
         || ["years", "degrees_of_freedom", "band_factor", "largest_ratio", "p", "chi2"].contains(&key)
+        || ["t", "limit_t", "ratio", "gains"].contains(&key)
 }
 
 /// Asserts that each number has the unit of its key, or of the key above `value` and `interval`.
@@ -338,6 +339,23 @@ fn the_json_of_a_comparison_has_units() {
     let found = document(78, &[&old, &other]);
     assert_eq!(found["exit_code"], 78);
     assert!(found["error"].as_str().unwrap().contains("tables of two IMUs: imu-a, imu-b"), "{found}");
+}
+
+#[test]
+fn the_json_of_a_batch_has_units() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let text = fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap();
+    let imus = "imus = [{ id = \"imu-a\" }, { id = \"imu-b\" }, { id = \"imu-c\" }]\nsamples = \"{imu}.csv\"";
+    fs::write(at("campaign.toml"), text.replace("imu = \"imu-paper\"\nsamples = \"samples.csv\"", imus)).unwrap();
+    for name in ["imu-a", "imu-b"] {
+        fs::copy(format!("{EXAMPLES}/campaign/samples.csv"), at(&format!("{name}.csv"))).unwrap();
+    }
+    let (out, err) = run(folder.path(), 1, &["calibrate", "campaign.toml", "-o", "{imu}.toml", "--json"]);
+    let document: Value = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
+    assert_units("", &document);
+    assert_eq!(document["imus"][2]["dropped"]["file"], "imu-c.csv");
+    assert_eq!(document["batch"]["quantities"][0]["values_in_unit"].as_array().unwrap().len(), 2);
 }
 
 #[test]

@@ -64,8 +64,20 @@ fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
     let mut all = Vec::new();
     helps(&[], &mut all);
     assert!(all.len() > 22, "{}", all.len());
-    let without =
-        ["calibrate", "check", "compare", "completions", "demo", "man", "regress", "replay", "rollback", "verify"];
+    let without = [
+        "calibrate",
+        "check",
+        "compare",
+        "completions",
+        "convert",
+        "demo",
+        "man",
+        "noise",
+        "regress",
+        "replay",
+        "rollback",
+        "verify",
+    ];
     let without_below =
         ["campaign check", "campaign status", "campaign stop", "simulate campaign", "simulate ramp", "simulate run"];
     for (path, help) in all {

@@ -22,12 +22,19 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     let tumble = format!("{DATA}/tumble3/recording.csv");
     let calibrate = arguments(&tumble, ["9.79179", "9.80665"], &["--report", "r.html"]);
     let (out, err) = run(folder.path(), 0, &calibrate);
-    assert!(out.is_empty() && err.starts_with("78 standstills at 3 temperatures, 0 too short, digest sha256:"), "{out}{err}");
+    assert!(
+        out.is_empty() && err.starts_with("78 standstills at 3 temperatures, 0 too short, digest sha256:"),
+        "{out}{err}"
+    );
     assert!(err.contains("not observable without a turntable: a rotation"), "{err}");
     let (out, _) = run(folder.path(), 0, &["check", "table.toml"]);
     assert!(out.contains("seal intact"), "{out}");
     let page = fs::read_to_string(folder.path().join("r.html")).unwrap();
-    assert!(page.contains("without a turntable") && page.matches("<svg").count() == 10 && !page.contains("http://"), "{}", page.len());
+    assert!(
+        page.contains("without a turntable") && page.matches("<svg").count() == 10 && !page.contains("http://"),
+        "{}",
+        page.len()
+    );
     // Local gravity is that of the provenance, and the lengths are compared without being asked for.
     let verify = ["verify", "--table", "table.toml", &tumble, "--require", "scale=50ppm", "--report", "v.html"];
     let (out, _) = run(folder.path(), 0, &verify);
@@ -106,6 +113,10 @@ fn a_refusal_names_parameters_and_writes_nothing() {
     // All four facts are needed.
     let (_, err) = run(folder.path(), 64, &["calibrate", "--gravity-only", &ferraris, "-o", "t.toml", "--imu", "i"]);
     assert!(err.contains("--gravity-local"), "{err}");
-    let (_, err) = run(folder.path(), 65, &arguments(&ferraris, gravity, &["--strict", "--no-misalignment", "--temperature-range", "0,50"]));
+    let (_, err) = run(
+        folder.path(),
+        65,
+        &arguments(&ferraris, gravity, &["--strict", "--no-misalignment", "--temperature-range", "0,50"]),
+    );
     assert!(err.contains("--strict"), "{err}");
 }

@@ -387,11 +387,17 @@ fn list_columns(names: impl IntoIterator<Item = String>) -> String {
     }
 }
 
-/// Splits a plain decimal (at most one minus sign, at most one point, up to 18 digits): 1 if it is negative, else 0; its digits
-/// as one integer; the number of digits after the point. `None` for any other field, which the standard library then parses.
+/// Splits a plain decimal with a point, as [`digits_with`].
+#[inline]
+fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
+    digits_with(field, b'.')
+}
+
+/// Splits a plain decimal (at most one minus sign, at most one decimal mark, up to 18 digits): 1 if it is negative, else 0; its digits
+/// as one integer; the number of digits after the mark. `None` for any other field, which the standard library then parses.
 #[inline]
 #[must_use]
-pub fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
+pub fn digits_with(field: &[u8], mark: u8) -> Option<(usize, u64, usize)> {
     let (negative, unsigned) = match field.split_first() {
         Some((b'-', rest)) => (1, rest),
         _ => (0, field),
@@ -403,11 +409,11 @@ pub fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
                 mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
                 count += 1;
             }
-            b'.' if point.is_none() => point = Some(index + 1),
+            byte if *byte == mark && point.is_none() => point = Some(index + 1),
             _ => return None,
         }
     }
-    // A field that ends with the point is left to the standard library. 18 digits cannot overflow.
+    // A field that ends with the mark is left to the standard library. 18 digits cannot overflow.
     let after = point.map_or(0, |point| unsigned.len() - point);
     ((1..=18).contains(&count) && (point.is_none() || after > 0)).then_some((negative, mantissa, after))
 }
@@ -425,7 +431,7 @@ fn decimal(field: &[u8]) -> Option<f64> {
     digits(field).and_then(nearest_double)
 }
 
-/// The nearest double of a decimal that [`digits`] has split; `None` if it has too many digits for one division.
+/// The nearest double of a decimal that [`digits_with`] has split; `None` if it has too many digits for one division.
 #[inline]
 #[must_use]
 pub fn nearest_double((negative, mantissa, after): (usize, u64, usize)) -> Option<f64> {

@@ -183,6 +183,8 @@ pub struct RawCsvWriter<W> {
     /// The columns, by their index in [`RAW`].
     columns: Vec<usize>,
     plain: bool,
+    /// The bits of the last double, and its text: all telemetry of a row is often the same.
+    last: (u64, Vec<u8>),
     row: Vec<u8>,
 }
 
@@ -206,7 +208,7 @@ impl<W: Write> RawCsvWriter<W> {
         let columns = columns(telemetry_ns, layout);
         let names: Vec<_> = columns.iter().map(|index| RAW[*index].name).collect();
         writeln!(sink, "{leading}{comma}{}", names.join(","))?;
-        Ok(Self { sink, leading: !leading.is_empty(), columns, plain: false, row: Vec::new() })
+        Ok(Self { sink, leading: !leading.is_empty(), columns, plain: false, last: (0, Vec::new()), row: Vec::new() })
     }
 
     /// Appends rows to a file that already has a header of [`new`](Self::new). `leading` says whether the file has the caller's own columns.
@@ -218,13 +220,20 @@ impl<W: Write> RawCsvWriter<W> {
     /// Appends rows to a file that already has a header of [`with_layout`](Self::with_layout).
     #[must_use]
     pub fn resume_with_layout(sink: W, leading: bool, telemetry_ns: bool, layout: Layout) -> Self {
-        Self { sink, leading, columns: columns(telemetry_ns, layout), plain: false, row: Vec::new() }
+        Self {
+            sink,
+            leading,
+            columns: columns(telemetry_ns, layout),
+            plain: false,
+            last: (0, Vec::new()),
+            row: Vec::new(),
+        }
     }
 
     /// Writes whole telemetry without a decimal point, 25 and not 25.0. It reads back as the same double.
     #[must_use]
     pub fn with_plain_whole_numbers(self) -> Self {
-        Self { plain: true, ..self }
+        Self { plain: true, last: (0, Vec::new()), ..self }
     }
 
     /// Writes one row. `leading` has the comma-separated values of the caller's own columns.
@@ -239,9 +248,19 @@ impl<W: Write> RawCsvWriter<W> {
         }
         for index in &self.columns {
             let (kind, value) = (RAW[*index].kind, load(raw, *index));
-            match kind {
-                ColumnKind::F64 if self.plain => append_plain(f64::from_bits(value), row),
-                _ => append_value(kind, value, row),
+            if kind == ColumnKind::F64 {
+                let (bits, text) = &mut self.last;
+                if *bits != value || text.is_empty() {
+                    *bits = value;
+                    text.clear();
+                    match self.plain {
+                        true => append_plain(f64::from_bits(value), text),
+                        false => append_value(kind, value, text),
+                    }
+                }
+                row.extend_from_slice(text);
+            } else {
+                append_value(kind, value, row);
             }
             row.push(b',');
         }

@@ -73,6 +73,11 @@ impl RecordedRow {
 pub fn append_value(kind: ColumnKind, value: u64, text: &mut Vec<u8>) {
     // Writing to memory cannot fail, so the results are dropped.
     let _ = match kind {
+        // As most pulses of the channel that does not count.
+        ColumnKind::U64 | ColumnKind::U32 if value < 10 => {
+            text.push(b'0' + value as u8);
+            Ok(())
+        }
         ColumnKind::U64 | ColumnKind::U32 => write!(text, "{value}"),
         ColumnKind::F64 => write!(text, "{:?}", f64::from_bits(value)),
         ColumnKind::Hex => write!(text, "{value:016x}"),

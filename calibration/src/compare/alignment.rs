@@ -3,7 +3,7 @@
 use super::curves::welch;
 use super::requirement::Verdict;
 use super::table::Form;
-use crate::curve::student_quantile_of;
+use crate::regression::f_limit;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
@@ -44,7 +44,8 @@ impl AlignmentComparison {
                 [_, 0.0] => freedom(old)?,
                 both => welch(both, [freedom(old)?, freedom(new)?]),
             };
-            let quantile = student_quantile_of(1.0 - FALSE_ALARM / MISALIGNMENTS, freedom);
+            // t squared is F with 1 and n degrees of freedom.
+            let quantile = f_limit(FALSE_ALARM / MISALIGNMENTS, 1.0, freedom).sqrt();
             Some(quantile * (variances[0] + variances[1]).sqrt() * 1e6)
         };
         let row = |i: usize| Some([half_width(i, 0)?, half_width(i, 1)?, half_width(i, 2)?]);

@@ -9,12 +9,15 @@ use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, Matrix3};
 use toml::{Table, Value};
 
+/// Degrees of freedom that can be: of a fit of two set points, to more than a campaign can have.
+const FREEDOM: core::ops::RangeInclusive<f64> = 1.0..=1e6;
+
 /// The covariance of a curve's coefficients.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveErrors {
     /// In the unit and the powers of the table's polynomial; as many rows as it has coefficients.
     pub covariance: DMatrix<f64>,
-    /// Degrees of freedom, at least 1.
+    /// Degrees of freedom, 1 to 1e6.
     pub freedom: f64,
 }
 
@@ -132,7 +135,7 @@ fn quantity_of(axis: &Axis, kind: SensorKind, quantity: usize) -> (&Polynomial, 
 }
 
 fn curve_errors(record: &Table, polynomial: &Polynomial) -> Option<CurveErrors> {
-    let freedom = number(record.get("degrees_of_freedom")?).filter(|freedom| *freedom >= 1.0)?;
+    let freedom = number(record.get("degrees_of_freedom")?).filter(|freedom| FREEDOM.contains(freedom))?;
     let rows = matrix(record.get("covariance")?)?;
     let count = polynomial.coefficients().len();
     let square = rows.len() == count && rows.iter().all(|row| row.len() == count);

@@ -80,10 +80,28 @@ fn statistics(page: &mut Page, batch: &Batch) {
         "t: a unit's value less the mean of the others, over the standard deviation of such a difference. It is judged by Student's t with two degrees of \
          freedom less than there are units; 5 % are shared among all units and quantities. Units are taken out one at a time, a quarter at most.",
     );
+    let numbered = |unit: usize| {
+        let points = batch
+            .quantities
+            .iter()
+            .enumerate()
+            .filter_map(move |(q, quantity)| Some((q as f64 + 1.0, quantity.t[unit]?)));
+        points.collect::<Vec<_>>()
+    };
+    let plot = Plot::new("Distance of each unit from the others", "Quantity, by its row", "t").zero_line();
+    let plot = batch
+        .units
+        .iter()
+        .enumerate()
+        .take(MOST_DRAWN)
+        .fold(plot, |plot, (index, unit)| plot.series(unit, Style::Points, numbered(index)));
+    let caption =
+        batch.limit().map_or_else(String::new, |limit| format!("A unit stands out beyond {limit:.1} to either side."));
+    page.figure(&plot.svg(), &caption);
     page.heading(2, "family", "One curve for all");
     page.paragraph(
         "Each curve less its mid value, against the mean of the other units. A family curve is useful if it halves the rms and three quarters of the units \
-         gain: then the constants alone of a new unit give a coarse table.",
+         gain: then a new unit's constants with this curve are a coarse table.",
     );
     let row = |curve: &BatchCurve| {
         let family = curve.family.as_ref()?;

@@ -1,5 +1,6 @@
 //! `calibrate`: makes a coefficient table from a campaign.
 
+mod batch;
 mod gravity_only;
 
 use super::common::{Refused, inputs, or_document};
@@ -8,13 +9,14 @@ use clap::Args;
 use gravity_only::GravityOnlyArgs;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{CalibrationError, CalibrationOptions, Method};
-use isotherm_calibration::campaign::Campaign;
+use isotherm_calibration::campaign::{Campaign, IMU};
 use isotherm_calibration::checks::name;
 use isotherm_calibration::gyroscopes::{Measurements, calibrate, observable, read};
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
 use isotherm_calibration::ramps;
 use isotherm_calibration::report;
 use isotherm_calibration::transients::{LagChoice, RampRecording};
+use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, print_data, read_text, refuse_overlap};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
@@ -33,7 +35,7 @@ use std::path::{Path, PathBuf};
 /// standstills in them are found, and the length of gravity is the reference.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
 )]
 pub struct Calibrate {
     /// Campaign file; it names the samples. With --gravity-only: a recording
@@ -48,6 +50,11 @@ pub struct Calibrate {
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
+    /// Where the report of a batch goes (HTML): the spread of its IMUs, and which one stands out
+    ///
+    /// For a campaign file with several IMUs. In -o and --report, {imu} stands for the name of each
+    #[arg(long, value_name = "BATCH.html", conflicts_with = "gravity_only")]
+    batch: Option<PathBuf>,
     /// Order of every polynomial, 0 to 7; auto chooses each from the data
     #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
     order: PolynomialOrder,
@@ -154,24 +161,37 @@ struct Results {
 
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
-        or_document(self.json, self.make_table())
+        or_document(self.json, self.make_tables())?
     }
 
-    fn make_table(self) -> Result<(), Refused> {
+    /// Makes the table, or those of a batch. The inner result tells which IMUs of a batch were dropped; what is printed has them too.
+    fn make_tables(&self) -> Result<Result<(), Failure>, Refused> {
         if self.json && self.output == Path::new("-") {
             let message = "--json and -o - both go to stdout; give the table a file";
             return Err(Failure::new(Exit::Usage, message).into());
         }
         if let Some((campaign, recordings)) = self.described() {
-            return self.of_recordings(&campaign, &recordings, None);
+            let results = self.of_recordings(&campaign, &recordings, None)?;
+            return Ok(Ok(self.print_json(&results.json)?));
         }
         let (text, _) = read_text(&self.campaign, WorldWritable::Allow)?;
-        let campaign = Campaign::from_toml(&text);
-        let campaign = campaign.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
+        let campaigns = Campaign::batch_from_toml(&text);
+        let campaigns = campaigns.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
+        match (self.chosen(campaigns)?.as_slice(), &self.batch) {
+            ([campaign], None) => {
+                let results = self.make_table(campaign, &text)?;
+                Ok(Ok(self.print_json(&results.json)?))
+            }
+            (campaigns, _) => self.make_batch(campaigns, &text),
+        }
+    }
+
+    /// Makes the table of one IMU. `text` is that of the campaign file.
+    fn make_table(&self, campaign: &Campaign, text: &str) -> Result<Results, Refused> {
         let folder = self.campaign.parent().unwrap_or(Path::new(""));
-        let samples = self.sample_files(&campaign, folder)?;
+        let samples = self.sample_files(campaign, folder)?;
         if campaign.gravity_only {
-            return self.of_recordings(&campaign, &samples, Some(&text));
+            return self.of_recordings(campaign, &samples, Some(text));
         }
         self.without_turntable.refuse_options()?;
         let ramp_files: Vec<_> = campaign.ramps.iter().map(|ramp| folder.join(&ramp.samples)).collect();
@@ -180,22 +200,23 @@ impl Calibrate {
         files.extend(inputs(&ramp_files));
         files.extend(curves_file.iter().map(|path| (path.as_path(), "the table curves")));
         files.push((&self.campaign, "the campaign file"));
-        refuse_overlap(&files, &[Some(&self.output), self.report.as_deref()])?;
+        let [output, report] = self.outputs(&campaign.imu);
+        refuse_overlap(&files, &[output.as_deref(), report.as_deref(), self.batch.as_deref()])?;
         let first = samples.first().unwrap_or(&self.campaign);
         let curves = curves_file.as_ref().map(|path| load_table(path, Some(&campaign.imu), WorldWritable::Allow));
         let curves = curves.transpose()?.map(|(table, _)| table);
         if curves.is_none() {
             // Checked first, because reading may take minutes.
-            observable(&campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
+            observable(campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
         }
         // Both files are created before the fit, so that either both are written or none.
-        let table = StagedText::create(Some(&self.output))?;
-        let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let table = StagedText::create(output.as_deref())?;
+        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (mut measurements, places, samples_sha256) = match &curves {
             Some(_) => <_>::default(),
-            None => read_samples(&campaign, &samples)?,
+            None => read_samples(campaign, &samples)?,
         };
-        let (recordings, ramps_sha256) = read_ramps(&campaign, &ramp_files)?;
+        let (recordings, ramps_sha256) = read_ramps(campaign, &ramp_files)?;
         let locate = |line| places.locate(line);
         let options = self.options()?;
         let source = CampaignSource {
@@ -210,12 +231,12 @@ impl Calibrate {
         let failed = |message| Failure::new(Exit::Failed, message);
         let spinner = spinner("fitting");
         let results = if let Some(curves) = &curves {
-            let fitted = ramps::calibrate(&campaign, &recordings, curves, options);
+            let fitted = ramps::calibrate(campaign, &recordings, curves, options);
             spinner.finish_and_clear();
             let fitted = fitted.map_err(refused)?;
-            let html = || report::ramps::html(&campaign, &fitted, &source);
+            let html = || report::ramps::html(campaign, &fitted, &source);
             Results {
-                table: sealed_ramp_table(&campaign, &fitted, &source).map_err(failed)?,
+                table: sealed_ramp_table(campaign, &fitted, &source).map_err(failed)?,
                 text: report::text::ramps(&fitted),
                 html: page.as_ref().map_or_else(String::new, |_| html()),
                 json: report::json::ramps(&fitted, locate),
@@ -223,12 +244,12 @@ impl Calibrate {
             }
         } else {
             measurements.ramps = recordings;
-            let fitted = calibrate(&campaign, measurements, options);
+            let fitted = calibrate(campaign, measurements, options);
             spinner.finish_and_clear();
             let fitted = fitted.map_err(refused)?;
-            let html = || report::calibration::html(&campaign, &fitted, &source);
+            let html = || report::calibration::html(campaign, &fitted, &source);
             Results {
-                table: sealed_table(&campaign, &fitted, &source).map_err(failed)?,
+                table: sealed_table(campaign, &fitted, &source).map_err(failed)?,
                 text: report::text::calibration(&fitted),
                 html: page.as_ref().map_or_else(String::new, |_| html()),
                 json: report::json::calibration(&fitted, locate),
@@ -238,8 +259,8 @@ impl Calibrate {
         self.write(results, table, page)
     }
 
-    /// Writes the table and the report, and prints the rest.
-    fn write(&self, results: Results, table: StagedText, page: Option<StagedText>) -> Result<(), Refused> {
+    /// Writes the table and the report, and prints warnings and text.
+    fn write(&self, results: Results, table: StagedText, page: Option<StagedText>) -> Result<Results, Refused> {
         for warning in &results.warnings {
             tell("isotherm", warning);
         }
@@ -249,10 +270,21 @@ impl Calibrate {
         let mut texts = vec![table.write(&results.table)?];
         texts.extend(page.map(|page| page.write(&results.html)).transpose()?);
         StagedText::finish_together(texts)?;
-        if self.json {
-            print_data(&format!("{:#}\n", results.json))?;
-        }
-        Ok(())
+        Ok(results)
+    }
+
+    /// Prints the document of `--json`.
+    fn print_json(&self, document: &Value) -> Result<(), Failure> {
+        if self.json { print_data(&format!("{document:#}\n")) } else { Ok(()) }
+    }
+
+    /// Where table and report of an IMU go.
+    fn outputs(&self, imu: &ImuId) -> [Option<PathBuf>; 2] {
+        let named = |path: &Path| match path.to_str() {
+            Some(text) => PathBuf::from(text.replace(IMU, imu.as_str())),
+            None => path.to_owned(),
+        };
+        [Some(self.output.as_path()), self.report.as_deref()].map(|path| path.map(named))
     }
 
     /// The files of the samples: those that are given, or that the campaign file names.

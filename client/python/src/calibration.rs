@@ -7,7 +7,7 @@ use crate::table::Table;
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration as Figures, CalibrationOptions, Method};
-use isotherm_calibration::campaign::{Campaign, Dwell};
+use isotherm_calibration::campaign::{Campaign, Dwell, select};
 use isotherm_calibration::checks::{Finding, Severity, name};
 use isotherm_calibration::gyroscopes::{FittedRun, Measurements, calibrate as fit, observable, read};
 use isotherm_calibration::order::OrderTable;
@@ -49,9 +49,15 @@ enum FittedCampaign {
 
 /// The sample files that a campaign file's text names; None with ramps alone.
 #[pyfunction]
-pub fn samples_of(text: &str, name: &str) -> PyResult<Option<Vec<String>>> {
-    let campaign = Campaign::from_toml(text).map_err(|all| faults(name, &all))?;
+pub fn samples_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Option<Vec<String>>> {
+    let campaign = campaign_of(text, name, imu)?;
     Ok((!campaign.has_ramps_alone()).then_some(campaign.samples))
+}
+
+/// The campaign of `imu`, or the only one.
+fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
+    let campaigns = Campaign::batch_from_toml(text).map_err(|all| faults(name, &all))?;
+    select(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
 }
 
 /// Text of a campaign file.
@@ -81,8 +87,9 @@ pub fn calibrate(
     strict: bool,
     other_device: bool,
     lag: Option<f64>,
+    imu: Option<&str>,
 ) -> PyResult<Calibration> {
-    let campaign = Campaign::from_toml(text).map_err(|all| faults(&name, &all))?;
+    let campaign = campaign_of(text, &name, imu)?;
     let found = Method::NAMES.iter().find(|(_, known)| *known == method);
     let Some((method, _)) = found else {
         return Err(PyValueError::new_err(format!("method is {method:?}, give \"one-stage\" or \"two-stage\"")));

@@ -721,3 +721,20 @@ def test_batch_of_tables(tmp_path: Path) -> None:
     assert isotherm.batch(units[:4]).stand_outs is None
     with pytest.raises(isotherm.ComparisonError, match="two tables are of imu-1"):
         isotherm.batch([*units, units[1]])
+
+
+def test_calibrate_one_imu_of_a_batch(tmp_path: Path) -> None:
+    text = CAMPAIGN.read_text().replace('imu = "imu-paper"\nsamples = "samples.csv"', 'imus = [{ id = "imu-a" }, { id = "imu-b" }]\nsamples = "{imu}.csv"')
+    (tmp_path / "campaign.toml").write_text(text)
+    for name in ("imu-a", "imu-b"):
+        (tmp_path / f"{name}.csv").write_bytes(CAMPAIGN.with_name("samples.csv").read_bytes())
+    calibration = isotherm.calibrate(tmp_path / "campaign.toml", imu="imu-b")
+    assert calibration.table.imu == "imu-b"
+    with pytest.raises(ValueError, match="campaign.toml: it has several IMUs; choose one of imu-a, imu-b"):
+        isotherm.calibrate(tmp_path / "campaign.toml")
+    # As a mapping; the command makes the same table.
+    settings = tomllib.loads(text)
+    again = isotherm.calibrate(settings, tmp_path / "imu-b.csv", imu="imu-b")
+    assert again.table == calibration.table
+    command("calibrate", tmp_path / "campaign.toml", "-o", tmp_path / "{imu}.toml", "--imu", "imu-b")
+    assert without_what_differs((tmp_path / "imu-b.toml").read_text()) == without_what_differs(calibration.text)

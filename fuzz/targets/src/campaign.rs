@@ -22,8 +22,9 @@ pub fn run(bytes: &[u8]) {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     let Ok(text) = str::from_utf8(&bytes[..end]) else { return };
     let text = if text.is_empty() { EXAMPLE } else { text };
-    let campaign = match Campaign::from_toml(text) {
-        Ok(campaign) => campaign,
+    let campaign = match Campaign::batch_from_toml(text) {
+        // The last IMU of a batch is as good as any.
+        Ok(mut campaigns) => campaigns.pop().expect("an IMU"),
         Err(faults) => return check_faults(text, &faults),
     };
     let samples = bytes.get(end + 1..);

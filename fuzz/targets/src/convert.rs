@@ -55,7 +55,8 @@ fn convert(mapping: Option<&str>) -> Option<String> {
             assert!((1..=MAX_INTERVAL_NS).contains(&sample.interval_ns), "{}", sample.interval_ns);
             before = Some(now);
         }
-        Ok(drop(conversion.notes()))
+        drop(conversion.notes());
+        Ok(())
     });
     let failure = converted.err()?;
     assert!([Exit::Data, Exit::Config, Exit::Usage].contains(&failure.exit), "{failure}");

@@ -1,8 +1,10 @@
 //! Input: any text as a coefficient table. Every refusal must name a line and a reason. An accepted table that is written and
 //! read again must be the same table with the same digest. `checked` must accept its answers to a plausible sample and to samples
-//! within, at the ends of and outside its ranges.
+//! within, at the ends of and outside its ranges. Compared with itself, whatever its provenance says, nothing has changed.
 
 use crate::{check_faults, checked};
+use isotherm_calibration::compare::compare;
+use isotherm_calibration::provenance::TableFile;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
@@ -19,6 +21,9 @@ pub fn run(bytes: &[u8]) {
     let again = again.unwrap_or_else(|faults| panic!("{faults}\n{written}"));
     assert_eq!(again.digest(), table.digest());
     assert_eq!(again, table);
+    let file = TableFile::from_toml("table.toml", text).unwrap_or_else(|faults| panic!("{faults}"));
+    let same = compare(vec![file.clone(), file], false).expect("the same ranges");
+    assert!(same.changed().is_empty() && same.curves.iter().all(|curve| curve.largest().0 == 0.0), "{same:?}");
 
     let triad = Triad {
         positive_pulses: [234, 0, 17],

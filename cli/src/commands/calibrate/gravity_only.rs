@@ -27,8 +27,8 @@ pub(super) struct GravityOnlyArgs {
     /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the next four options as keys
     #[arg(long, requires_all = ["imu", "gravity_local", "gravity_reference", "temperature_unit"])]
     pub gravity_only: bool,
-    /// The IMU that was measured
-    #[arg(long, value_name = "ID", requires = "gravity_only")]
+    /// The IMU that was measured; of a campaign file with several, the only one whose table is made
+    #[arg(long, value_name = "ID")]
     pub imu: Option<ImuId>,
     /// Gravity where the recordings were made [m/s2]
     #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
@@ -100,14 +100,15 @@ impl Calibrate {
         campaign: &Campaign,
         paths: &[PathBuf],
         file: Option<&str>,
-    ) -> Result<(), Refused> {
+    ) -> Result<Results, Refused> {
         self.refuse_turntable()?;
         let mut files = inputs(paths);
         files.extend(file.map(|_| (self.campaign.as_path(), "the campaign file")));
-        refuse_overlap(&files, &[Some(&self.output), self.report.as_deref()])?;
+        let [output, report] = self.outputs(&campaign.imu);
+        refuse_overlap(&files, &[output.as_deref(), report.as_deref(), self.batch.as_deref()])?;
         // Both files are created before the fit, so that either both are written or none.
-        let table = StagedText::create(Some(&self.output))?;
-        let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let table = StagedText::create(output.as_deref())?;
+        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (recordings, digests) = read(campaign, paths)?;
         let source = CampaignSource {
             tool: tool(),

@@ -295,6 +295,7 @@ def calibrate(
     strict: bool = False,
     other_device: bool = False,
     lag: float | Literal["none"] | None = None,
+    imu: str | None = None,
 ) -> Calibration:
     """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate` does.
 
@@ -312,6 +313,8 @@ def calibrate(
     The ramps that the campaign names are read too, as CSV files relative to it (of a mapping: to the current folder). `lag` is the time constant
     of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. With ramps alone there are no
     `samples`.
+
+    `imu` is the one to calibrate, of a campaign file with several (`imus`).
     """
     if isinstance(campaign, Mapping):
         text, name, folder = campaign_toml(campaign), "campaign", Path()
@@ -319,7 +322,7 @@ def calibrate(
         text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
     given: Any
     if samples is None:
-        files = _isotherm.samples_of(text, name)
+        files = _isotherm.samples_of(text, name, imu)
         if files is None:
             given = None
         elif len(files) != 1:
@@ -337,7 +340,7 @@ def calibrate(
         raise ValueError('lag is 0, give a time constant in s, or "none"')
     seconds = 0.0 if lag == "none" else lag
     native = _isotherm.calibrate(
-        text, name, folder, given, fixed, method, alignment, list(exclude), names, strict, other_device, seconds
+        text, name, folder, given, fixed, method, alignment, list(exclude), names, strict, other_device, seconds, imu
     )
     return Calibration(native)
 

@@ -54,6 +54,17 @@ pub enum Decimal {
     Comma,
 }
 
+impl Decimal {
+    /// The mark itself.
+    #[must_use]
+    pub const fn byte(self) -> u8 {
+        match self {
+            Self::Point => b'.',
+            Self::Comma => b',',
+        }
+    }
+}
+
 /// A column: by its name in the header, or by its number from 1 in a text without header.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub enum ColumnRef {

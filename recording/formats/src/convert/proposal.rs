@@ -126,9 +126,10 @@ impl Text {
         if let Some(time) = time {
             let (unit, factor) = self.columns[time].unit();
             line(&mut out, format_args!("column = {}\nunit = \"{unit}\"", self.name(time)));
-            if let Some(step) = self.columns[time].median_step() {
-                let seconds = round(step * factor);
-                line(&mut out, format_args!("interval_s = {seconds:<21}# nominal, from the first rows: check it"));
+            let interval_s = self.columns[time].median_step().map(|step| round(step * factor));
+            // Any other is left to be found.
+            if let Some(seconds) = interval_s.filter(|seconds| (1e-6..=3600.0).contains(seconds)) {
+                line(&mut out, format_args!("interval_s = {seconds:<18} # nominal, from the first rows: check it"));
             }
         } else {
             out.push_str("interval_s = 0.01               # nominal; there is no column of the time\n");

@@ -4,7 +4,7 @@ use super::mapping::{ColumnRef, Decimal, Kind, Mapping, Sensors, Temperature};
 use super::{Reading, Source, proposal, pulses};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{
-    CsvColumn, DecimalMark, Rows, digits, looks_like_number, missing_columns, nearest_double,
+    CsvColumn, DecimalMark, Rows, digits_with, looks_like_number, missing_columns, nearest_double,
 };
 use isotherm_shared::wire::AXES;
 use std::borrow::Cow;
@@ -50,8 +50,8 @@ enum Telemetry {
 struct Marks {
     given: Option<Decimal>,
     found: DecimalMark,
-    has_point: bool,
-    has_comma: bool,
+    /// The mark that every further number must have, once it is known.
+    settled: Option<u8>,
 }
 
 /// A number of a field.
@@ -114,7 +114,8 @@ impl TextSource {
         let accelerometers = axes(&mapping.accelerometer)?;
         let gyroscopes = mapping.gyroscope.as_ref().map(axes).transpose()?;
         let found = DecimalMark::new(separator);
-        let marks = Marks { given: mapping.decimal, found, has_point: false, has_comma: false };
+        let settled = mapping.decimal.map(Decimal::byte);
+        let marks = Marks { given: mapping.decimal, found, settled };
         let kind = mapping.accelerometer.kind;
         let (header, waiting) = (mapping.header, !mapping.header);
         Ok(Self { rows, marks, waiting, count, header, time, accelerometers, gyroscopes, telemetry, kind })
@@ -224,8 +225,11 @@ impl Marks {
         match self.given {
             None => {
                 let result = self.found.with_point(line, text).map_err(Cow::Owned)?;
-                self.has_comma |= comma;
-                self.has_point |= point;
+                if point {
+                    self.settled = Some(b'.');
+                } else if comma && self.found.has_commas() == Ok(true) {
+                    self.settled = Some(b',');
+                }
                 Ok(result)
             }
             Some(Decimal::Comma) if point => Err("a number with a decimal comma, as the mapping says".into()),
@@ -235,14 +239,14 @@ impl Marks {
         }
     }
 
-    /// Whether a plain decimal with these digits after its point needs no look at the decimal mark: nothing new would be learnt.
-    fn is_settled(&self, after: usize) -> bool {
-        after == 0 || self.given == Some(Decimal::Point) || (self.given.is_none() && self.has_point && !self.has_comma)
+    /// The digits of a plain decimal that needs no look at the decimal mark: it has none, or the one that is known.
+    fn plain(&self, field: &[u8]) -> Option<(usize, u64, usize)> {
+        let split = digits_with(field, self.settled.unwrap_or(b'.'))?;
+        (split.2 == 0 || self.settled.is_some()).then_some(split)
     }
 
     fn number(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn, any: bool) -> Result<Number, RecordingError> {
-        if let Some(decimal) = digits(rows.field(column.index()))
-            && self.is_settled(decimal.2)
+        if let Some(decimal) = self.plain(rows.field(column.index()))
             && let Some(value) = nearest_double(decimal)
         {
             return Ok(Number { value, is_whole: decimal.2 == 0 });
@@ -259,9 +263,7 @@ impl Marks {
     /// The time of a field \[ns\], exactly: never by way of a floating-point number.
     fn time(&mut self, rows: &Rows<Box<dyn Read>>, column: &CsvColumn, power: u32) -> Result<u64, RecordingError> {
         let line = rows.line();
-        let field = rows.field(column.index());
-        if let Some((0, mantissa, after)) = digits(field)
-            && self.is_settled(after)
+        if let Some((0, mantissa, after)) = self.plain(rows.field(column.index()))
             && let Some(ns) = scaled(mantissa.into(), power as i32 - after as i32)
         {
             return Ok(ns);

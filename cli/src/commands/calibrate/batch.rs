@@ -1,0 +1,103 @@
+//! `calibrate` of a batch: a table for each IMU, and the statistics of all.
+
+use super::{Calibrate, Results};
+use crate::commands::common::Refused;
+use isotherm_calibration::batch::batch;
+use isotherm_calibration::campaign::{Campaign, IMU, select};
+use isotherm_calibration::provenance::{TableFile, now, tool};
+use isotherm_calibration::report::batch::{BatchSource, document, html, text};
+use isotherm_failure::{Exit, Failure, printable, tell};
+use isotherm_files::StagedText;
+use serde_json::{Value, json};
+use std::io::{self, Write as _};
+
+impl Calibrate {
+    /// The campaigns that tables are made of: all, or that of `--imu`.
+    pub(super) fn chosen(&self, campaigns: Vec<Campaign>) -> Result<Vec<Campaign>, Failure> {
+        let Some(imu) = &self.without_turntable.imu else { return Ok(campaigns) };
+        let chosen = select(campaigns, Some(imu.as_str()));
+        let chosen = chosen.map_err(|message| format!("--imu: {}: {message}", self.campaign.display()));
+        Ok(vec![chosen.map_err(|message| Failure::new(Exit::Usage, message))?])
+    }
+
+    /// Makes a table of each campaign, and the statistics of all tables. An IMU whose table is refused is dropped with its reason, and the others go on.
+    /// The inner result tells which ones were dropped.
+    pub(super) fn make_batch(&self, campaigns: &[Campaign], file: &str) -> Result<Result<(), Failure>, Refused> {
+        self.check_names(campaigns.len())?;
+        let page = self.batch.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let (mut tables, mut dropped, mut documents): (_, _, Vec<Value>) = (Vec::new(), Vec::new(), Vec::new());
+        for campaign in campaigns {
+            let imu = campaign.imu.as_str();
+            if !self.json {
+                let _ = io::stderr().write_all(format!("{imu}:\n").as_bytes());
+            }
+            match self.make_table(campaign, file) {
+                Ok(Results { table, json, .. }) => {
+                    let [output, _] = self.outputs(&campaign.imu);
+                    let name = output.unwrap_or_default().display().to_string();
+                    let read = TableFile::from_toml(name.clone(), &table);
+                    tables.push(read.map_err(|faults| Failure::new(Exit::Failed, format!("{name}: {faults}")))?);
+                    documents.push(json!({ "imu": imu, "table": name, "calibration": json }));
+                }
+                // The command line is wrong for all of them.
+                Err(refused) if refused.failure.exit == Exit::Usage => return Err(refused),
+                Err(Refused { failure, document }) => {
+                    tell("isotherm", format_args!("{imu} is dropped: {}", failure.message));
+                    documents.push(json!({ "imu": imu, "dropped": document }));
+                    dropped.push((imu.to_owned(), failure.message));
+                }
+            }
+        }
+        let statistics = batch(&tables);
+        let found = statistics.as_ref();
+        if let Some(page) = page {
+            let source = BatchSource {
+                tool: tool(),
+                time: now(),
+                source: self.campaign.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+                dropped: dropped.clone(),
+            };
+            let reason = found.map_err(ToString::to_string);
+            page.write(&html(reason.as_ref().copied().map_err(String::as_str), &source))?.finish()?;
+        }
+        if !self.json {
+            let text = found.map_or_else(|reason| format!("{reason}\n"), text);
+            let _ = io::stderr().write_all(printable(&text).as_bytes());
+        }
+        self.print_json(&json!({ "imus": documents, "batch": found.map_or(Value::Null, document) }))?;
+        if dropped.is_empty() {
+            return Ok(Ok(()));
+        }
+        let names: Vec<_> = dropped.iter().map(|(imu, _)| imu.as_str()).collect();
+        let message = format!(
+            "{}: {} of {} IMUs dropped, the reasons are above: {}",
+            self.campaign.display(),
+            dropped.len(),
+            campaigns.len(),
+            names.join(", ")
+        );
+        Ok(Err(Failure::new(Exit::Failed, message)))
+    }
+
+    /// Refuses names and samples that several IMUs would share.
+    fn check_names(&self, count: usize) -> Result<(), Failure> {
+        if count < 2 {
+            return Ok(());
+        }
+        let wrong = |message: String| Err(Failure::new(Exit::Usage, message));
+        for (option, path) in [("-o", Some(self.output.as_path())), ("--report", self.report.as_deref())] {
+            if let Some(path) = path.filter(|path| !path.to_string_lossy().contains(IMU)) {
+                let name = path.display();
+                return wrong(format!(
+                    "{option} {name}: there are {count} IMUs; give a name with {IMU} in it, or choose one with --imu"
+                ));
+            }
+        }
+        match self.samples.is_empty() {
+            true => Ok(()),
+            false => wrong(format!(
+                "samples: there are {count} IMUs, whose samples the campaign file names; choose one with --imu"
+            )),
+        }
+    }
+}
