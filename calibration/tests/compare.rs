@@ -1,4 +1,4 @@
-//! Comparison of tables: the reference's figures, error rates, and tables that `calibrate` makes.
+//! Comparison of tables: figures that a program without shared code has computed (`expected.json`), error rates, and what cannot be compared.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::compare::{Comparison, ComparisonRequirement, Convention, Verdict, YEAR_S, compare};
@@ -35,7 +35,7 @@ fn assert_figure(what: &str, found: f64, expected: &Value) {
 }
 
 #[test]
-fn the_figures_are_those_of_the_reference() {
+fn the_figures_are_those_of_an_independent_program() {
     let mut curves = 0;
     for (case, expected) in expected().as_object().unwrap() {
         let (names, require) = case.split_once(" --require ").unwrap_or((case, ""));

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{assert_self_contained, folder, run};
+use common::{assert_page, folder, run};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -55,7 +55,7 @@ fn a_recording_at_rest() {
     let counts = document(folder.path(), &NOISE[..2]);
     let ratio = white(&counts["sensors"][0]).0 / white(&with_table["sensors"][0]).0;
     assert!(counts["sensors"][0]["unit"] == "pulse/s" && (8e4..1e5).contains(&ratio), "{ratio}");
-    assert_self_contained(&at("r.html"), &["Floor of B, 0.664 B", "one-sided as in data sheets", "times apart"]);
+    assert_page(&at("r.html"), 2, &["Floor of B, 0.664 B", "one-sided as in data sheets", "times apart"]);
     let yaml = fs::read_to_string(at("imu.yaml")).unwrap();
     for start in
         ["rostopic: ", "update_rate: 10.000000", "accelerometer_noise_density: 3.", "accelerometer_random_walk: "]

@@ -100,6 +100,7 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
     domain.serve()
     for file in (TABLE, RUN, CAMPAIGN, CAMPAIGN.with_name("samples.csv")):
         shutil.copy(file, domain.folder)
+    shutil.copy(REPOSITORY / "calibration/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
     domain.isotherm("simulate", "run", "-o", domain.folder / "still", "--interval", "1")
     monkeypatch.chdir(domain.folder)
     plain = (EXAMPLES / "plain_iceoryx2.py").read_text()
