@@ -24,11 +24,13 @@ pub fn folder() -> TempDir {
 }
 
 /// Checks that a report with over six figures loads nothing from elsewhere, and has these texts.
+#[allow(dead_code, reason = "not every test has such a report")]
 pub fn assert_self_contained(path: &Path, contains: &[&str]) {
     assert_page(path, 6, contains);
 }
 
 /// Checks that a report with over `figures` figures loads nothing from elsewhere, and has these texts.
+#[allow(dead_code, reason = "not every test has a report")]
 pub fn assert_page(path: &Path, figures: usize, contains: &[&str]) {
     let html = fs::read_to_string(path).unwrap();
     for word in ["http://", "https://", "<script", "<link", "src=", "NaN", "inf<"] {

@@ -55,7 +55,7 @@ pub fn samples_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Option<
 }
 
 /// The campaign of `imu`, or the only one.
-fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
+pub fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
     let campaigns = Campaign::batch_from_toml(text).map_err(|all| faults(name, &all))?;
     select(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
 }

@@ -1,6 +1,7 @@
 //! Calibration and verification without a turntable, on arrays and files.
 
-use crate::errors::{CalibrationError, StabilityError, faults, recording};
+use crate::calibration::campaign_of;
+use crate::errors::{CalibrationError, StabilityError, recording};
 use crate::offline::tool;
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
@@ -49,6 +50,7 @@ pub fn calibrate_gravity_only(
     py: Python<'_>,
     text: &str,
     name: String,
+    imu: Option<&str>,
     recordings: Vec<Recorded<'_>>,
     window: f64,
     order: Option<usize>,
@@ -58,7 +60,7 @@ pub fn calibrate_gravity_only(
     temperature_range: Option<[f64; 2]>,
     other_device: bool,
 ) -> PyResult<GravityOnlyCalibration> {
-    let campaign = Campaign::from_toml(text).map_err(|all| faults(&name, &all))?;
+    let campaign = campaign_of(text, &name, imu)?;
     if !campaign.gravity_only {
         return Err(PyValueError::new_err(format!("{name} has no method = \"gravity-only\"; use calibrate")));
     }

@@ -30,6 +30,7 @@ def calibrate_gravity_only(
     exclude: Iterable[int] = (),
     temperature_range: tuple[float, float] | None = None,
     other_device: bool = False,
+    imu: str | None = None,
 ) -> GravityOnlyCalibration:
     """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate --gravity-only` does.
 
@@ -38,7 +39,7 @@ def calibrate_gravity_only(
     files (CSV). Without them the files that the campaign names are read.
 
     `window` [s] is that of the search for standstills; a shorter one is left out. `exclude` lists numbers of standstills. Where the telemetry is
-    constant, `temperature_range` states where the table is valid. Raises CalibrationError with the parameters that the attitudes do not determine.
+    constant, `temperature_range` states where the table is valid. `imu` chooses one of a campaign file with `imus`. Raises CalibrationError with the parameters that the attitudes do not determine.
     """
     _positive("window", window)
     if isinstance(campaign, Mapping):
@@ -48,14 +49,14 @@ def calibrate_gravity_only(
         text, name, folder = _isotherm.read_text(campaign), Path(campaign).name, Path(campaign).parent
     given: list[Path | npt.NDArray[np.uint8]]
     if recordings is None:
-        given = [folder / file for file in _isotherm.samples_of(text, name) or ()]
+        given = [folder / file for file in _isotherm.samples_of(text, name, imu) or ()]
     else:
         single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
-        several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment, list-item]
+        several: Sequence[Any] = [recordings] if single else recordings  # type: ignore[assignment]
         given = [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in several]
     fixed = None if order == "auto" else order
     return _isotherm.calibrate_gravity_only(
-        text, name, given, window, fixed, scale_factor, misalignment, list(exclude), temperature_range, other_device
+        text, name, imu, given, window, fixed, scale_factor, misalignment, list(exclude), temperature_range, other_device
     )
 
 

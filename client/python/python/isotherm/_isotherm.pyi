@@ -590,6 +590,7 @@ def calibrate(
 def calibrate_gravity_only(
     text: str,
     name: str,
+    imu: str | None,
     recordings: Sequence[_Path | _Bytes],
     window: float,
     order: int | None,
