@@ -63,6 +63,8 @@ pub struct Campaign {
     /// Whether gravity's length alone is the reference: the samples are recordings of an IMU put down in many attitudes, see
     /// [`gravity_only`](crate::gravity_only). Then there are no positions, turns or ramps.
     pub gravity_only: bool,
+    /// Where a table of order 0 is valid, in the telemetry's unit; only with `gravity_only`.
+    pub temperature_range: Option<[f64; 2]>,
 }
 
 impl Campaign {
@@ -112,6 +114,7 @@ impl Campaign {
             ramps: Vec::new(),
             curves: None,
             gravity_only: true,
+            temperature_range: None,
         }
     }
 
@@ -168,6 +171,7 @@ fn campaigns(root: &Section<'_, '_>) -> Option<Vec<Campaign>> {
     let first = members.iter().flatten().next().map(|member| member.imu.clone()).or_else(|| ImuId::new("imu"));
     let batch = campaign(root, first, None)?;
     batch::check_files(root, &batch);
+    batch::check_mountings(root, &batch, members.as_deref().unwrap_or_default());
     Some(members?.iter().map(|member| batch::of_member(&batch, member)).collect())
 }
 
@@ -180,6 +184,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         root.ignore(key);
         root.fault(key, format!("is not for method = \"{GRAVITY_ONLY}\", which knows no directions; leave it out"));
     }
+    let temperature_range = temperature_range(root, gravity_only);
     // Ramps have their own files.
     let ramps_alone = root.has("ramp") && !root.has("position") && !gravity_only;
     let samples = if ramps_alone && !root.has("samples") {
@@ -260,7 +265,31 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         ramps: ramps?,
         curves: curves?.map(str::to_owned),
         gravity_only,
+        temperature_range: temperature_range?,
     })
+}
+
+/// Where a table without a turntable is valid; the outer `None` if the key is wrong.
+fn temperature_range(root: &Section<'_, '_>, gravity_only: bool) -> Option<Option<[f64; 2]>> {
+    const KEY: &str = "temperature_range";
+    if !root.has(KEY) {
+        return Some(None);
+    }
+    let range = root.numbers(KEY, "the lowest and the highest telemetry, for example [15, 35]")?;
+    match range.as_slice() {
+        _ if !gravity_only => {
+            root.fault(
+                KEY,
+                format!("is for method = \"{GRAVITY_ONLY}\"; the set points show their range: leave it out"),
+            );
+            None
+        }
+        &[low, high] if low < high => Some(Some([low, high])),
+        _ => {
+            root.fault(KEY, "give two numbers, the lower one first");
+            None
+        }
+    }
 }
 
 /// The table that gives what ramps alone do not show; the outer `None` if the key is wrong, or missing.

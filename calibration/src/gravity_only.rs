@@ -19,6 +19,7 @@ pub use provenance::sealed_table;
 
 use crate::calibrate::table_of;
 use crate::campaign::{Campaign, implausible, range};
+use crate::checks::time::CLOCK_TOLERANCE;
 use crate::curve::{Curve, student_quantile};
 use crate::diagnostics::median;
 use crate::standstill::{self, StandstillError};
@@ -36,6 +37,12 @@ use reading::Reading;
 const MAX_BIAS: f64 = 1.0;
 /// Condition number of the ellipsoid up to which its centre is believed.
 const MAX_CONDITION: f64 = 30.0;
+/// Residuals over the noise of the standstills that give a warning. Real IMUs reach 3.
+const LACK_OF_FIT: f64 = 20.0;
+/// Noise of a standstill that is taken at least for that \[g0\].
+const LEAST_NOISE: f64 = 1e-6;
+/// No IMU is warmer in a calibration \[degC\].
+const NO_CELSIUS: f64 = 150.0;
 /// Share of the telemetry's range that a temperature is no wider than.
 const LEVEL: f64 = 0.1;
 /// Median of chi-square with one degree of freedom.
@@ -130,11 +137,8 @@ impl GravityOnlyError {
     /// The error as the failure of a program.
     #[must_use]
     pub fn failure(&self) -> Failure {
-        let exit = match self {
-            Self::NothingToExclude(..) | Self::Options(_) => Exit::Usage,
-            Self::Table(_) => Exit::Failed,
-            _ => Exit::Data,
-        };
+        // Options are wrong for these data; for those of another IMU they may be right.
+        let exit = if matches!(self, Self::Table(_)) { Exit::Failed } else { Exit::Data };
         let prefix = if matches!(self, Self::NothingToExclude(..)) { "--exclude: " } else { "" };
         Failure::new(exit, format!("{prefix}{self}"))
     }
@@ -193,6 +197,7 @@ pub fn calibrate(
     if !options.other_device {
         refuse_other_device(campaign, recordings)?;
     }
+    refuse_twice(recordings)?;
     let Found { mut readings, too_short, noise } = readings(recordings, options.window_s)?;
     let count = readings.len();
     if let Some(missing) = options.exclude.iter().find(|number| !(1..=count).contains(number)) {
@@ -200,6 +205,7 @@ pub fn calibrate(
     }
     readings.retain(|reading| !options.exclude.contains(&reading.number));
     let gravity = campaign.gravity_local / campaign.gravity_reference;
+    refuse_silent(&readings)?;
     refuse_offset(&readings, gravity)?;
     let levels = levels(&readings);
     let Chosen { model, fit, dilution, reasons, mut warnings } = choice::choose(&readings, levels, gravity, options)?;
@@ -216,7 +222,7 @@ pub fn calibrate(
     let least = least.sum::<f64>() / readings.len() as f64;
     let variance = (fit.squares() / freedom.max(1) as f64).max(least);
     let covariance = fit.inverse.as_ref().filter(|_| freedom > 0).map(|inverse| inverse * variance);
-    let ranges = table_ranges(&readings, &unknowns, options)?;
+    let ranges = table_ranges(campaign, &readings, &unknowns, options)?;
     let curve = |axis: usize, quantity: usize| {
         let range = ranges[usize::from(quantity > 0)][axis];
         model.curve(&fit.unknown, covariance.as_ref(), [axis, quantity], freedom, range)
@@ -231,6 +237,23 @@ pub fn calibrate(
         let n = readings.len();
         warnings.push(format!(
             "{n} standstills for {n} unknowns: nothing is left to judge the table by, so there are no standard errors; put the IMU down in more attitudes"
+        ));
+    }
+    let ratio = variance.sqrt() / least.sqrt().max(LEAST_NOISE);
+    if ratio > LACK_OF_FIT {
+        warnings.push(format!(
+            "the residuals are {ratio:.0} times what the noise of the standstills explains: recordings of different IMUs, an order that is too low, or \
+             ground that is not firm; look at the residuals"
+        ));
+    }
+    warnings.extend(kelvin(campaign, &readings));
+    let gaps = recordings
+        .iter()
+        .map(|recording| standstill::stretches(&recording.rows).len().saturating_sub(1))
+        .sum::<usize>();
+    if gaps > readings.len() {
+        warnings.push(format!(
+            "the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost"
         ));
     }
     warnings.extend(turned(&readings, &errors, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
@@ -298,11 +321,14 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     };
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
     for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
-        let standstills = standstill::find(rows, window_s)
+        refuse_interval(name, rows)?;
+        let begins_ns = standstill::begins_ns(rows);
+        let standstills = standstill::find(rows, window_s, standstill::TUMBLED)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
         for range in standstills.found {
             let number = found.readings.len() + 1;
-            found.readings.push(Reading::of(number, index, rows, range, standstills.noise, with_gyroscopes));
+            let start_s = begins_ns[range.start] as f64 / 1e9;
+            found.readings.push(Reading::of(number, index, rows, range, start_s, standstills.noise, with_gyroscopes));
         }
         found.too_short += standstills.too_short;
         found.noise.push(standstills.noise);
@@ -321,6 +347,48 @@ fn refuse_other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> R
             recording.name
         ))),
         None => Ok(()),
+    }
+}
+
+/// Refuses a recording that is there twice: it would count as new data.
+fn refuse_twice(recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
+    for (index, one) in recordings.iter().enumerate() {
+        if let Some(other) = recordings[..index].iter().find(|other| other.rows == one.rows) {
+            return Err(GravityOnlyError::Refused(format!(
+                "{} and {} are the same recording; name every recording once",
+                other.name, one.name
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses intervals that are not the time from row to row.
+fn refuse_interval(name: &str, rows: &[RawSample]) -> Result<(), GravityOnlyError> {
+    let ratio = |pair: &[RawSample]| {
+        let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
+        (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
+    };
+    let ratios: Vec<f64> = rows.windows(2).filter_map(ratio).collect();
+    let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
+    if (usual - 1.0).abs() <= CLOCK_TOLERANCE {
+        return Ok(());
+    }
+    Err(GravityOnlyError::Refused(format!(
+        "{name}: interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
+         timestamps; of foreign data, interval_s in the mapping file"
+    )))
+}
+
+/// Refuses an axis that never counts.
+fn refuse_silent(readings: &[Reading]) -> Result<(), GravityOnlyError> {
+    let counts = |axis: usize| readings.iter().any(|reading| reading.rates[axis] != [0.0; 2]);
+    match (0..AXES).find(|axis| !counts(*axis)) {
+        Some(axis) if !readings.is_empty() => Err(GravityOnlyError::Refused(format!(
+            "{} gives no pulses in any standstill; look at its columns and its converter",
+            AXIS_NAMES[axis]
+        ))),
+        _ => Ok(()),
     }
 }
 
@@ -358,6 +426,7 @@ fn levels(readings: &[Reading]) -> usize {
 
 /// The telemetry's range of head and board of each axis for the table.
 fn table_ranges(
+    campaign: &Campaign,
     readings: &[Reading],
     unknowns: &Unknowns,
     options: &GravityOnlyOptions,
@@ -367,9 +436,10 @@ fn table_ranges(
     };
     let mut measured = [of(|reading| reading.head_range), of(|reading| reading.board_range)];
     let constant = measured.iter().flatten().any(|[low, high]| low == high);
-    match options.temperature_range {
+    match options.temperature_range.or(campaign.temperature_range) {
         None if constant => Err(GravityOnlyError::Refused(
-            "the telemetry is constant, so the recordings do not say where the table is valid; state it: --temperature-range LOW,HIGH".to_owned(),
+            "the telemetry is constant, so the recordings do not say where the table is valid; state it: --temperature-range LOW,HIGH, or \
+             temperature_range = [LOW, HIGH] in the campaign file".to_owned(),
         )),
         Some(_) if unknowns.order > 0 => Err(GravityOnlyError::Options(
             "--temperature-range: the recordings show a range of their own, and a curve beyond it is a guess; leave it out, or give --order 0".to_owned(),
@@ -416,6 +486,13 @@ fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
         parts.map(|[w, q]| ((w + q / n) / n).sqrt())
     };
     readings.iter().map(errors).collect()
+}
+
+/// A warning about telemetry in kelvin with the label of degrees Celsius.
+fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<String> {
+    let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
+    let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
+    is_kelvin.then(|| format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K"))
 }
 
 /// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.

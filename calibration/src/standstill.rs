@@ -8,7 +8,8 @@
 //! at rest: S < m + z s,    m: mode of S,  s^2 = mean of (S - m)^2 over the windows below m,  z: normal quantile of 1 - W/rows
 //! ```
 //! Counts of one that alternate have a variance of 1/4. Movement cannot make a window quieter, so the windows below the mode show the scatter of
-//! those at rest. It is at least sqrt(2/(3 (W - 1))), that of white noise on three axes. z stands for one false alarm in a recording.
+//! those at rest. It is at least sqrt(2/(3 (W - 1))), that of white noise on three axes. z stands for a false alarms in a
+//! recording: one where standstills are wanted, far fewer where a long stretch is.
 
 use isotherm_shared::wire::{AXES, RawSample};
 use statrs::function::erf::erfc_inv;
@@ -42,9 +43,17 @@ pub struct Standstills {
     pub scatter: f64,
 }
 
+/// False alarms in a recording that was at rest all the time, on average: where each of many standstills is short.
+pub const TUMBLED: f64 = 1.0;
+/// The same where one long standstill is wanted.
+pub const AT_REST: f64 = 1e-4;
+
 /// Why there are no standstills.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StandstillError {
+    /// There are no rows.
+    #[error("there are no rows; is it the right recording?")]
+    Empty,
     /// No stretch of the recording is as long as a window.
     #[error("no {window_rows} rows without a gap; a standstill needs as many: record longer, or give a shorter window")]
     TooFewRows {
@@ -74,13 +83,37 @@ pub fn stretches(rows: &[RawSample]) -> Vec<Range<usize>> {
     starts.windows(2).map(|ends| ends[0]..ends[1]).filter(|rows| !rows.is_empty()).collect()
 }
 
-/// Finds the standstills of a recording. A window has `window_s` seconds, at least ten rows.
+/// Begin of each row after that of the first one \[ns\]. A new session has a new clock; its rows follow those before without a pause.
+#[must_use]
+pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
+    let (mut begins, mut offset_ns): (Vec<u64>, i128) = (Vec::with_capacity(rows.len()), 0);
+    let mut previous: Option<&RawSample> = None;
+    for row in rows {
+        let begin_ns = i128::from(row.timestamp_ns) - i128::from(row.interval_ns);
+        match previous {
+            None => offset_ns = -begin_ns,
+            Some(before) if before.session != row.session => {
+                offset_ns += i128::from(before.timestamp_ns) - begin_ns;
+            }
+            Some(_) => {}
+        }
+        begins.push(u64::try_from(begin_ns + offset_ns).unwrap_or_default());
+        previous = Some(row);
+    }
+    begins
+}
+
+/// Finds the standstills of a recording. A window has `window_s` seconds, at least ten rows. `false_alarms` is [`TUMBLED`] or [`AT_REST`].
 ///
 /// # Errors
 /// If no stretch is as long as a window, or if the IMU was never at rest.
-pub fn find(rows: &[RawSample], window_s: f64) -> Result<Standstills, StandstillError> {
-    let interval_ns = middle(rows.iter().map(|row| row.interval_ns as f64).collect());
-    let window_rows = ((window_s * 1e9 / interval_ns).round() as usize).max(LEAST_ROWS);
+pub fn find(rows: &[RawSample], window_s: f64, false_alarms: f64) -> Result<Standstills, StandstillError> {
+    if rows.is_empty() {
+        return Err(StandstillError::Empty);
+    }
+    let interval_ns = middle(rows.iter().map(|row| row.interval_ns as f64).collect()).max(1.0);
+    // A window that is longer than the recording is as good as any other that is.
+    let window_rows = ((window_s * 1e9 / interval_ns).round().min((rows.len() + 1) as f64) as usize).max(LEAST_ROWS);
     let stretches: Vec<_> =
         stretches(rows).into_iter().map(|stretch| Windows::new(rows, stretch, interval_ns, window_rows)).collect();
     let all = || stretches.iter().flat_map(|windows| &windows.variances);
@@ -100,7 +133,7 @@ pub fn find(rows: &[RawSample], window_s: f64) -> Result<Standstills, Standstill
         return Err(StandstillError::NeverAtRest { scatter });
     }
     let scatter = scatter.max(1.0);
-    let limit = usual + scatter * of_noise * quantile(window_rows as f64 / rows.len() as f64);
+    let limit = usual + scatter * of_noise * quantile(false_alarms * window_rows as f64 / rows.len() as f64);
     let noise = variance.map(f64::sqrt);
     let (mut found, mut too_short) = (Vec::new(), 0);
     for windows in &stretches {

@@ -199,21 +199,20 @@ impl NoiseAnalysis {
     /// # Errors
     /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
     pub fn of(rows: &[RawSample], table: Option<&CoefficientTable>, part: [f64; 2]) -> Result<Self, NoiseError> {
-        let begin_ns = rows.first().map_or(0, |row| row.timestamp_ns.saturating_sub(row.interval_ns));
-        let since = |ns: u64| ns.saturating_sub(begin_ns) as f64 / 1e9;
-        let begin = |row: &RawSample| since(row.timestamp_ns.saturating_sub(row.interval_ns));
-        let end = |row: &RawSample| since(row.timestamp_ns);
+        let begins_ns = standstill::begins_ns(rows);
+        let begin = |row: usize| begins_ns[row] as f64 / 1e9;
+        let end = |row: usize| (begins_ns[row] + rows[row].interval_ns) as f64 / 1e9;
         // A tolerance for the rounding of times that are typed.
-        let inside = |row: &RawSample| begin(row) >= part[0] - 1e-9 && end(row) <= part[1] + 1e-9;
-        let first = rows.iter().position(inside).unwrap_or(rows.len());
-        let count = rows[first..].iter().take_while(|row| inside(row)).count();
+        let inside = |row: &usize| begin(*row) >= part[0] - 1e-9 && end(*row) <= part[1] + 1e-9;
+        let first = (0..rows.len()).find(inside).unwrap_or(rows.len());
+        let count = (first..rows.len()).take_while(inside).count();
         if count == 0 {
-            let seconds = rows.last().map_or(0.0, end);
+            let seconds = rows.len().checked_sub(1).map_or(0.0, end);
             return Err(NoiseError::Nothing { part: part.map(|end| end.min(seconds)), seconds });
         }
         let candidates = &rows[first..first + count];
         let outputs = Outputs::of(candidates, table);
-        let at_rest = standstill::find(candidates, WINDOW_S)?.found;
+        let at_rest = standstill::find(candidates, WINDOW_S, standstill::AT_REST)?.found;
         let stretches = at_rest.into_iter().flat_map(|rest| split(rest, candidates, &outputs));
         // Of two stretches of one length, the first.
         let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });
@@ -236,7 +235,7 @@ impl NoiseAnalysis {
         let sensors = outputs.sensors.iter().map(|sensor| sensor.noise(candidates, longest.clone(), interval_s));
         Ok(Self {
             rows: rows.len(),
-            used_s: [begin(&stretch[0]), end(&stretch[stretch.len() - 1])],
+            used_s: [begin(used.start), end(used.end - 1)],
             used,
             interval_s,
             sensors: sensors.collect(),

@@ -109,6 +109,15 @@ pub(super) fn check_files(root: &Section<'_, '_>, campaign: &Campaign) {
     }
 }
 
+/// Reports mountings where no directions are known.
+pub(super) fn check_mountings(root: &Section<'_, '_>, campaign: &Campaign, members: &[Member]) {
+    let turned = members.iter().find(|member| campaign.gravity_only && member.mounting != Matrix3::identity());
+    let message = |member: &Member| {
+        format!("the mounting of {} has no effect: without a turntable no direction is known; leave it out", member.imu)
+    };
+    root.refuse("imus", turned.map(message));
+}
+
 /// The campaign of one IMU. `batch` is the campaign of an IMU whose axes are those of the batch's file.
 pub(super) fn of_member(batch: &Campaign, member: &Member) -> Campaign {
     let rotation = nearest_rotation(&member.mounting).unwrap_or_else(Matrix3::identity);

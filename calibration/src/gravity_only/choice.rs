@@ -159,19 +159,15 @@ pub(super) fn choose<'a>(
         let most = levels.saturating_sub(1).min(MAX_ORDER);
         if order > most {
             return Err(GravityOnlyError::Options(format!(
-                "--order {order}: {levels} {} allow order {most} at most; measure at more temperatures, or give a lower order",
-                if levels == 1 { "temperature" } else { "temperatures" }
+                "--order {order}: {levels} {} order {most} at most; measure at more temperatures, or give a lower order",
+                if levels == 1 { "temperature allows" } else { "temperatures allow" }
             )));
         }
     }
     if options.scale_factor == ScaleFactorChoice::Split {
         signs(readings, data)?;
     }
-    let (split, why_split) = split(data, levels, options);
-    let (order, why_order) = match options.order {
-        Some(order) => (order, "asked for".to_owned()),
-        None => by_the_data(data, levels, split),
-    };
+    let (order, why_order, split, why_split) = order_and_split(data, levels, options);
     if levels == 2 && options.order.is_none() && line_is_better(data, split) {
         warnings.push(
             "the two temperatures differ significantly, and the table has their mean: two temperatures show no curvature, so a line must be asked \
@@ -187,7 +183,11 @@ pub(super) fn choose<'a>(
             message: format!("{n} {} for {needed} unknowns, which leaves undetermined", standstills(n)),
             parameters: weakest,
             attitude: help,
-            remedy: if options.misalignment { "; or leave the misalignments out: --no-misalignment" } else { "" },
+            remedy: if options.misalignment && n + AXES >= needed {
+                "; or leave the misalignments out: --no-misalignment"
+            } else {
+                ""
+            },
         });
     }
     let dilution = data.dilution(order, split);
@@ -200,7 +200,11 @@ pub(super) fn choose<'a>(
             ),
             parameters: dilution.weakest,
             attitude: dilution.help,
-            remedy: "",
+            remedy: if order > 0 && data.dilution(0, split).times_root_n <= MOST {
+                "; or take one value for all temperatures: --order 0"
+            } else {
+                ""
+            },
         });
     };
     if dilution.times_root_n > WARNED {
@@ -214,32 +218,54 @@ pub(super) fn choose<'a>(
     Ok(Chosen { model, fit, dilution, reasons: [why_order, why_split], warnings })
 }
 
-/// One scale factor or two for each axis, with the reason.
-fn split(data: Data<'_>, levels: usize, options: &GravityOnlyOptions) -> (bool, String) {
+/// Order and split with their reasons. Each is chosen under the other, until both stay: a split that is missed looks like an effect of temperature,
+/// and an effect of temperature hides a split.
+fn order_and_split(data: Data<'_>, levels: usize, options: &GravityOnlyOptions) -> (usize, String, bool, String) {
+    let by_order = |split| match options.order {
+        Some(order) => (order, "asked for".to_owned()),
+        None => by_the_data(data, levels, split),
+    };
+    let asked = "asked for".to_owned();
     match options.scale_factor {
-        ScaleFactorChoice::Single => return (false, "asked for".to_owned()),
-        ScaleFactorChoice::Split => return (true, "asked for".to_owned()),
         ScaleFactorChoice::Auto => {}
+        choice => {
+            let split = choice == ScaleFactorChoice::Split;
+            let (order, why) = by_order(split);
+            return (order, why, split, asked);
+        }
     }
-    // At the highest order, so that no effect of temperature hides the split.
     let highest = options.order.unwrap_or_else(|| auto_order(levels));
-    let pair = (0..=highest).rev().find_map(|order| {
-        let both = data.fit(order, true)?;
-        (data.readings.len() > both.0.unknowns.count()).then_some((data.fit(order, false)?, both, order))
-    });
-    let Some((one, both, order)) = pair else {
+    let lowest = options.order.unwrap_or(0);
+    // A split that is significant at any order, as far as the order that follows from it agrees.
+    let limit = SIGNIFICANCE / (highest + 1 - lowest) as f64;
+    for at in lowest..=highest {
+        if is_split(data, at, limit).0 {
+            let (order, why_order) = by_order(true);
+            let (split, why_split) = is_split(data, order, SIGNIFICANCE);
+            if split {
+                return (order, why_order, true, why_split);
+            }
+        }
+    }
+    let (order, why_order) = by_order(false);
+    (order, why_order, false, is_split(data, order, SIGNIFICANCE).1)
+}
+
+/// Whether a K- of its own is significant at `order` and the attitudes allow it, with the reason.
+fn is_split(data: Data<'_>, order: usize, limit: f64) -> (bool, String) {
+    let (Some(one), Some(both)) = (data.fit(order, false), data.fit(order, true)) else {
         return (false, "the standstills do not determine a K- of its own".to_owned());
     };
-    let p = both.p(&one).unwrap_or(1.0);
-    if p >= SIGNIFICANCE {
+    let Some(p) = both.p(&one) else {
+        return (false, "the standstills leave nothing to judge a K- of its own by".to_owned());
+    };
+    if p >= limit {
         return (false, format!("a K- of its own is not significant (p {p:.2})"));
     }
     let Dilution { times_root_n, .. } = data.dilution(order, true);
     if times_root_n > MOST {
-        return (
-            false,
-            format!("a K- of its own is significant (p {p:.1e}), but D sqrt(n) would be {}", shown(times_root_n)),
-        );
+        let why = format!("a K- of its own is significant (p {p:.1e}), but D sqrt(n) would be {}", shown(times_root_n));
+        return (false, why);
     }
     (true, format!("a K- of its own is significant (p {p:.1e})"))
 }

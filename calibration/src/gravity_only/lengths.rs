@@ -44,6 +44,8 @@ pub struct Lengths {
     pub too_short: usize,
     /// Standstills without a valid output in a row; they are left out.
     pub invalid: usize,
+    /// Samples of another unit than the table's, which were accepted.
+    pub other_device: usize,
     /// Local gravity \[g0\].
     pub gravity: f64,
     /// Where local gravity comes from.
@@ -60,6 +62,9 @@ pub enum LengthsError {
     /// There is no usable standstill.
     #[error(transparent)]
     Standstill(#[from] StandstillError),
+    /// Samples are of another unit than the table's.
+    #[error("{0} samples are of another unit than the table's; take its own table, or accept them: --other-device")]
+    OtherDevice(usize),
     /// Nothing to compare with.
     #[error("local gravity is unknown, so there is nothing to compare the lengths with; state --gravity-local")]
     Gravity,
@@ -69,24 +74,35 @@ pub enum LengthsError {
 }
 
 impl Lengths {
-    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search.
+    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search. `other_device` says whether samples of
+    /// another unit than the table's are judged.
     ///
     /// # Errors
-    /// If there are no standstills, or if local gravity is unknown.
+    /// If there are no standstills, if local gravity is unknown, or if samples are of another unit.
     pub fn of(
         table: &CoefficientTable,
         rows: &[RawSample],
         window_s: f64,
         gravity_source: LocalGravity,
+        other_device: bool,
     ) -> Result<Self, LengthsError> {
+        let is_other = |row: &&RawSample| row.device != 0 && table.device() != 0 && row.device != table.device();
+        let others = rows.iter().filter(is_other).count();
+        if others > 0 && !other_device {
+            return Err(LengthsError::OtherDevice(others));
+        }
         let unit = table.content().gravity;
         let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / unit;
-        let found = standstill::find(rows, window_s)?;
+        let found = standstill::find(rows, window_s, standstill::TUMBLED)?;
+        let begins_ns = standstill::begins_ns(rows);
         let readings: Vec<Reading> = found
             .found
             .into_iter()
             .enumerate()
-            .map(|(index, range)| Reading::of(index + 1, 0, rows, range, found.noise, false))
+            .map(|(index, range)| {
+                let start_s = begins_ns[range.start] as f64 / 1e9;
+                Reading::of(index + 1, 0, rows, range, start_s, found.noise, false)
+            })
             .collect();
         let noise = errors_of_means(&readings);
         let count = readings.len();
@@ -123,6 +139,7 @@ impl Lengths {
         Ok(Self {
             invalid: count - standstills.len(),
             too_short: found.too_short,
+            other_device: others,
             gravity,
             gravity_source,
             mean: Estimate { value: mean, interval },

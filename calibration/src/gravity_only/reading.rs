@@ -37,13 +37,14 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The means of the rows `range` of a recording. `noise` is the standard deviation of the counts of a row.
+    /// The means of the rows `range` of a recording, which begins at `start_s`. `noise` is the standard deviation of the counts of a row.
     #[must_use]
     pub fn of(
         number: usize,
         recording: usize,
         all: &[RawSample],
         range: Range<usize>,
+        start_s: f64,
         noise: [f64; AXES],
         with_gyroscopes: bool,
     ) -> Self {
@@ -73,13 +74,11 @@ impl Reading {
             };
             rows.iter().map(of).sum::<f64>() / seconds
         };
-        let first_ns = all.first().map_or(0, |row| row.timestamp_ns.saturating_sub(row.interval_ns));
-        let start_ns = rows.first().map_or(0, |row| row.timestamp_ns.saturating_sub(row.interval_ns));
         Self {
             number,
             recording,
             rows: range,
-            start_s: start_ns.saturating_sub(first_ns) as f64 * 1e-9,
+            start_s,
             seconds,
             rates: [0, 1, 2].map(|axis| [plus, minus].map(|pulses| channel(rows, pulses, axis) / seconds)),
             head: mean(head),

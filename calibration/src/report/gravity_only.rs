@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 
 /// What no calibration without a turntable shows.
-const NOT_OBSERVABLE: &str = "not observable without a turntable: a rotation of the sensors in the housing; output axis 3 is along A3, output axis 2 in the \
+const NOT_OBSERVABLE: &str = "not observable without a turntable: a rotation of the sensors in the housing, a reversed sign, exchanged axes; output axis 3 is along A3, output axis 2 in the \
                               plane of A2 and A3";
 /// Intervals between the points of a drawn curve.
 const CURVE_INTERVALS: usize = 60;

@@ -2,8 +2,13 @@
 
 use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, put_down, recording, samples};
 use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::gravity_only::{GravityOnlyError, GravityOnlyOptions, calibrate};
+use isotherm_calibration::gravity_only::lengths::{Lengths, LengthsError};
+use isotherm_calibration::gravity_only::{
+    GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate,
+};
+use isotherm_calibration::stability::LocalGravity;
 use isotherm_calibration::standstill;
+use isotherm_shared::compensate::compensate;
 use isotherm_shared::wire::RawSample;
 use nalgebra::{Rotation3, Vector3};
 
@@ -15,11 +20,11 @@ fn slow_motion_is_never_at_rest() {
         let angle = core::f64::consts::TAU * (f64::from(k) * INTERVAL_S / 80.0 + 0.02 * (f64::from(k) / 37.0).sin());
         imu.row(&(Rotation3::from_euler_angles(angle, 0.7 * angle, 0.0) * Vector3::z()), 25.0, 0.0);
     }
-    let error = standstill::find(&imu.rows, 1.0).unwrap_err();
+    let error = standstill::find(&imu.rows, 1.0, standstill::TUMBLED).unwrap_err();
     assert!(error.to_string().contains("never at rest"), "{error}");
     // Real recordings scatter by up to 1.4 times what white noise does.
     for name in ["xsens/recording.csv", "ferraris/recording.csv", "five_mpu9150/imu4.csv", "tumble3/recording.csv"] {
-        let found = standstill::find(&samples(name), 1.0).unwrap();
+        let found = standstill::find(&samples(name), 1.0, standstill::TUMBLED).unwrap();
         assert!(found.scatter < 1.5, "{name}: {}", found.scatter);
     }
 }
@@ -28,20 +33,27 @@ fn slow_motion_is_never_at_rest() {
 fn noise_does_not_lengthen_gravity() {
     let truth = Truth::random(2);
     let mut imu = Simulated::new(truth.clone(), 2, 1.0);
-    // The mean of the length would be 100 ppm too long: (10e-3)^2.
-    imu.noise = 10e-3;
+    imu.noise = 50e-3;
     for direction in cube() {
         imu.rest(&direction, 25.0, 60.0);
         imu.gap(10.0);
     }
-    let found = calibrated(&imu.rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
+    let found = calibrated(&imu.rows, |options| {
+        options.temperature_range = Some([0.0, 50.0]);
+        options.scale_factor = ScaleFactorChoice::Single;
+    });
+    let found = found.unwrap();
+    let bound = 1.2e-3;
     for axis in 0..3 {
-        let off =
-            found.curves[axis][1].at(25.0) / ((truth.value(axis, 1, 27.5) + truth.value(axis, 2, 27.5)) / 2.0) - 1.0;
-        let error = found.curves[axis][1].standard_error(25.0).unwrap() / found.curves[axis][1].at(25.0);
-        // A K- of its own is 2e-3 off here and hidden by the noise of 10e-3 g0, so only the mean of both is compared.
-        assert!(off.abs() < 4.0 * error, "A{}: {off} +- {error}", axis + 1);
+        let both = [1, 2].map(|quantity| truth.value(axis, quantity, 27.5 + 0.4 * axis as f64));
+        let off = found.curves[axis][1].at(found.mid(axis, 1)) / ((both[0] + both[1]) / 2.0) - 1.0;
+        assert!(off.abs() < bound, "A{}: {off}", axis + 1);
     }
+    // The mean of the lengths would be too long by the square of the noise, and every scale factor with it.
+    let length = |row: &RawSample| Vector3::from(compensate(&found.table, row).velocity_increment).norm();
+    let seconds = imu.rows.len() as f64 * INTERVAL_S;
+    let lengthened = imu.rows.iter().map(length).sum::<f64>() / seconds / 9.81 - 1.0;
+    assert!(lengthened > 1.5 * bound, "{lengthened}");
 }
 
 #[test]
@@ -171,6 +183,104 @@ fn a_campaign_file_of_the_method_has_no_positions() {
     let faults =
         Campaign::from_toml(&format!("{text}[[position]]\nnumber = 1\nspecific_force = [0, 0, 1]\n")).unwrap_err();
     assert!(faults.to_string().contains("knows no directions"), "{faults}");
+    let ranged = Campaign::from_toml(&format!("{text}temperature_range = [15, 35]\n")).unwrap();
+    assert_eq!(ranged.temperature_range, Some([15.0, 35.0]));
+    let faults = Campaign::from_toml(&format!("{text}temperature_range = [35, 15]\n")).unwrap_err().to_string();
+    assert!(faults.contains("the lower one first"), "{faults}");
+    let imus = "imus = [{ id = \"a\", mounting = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] }, { id = \"b\" }]";
+    let batch = text.replace("imu = \"imu-t\"", imus).replace("[\"cold.csv\", \"hot.csv\"]", "\"{imu}.csv\"");
+    let faults = Campaign::batch_from_toml(&batch).unwrap_err().to_string();
+    assert!(faults.contains("the mounting of a has no effect"), "{faults}");
     let faults = Campaign::from_toml(&text.replace("gravity-only", "tumble")).unwrap_err().to_string();
     assert!(faults.contains("method") && faults.contains("gravity-only"), "{faults}");
+}
+
+#[test]
+fn a_split_is_found_while_the_imu_warms_itself() {
+    for seed in 0..6 {
+        let mut truth = Truth::random(seed);
+        // No effect of temperature, and 2e-3 between the channels.
+        for axis in &mut truth.axes {
+            axis[0][1] = 0.0;
+            (axis[1][1], axis[2]) = (0.0, [axis[1][0] * 1.002, 0.0]);
+        }
+        let mut imu = Simulated::new(truth.clone(), seed, 1.0);
+        imu.noise = 5e-4;
+        let directions: Vec<_> = cube().into_iter().take(23).collect();
+        imu.tumble(&directions, 25.0);
+        let found = calibrated(&imu.rows, |_| {}).unwrap();
+        assert!(
+            found.unknowns.split && found.unknowns.order == 0,
+            "seed {seed}: {:?} {:?}",
+            found.unknowns,
+            found.reasons
+        );
+        for axis in 0..3 {
+            let off = found.curves[axis][0].at(25.2) - truth.axes[axis][0][0];
+            let error = found.curves[axis][0].standard_error(25.2).unwrap();
+            assert!(off.abs() < 4.0 * error, "seed {seed}: {off} +- {error}");
+        }
+    }
+}
+
+#[test]
+fn wrong_intervals_and_a_recording_named_twice_are_refused() {
+    let rows = put_down(&cube(), &[25.0]);
+    let range = Some([0.0, 50.0]);
+    let wrong: Vec<RawSample> =
+        rows.iter().map(|row| RawSample { interval_ns: row.interval_ns * 6 / 5, ..*row }).collect();
+    let error = calibrated(&wrong, |options| options.temperature_range = range).unwrap_err().to_string();
+    assert!(error.contains("interval_ns is 1.2000 of the time from row to row"), "{error}");
+    let twice = [recording(&rows), recording(&rows)];
+    let options = GravityOnlyOptions { temperature_range: range, ..GravityOnlyOptions::default() };
+    let error = calibrate(&campaign([9.81, 9.81]), &twice, &options).unwrap_err().to_string();
+    assert!(error.contains("are the same recording"), "{error}");
+    let error = calibrate(&campaign([9.81, 9.81]), &[TumbleRecording::new("empty.csv")], &options).unwrap_err();
+    assert!(error.to_string().contains("empty.csv: there are no rows"), "{error}");
+}
+
+#[test]
+fn what_looks_wrong_is_named() {
+    let rows = put_down(&cube(), &[25.0]);
+    let other = Simulated::new(Truth::random(77), 77, 1.0);
+    let mut other = other;
+    cube().iter().for_each(|direction| {
+        other.rest(direction, 25.0, 1.0);
+        other.gap(10.0);
+    });
+    let options = GravityOnlyOptions { temperature_range: Some([0.0, 50.0]), ..GravityOnlyOptions::default() };
+    let both = calibrate(&campaign([9.81, 9.81]), &[recording(&rows), recording(&other.rows)], &options).unwrap();
+    assert!(
+        both.warnings.iter().any(|warning| warning.contains("recordings of different IMUs")),
+        "{:?}",
+        both.warnings
+    );
+    let kelvin: Vec<RawSample> = put_down(&cube(), &[298.15]);
+    let found = calibrated(&kelvin, |options| options.temperature_range = Some([250.0, 350.0])).unwrap();
+    assert!(found.warnings.iter().any(|warning| warning.contains("kelvin")), "{:?}", found.warnings);
+    let dead: Vec<RawSample> = rows
+        .iter()
+        .map(|row| {
+            let mut row = *row;
+            (row.accelerometers.positive_pulses[2], row.accelerometers.negative_pulses[2]) = (0, 0);
+            row
+        })
+        .collect();
+    let error = calibrated(&dead, |_| {}).unwrap_err().to_string();
+    assert!(error.contains("A3 gives no pulses"), "{error}");
+}
+
+#[test]
+fn lengths_of_another_unit_are_refused() {
+    let rows = put_down(&cube(), &[25.0]);
+    let mut campaign = campaign([9.81, 9.81]);
+    campaign.serial = Some("17".to_owned());
+    let options = GravityOnlyOptions { temperature_range: Some([0.0, 50.0]), ..GravityOnlyOptions::default() };
+    let found = calibrate(&campaign, &[recording(&rows)], &options).unwrap();
+    let others: Vec<RawSample> = rows.iter().map(|row| RawSample { device: 5, ..*row }).collect();
+    let lengths = |accepted| Lengths::of(&found.table, &others, 1.0, LocalGravity::Stated(9.81), accepted);
+    assert_eq!(lengths(false), Err(LengthsError::OtherDevice(others.len())));
+    assert_eq!(lengths(true).unwrap().other_device, others.len());
+    let error = calibrate(&campaign, &[recording(&others)], &options).unwrap_err().to_string();
+    assert!(error.contains("another unit than serial number 17"), "{error}");
 }

@@ -58,7 +58,12 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
         return Ok(format!("campaign of {imus}{ramps} alone, curves of {curves}"));
     }
     if campaign.gravity_only {
-        return Ok(format!("campaign of {imus} without a turntable, {} recordings", campaign.samples.len()));
+        let recordings = match campaign.samples.len() {
+            1 => "1 recording".to_owned(),
+            recordings => format!("{recordings} recordings"),
+        };
+        let each = if campaigns.len() > 1 { " each" } else { "" };
+        return Ok(format!("campaign of {imus} without a turntable, {recordings}{each}"));
     }
     observable(campaign).map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", path.display())))?;
     let turns = match campaign.turns.len() {

@@ -97,10 +97,11 @@ impl Noise {
         for warning in analysis.warnings() {
             tell("isotherm", format_args!("warning: {recording}: {warning}"));
         }
+        let mut texts = Vec::new();
         if let (Some(yaml), Some(table)) = (yaml, &table) {
             let text = imu_yaml(&analysis, table.content().gravity, &recording);
             let text = text.ok_or_else(|| Failure::new(Exit::Usage, "--kalibr needs --table: counts have no unit"))?;
-            yaml.write(&text)?.finish()?;
+            texts.push(yaml.write(&text)?);
         }
         if let Some(page) = page {
             let of_table = table.as_ref().map(|table| table.content().imu.to_string());
@@ -113,8 +114,9 @@ impl Noise {
                     .map(|(path, table)| [path.display().to_string(), table.digest().to_string()])
                     .next(),
             };
-            page.write(&noise::html(&analysis, &source))?.finish()?;
+            texts.push(page.write(&noise::html(&analysis, &source))?);
         }
+        StagedText::finish_together(texts)?;
         if self.json {
             Ok(print_data(&format!("{:#}\n", noise::json::document(&analysis)))?)
         } else {

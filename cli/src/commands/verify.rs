@@ -4,7 +4,7 @@ use super::common::{LagSetting, Refused, choice, inputs, joined, or_document, wa
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::gravity_only::lengths::Lengths;
+use isotherm_calibration::gravity_only::lengths::{Lengths, LengthsError};
 use isotherm_calibration::provenance::{now, tool};
 use isotherm_calibration::report::{self, verification::VerificationSource};
 use isotherm_calibration::requirement::Requirement;
@@ -113,12 +113,18 @@ impl Verify {
             return Err(Failure::new(Exit::Data, message));
         }
         if !whole {
+            if rows.len() >= MOST_ROWS {
+                let note = "no standstills are searched; of an IMU that was put down by hand, give the part with the standstills";
+                tell("isotherm", format_args!("warning: {recording}: over {MOST_ROWS} rows: {note}"));
+            }
             return Ok(None);
         }
         let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
-        let lengths = Lengths::of(table, rows, window_s, LocalGravity::of(self.gravity_local, table));
+        let gravity = LocalGravity::of(self.gravity_local, table);
+        let lengths = Lengths::of(table, rows, window_s, gravity, self.other_device);
         match lengths {
             Ok(lengths) => Ok(Some(lengths).filter(|lengths| self.standstills || lengths.several_attitudes())),
+            Err(error @ LengthsError::OtherDevice(_)) => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
             Err(error) if self.standstills => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
             Err(_) => Ok(None),
         }
@@ -133,6 +139,9 @@ impl Verify {
         require: Option<Requirement>,
     ) -> Result<Result<(), Failure>, Refused> {
         let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
+        if lengths.other_device > 0 {
+            warn_of_other_device(table);
+        }
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);
             page.write(&report::lengths::html(table, lengths, &source))?.finish()?;

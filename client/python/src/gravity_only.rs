@@ -2,7 +2,7 @@
 
 use crate::calibration::campaign_of;
 use crate::errors::{CalibrationError, StabilityError, recording};
-use crate::offline::tool;
+use crate::offline::{tool, with_lag};
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
 use isotherm_calibration::campaign::Campaign;
@@ -116,14 +116,15 @@ pub fn lengths<'py>(
     samples: PyReadonlyArray1<'py, u8>,
     window: f64,
     gravity_local: Option<f64>,
+    other_device: bool,
     require: Option<&str>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let required: Option<Requirement> =
         require.map(str::parse).transpose().map_err(|message| PyValueError::new_err(format!("require: {message}")))?;
     let bytes = samples.as_slice()?;
     let found = py.detach(|| {
-        let rows: Vec<_> = bytes.chunks_exact(RAW).map(|record| Fields(record).raw()).collect();
-        Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0))
+        let rows: Vec<_> = with_lag(bytes, &table.0).collect();
+        Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)
     });
     let found = found.map_err(|error| StabilityError::new_err(error.to_string()))?;
     document(py, &lengths_report::json(&found, window, required))

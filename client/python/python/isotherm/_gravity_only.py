@@ -42,6 +42,8 @@ def calibrate_gravity_only(
     constant, `temperature_range` states where the table is valid. `imu` chooses one of a campaign file with `imus`. Raises CalibrationError with the parameters that the attitudes do not determine.
     """
     _positive("window", window)
+    if temperature_range is not None and not -math.inf < temperature_range[0] < temperature_range[1] < math.inf:
+        raise ValueError(f"temperature_range is {temperature_range}, give the lower end first")
     if isinstance(campaign, Mapping):
         settings = {"format": 1, "method": "gravity-only"} | dict(campaign)
         text, name, folder = campaign_toml(settings), "campaign", Path()
@@ -66,19 +68,20 @@ def lengths(
     *,
     window: float = 1.0,
     gravity_local: float | None = None,
+    other_device: bool = False,
     require: str | None = None,
 ) -> dict[str, Any]:
     """Compares the length of the output over each standstill with local gravity: the document of `isotherm verify --standstills --json`.
 
     `gravity_local` [m/s2] is that of the table's provenance unless given. `require` is as that of the command, for example "scale=500ppm"; the document
-    has `met` and the judgements. Raises StabilityError if there are no standstills, or if local gravity is unknown.
+    has `met` and the judgements. Samples of another unit than the table's are refused, unless `other_device`. Raises StabilityError if there are no standstills, or if local gravity is unknown.
     """
     _positive("window", window)
     if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
         raise ValueError(f"gravity_local is {gravity_local}, give 9.7 to 9.9 m/s2")
-    return _isotherm.lengths(table, sample_bytes(samples), window, gravity_local, require)
+    return _isotherm.lengths(table, sample_bytes(samples), window, gravity_local, other_device, require)
 
 
 def _positive(name: str, seconds: float) -> None:
-    if not (math.isfinite(seconds) and seconds > 0.0):
-        raise ValueError(f"{name} is {seconds}, give seconds over 0")
+    if not 0.0 < seconds <= 1e6:
+        raise ValueError(f"{name} is {seconds}, give seconds over 0 and up to 1e6")

@@ -601,5 +601,5 @@ def calibrate_gravity_only(
     other_device: bool,
 ) -> GravityOnlyCalibration: ...
 def lengths(
-    table: Table, samples: _Bytes, window: float, gravity_local: float | None, require: str | None
+    table: Table, samples: _Bytes, window: float, gravity_local: float | None, other_device: bool, require: str | None
 ) -> dict[str, Any]: ...
