@@ -1,6 +1,8 @@
 //! A campaign: the campaign file (campaign.toml) and the dwells made from the samples.
 //!
 //! It has positions, ramps beside them, or ramps alone. Ramps alone give bias curves at one attitude; another table gives the rest.
+//!
+//! Over 400 lines: one file format, and the reader of its samples.
 
 mod batch;
 mod direction;

@@ -6,6 +6,7 @@
 //!
 //! One temperature gives constants; several, at most as many coefficients as temperatures.
 
+mod checks;
 mod choice;
 pub mod dilution;
 pub mod lengths;
@@ -19,36 +20,29 @@ pub use provenance::sealed_table;
 
 use crate::calibrate::table_of;
 use crate::campaign::{Campaign, implausible, range};
-use crate::checks::time::CLOCK_TOLERANCE;
-use crate::curve::{Curve, student_quantile};
+use crate::curve::Curve;
 use crate::diagnostics::median;
 use crate::standstill::{self, StandstillError};
+use checks::{
+    kelvin, outliers, refuse_interval, refuse_offset, refuse_other_device, refuse_silent, refuse_twice, turned,
+};
 use choice::Chosen;
 use dilution::Dilution;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::{CampaignRow, RecordingError};
-use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Refusal};
-use isotherm_shared::wire::{AXES, RawSample, device};
-use model::{Ellipsoid, GravityFit, ellipsoid};
+use isotherm_shared::table::{CoefficientTable, Refusal};
+use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::{Matrix3, Vector3};
 use reading::Reading;
 
-/// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
-const MAX_BIAS: f64 = 1.0;
-/// Condition number of the ellipsoid up to which its centre is believed.
-const MAX_CONDITION: f64 = 30.0;
 /// Residuals over the noise of the standstills that give a warning. Real IMUs reach 3.
 const LACK_OF_FIT: f64 = 20.0;
 /// Noise of a standstill that is taken at least for that \[g0\].
 const LEAST_NOISE: f64 = 1e-6;
-/// No IMU is warmer in a calibration \[degC\].
-const NO_CELSIUS: f64 = 150.0;
 /// Share of the telemetry's range that a temperature is no wider than.
 const LEVEL: f64 = 0.1;
 /// Median of chi-square with one degree of freedom.
 const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
-/// Probability that a standstill is named as off by chance.
-const OUTLIER: f64 = 0.01;
 
 /// The raw samples of one recording.
 #[derive(Clone, Debug, Default)]
@@ -336,77 +330,6 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     Ok(found)
 }
 
-/// Refuses samples of another unit than the campaign's serial number says. Samples without a device, and campaigns without a serial number, pass.
-fn refuse_other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
-    let Some(serial) = campaign.serial.as_deref() else { return Ok(()) };
-    let ours = device(serial);
-    let other = |row: &RawSample| row.device != 0 && ours != 0 && row.device != ours;
-    match recordings.iter().find(|recording| recording.rows.iter().any(other)) {
-        Some(recording) => Err(GravityOnlyError::Refused(format!(
-            "{}: samples of another unit than serial number {serial}; correct the serial number, or accept them: --other-device",
-            recording.name
-        ))),
-        None => Ok(()),
-    }
-}
-
-/// Refuses a recording that is there twice: it would count as new data.
-fn refuse_twice(recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
-    for (index, one) in recordings.iter().enumerate() {
-        if let Some(other) = recordings[..index].iter().find(|other| other.rows == one.rows) {
-            return Err(GravityOnlyError::Refused(format!(
-                "{} and {} are the same recording; name every recording once",
-                other.name, one.name
-            )));
-        }
-    }
-    Ok(())
-}
-
-/// Refuses intervals that are not the time from row to row.
-fn refuse_interval(name: &str, rows: &[RawSample]) -> Result<(), GravityOnlyError> {
-    let ratio = |pair: &[RawSample]| {
-        let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
-        (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
-    };
-    let ratios: Vec<f64> = rows.windows(2).filter_map(ratio).collect();
-    let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
-    if (usual - 1.0).abs() <= CLOCK_TOLERANCE {
-        return Ok(());
-    }
-    Err(GravityOnlyError::Refused(format!(
-        "{name}: interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
-         timestamps; of foreign data, interval_s in the mapping file"
-    )))
-}
-
-/// Refuses an axis that never counts.
-fn refuse_silent(readings: &[Reading]) -> Result<(), GravityOnlyError> {
-    let counts = |axis: usize| readings.iter().any(|reading| reading.rates[axis] != [0.0; 2]);
-    match (0..AXES).find(|axis| !counts(*axis)) {
-        Some(axis) if !readings.is_empty() => Err(GravityOnlyError::Refused(format!(
-            "{} gives no pulses in any standstill; look at its columns and its converter",
-            AXIS_NAMES[axis]
-        ))),
-        _ => Ok(()),
-    }
-}
-
-/// Refuses readings about a centre that no bias explains.
-fn refuse_offset(readings: &[Reading], gravity: f64) -> Result<(), GravityOnlyError> {
-    let Some(Ellipsoid { bias, scale_factor, condition }) = ellipsoid(readings, gravity) else { return Ok(()) };
-    let offset = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS);
-    // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
-    let Some(axis) = offset.filter(|_| condition < MAX_CONDITION) else { return Ok(()) };
-    Err(GravityOnlyError::Refused(format!(
-        "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
-         `offset` in the mapping file",
-        AXIS_NAMES[axis],
-        bias[axis] * scale_factor[axis],
-        bias[axis]
-    )))
-}
-
 /// Number of temperatures: groups of standstills whose head telemetry is no further apart than a tenth of the whole range.
 fn levels(readings: &[Reading]) -> usize {
     let mut all: Vec<f64> = readings.iter().map(|reading| reading.head.iter().sum::<f64>() / AXES as f64).collect();
@@ -486,59 +409,4 @@ fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
         parts.map(|[w, q]| ((w + q / n) / n).sqrt())
     };
     readings.iter().map(errors).collect()
-}
-
-/// A warning about telemetry in kelvin with the label of degrees Celsius.
-fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<String> {
-    let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
-    let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
-    is_kelvin.then(|| format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K"))
-}
-
-/// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
-fn turned(readings: &[Reading], noise: &[f64], force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>) -> Vec<String> {
-    let shown = |(reading, noise): (&Reading, &f64)| {
-        let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
-        // The middles of the thirds are two thirds of the standstill apart.
-        let angle = 1.5 * first.angle(&last);
-        let short = angle * angle / 24.0;
-        let named = short > *noise;
-        named.then(|| {
-            format!(
-                "standstill {}: the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
-                 mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
-                reading.number,
-                angle * 1e3,
-                short * 1e6,
-                noise * 1e6,
-                reading.number
-            )
-        })
-    };
-    readings.iter().zip(noise).filter_map(shown).collect()
-}
-
-/// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.
-fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<String> {
-    let (Some(inverse), true) = (&fit.inverse, freedom > 2) else { return Vec::new() };
-    let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
-    let shown = |(i, reading): (usize, &Reading)| {
-        let row = fit.jacobian.row(i);
-        let left = 1.0 - (row * inverse * row.transpose())[0];
-        // A standstill that the others do not check has no residual.
-        if left < 1e-6 {
-            return None;
-        }
-        let residual = fit.residual[i];
-        let others = (fit.squares() - residual * residual / left).max(0.0) / (freedom - 1) as f64;
-        let ratio = residual.abs() / (others * left).sqrt();
-        (ratio > limit).then(|| {
-            format!(
-                "standstill {}, {:.0} s after the start: {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
-                 it out: --exclude {}",
-                reading.number, reading.start_s, residual * 1e6, reading.number
-            )
-        })
-    };
-    readings.iter().enumerate().filter_map(shown).collect()
 }

@@ -1,7 +1,6 @@
 //! `simulate` of IMUs whose temperature moves: ramps, lags and plays, as a user types them. The physics is tested in
 //! `calibration/src/simulate/ramp.rs`.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
-#![expect(dead_code, reason = "common is shared with other tests")]
 
 mod common;
 

@@ -1,0 +1,151 @@
+//! What is refused before the fit, and what is warned of after it.
+
+use super::model::{Ellipsoid, GravityFit, ellipsoid};
+use super::reading::Reading;
+use super::{GravityOnlyError, TumbleRecording};
+use crate::campaign::Campaign;
+use crate::checks::time::CLOCK_TOLERANCE;
+use crate::curve::student_quantile;
+use crate::diagnostics::median;
+use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::wire::{AXES, RawSample, device};
+use nalgebra::Vector3;
+
+/// A bias beyond this is an offset of the counts, not of a sensor \[g0\].
+const MAX_BIAS: f64 = 1.0;
+/// Condition number of the ellipsoid up to which its centre is believed.
+const MAX_CONDITION: f64 = 30.0;
+/// No IMU is warmer in a calibration \[degC\].
+const NO_CELSIUS: f64 = 150.0;
+/// Probability that a standstill is named as off by chance.
+const OUTLIER: f64 = 0.01;
+
+/// Refuses samples of another unit than the campaign's serial number says. Samples without a device, and campaigns without a serial number, pass.
+pub(super) fn refuse_other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
+    let Some(serial) = campaign.serial.as_deref() else { return Ok(()) };
+    let ours = device(serial);
+    let other = |row: &RawSample| row.device != 0 && ours != 0 && row.device != ours;
+    match recordings.iter().find(|recording| recording.rows.iter().any(other)) {
+        Some(recording) => Err(GravityOnlyError::Refused(format!(
+            "{}: samples of another unit than serial number {serial}; correct the serial number, or accept them: --other-device",
+            recording.name
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a recording that is there twice: it would count as new data.
+pub(super) fn refuse_twice(recordings: &[TumbleRecording]) -> Result<(), GravityOnlyError> {
+    for (index, one) in recordings.iter().enumerate() {
+        if let Some(other) = recordings[..index].iter().find(|other| other.rows == one.rows) {
+            return Err(GravityOnlyError::Refused(format!(
+                "{} and {} are the same recording; name every recording once",
+                other.name, one.name
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses intervals that are not the time from row to row.
+pub(super) fn refuse_interval(name: &str, rows: &[RawSample]) -> Result<(), GravityOnlyError> {
+    let ratio = |pair: &[RawSample]| {
+        let step_ns = pair[1].timestamp_ns.saturating_sub(pair[0].timestamp_ns);
+        (pair[0].session == pair[1].session && step_ns > 0).then(|| pair[1].interval_ns as f64 / step_ns as f64)
+    };
+    let ratios: Vec<f64> = rows.windows(2).filter_map(ratio).collect();
+    let usual = if ratios.is_empty() { 1.0 } else { median(ratios) };
+    if (usual - 1.0).abs() <= CLOCK_TOLERANCE {
+        return Ok(());
+    }
+    Err(GravityOnlyError::Refused(format!(
+        "{name}: interval_ns is {usual:.4} of the time from row to row, so every scale factor would be off as much; correct interval_ns, or the \
+         timestamps; of foreign data, interval_s in the mapping file"
+    )))
+}
+
+/// Refuses an axis that never counts.
+pub(super) fn refuse_silent(readings: &[Reading]) -> Result<(), GravityOnlyError> {
+    let counts = |axis: usize| readings.iter().any(|reading| reading.rates[axis] != [0.0; 2]);
+    match (0..AXES).find(|axis| !counts(*axis)) {
+        Some(axis) if !readings.is_empty() => Err(GravityOnlyError::Refused(format!(
+            "{} gives no pulses in any standstill; look at its columns and its converter",
+            AXIS_NAMES[axis]
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses readings about a centre that no bias explains.
+pub(super) fn refuse_offset(readings: &[Reading], gravity: f64) -> Result<(), GravityOnlyError> {
+    let Some(Ellipsoid { bias, scale_factor, condition }) = ellipsoid(readings, gravity) else { return Ok(()) };
+    let offset = (0..AXES).find(|axis| bias[*axis].abs() > MAX_BIAS);
+    // Few attitudes show a part of the ellipsoid, whose centre may be anywhere.
+    let Some(axis) = offset.filter(|_| condition < MAX_CONDITION) else { return Ok(()) };
+    Err(GravityOnlyError::Refused(format!(
+        "the rates of {} lie about {:.0} pulse/s, which is {:.1} g0: the offset of an unsigned count is left in; take it off with isotherm convert, \
+         `offset` in the mapping file",
+        AXIS_NAMES[axis],
+        bias[axis] * scale_factor[axis],
+        bias[axis]
+    )))
+}
+
+/// A warning about telemetry in kelvin with the label of degrees Celsius.
+pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<String> {
+    let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
+    let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
+    is_kelvin.then(|| format!("the telemetry is {lowest:.1} degC at least; if it is in kelvin, say so: K"))
+}
+
+/// Standstills in which the IMU turned: the mean of a specific force that turns by theta is theta^2/24 too short.
+pub(super) fn turned(
+    readings: &[Reading],
+    noise: &[f64],
+    force: impl Fn(&Reading, &[f64; AXES]) -> Vector3<f64>,
+) -> Vec<String> {
+    let shown = |(reading, noise): (&Reading, &f64)| {
+        let [first, last] = [0, 1].map(|third| force(reading, &reading.thirds[third]));
+        // The middles of the thirds are two thirds of the standstill apart.
+        let angle = 1.5 * first.angle(&last);
+        let short = angle * angle / 24.0;
+        let named = short > *noise;
+        named.then(|| {
+            format!(
+                "standstill {}: the IMU turned by {:.1} mrad in it, which makes its specific force {:.1}e-6 g0 too short, over the noise of its \
+                 mean, {:.1}e-6 g0; put it on firm ground, or leave it out: --exclude {}",
+                reading.number,
+                angle * 1e3,
+                short * 1e6,
+                noise * 1e6,
+                reading.number
+            )
+        })
+    };
+    readings.iter().zip(noise).filter_map(shown).collect()
+}
+
+/// Standstills whose residual no chance explains: each is judged by the scatter of the others, at 1 % shared among all.
+pub(super) fn outliers(readings: &[Reading], fit: &GravityFit, freedom: usize) -> Vec<String> {
+    let (Some(inverse), true) = (&fit.inverse, freedom > 2) else { return Vec::new() };
+    let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
+    let shown = |(i, reading): (usize, &Reading)| {
+        let row = fit.jacobian.row(i);
+        let left = 1.0 - (row * inverse * row.transpose())[0];
+        // A standstill that the others do not check has no residual.
+        if left < 1e-6 {
+            return None;
+        }
+        let residual = fit.residual[i];
+        let others = (fit.squares() - residual * residual / left).max(0.0) / (freedom - 1) as f64;
+        let ratio = residual.abs() / (others * left).sqrt();
+        (ratio > limit).then(|| {
+            format!(
+                "standstill {}, {:.0} s after the start: {:.1}e-6 g0 off, {ratio:.1} times what the others allow (limit {limit:.1}): look at it, or leave \
+                 it out: --exclude {}",
+                reading.number, reading.start_s, residual * 1e6, reading.number
+            )
+        })
+    };
+    readings.iter().enumerate().filter_map(shown).collect()
+}
