@@ -138,6 +138,7 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
     };
     let convention = Convention::of(tables);
     let forms: Vec<_> = tables.iter().map(|table| Form::of(table, convention)).collect();
+    found.notes.extend(convention.note().map(str::to_owned));
     let sensors = forms.iter().map(|form| form.curves.len()).min().unwrap_or(0);
     if forms.iter().any(|form| form.curves.len() != sensors) {
         found.notes.push("Not all tables have gyroscopes: only the accelerometers are looked at.".to_owned());
@@ -148,7 +149,7 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
                 found.add_curve((kind, axis, quantity), &forms);
             }
         }
-        found.add_misalignments(kind, tables);
+        found.add_misalignments(kind, &forms);
     }
     found.add_residuals(tables);
     // What is the same in all units is no quantity that a unit can stand out in.
@@ -214,16 +215,9 @@ impl Batch {
     }
 
     /// Adds the misalignments of a triad: those of the provenance, or of the alignment matrix.
-    fn add_misalignments(&mut self, kind: SensorKind, tables: &[TableFile]) {
-        let of = |table: &TableFile| {
-            let content = table.table.content();
-            let (triad, alignment) = match kind {
-                SensorKind::Accelerometer => (0, content.alignment),
-                SensorKind::Gyroscope => (1, content.gyroscopes.as_ref().and_then(|gyroscopes| gyroscopes.alignment)),
-            };
-            table.origin.misalignment[triad].or_else(|| alignment.and_then(|matrix| matrix.try_inverse()))
-        };
-        let Some(matrices) = tables.iter().map(of).collect::<Option<Vec<_>>>() else {
+    fn add_misalignments(&mut self, kind: SensorKind, forms: &[Form]) {
+        let triad = usize::from(kind == SensorKind::Gyroscope);
+        let Some(matrices) = forms.iter().map(|form| form.misalignment[triad]).collect::<Option<Vec<_>>>() else {
             self.notes.push("Not all tables have misalignments, so they are not looked at.".to_owned());
             return;
         };

@@ -7,9 +7,9 @@
 //! ```text
 //! v = p' C p,    p = (1, x, x^2, ..),    x = (U - center)/scale
 //! ```
-//! with Welch's degrees of freedom. A curve has changed if its difference d exceeds the band of Scheffe with 1 - 0.05/9 anywhere:
-//! `|d| > sqrt(k F(k, df; 1 - 0.05/9)) sqrt(v)`, k the number of coefficients. So in 5 of 100 comparisons at most any of the nine curves of a triad
-//! counts as changed where nothing has changed.
+//! with Welch's degrees of freedom. A curve has changed if its difference d exceeds the band of Scheffe with 1 - 0.05/n anywhere:
+//! `|d| > sqrt(k F(k, df; 1 - 0.05/n)) sqrt(v)`, k the number of coefficients, n that of the curves: 9, or 18 with gyroscopes. So in 5 of 100
+//! comparisons at most any curve counts as changed where nothing has changed. The misalignments share 5 % of their own.
 //!
 //! The errors are those of each campaign. They do not hold what differs between two mountings of the IMU.
 
@@ -102,6 +102,7 @@ pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Compariso
         .flat_map(|(index, (kind, axis))| (0..QUANTITIES.len()).map(move |quantity| (index, (kind, axis, quantity))));
     let from = time(&tables[0]);
     let years: Vec<_> = tables.iter().map(|table| (time(table) - from) / YEAR_S).collect();
+    let count = sensors * QUANTITIES.len();
     let (mut curves, mut trends) = (Vec::new(), Vec::new());
     for (index, place) in quantities {
         let (kind, axis, quantity) = place;
@@ -113,14 +114,15 @@ pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Compariso
         };
         // The range of the pair may be wider than that of all.
         let pair = [&old.curves[index][quantity], &new.curves[index][quantity]];
-        curves.push(CurveComparison::of(place, pair, common_range(pair).unwrap_or(range)));
+        curves.push(CurveComparison::of(place, pair, common_range(pair).unwrap_or(range), count));
         if tables.len() > 2 {
             trends.push(Trend::of(place, &all, f64::midpoint(range[0], range[1]), &years));
         }
     }
-    let triads = kinds.into_iter().take(sensors / AXES);
-    let alignments = triads.map(|kind| AlignmentComparison::of(kind, [old, new])).collect();
-    let notes = notes(&tables, convention, &curves);
+    let triads = sensors / AXES;
+    let alignments = kinds.into_iter().take(triads);
+    let alignments: Vec<_> = alignments.map(|kind| AlignmentComparison::of(kind, [old, new], triads)).collect();
+    let notes = notes(&tables, convention, &curves, &alignments);
     Ok(Comparison { tables, convention, curves, alignments, trends, notes })
 }
 
@@ -171,21 +173,26 @@ fn dates(tables: &[TableFile]) -> Vec<String> {
 }
 
 /// What a reader must know about the tables.
-fn notes(tables: &[TableFile], convention: Convention, curves: &[CurveComparison]) -> Vec<String> {
-    let mut notes = Vec::new();
-    if convention == Convention::Triangular {
-        notes.push(
-            "Some tables have three misalignments, others six. They are compared with three: A3 along the body's z, A2 in its y-z plane; \
-             the scale factors and biases of the others are converted with them."
-                .to_owned(),
-        );
-    }
+fn notes(
+    tables: &[TableFile],
+    convention: Convention,
+    curves: &[CurveComparison],
+    alignments: &[AlignmentComparison],
+) -> Vec<String> {
+    let mut notes: Vec<_> = convention.note().map(str::to_owned).into_iter().collect();
     let missing: Vec<_> = curves.iter().filter(|curve| curve.band.is_none()).map(CurveComparison::name).collect();
     if !missing.is_empty() {
         let which = if missing.len() == curves.len() { "any curve".to_owned() } else { missing.join(", ") };
         notes.push(format!(
             "The provenances do not have the covariances of {which} in both tables: the values alone decide, and nothing says whether a \
              difference is more than the errors."
+        ));
+    }
+    for alignment in alignments.iter().filter(|alignment| alignment.half_width_urad.is_none()) {
+        notes.push(format!(
+            "The errors of the misalignments of the {} are not known in both tables: the values alone decide, and nothing says whether a \
+             difference is more than the errors.",
+            alignment.name()
         ));
     }
     let names = |of: &dyn Fn(&TableFile) -> bool| -> Option<String> {
@@ -225,6 +232,8 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// The judgement in words, with values and bound.
     pub message: String,
+    /// What to do, unless it is within.
+    pub remedy: Option<&'static str>,
 }
 
 impl Comparison {
@@ -248,10 +257,11 @@ impl Comparison {
         curves.chain(alignments.map(|alignment| format!("alignment of the {}", alignment.name()))).collect()
     }
 
-    /// Whether the errors of all curves are known.
+    /// Whether the errors of all curves and misalignments are known.
     #[must_use]
     pub fn has_errors(&self) -> bool {
         self.curves.iter().all(|curve| curve.band.is_some())
+            && self.alignments.iter().all(|alignment| alignment.half_width_urad.is_some())
     }
 
     /// What has changed, in words.
@@ -268,6 +278,11 @@ impl Comparison {
     /// Judges every bound that is given.
     #[must_use]
     pub fn judge(&self, required: &ComparisonRequirement) -> Vec<Judgement> {
+        let imu = |table: &TableFile| table.table.content().imu.clone();
+        let beyond = match imu(self.old_table()) == imu(self.new_table()) {
+            true => "install the new table, and look for the cause",
+            false => "these are different IMUs; give each a table of its own",
+        };
         let judgement =
             |name: String, ends: [Option<f64>; 2], largest: f64, verdict: Verdict, bound: f64, unit: &str| {
                 let places = if unit == "deg/h" { 5 } else { 3 };
@@ -278,7 +293,12 @@ impl Comparison {
                     _ => format!("{largest:.places$} {unit}, errors not known"),
                 };
                 let message = format!("{name}: {difference}, at most {bound:.places$} {unit} is required: {verdict}");
-                Judgement { name, verdict, message }
+                let remedy = match verdict {
+                    Verdict::Within => None,
+                    Verdict::Undecided => Some("a longer campaign has smaller errors"),
+                    Verdict::Beyond => Some(beyond),
+                };
+                Judgement { name, verdict, message, remedy }
             };
         let mut found = Vec::new();
         for curve in &self.curves {
@@ -297,7 +317,8 @@ impl Comparison {
         if required.rate.is_some() && !self.curves.iter().any(|curve| curve.unit == "deg/h") {
             let (name, verdict) = ("rate".to_owned(), Verdict::Undecided);
             let message = "rate: not judged, the tables do not all have gyroscopes".to_owned();
-            found.push(Judgement { name, verdict, message });
+            let remedy = Some("leave rate out, or give tables with gyroscopes alone");
+            found.push(Judgement { name, verdict, message, remedy });
         }
         found
     }
@@ -311,18 +332,26 @@ impl Comparison {
     /// Whether everything that is required is within its bound.
     ///
     /// # Errors
-    /// The judgements that are not, with a remedy.
+    /// The judgements that are not, each with its remedy below it; those with the same one are together.
     pub fn check(&self, required: &ComparisonRequirement) -> Result<(), String> {
         let judgements = self.judge(required);
         let missed: Vec<_> = judgements.iter().filter(|judgement| judgement.verdict != Verdict::Within).collect();
         if missed.is_empty() {
             return Ok(());
         }
-        let remedy = match missed.iter().any(|judgement| judgement.verdict == Verdict::Beyond) {
-            true => "install the new table, and look for the cause",
-            false => "a longer campaign has smaller errors",
+        let mut remedies: Vec<_> = missed.iter().filter_map(|judgement| judgement.remedy).collect();
+        let mut seen = Vec::new();
+        remedies.retain(|remedy| {
+            !seen.contains(remedy) && {
+                seen.push(*remedy);
+                true
+            }
+        });
+        let part = |remedy: &&'static str| {
+            let lines = missed.iter().filter(|judgement| judgement.remedy == Some(*remedy));
+            let lines: String = lines.map(|judgement| format!("\n  {}", judgement.message)).collect();
+            format!("{lines}\nremedy: {remedy}")
         };
-        let lines: Vec<_> = missed.iter().map(|judgement| format!("\n  {}", judgement.message)).collect();
-        Err(format!("the requirement is not met:{}\nremedy: {remedy}", lines.concat()))
+        Err(format!("the requirement is not met:{}", remedies.iter().map(part).collect::<String>()))
     }
 }

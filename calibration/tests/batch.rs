@@ -141,6 +141,31 @@ fn units_with_other_orders_are_compared_by_their_curves() {
 }
 
 #[test]
+fn misalignments_are_compared_by_one_convention() {
+    let table = |name: &str, imu: &str| {
+        let text = fs::read_to_string(format!("{DATA}/any_lab/compare/{name}_alignment.toml")).unwrap();
+        let mut file = TableFile::from_toml(name, &text.replace("\"imu-a\"", &format!("\"{imu}\""))).unwrap();
+        // As `calibrate` writes them.
+        file.origin.misalignment[0] = file.table.content().alignment.unwrap().try_inverse();
+        file
+    };
+    let misalignments = |tables: &[TableFile]| {
+        let found = batch(tables).unwrap();
+        let quantities: Vec<_> =
+            found.quantities.into_iter().filter(|quantity| quantity.name.contains("misalignment")).collect();
+        (quantities, found.notes)
+    };
+    // The same unit by both conventions has the same three misalignments.
+    let (mixed, notes) = misalignments(&[table("full", "imu-a"), table("triangular", "imu-b")]);
+    assert_eq!(mixed.len(), 3, "{mixed:?}");
+    assert!(mixed.iter().all(|quantity| (quantity.values[0] - quantity.values[1]).abs() < 1e-6), "{mixed:?}");
+    assert!(notes.iter().any(|note| note.contains("They are compared with three")), "{notes:?}");
+    // Of one convention, nothing is converted.
+    let (full, notes) = misalignments(&[table("full", "imu-a"), table("full", "imu-b")]);
+    assert!(full.len() == 6 && !notes.iter().any(|note| note.contains("three")), "{full:?}");
+}
+
+#[test]
 fn a_unit_that_stands_out_is_named_with_its_value() {
     let found = of(&[(1.0, 0.1), (-2.0, 0.3), (3.0, -0.2), (0.5, 0.0), (-1.0, -0.1), (500.0, 0.2)], None);
     let lines = found.verdict();

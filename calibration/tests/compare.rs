@@ -5,8 +5,9 @@ use isotherm_calibration::compare::{Comparison, ComparisonRequirement, Conventio
 use isotherm_calibration::provenance::{CurveErrors, Origin, TableFile};
 use isotherm_calibration::simulate::RandomGenerator;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::CoefficientTable;
-use nalgebra::{DMatrix, DVector};
+use isotherm_shared::table::{CoefficientTable, Gyroscopes};
+use isotherm_shared::units::BiasUnit;
+use nalgebra::{DMatrix, DVector, Matrix3};
 use serde_json::Value;
 use std::fs;
 
@@ -130,6 +131,71 @@ fn other_units_gravity_and_powers_are_the_same_curves() {
     assert_eq!(compared(&["full_alignment", "full_alignment"]).convention, Convention::AsWritten);
 }
 
+/// The table with gyroscopes whose curves are those of 2023's accelerometers in deg/h, with these errors of both triads' misalignments \[rad\].
+fn with_gyroscopes(file: TableFile, alignment: Option<Matrix3<f64>>, errors: [f64; 2]) -> TableFile {
+    let (mut content, mut origin) = (file.table.content().clone(), file.origin);
+    let mut axes = table("2023").table.content().axes.clone();
+    for axis in &mut axes {
+        axis.bias_unit = BiasUnit::DegreePerHour;
+    }
+    content.gyroscopes = Some(Gyroscopes { axes, g_sensitivity: [None; 3], alignment });
+    content.format = content.least_format();
+    for index in 0..3 {
+        origin.curves[3 + index] = origin.curves[index].clone();
+    }
+    origin.misalignment_error = errors.map(|error| Some(Matrix3::from_fn(|i, j| if i == j { 0.0 } else { error })));
+    TableFile { name: file.name, table: CoefficientTable::new(content).unwrap(), origin }
+}
+
+#[test]
+fn gyroscopes_turn_with_the_axes_of_their_matrix() {
+    let [full, triangular] = ["full_alignment", "triangular_alignment"].map(table);
+    let matrix = |table: &TableFile| table.table.content().alignment.unwrap();
+    // The rotation between the axes of both tables: M = R Q; the triangular table has R with a diagonal of 1, and the diagonal in its K.
+    let k = |table: &TableFile, i: usize| table.table.content().axes[i].positive_scale_factor.at(2.5);
+    let d = Matrix3::from_diagonal(&[0, 1, 2].map(|i| k(&triangular, i) / k(&full, i)).into());
+    let q = matrix(&triangular) * d.try_inverse().unwrap() * matrix(&full).try_inverse().unwrap();
+    let pair = |gyroscopes: [Option<Matrix3<f64>>; 2]| {
+        let tables = [full.clone(), triangular.clone()].into_iter().zip(gyroscopes);
+        let tables = tables.map(|(table, matrix)| with_gyroscopes(table, matrix, [3e-6, 4e-6]));
+        compare(tables.collect(), false).unwrap()
+    };
+    // Without a matrix they stay along their input axes.
+    let found = pair([None; 2]);
+    assert_eq!((found.convention, found.alignments[1].largest_urad()), (Convention::Triangular, 0.0));
+    assert_eq!(found.changed(), [""; 0]);
+    // With one, the angles of the rotation have the errors of the accelerometers' misalignments: 5e-6 rad with those of the gyroscopes.
+    let own = Matrix3::new(1.0, 1e-3, 0.0, 0.0, 1.0, -2e-3, 1e-3, 0.0, 1.0);
+    let found = pair([Some(own), Some(q * own)]);
+    assert_eq!(found.changed(), [""; 0]);
+    assert!(found.alignments[1].largest_urad() < 0.01, "{:?}", found.alignments[1]);
+    let half = |found: &Comparison| found.alignments[1].half_width_urad.unwrap()[0][1];
+    let same = compare(vec![with_gyroscopes(triangular.clone(), Some(own), [3e-6, 4e-6]); 2], false).unwrap();
+    // Welch's degrees of freedom of 25 and 16 are a few less than those of 16 and 16.
+    let ratio = half(&found) / half(&same);
+    assert!((ratio - f64::sqrt(41.0 / 32.0)).abs() < 0.01, "{ratio}");
+}
+
+#[test]
+fn misalignments_without_errors_are_not_known() {
+    let found = compared(&["triangular_alignment", "triangular_alignment"]);
+    assert!(found.curves.iter().all(|curve| curve.band.is_some()) && !found.has_errors());
+    assert_eq!(found.conclusion(), "Whether anything has changed by more than the errors is not known.");
+    assert!(
+        found.notes.iter().any(|note| note.starts_with(
+            "The errors of the misalignments of the accelerometers are not known in both tables: the values alone decide"
+        )),
+        "{:?}",
+        found.notes
+    );
+    let file = table("triangular_alignment");
+    let known = compare(vec![with_gyroscopes(file, None, [1e-6; 2]); 2], false).unwrap();
+    assert_eq!(known.conclusion(), "Nothing has changed by more than the errors.");
+    // Its 18 curves share the 5 % that 9 have without gyroscopes.
+    let factor = |found: &Comparison| found.curves[0].band.as_ref().unwrap().factor;
+    assert!(factor(&known) > 1.03 * factor(&found), "{} {}", factor(&known), factor(&found));
+}
+
 #[test]
 fn what_cannot_be_compared_is_said() {
     let missing = compared(&["2023", "no_covariance"]);
@@ -198,7 +264,8 @@ fn simulated(truth: &CoefficientTable, random: &mut RandomGenerator, shift_ug0: 
     let design = DMatrix::from_fn(telemetry.len(), 4, |i, k| ((telemetry[i] - 2.5) / 1.4).powi(k as i32));
     let inverse = (design.transpose() * &design).try_inverse().unwrap();
     let (mut content, mut origin) = (truth.content().clone(), Origin { unix_s: Some(unix_s), ..Origin::default() });
-    for (axis, errors) in content.axes.iter_mut().zip(&mut origin.curves) {
+    let gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
+    for (axis, errors) in content.axes.iter_mut().chain(gyroscopes).zip(&mut origin.curves) {
         let curves = [&mut axis.bias, &mut axis.positive_scale_factor, &mut axis.negative_scale_factor];
         for ((curve, error), (shift, sd)) in
             curves.into_iter().zip(errors).zip([(shift_ug0, 0.1), (0.0, 0.045), (0.0, 0.045)])
@@ -215,19 +282,30 @@ fn simulated(truth: &CoefficientTable, random: &mut RandomGenerator, shift_ug0: 
 
 #[test]
 fn false_alarms_are_rare_and_changes_are_found() {
+    let truth = table("2023");
+    false_alarms(&truth.table, 9);
+    false_alarms(&with_gyroscopes(truth, None, [0.0; 2]).table, 18);
+}
+
+fn false_alarms(truth: &CoefficientTable, curves: usize) {
     const COMPARISONS: u32 = 1000;
-    let truth = table("2023").table;
     let (mut alarms, mut found, mut random) = (0, 0, RandomGenerator::new(4, 0));
     for _ in 0..COMPARISONS {
         let mut pair = |shift: f64| {
-            compare(vec![simulated(&truth, &mut random, 0.0, 0.0), simulated(&truth, &mut random, shift, 1.0)], false)
+            compare(vec![simulated(truth, &mut random, 0.0, 0.0), simulated(truth, &mut random, shift, 1.0)], false)
                 .unwrap()
         };
-        alarms += u32::from(!pair(0.0).changed().is_empty());
+        let same = pair(0.0);
+        assert_eq!(same.curves.len(), curves);
+        alarms += u32::from(!same.changed().is_empty());
         found += u32::from(pair(0.5).curves[0].is_changed().unwrap());
     }
     let percent = |count: u32| f64::from(count) * 100.0 / f64::from(COMPARISONS);
-    println!("false alarms {} %, shifts of 5 standard deviations found {} %", percent(alarms), percent(found));
+    println!(
+        "{curves} curves: false alarms {} %, shifts of 5 standard deviations found {} %",
+        percent(alarms),
+        percent(found)
+    );
     assert!(percent(alarms) <= 5.0 && alarms > 0, "{alarms}");
     assert!(percent(found) > 99.0, "{found}");
 }
@@ -270,4 +348,17 @@ fn verdicts_are_within_beyond_or_undecided() {
         "{message}"
     );
     assert!(message.ends_with("\nremedy: a longer campaign has smaller errors"), "{message}");
+    // Each judgement has its own remedy; those with the same one are together.
+    let message = found.check(&"bias=4.2ug0,scale=0.1ppm,rate=1deg/h".parse().unwrap()).unwrap_err();
+    let remedies: Vec<_> = message.lines().filter(|line| line.starts_with("remedy: ")).collect();
+    assert_eq!(remedies.len(), 3, "{message}");
+    assert!(
+        message.ends_with("rate: not judged, the tables do not all have gyroscopes\nremedy: leave rate out, or give tables with gyroscopes alone"),
+        "{message}"
+    );
+    assert!(message.contains("\nremedy: install the new table, and look for the cause\n"), "{message}");
+    // The table of another IMU is none to install.
+    let others = compare(vec![table("2023"), table("other_imu")], true).unwrap();
+    let message = others.check(&"bias=0.001ug0".parse().unwrap()).unwrap_err();
+    assert!(!message.contains("install"), "{message}");
 }

@@ -119,6 +119,35 @@ fn one_bad_imu_of_three_is_dropped_and_the_others_are_as_alone() {
 }
 
 #[test]
+fn an_output_that_fails_ends_the_command() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let text = campaign();
+    fs::write(at("campaign.toml"), &text).unwrap();
+    let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
+    for imu in ["imu-a", "imu-b", "imu-c"] {
+        fs::write(at(&format!("{imu}.csv")), &samples).unwrap();
+    }
+    // No folder: no IMU can have its table.
+    let (_, err) = run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "none/{imu}.toml"]);
+    assert!(err.contains("there is no folder none") && !err.contains("dropped") && !err.contains("imu-b:"), "{err}");
+    // A place that cannot be written, after the fit of the first one.
+    fs::create_dir(at("imu-b.toml")).unwrap();
+    let (_, err) = run(folder.path(), 74, &["calibrate", "campaign.toml", "-o", "{imu}.toml"]);
+    assert!(err.contains("imu-b.toml") && !err.contains("dropped") && at("imu-a.toml").exists(), "{err}");
+    assert!(!at("imu-c.toml").exists());
+    // The table of one IMU in the place of another one's samples, which is read later: nothing is written.
+    let text = text.replace("id = \"imu-a\"", "id = \"x-imu-c\"").replace("{imu}.csv", "x-{imu}.csv");
+    fs::write(at("crossed.toml"), text).unwrap();
+    for imu in ["x-imu-c", "imu-b", "imu-c"] {
+        fs::write(at(&format!("x-{imu}.csv")), &samples).unwrap();
+    }
+    let (_, err) = run(folder.path(), 64, &["calibrate", "crossed.toml", "-o", "{imu}.csv"]);
+    assert!(err.contains("x-imu-c.csv is the recording; write to another file"), "{err}");
+    assert_eq!(fs::read_to_string(at("x-imu-c.csv")).unwrap(), samples);
+}
+
+#[test]
 fn names_that_imus_would_share_are_refused() {
     let folder = folder();
     fs::write(folder.path().join("campaign.toml"), campaign()).unwrap();
@@ -183,4 +212,12 @@ fn five_real_units_without_a_turntable() {
     assert_eq!(document["batch"]["quantities"].as_array().unwrap().len(), 10, "{out}");
     assert_eq!(document["batch"]["stand_outs"], serde_json::json!([]));
     assert!(fs::read_to_string(at("batch.html")).unwrap().contains("No unit stands out"));
+    // The other options of a calibration without a turntable.
+    let more = ["--scale-factor", "single", "--window", "2", "--no-misalignment"];
+    let command = [&["calibrate", "campaign.toml", "-o", "{imu}.toml"], &range[..], &more[..]].concat();
+    let (out, _) = run(folder.path(), 0, &command);
+    let document: Value = serde_json::from_str(&out).unwrap();
+    let names: Vec<_> = document["batch"]["quantities"].as_array().unwrap().iter().map(|it| &it["name"]).collect();
+    assert!(names.len() >= 7 && !names.iter().any(|name| name.as_str().unwrap().contains("misalignment")), "{names:?}");
+    assert_eq!(document["batch"]["stand_outs"], serde_json::json!([]));
 }

@@ -135,6 +135,19 @@ fn a_log_of_novatel_needs_no_mapping() {
     assert!(stdout.contains("0,1336494812253588000,5000000,4410363,0,7,7,"), "{stdout}");
 }
 
+/// In one file the topics of `imu-a` and `imu_a` would be the same.
+#[test]
+fn imus_with_the_same_topics_are_not_recorded_into_one_file() {
+    let domain = TestDomain::new();
+    for imus in [["imu-a", "imu_a"], ["1", "imu_1"]] {
+        let arguments = ["record", "--format", "ros", "--imu", imus[0], "--imu", imus[1], "-o", "drive.mcap"];
+        let (code, _, stderr) = run(&domain, &arguments);
+        assert_eq!(code, 64, "{stderr}");
+        assert!(stderr.contains("record them into separate files: put {imu} into the name drive.mcap"), "{stderr}");
+        assert!(!domain.path("drive.mcap").exists());
+    }
+}
+
 #[test]
 fn increments_go_to_ros_and_come_back() {
     let domain = TestDomain::new();

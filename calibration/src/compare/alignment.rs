@@ -7,7 +7,7 @@ use crate::regression::f_limit;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 
-/// Probability that any misalignment of a triad counts as changed where none has.
+/// Probability that any misalignment counts as changed where none has. It is shared among those of both triads.
 const FALSE_ALARM: f64 = 0.05;
 /// Misalignments of a triad.
 const MISALIGNMENTS: f64 = 6.0;
@@ -19,13 +19,14 @@ pub struct AlignmentComparison {
     pub kind: SensorKind,
     /// Row by row \[1e-6 rad\].
     pub difference_urad: [[f64; AXES]; AXES],
-    /// Half the width of the band of each entry \[1e-6 rad\], if both tables have the errors of the misalignments. It holds the six true
-    /// differences at once with 95 %, by Student's t with Welch's degrees of freedom.
+    /// Half the width of the band of each entry \[1e-6 rad\], if both tables have the errors of the misalignments. The bands of
+    /// all triads hold the true differences, six a triad, at once with 95 %, by Student's t with Welch's degrees of freedom.
     pub half_width_urad: Option<[[f64; AXES]; AXES]>,
 }
 
 impl AlignmentComparison {
-    pub(super) fn of(kind: SensorKind, [old, new]: [&Form; 2]) -> Self {
+    /// Compares the matrices of one of `triads`.
+    pub(super) fn of(kind: SensorKind, [old, new]: [&Form; 2], triads: usize) -> Self {
         let (triad, first) = match kind {
             SensorKind::Accelerometer => (0, 0),
             SensorKind::Gyroscope => (1, AXES),
@@ -45,7 +46,7 @@ impl AlignmentComparison {
                 both => welch(both, [freedom(old)?, freedom(new)?]),
             };
             // t squared is F with 1 and n degrees of freedom.
-            let quantile = f_limit(FALSE_ALARM / MISALIGNMENTS, 1.0, freedom).sqrt();
+            let quantile = f_limit(FALSE_ALARM / (MISALIGNMENTS * triads as f64), 1.0, freedom).sqrt();
             Some(quantile * (variances[0] + variances[1]).sqrt() * 1e6)
         };
         let row = |i: usize| Some([half_width(i, 0)?, half_width(i, 1)?, half_width(i, 2)?]);

@@ -10,10 +10,8 @@ use isotherm_shared::units::SensorKind;
 pub const POINTS: usize = 41;
 /// Standard gravity \[m/s2\]: 1e6 ug0. Tables may have other values of 1 g0; differences have this one.
 pub const STANDARD_GRAVITY: f64 = 9.806_65;
-/// Probability that any curve counts as changed, or any misalignment, where nothing has. It is shared among the curves of a triad.
+/// Probability that any curve counts as changed where none has. It is shared among all curves.
 const FALSE_ALARM: f64 = 0.05;
-/// Curves of a triad.
-const CURVES: f64 = 9.0;
 
 /// The band around the difference of two curves.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,8 +20,8 @@ pub struct Band {
     pub standard_errors: Vec<f64>,
     /// Welch's degrees of freedom; the median over the points.
     pub freedom: f64,
-    /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/9)) with k coefficients. So the band holds the whole
-    /// difference of the true curves, at all telemetries at once (Scheffe).
+    /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/n)) with k coefficients, n the number of curves: 9, or 18
+    /// with gyroscopes. So the bands hold the whole differences of all true curves, at all telemetries at once, with 95 % (Scheffe).
     pub factor: f64,
 }
 
@@ -97,11 +95,12 @@ pub(super) fn welch(variances: [f64; 2], freedoms: [f64; 2]) -> f64 {
 }
 
 impl CurveComparison {
-    /// Compares a quantity of a sensor over the range that both curves have.
+    /// Compares a quantity of a sensor over the range that both curves have. It is one of `count` curves.
     pub(super) fn of(
         (kind, axis, quantity): (SensorKind, usize, usize),
         [old, new]: [&FormCurve; 2],
         range: [f64; 2],
+        count: usize,
     ) -> Self {
         let telemetry = points(range);
         let factors: Vec<f64> = telemetry.iter().map(|u| unit_factor(kind, quantity, old.at(*u))).collect();
@@ -115,7 +114,7 @@ impl CurveComparison {
             Band {
                 standard_errors: variances.iter().zip(&factors).map(error).collect(),
                 freedom,
-                factor: (k * f_limit(FALSE_ALARM / CURVES, k, freedom)).sqrt(),
+                factor: (k * f_limit(FALSE_ALARM / count as f64, k, freedom)).sqrt(),
             }
         });
         Self {

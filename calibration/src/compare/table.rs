@@ -55,6 +55,18 @@ impl Convention {
         if has(Written::Full) && has(Written::Triangular) { Self::Triangular } else { Self::AsWritten }
     }
 
+    /// What a reader must know of the conversion, if there is one.
+    #[must_use]
+    pub const fn note(self) -> Option<&'static str> {
+        match self {
+            Self::AsWritten => None,
+            Self::Triangular => Some(
+                "Some tables have three misalignments, others six. They are compared with three: A3 along the body's z, A2 in its y-z plane; \
+                 the scale factors and biases of the others are converted with them.",
+            ),
+        }
+    }
+
     /// Its name in documents.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -111,6 +123,8 @@ pub(crate) struct Form {
     pub(crate) alignment: [Matrix3<f64>; 2],
     /// Standard errors of the entries \[rad\]. Of a table without a matrix they are 0, because it is the identity by choice.
     pub(crate) alignment_error: [Option<Matrix3<f64>>; 2],
+    /// Misalignments \[rad\] of the provenance, or else of the matrix, by the same convention.
+    pub(crate) misalignment: [Option<Matrix3<f64>>; 2],
 }
 
 impl Form {
@@ -122,15 +136,31 @@ impl Form {
             Some(_) => table.origin.misalignment_error[triad],
             None => Some(Matrix3::zeros()),
         });
+        let inverse = |triad: usize| matrices[triad].and_then(|matrix: Matrix3<f64>| matrix.try_inverse());
+        let mut misalignment = [0, 1].map(|triad| table.origin.misalignment[triad].or_else(|| inverse(triad)));
+        if convention == Convention::Triangular
+            && let Some(triangular) = misalignment[0].and_then(Triangular::of)
+        {
+            let turned = misalignment[1].map(|matrix| matrix * triangular.rotation.transpose());
+            misalignment = [Some(triangular.misalignment), turned];
+        }
         let mut scales = [1.0; 2 * AXES];
         if convention == Convention::Triangular
             && written(table) == Written::Full
-            && let Some(triangular) = Triangular::of(&alignment[0])
+            && let Some(triangular) = inverse(0).and_then(Triangular::of)
+            && let Some(matrix) = triangular.misalignment.try_inverse()
         {
             scales[..AXES].copy_from_slice(&triangular.scale);
-            alignment[0] = triangular.alignment;
-            // The body's axes turn, so those that the gyroscopes' output is along turn too.
-            alignment[1] = triangular.rotation * alignment[1];
+            alignment[0] = matrix;
+            // The body's axes turn, so those that the gyroscopes' output is along turn too. Without a matrix it is along the gyroscopes' input axes.
+            if matrices[1].is_some() {
+                alignment[1] = triangular.rotation * alignment[1];
+                // To first order the angles of the rotation are the misalignments below the diagonal.
+                alignment_error[1] = alignment_error[1].zip(alignment_error[0]).map(|(own, angles)| {
+                    let turned = |i: usize, j: usize| own[(i, j)].hypot(angles[(i.max(j), i.min(j))]);
+                    Matrix3::from_fn(|i, j| if i == j { own[(i, j)] } else { turned(i, j) })
+                });
+            }
             // To first order a misalignment of the triangle is the sum of the two that are opposite in the full matrix.
             alignment_error[0] = alignment_error[0]
                 .map(|error| Matrix3::from_fn(|i, j| if i < j { error[(i, j)].hypot(error[(j, i)]) } else { 0.0 }));
@@ -153,13 +183,13 @@ impl Form {
                 curve(&axis.negative_scale_factor, scale_factor * scale, &errors[2]),
             ]
         });
-        Self { curves: curves.collect(), alignment, alignment_error }
+        Self { curves: curves.collect(), alignment, alignment_error, misalignment }
     }
 }
 
-/// A full alignment in the triangular convention.
+/// Full misalignments in the triangular convention.
 struct Triangular {
-    alignment: Matrix3<f64>,
+    misalignment: Matrix3<f64>,
     /// From the axes of the full convention to those of the triangular one.
     rotation: Matrix3<f64>,
     /// K of the triangular convention over K of the full one, and A of the full one over A of the triangular one.
@@ -167,10 +197,9 @@ struct Triangular {
 }
 
 impl Triangular {
-    /// The misalignment matrix M, the inverse of the alignment, is R Q with an upper triangle R and a rotation Q. What accelerometer i indicates is
+    /// The matrix M of the misalignments, the inverse of the alignment, is R Q with an upper triangle R and a rotation Q. What accelerometer i indicates is
     /// row i of M times the specific force f, so row i of R times Q f: in the turned axes, with d = R(i,i), it has K d, A/d and the row R(i,..)/d.
-    fn of(alignment: &Matrix3<f64>) -> Option<Self> {
-        let misalignment = alignment.try_inverse()?;
+    fn of(misalignment: Matrix3<f64>) -> Option<Self> {
         // R Q of M is the transpose of the Q R of M with its rows in reverse order, reversed again.
         let reverse = Matrix3::from_fn(|i, j| if i + j == 2 { 1.0 } else { 0.0 });
         let (q, r) = (reverse * misalignment).transpose().qr().unpack();
@@ -187,7 +216,7 @@ impl Triangular {
             std::cmp::Ordering::Equal => 1.0,
             std::cmp::Ordering::Greater => 0.0,
         });
-        Some(Self { alignment: unit.try_inverse()?, rotation: q, scale })
+        scale.iter().all(|d| *d > 0.0).then_some(Self { misalignment: unit, rotation: q, scale })
     }
 }
 
@@ -198,11 +227,11 @@ mod tests {
     #[test]
     fn a_full_alignment_is_a_triangle_times_a_rotation() {
         let misalignment = Matrix3::new(1.0, 0.02, -0.01, -0.015, 1.0, 0.025, 0.01, -0.03, 1.0);
-        let found = Triangular::of(&misalignment.try_inverse().unwrap()).unwrap();
-        let triangle = Matrix3::from_diagonal(&found.scale.into()) * found.alignment.try_inverse().unwrap();
+        let found = Triangular::of(misalignment).unwrap();
+        let triangle = Matrix3::from_diagonal(&found.scale.into()) * found.misalignment;
         assert!((triangle * found.rotation - misalignment).amax() < 1e-15);
         assert!((found.rotation * found.rotation.transpose() - Matrix3::identity()).amax() < 1e-15);
         assert!(found.rotation.determinant() > 0.0);
-        assert!((found.alignment.lower_triangle() - Matrix3::identity()).amax() < 1e-15);
+        assert!((found.misalignment.lower_triangle() - Matrix3::identity()).amax() < 1e-15);
     }
 }

@@ -3,7 +3,7 @@
 mod batch;
 mod gravity_only;
 
-use super::common::{Refused, inputs, or_document};
+use super::common::{Refused, or_document};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use gravity_only::GravityOnlyArgs;
@@ -18,7 +18,7 @@ use isotherm_calibration::report;
 use isotherm_calibration::transients::{LagChoice, RampRecording};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, printable, tell};
-use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, print_data, read_text, refuse_overlap};
+use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, print_data, read_text};
 use isotherm_recording_formats::read::{ImuChoice, Places, Recording, RowKind};
 use serde_json::Value;
 use std::fmt::Write as _;
@@ -171,7 +171,7 @@ impl Calibrate {
             return Err(Failure::new(Exit::Usage, message).into());
         }
         if let Some((campaign, recordings)) = self.described() {
-            let results = self.of_recordings(&campaign, &recordings, None)?;
+            let results = self.make_table(&campaign, &recordings, None)??;
             return Ok(Ok(self.print_json(&results.json)?));
         }
         let (text, _) = read_text(&self.campaign, WorldWritable::Allow)?;
@@ -179,29 +179,41 @@ impl Calibrate {
         let campaigns = campaigns.map_err(|faults| LoadError::Refused { path: self.campaign.clone(), faults })?;
         match (self.chosen(campaigns)?.as_slice(), &self.batch) {
             ([campaign], None) => {
-                let results = self.make_table(campaign, &text)?;
+                let results = self.make_table(campaign, &self.sample_files(campaign)?, Some(&text))??;
                 Ok(Ok(self.print_json(&results.json)?))
             }
             (campaigns, _) => self.make_batch(campaigns, &text),
         }
     }
 
-    /// Makes the table of one IMU. `text` is that of the campaign file.
-    fn make_table(&self, campaign: &Campaign, text: &str) -> Result<Results, Refused> {
-        let folder = self.campaign.parent().unwrap_or(Path::new(""));
-        let samples = self.sample_files(campaign, folder)?;
-        if campaign.gravity_only {
-            return self.of_recordings(campaign, &samples, Some(text));
-        }
-        self.without_turntable.refuse_options()?;
-        let ramp_files: Vec<_> = campaign.ramps.iter().map(|ramp| folder.join(&ramp.samples)).collect();
-        let curves_file = campaign.curves.as_ref().map(|name| folder.join(name));
-        let mut files = inputs(&samples);
-        files.extend(inputs(&ramp_files));
-        files.extend(curves_file.iter().map(|path| (path.as_path(), "the table curves")));
-        files.push((&self.campaign, "the campaign file"));
+    /// Makes the table of one IMU and writes it. `text` is that of the campaign file, if there is one. The inner result tells whether the samples
+    /// give a table; the outer one fails if the command line is wrong, or if the table cannot be written.
+    fn make_table(
+        &self,
+        campaign: &Campaign,
+        samples: &[PathBuf],
+        text: Option<&str>,
+    ) -> Result<Result<Results, Refused>, Refused> {
+        self.refuse_overlaps(&[(campaign, samples)], text)?;
+        // Both files are created before the fit, so that either both are written or none.
         let [output, report] = self.outputs(&campaign.imu);
-        refuse_overlap(&files, &[output.as_deref(), report.as_deref(), self.batch.as_deref()])?;
+        let table = StagedText::create(output.as_deref())?;
+        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
+        let fitted = match text {
+            Some(text) if !campaign.gravity_only => self.of_campaign(campaign, samples, text),
+            _ => self.of_recordings(campaign, samples, text),
+        };
+        match fitted {
+            Ok(results) => Ok(Ok(self.write(results, table, page)?)),
+            Err(refused) if refused.failure.exit == Exit::Usage => Err(refused),
+            Err(refused) => Ok(Err(refused)),
+        }
+    }
+
+    /// The table of one IMU on a turntable. `text` is that of the campaign file.
+    fn of_campaign(&self, campaign: &Campaign, samples: &[PathBuf], text: &str) -> Result<Results, Refused> {
+        self.without_turntable.refuse_options()?;
+        let (ramp_files, curves_file) = (self.ramp_files(campaign), self.curves_file(campaign));
         let first = samples.first().unwrap_or(&self.campaign);
         let curves = curves_file.as_ref().map(|path| load_table(path, Some(&campaign.imu), WorldWritable::Allow));
         let curves = curves.transpose()?.map(|(table, _)| table);
@@ -209,12 +221,9 @@ impl Calibrate {
             // Checked first, because reading may take minutes.
             observable(campaign).map_err(|error| error.failure(&self.campaign, first, |line| line.to_string()))?;
         }
-        // Both files are created before the fit, so that either both are written or none.
-        let table = StagedText::create(output.as_deref())?;
-        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (mut measurements, places, samples_sha256) = match &curves {
             Some(_) => <_>::default(),
-            None => read_samples(campaign, &samples)?,
+            None => read_samples(campaign, samples)?,
         };
         let (recordings, ramps_sha256) = read_ramps(campaign, &ramp_files)?;
         let locate = |line| places.locate(line);
@@ -230,33 +239,32 @@ impl Calibrate {
         let refused = |error: CalibrationError| self.refused(&error, first, locate);
         let failed = |message| Failure::new(Exit::Failed, message);
         let spinner = spinner("fitting");
-        let results = if let Some(curves) = &curves {
+        if let Some(curves) = &curves {
             let fitted = ramps::calibrate(campaign, &recordings, curves, options);
             spinner.finish_and_clear();
             let fitted = fitted.map_err(refused)?;
             let html = || report::ramps::html(campaign, &fitted, &source);
-            Results {
+            Ok(Results {
                 table: sealed_ramp_table(campaign, &fitted, &source).map_err(failed)?,
                 text: report::text::ramps(&fitted),
-                html: page.as_ref().map_or_else(String::new, |_| html()),
+                html: self.report.as_ref().map_or_else(String::new, |_| html()),
                 json: report::json::ramps(&fitted, locate),
                 warnings: fitted.findings.iter().map(|finding| finding.tagged(locate)).collect(),
-            }
+            })
         } else {
             measurements.ramps = recordings;
             let fitted = calibrate(campaign, measurements, options);
             spinner.finish_and_clear();
             let fitted = fitted.map_err(refused)?;
             let html = || report::calibration::html(campaign, &fitted, &source);
-            Results {
+            Ok(Results {
                 table: sealed_table(campaign, &fitted, &source).map_err(failed)?,
                 text: report::text::calibration(&fitted),
-                html: page.as_ref().map_or_else(String::new, |_| html()),
+                html: self.report.as_ref().map_or_else(String::new, |_| html()),
                 json: report::json::calibration(&fitted, locate),
                 warnings: fitted.findings.iter().map(|finding| finding.tagged(locate)).collect(),
-            }
-        };
-        self.write(results, table, page)
+            })
+        }
     }
 
     /// Writes the table and the report, and prints warnings and text.
@@ -288,9 +296,9 @@ impl Calibrate {
     }
 
     /// The files of the samples: those that are given, or that the campaign file names.
-    fn sample_files(&self, campaign: &Campaign, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    fn sample_files(&self, campaign: &Campaign) -> Result<Vec<PathBuf>, Failure> {
         match self.samples.is_empty() {
-            true => Ok(campaign.samples.iter().map(|name| folder.join(name)).collect()),
+            true => Ok(campaign.samples.iter().map(|name| self.beside(name)).collect()),
             false if campaign.has_ramps_alone() => {
                 let message =
                     "samples are for positions, and the campaign file has ramps alone; name them as [[ramp]] in it";
@@ -298,6 +306,19 @@ impl Calibrate {
             }
             false => Ok(self.samples.clone()),
         }
+    }
+
+    fn ramp_files(&self, campaign: &Campaign) -> Vec<PathBuf> {
+        campaign.ramps.iter().map(|ramp| self.beside(&ramp.samples)).collect()
+    }
+
+    fn curves_file(&self, campaign: &Campaign) -> Option<PathBuf> {
+        campaign.curves.as_ref().map(|name| self.beside(name))
+    }
+
+    /// A file that the campaign file names.
+    fn beside(&self, name: &str) -> PathBuf {
+        self.campaign.parent().unwrap_or(Path::new("")).join(name)
     }
 
     /// Names of the faults that are accepted.

@@ -8,7 +8,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{WorldWritable, check_stdout, check_written, end_signals, load_table};
-use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, Rotation};
+use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, Rotation, refuse_same_topics};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::stream::StreamKind;
 use std::path::{Path, PathBuf};
@@ -129,6 +129,11 @@ impl Record {
             return usage(format!(
                 "several IMUs need a file each: put {IMU_PLACEHOLDER} into the name {name}, or record MCAP"
             ));
+        }
+        if format == Format::Ros && !file_per_imu {
+            refuse_same_topics(&self.imus).map_err(|message| {
+                Failure::new(Exit::Usage, format!("{message}: put {IMU_PLACEHOLDER} into the name {name}"))
+            })?;
         }
         let kinds = match self.stream {
             Some(stream) => vec![stream],

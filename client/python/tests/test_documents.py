@@ -132,12 +132,15 @@ def test_fleet(tmp_path: Path) -> None:
         file.write_text(file.read_text().replace('"imu-paper"', f'"{name}"'))
     # The second one has lost its samples.
     (tmp_path / "imu-2" / "samples.csv").unlink()
-    campaigns = [tmp_path / name / "campaign.toml" for name in names]
+    # The third one has a second campaign.
+    shutil.copytree(tmp_path / "imu-3", tmp_path / "again")
+    campaigns = [tmp_path / name / "campaign.toml" for name in [*names, "again"]]
     arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "2"]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
     assert done.returncode == 1, done.stderr
-    assert "2 tables, 1 campaigns failed\nbatch of 2 units\n" in done.stdout, done.stdout
+    assert "2 tables, 2 campaigns failed\nbatch of 2 units\n" in done.stdout, done.stdout
     assert f"{campaigns[1]}: failed: [Errno 2] No such file or directory" in done.stderr
+    assert f"{campaigns[3]}: failed: {campaigns[2]} is a campaign of imu-3 too; give one" in done.stderr
     assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["imu-1.html", "imu-1.toml", "imu-3.html", "imu-3.toml"]
 
     def without_time(text: str) -> str:
@@ -146,3 +149,18 @@ def test_fleet(tmp_path: Path) -> None:
     for name in ("imu-1", "imu-3"):
         alone = isotherm.calibrate(tmp_path / name / "campaign.toml").text
         assert without_time((tmp_path / "tables" / f"{name}.toml").read_text()) == without_time(alone)
+
+
+def test_fleet_without_statistics(tmp_path: Path) -> None:
+    """Tables that are no batch are kept, and the reason is told."""
+    for name, unit in (("imu-1", "V"), ("imu-2", "other")):
+        shutil.copytree(CAMPAIGN.parent, tmp_path / name)
+        file = tmp_path / name / "campaign.toml"
+        text = file.read_text().replace('"imu-paper"', f'"{name}"')
+        file.write_text(re.sub(r'temperature_unit = ".*"', f'temperature_unit = "{unit}"', text))
+    campaigns = [tmp_path / name / "campaign.toml" for name in ("imu-1", "imu-2")]
+    arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "1"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 1, done.stderr
+    assert "2 tables, 0 campaigns failed\n" in done.stdout, done.stdout
+    assert "failed: statistics of the batch: telemetry in V and other" in done.stderr

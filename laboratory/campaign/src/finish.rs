@@ -3,11 +3,13 @@
 //! Over 400 lines: the steps in their order, with what each hands on.
 
 use super::in_force::{InForce, changes};
-use super::journal::{self, Entry, JOURNAL, Journal, LargestError};
+use super::journal::{self, Entry, History, JOURNAL, Journal, LargestError};
+use super::machine::Unit;
 use super::page;
 use super::plan::Plan;
 use super::progress::DroppedImu;
 use super::runner::stopped_by;
+use super::samples::file_of;
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
@@ -35,6 +37,8 @@ use std::time::{Duration, Instant};
 
 /// Begin of the name of the fitted table in the campaign's folder; see [`Plan::file`].
 const TABLE: &str = "table";
+/// Why the table of an IMU that is dropped is not installed.
+const DROPPED: &str = "it is not verified: the IMU is dropped, and verification runs of it are missing";
 /// Longest time until the service has the installed table in force; it takes milliseconds if the service watches the file.
 const IN_FORCE_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -55,7 +59,8 @@ pub struct Finish {
 impl Finish {
     /// Fits the table, verifies it with every run, and installs it if all runs show what is required, none shows that the table in force is
     /// better, and no signal has asked to end. The journal has what becomes of each step, and so has the live page. Of a batch each IMU that is
-    /// not dropped has its own table; a failure of one does not stop the others.
+    /// not dropped has its own table; a failure of one does not stop the others. One that is dropped has its table, which is neither verified nor
+    /// installed, if only verification runs of it are missing.
     ///
     /// # Errors
     /// The step that has failed; of a batch those of all IMUs, with [`Exit::Failed`]. A failure before the installation leaves the installed table
@@ -70,7 +75,7 @@ impl Finish {
         let result = if plan.is_batch() {
             self.batch(plan, journal, options, stop_signal)
         } else {
-            self.steps(plan, journal, options, stop_signal)
+            self.steps(plan, journal, options, stop_signal, false)
         };
         if let Err(error) = page::rewrite(plan) {
             tracing::warn!("writing the live page: {error}");
@@ -78,7 +83,7 @@ impl Finish {
         result
     }
 
-    /// The steps of each IMU of a batch that is not dropped.
+    /// The steps of each IMU of a batch, as far as its data allow if it is dropped.
     fn batch(
         &self,
         plan: &Plan,
@@ -86,12 +91,16 @@ impl Finish {
         options: &Options,
         stop_signal: &AtomicUsize,
     ) -> Result<(), Failure> {
-        let dropped = dropped(plan)?;
+        let history = history(plan)?;
         let mut failed = Vec::new();
-        for plan in plan.each().iter().filter(|plan| !dropped.iter().any(|dropped| dropped.imu == plan.imu.as_str())) {
+        for plan in plan.each() {
+            let is_dropped = history.reason_dropped(&plan.imu).is_some();
+            if is_dropped && !has_all_to_fit(plan, &history) {
+                continue;
+            }
             check_stop_signal(stop_signal)?;
             journal.about(Some(&plan.imu));
-            let result = self.steps(plan, journal, options, stop_signal);
+            let result = self.steps(plan, journal, options, stop_signal, is_dropped);
             journal.about(None);
             if let Err(failure) = result {
                 failed.extend(failure.message.lines().map(|line| format!("{}: {line}", plan.imu)));
@@ -107,6 +116,7 @@ impl Finish {
         journal: &mut Journal,
         options: &Options,
         stop_signal: &AtomicUsize,
+        is_dropped: bool,
     ) -> Result<(), Failure> {
         journal.write_synced(Entry::FitBegun)?;
         let fit = match self.fit(plan) {
@@ -125,13 +135,16 @@ impl Finish {
         journal.write_synced(Entry::Calibrated { digest: fit.digest(), accuracy })?;
         let left_aside = plan.output.join(plan.file(TABLE, "toml"));
         let left_aside = left_aside.display();
-        let installed = self.verify(plan, journal, &fit, stop_signal).and_then(|()| {
+        let mut verify_and_install = || {
+            self.verify(plan, journal, &fit, stop_signal)?;
             check_stop_signal(stop_signal)?;
             match self.target(plan) {
                 Ok(target) => Ok(fit.install(target).map(Ok)?),
                 Err(reason) => Ok(Err(reason)),
             }
-        });
+        };
+        // The runs of one that is dropped are not complete.
+        let installed = if is_dropped { Ok(Err(DROPPED)) } else { verify_and_install() };
         match installed {
             Ok(Ok(target)) => {
                 // A journal is UTF-8, and is read from other working directories.
@@ -331,9 +344,22 @@ impl Finish {
 /// # Errors
 /// If the journal cannot be read.
 pub fn dropped(plan: &Plan) -> Result<Vec<DroppedImu>, Failure> {
-    let (lines, _) = journal::read(&plan.output.join(JOURNAL))?;
-    let dropped = journal::history(&lines).dropped.into_iter();
+    let dropped = history(plan)?.dropped.into_iter();
     Ok(dropped.map(|(imu, reason)| DroppedImu { imu, reason }).collect())
+}
+
+fn history(plan: &Plan) -> Result<History, Failure> {
+    let (lines, _) = journal::read(&plan.output.join(JOURNAL))?;
+    Ok(journal::history(&lines))
+}
+
+/// Whether every dwell, turn and ramp of the IMU of `plan` is complete.
+fn has_all_to_fit(plan: &Plan, history: &History) -> bool {
+    let units = (0..).map_while(|index| Unit::of(plan, index)).take_while(|unit| !matches!(unit, Unit::Run(_)));
+    units.enumerate().all(|(index, unit)| {
+        let file = file_of(unit, plan);
+        history.kept.get(index).is_some_and(|kept| kept.each().any(|kept| kept.file == file))
+    })
 }
 
 /// Length of the windows of the stability \[s\].

@@ -374,6 +374,16 @@ impl<'p> CampaignMachine<'p> {
         Unit::of(self.plan, self.completed)
     }
 
+    /// Whether the unit in progress is attempted for the last time.
+    pub const fn is_last_attempt(&self) -> bool {
+        self.attempts + 1 >= self.plan.patience.attempts
+    }
+
+    /// Counts the attempts at the unit in progress anew: an IMU is dropped, and the earlier ones were those of other IMUs.
+    pub const fn renew_attempts(&mut self) {
+        self.attempts = 0;
+    }
+
     /// When the set point was reached \[s\]; `None` if it has not been.
     pub const fn reached(&self) -> Option<f64> {
         self.reached

@@ -261,7 +261,7 @@ impl<'p> Runner<'p> {
         // Samples that arrived during the reading were taken while the turntable was at the measured angles.
         self.drain()?;
         loop {
-            self.drop_all(self.streams.spoilers())?;
+            self.drop_spoilers()?;
             let spoiled = self.streams.spoiled();
             let observation = Observation {
                 now: self.clock.now(),
@@ -380,6 +380,16 @@ impl<'p> Runner<'p> {
         self.streams.silence(patience_s).map_or(Ok(()), |cause| Err(RunnerError::Interrupted(cause)))
     }
 
+    /// Drops the IMUs of a batch that have spoiled the unit in progress too often.
+    fn drop_spoilers(&mut self) -> Result<(), Failure> {
+        while let Some(spoiler) = self.streams.spoiler(self.machine.is_last_attempt()) {
+            if !self.drop_all(vec![spoiler])? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// Drops these IMUs of a batch, unless none would be left. Returns whether one is dropped.
     fn drop_all(&mut self, failed: Vec<FailedImu>) -> Result<bool, Failure> {
         let mut is_dropped = false;
@@ -390,6 +400,7 @@ impl<'p> Runner<'p> {
             let reason = format!("at {}: {reason}", self.unit_name());
             let plan = self.streams.drop_imu(imu);
             self.trends.leave_out(imu);
+            self.machine.renew_attempts();
             self.progress.event(&format!("{} is dropped {reason}", plan.imu));
             self.journal.about(Some(&plan.imu));
             let noted = self.journal.write_synced(Entry::Dropped { reason: reason.clone() });

@@ -72,8 +72,8 @@ struct ImuStream<'p> {
     /// The transport's last error; `None` after a sample.
     error: Option<String>,
     flow: Flow,
-    /// Number of times that the IMU has spoiled the unit in progress.
-    spoiled: u32,
+    /// Why the IMU has spoiled the earlier attempts at the unit in progress, one reason each.
+    spoiled: Vec<String>,
 }
 
 impl<'p> ImuStream<'p> {
@@ -92,7 +92,7 @@ impl<'p> ImuStream<'p> {
             kept_bytes: kept().filter(|kept| kept.file == samples).last().map_or(0, |kept| kept.to),
             error: None,
             flow: Flow::default(),
-            spoiled: 0,
+            spoiled: Vec::new(),
         })
     }
 
@@ -224,16 +224,22 @@ impl<'p> Streams<'p> {
         silent.map(|imu| FailedImu { imu, reason: self.all[imu].silence(now, &self.domain) }).collect()
     }
 
-    /// The IMUs that have spoiled the unit in progress for the last time that the plan's attempts allow.
+    /// The IMU that has spoiled the most attempts at the unit in progress, of several the first: if the unit is spoiled, and this is the
+    /// last attempt or the IMU has spoiled as many as the plan allows.
     #[must_use]
-    pub fn spoilers(&self) -> Vec<FailedImu> {
-        let spoiler = |(imu, stream): (usize, &ImuStream<'_>)| {
-            let reason = stream.recorder.spoiled().filter(|_| stream.is_in())?;
-            let attempts = stream.spoiled + 1;
-            let reason = format!("{reason}; {attempts} attempts");
-            (attempts >= stream.plan.patience.attempts).then_some(FailedImu { imu, reason })
+    pub fn spoiler(&self, is_last_attempt: bool) -> Option<FailedImu> {
+        let reasons = |stream: &ImuStream<'_>| {
+            let mut reasons = stream.spoiled.clone();
+            reasons.extend(stream.recorder.spoiled().map(str::to_owned));
+            reasons
         };
-        self.all.iter().enumerate().filter_map(spoiler).collect()
+        self.spoiled()?;
+        let present = self.all.iter().enumerate().filter(|(_, stream)| stream.is_in());
+        let all = present.map(|(imu, stream)| (imu, stream.plan.patience.attempts, reasons(stream)));
+        let (imu, attempts, reasons) = all.rev().max_by_key(|(_, _, reasons)| reasons.len())?;
+        let is_dropped = is_last_attempt || reasons.len() >= attempts as usize;
+        let reason = format!("{}; attempts spoiled: {}", reasons.last()?, reasons.len());
+        is_dropped.then_some(FailedImu { imu, reason })
     }
 
     /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough.
@@ -299,7 +305,7 @@ impl<'p> Streams<'p> {
     /// Discards the unit in progress.
     pub fn discard(&mut self) {
         for stream in &mut self.all {
-            stream.spoiled += u32::from(stream.recorder.spoiled().is_some());
+            stream.spoiled.extend(stream.recorder.spoiled().map(str::to_owned));
             stream.recorder.discard();
         }
     }
@@ -316,7 +322,7 @@ impl<'p> Streams<'p> {
     pub fn keep(&mut self, unit: Unit, number: usize) -> Result<Option<Kept>, Failure> {
         let mut all = Vec::new();
         for stream in self.present_mut() {
-            stream.spoiled = 0;
+            stream.spoiled.clear();
             let kept = stream.recorder.keep(number)?;
             if let Some(kept) = kept.as_ref().filter(|_| !unit.has_own_file()) {
                 stream.kept_bytes = kept.to;
@@ -350,4 +356,4 @@ impl<'p> Streams<'p> {
 }
 
 #[cfg(test)]
-mod tests;
+pub mod tests;

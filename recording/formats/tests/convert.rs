@@ -1,4 +1,6 @@
 //! Foreign data, as other programs write them, become the raw samples that they should.
+//!
+//! Over 400 lines: all kinds of texts and mappings are tested alike, by the same few functions.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_failure::{Exit, Failure};
@@ -148,6 +150,8 @@ fn times_are_exact_in_every_unit() {
         ("s", "1700000000.123456789", 1_700_000_000_123_456_789),
         ("s", "1.700000000123456789e9", 1_700_000_000_123_456_789),
         ("s", "0.1234567894", 123_456_789),
+        ("ns", "340282366920938463463374607431768211455e-38", 3),
+        ("ns", "250000000000000000000000000000000000000e-38", 3),
         ("s", "0.00000000050000000000000000000000000001", 1),
         ("ms", "1700000000123.4567", 1_700_000_000_123_456_700),
         ("us", "30026600.5", 30_026_600_500),
@@ -157,9 +161,21 @@ fn times_are_exact_in_every_unit() {
     ] {
         assert_eq!(time_of(unit, time).unwrap(), ns, "{time} {unit}");
     }
-    for wrong in
-        ["-1", "", "nan", "inf", "18446744073.709551616", "1e99", "1e999999999999", "0x10", "12:30", "1.2.3", "+", "."]
-    {
+    for wrong in [
+        "-1",
+        "",
+        "nan",
+        "inf",
+        "18446744073.709551616",
+        "1e99",
+        "1e999999999999",
+        "340282366920938463463374607431768211455e-10",
+        "0x10",
+        "12:30",
+        "1.2.3",
+        "+",
+        ".",
+    ] {
         let failure = time_of("s", wrong).unwrap_err();
         assert!(failure.message.starts_with("in.csv:2: t is ") && failure.exit == Exit::Data, "{wrong}: {failure}");
     }
@@ -225,7 +241,7 @@ fn faults_of_the_mapping_are_reported_together() {
 #[test]
 fn telemetry_is_of_one_three_or_six_columns_or_a_constant() {
     let of = |temperature: &str, gyroscopes: bool| {
-        let gyroscope = "[gyroscope]\ncolumns = [\"z\", \"y\", \"x\"]\nkind = \"reading\"\n";
+        let gyroscope = "[gyroscope]\ncolumns = [\"d\", \"e\", \"f\"]\nkind = \"reading\"\n";
         let mapping = MAPPING.replace("constant = 25", temperature) + if gyroscopes { gyroscope } else { "" };
         let sample = convert("t,x,y,z,a,b,c,d,e,f\n1,2,3,4,10,11,12,13,14,15\n", &mapping).unwrap()[0];
         [sample.accelerometers, sample.gyroscopes].map(|triad| (triad.head_temperature, triad.board_temperature))
@@ -261,9 +277,25 @@ fn gaps_are_told_and_leave_gaps_in_the_sequence() {
     assert_eq!((&mut conversion).count(), 6);
     assert!(conversion.notes()[0].ends_with("is 0.001 s right?"), "{:?}", conversion.notes());
     let increments = MAPPING.replace("reading", "increment");
-    // What was counted before a gap is of one interval.
-    let intervals: Vec<_> = convert(text, &increments).unwrap().iter().map(|sample| sample.interval_ns).collect();
-    assert_eq!(intervals, [10_000_000, 11_000_000, 10_000_000, 10_000_000, 10_000_000, 10_000_000]);
+    // A late row has all that was counted since the row before: nothing is missing.
+    let mut conversion = of_text(text, Some(&increments), &Settings::default()).unwrap();
+    let late: Vec<_> = (&mut conversion).map(|sample| sample.unwrap()).collect();
+    let intervals: Vec<_> = late.iter().map(|sample| sample.interval_ns / 1_000_000).collect();
+    assert_eq!(intervals, [10, 11, 39, 10, 40, 10]);
+    assert_eq!(late.iter().map(|sample| sample.sequence).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
+    assert_eq!(
+        conversion.notes(),
+        [
+            "warning: 2 rows come over 1.5 nominal intervals after the row before, the first is row 3; their counts are taken as \
+          those of this whole time"
+        ]
+    );
+    let message = refused("t,x,y,z\n1,1,2,3\n3601.5,1,2,3\n", &increments, Exit::Data);
+    assert!(
+        message
+            .starts_with("in.csv:3: the time steps by 3600500000000 ns, but an increment counts over 3600 s at most"),
+        "{message}"
+    );
     let far = "t,x,y,z\n1,1,2,3\n18446744073709551615,1,2,3\n";
     let nanoseconds = MAPPING.replace("\"s\"", "\"ns\"").replace("0.01", "0.000001");
     assert_eq!(convert(far, &nanoseconds).unwrap()[1].sequence, 18_446_744_073_709_552);
@@ -287,7 +319,7 @@ fn the_nominal_interval_is_found_or_the_rows_are_counted() {
     ] {
         let (interval_ns, _, notes) = of(&rows(&times), &without);
         assert_eq!(interval_ns, ns, "{times:?}");
-        assert!(notes[0].contains("found from the first 1000 rows"), "{notes:?}");
+        assert!(notes[0].contains("found from the first 3 rows;"), "{notes:?}");
     }
     let message = refused(&rows(&["1"]), &without, Exit::Data);
     assert!(message.starts_with("in.csv:2: the nominal interval cannot be found"), "{message}");
@@ -296,6 +328,31 @@ fn the_nominal_interval_is_found_or_the_rows_are_counted() {
     let settings = Settings { interval_ns: Some(5_000_000), ..Settings::default() };
     let given = of_text(&rows(&["1", "1.005"]), Some(MAPPING), &settings).unwrap().last().unwrap().unwrap();
     assert_eq!(given.interval_ns, 5_000_000);
+}
+
+/// An interval that is not that of the rows scales all data: half of it is every rate twice.
+#[test]
+fn an_interval_that_is_not_that_of_the_rows_is_told() {
+    let rows = |step_ns: u64| {
+        (0..1000).map(|row| format!("{},1,2,3\n", row * step_ns)).fold("t,x,y,z\n".to_owned(), |all, row| all + &row)
+    };
+    let mapping = MAPPING.replace("\"s\"", "\"ns\"");
+    let notes = |step_ns: u64, mapping: &str| {
+        let mut conversion = of_text(&rows(step_ns), Some(mapping), &Settings::default()).unwrap();
+        let intervals: Vec<_> = (&mut conversion).map(|sample| sample.unwrap().interval_ns).collect();
+        (intervals[0], conversion.notes())
+    };
+    let warning = "warning: rows are 5 ms apart on average, but the interval is 10 ms; correct interval_s".to_owned();
+    assert_eq!(notes(5_000_000, &mapping), (10_000_000, vec![warning]));
+    assert_eq!(notes(10_000_500, &mapping), (10_000_000, vec![]));
+    let (_, rounded) = notes(2_401_537, &mapping.replace("0.01", "0.002403846"));
+    assert!(rounded[0].starts_with("warning: rows are 2.401537 ms apart on average"), "{rounded:?}");
+    let (found, told) = notes(2_401_537, &mapping.replace("interval_s = 0.01\n", ""));
+    assert_eq!((found, told.len()), (2_401_537, 1));
+    assert!(told[0].contains("0.002401537 s, found from the first 1000 rows"), "{told:?}");
+    // What is proposed is no rounded rate either.
+    let proposal = of_text(&rows(2_401_537), None, &Settings::default()).err().unwrap().message;
+    assert!(proposal.contains("interval_s = 0.002401537 "), "{proposal}");
 }
 
 #[test]

@@ -130,18 +130,19 @@ fn one_of_three_stops_sending_and_the_others_have_their_tables() {
     assert_eq!(laboratory.events("started").len(), 2);
 }
 
-/// A complete campaign of two IMUs from simulated samples: no instrument is needed. imu-b does not sit as its mounting says.
-#[test]
-fn a_fit_that_is_refused_does_not_stop_the_others() {
+/// A complete campaign of imu-b and imu-a from simulated samples: no instrument is needed. If `drops_b`, imu-b has its dwells and not the
+/// verification run, and is dropped; else there is no run.
+fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
     let domain = TestDomain::new();
     let plan = include_str!("../../../examples/plan.toml")
         .replace(
             "imu = \"imu-a\"\n",
-            "imus = [{ id = \"imu-b\", mounting = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] }, { id = \"imu-a\" }]\n",
+            &format!("imus = [{{ id = \"imu-b\", mounting = {mounting_b} }}, {{ id = \"imu-a\" }}]\n"),
         )
         .replace("output = \"imu-a-campaign\"", "output = \"campaign\"")
         .replace("start_c = -25\nstop_c = 45\nstep_c = 5", "start_c = -20\nstop_c = 40\nstep_c = 10");
-    let plan = plan.split("[verify]").next().unwrap();
+    let plan = plan.replace("runs = 2\nattitudes_deg = [[50, 130], [230, 130]]", "runs = 1");
+    let plan = if drops_b { &plan[..] } else { plan.split("[verify]").next().unwrap() };
     let plan: String =
         plan.lines().filter(|line| !line.starts_with("install")).map(|line| format!("{line}\n")).collect();
     domain.write("plan.toml", &plan);
@@ -163,13 +164,45 @@ fn a_fit_that_is_refused_does_not_stop_the_others() {
         }
     };
     let (first, second) = (taken("imu-b"), taken("imu-a"));
-    for unit in 0..units(&plan) {
+    for unit in 0..units(&plan) - usize::from(drops_b) {
         journal.write(Entry::Kept(Kept { others: vec![second(unit)], ..first(unit) })).unwrap();
+    }
+    if drops_b {
+        journal.about(Some(&plan.each()[0].imu));
+        journal.write(Entry::Dropped { reason: "at verification run 1: silent".to_owned() }).unwrap();
+        journal.about(None);
+        let file = "verify-1-imu-a.csv".to_owned();
+        fs::write(plan.output.join(&file), "").unwrap();
+        let run = Kept { unit: units(&plan) - 1, file, sha256: sha256(b""), ..Kept::default() };
+        journal.write(Entry::Kept(run)).unwrap();
     }
     let [reason, table, chamber] = ["all data are taken", "table stopped", "chamber in standby"].map(String::from);
     journal.write(Entry::Safe { reason, stopped: Some(false), table, chamber, certain: true }).unwrap();
-    drop(journal);
+    (domain, plan)
+}
 
+/// Its verification run is missing, all else is complete.
+#[test]
+fn an_imu_that_is_dropped_after_its_dwells_has_its_table() {
+    let (domain, _) = complete_campaign("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", true);
+    let output = domain.run(&["campaign", "run", "plan.toml", "--calibrate"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let why = "it is not verified: the IMU is dropped, and verification runs of it are missing";
+    assert!(said.contains(&format!("table-imu-b.toml is the table; it is not installed: {why}")), "{said}");
+    assert!(said.contains("imu-b is dropped at verification run 1: silent"), "{said}");
+    assert_as_alone(&domain, "campaign", "imu-b");
+    let status = text(&domain.run(&["campaign", "status", "plan.toml"]).stdout);
+    for part in ["imu-b: dropped at verification run 1", "imu-b: fit, ", &format!(": {why}"), "imu-a: fit, "] {
+        assert!(status.contains(part), "{part}:\n{status}");
+    }
+    assert!(!status.contains("imu-b: verify-1"), "{status}");
+}
+
+/// imu-b does not sit as its mounting says.
+#[test]
+fn a_fit_that_is_refused_does_not_stop_the_others() {
+    let (domain, plan) = complete_campaign("[[0, 1, 0], [-1, 0, 0], [0, 0, 1]]", false);
     let output = domain.run(&["campaign", "run", "plan.toml", "--calibrate"]);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");

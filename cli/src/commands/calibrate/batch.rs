@@ -1,15 +1,16 @@
 //! `calibrate` of a batch: a table for each IMU, and the statistics of all.
 
 use super::{Calibrate, Results};
-use crate::commands::common::Refused;
+use crate::commands::common::{Refused, inputs};
 use isotherm_calibration::batch::batch;
 use isotherm_calibration::campaign::{Campaign, IMU, select};
 use isotherm_calibration::provenance::{TableFile, now, tool};
 use isotherm_calibration::report::batch::{BatchSource, document, html, text};
 use isotherm_failure::{Exit, Failure, printable, tell};
-use isotherm_files::StagedText;
+use isotherm_files::{StagedText, refuse_overlap};
 use serde_json::{Value, json};
 use std::io::{self, Write as _};
+use std::path::PathBuf;
 
 impl Calibrate {
     /// The campaigns that tables are made of: all, or that of `--imu`.
@@ -20,18 +21,23 @@ impl Calibrate {
         Ok(vec![chosen.map_err(|message| Failure::new(Exit::Usage, message))?])
     }
 
-    /// Makes a table of each campaign, and the statistics of all tables. An IMU whose table is refused is dropped with its reason, and the others go on.
-    /// The inner result tells which ones were dropped.
+    /// Makes a table of each campaign, and the statistics of all tables. An IMU whose samples cannot be read or give no table is dropped with its
+    /// reason, and the others go on. The inner result tells which ones were dropped.
+    ///
+    /// What is wrong for all of them, as the command line or a folder of the outputs, ends the command.
     pub(super) fn make_batch(&self, campaigns: &[Campaign], file: &str) -> Result<Result<(), Failure>, Refused> {
         self.check_names(campaigns.len())?;
+        let samples = |campaign| Ok((campaign, self.sample_files(campaign)?));
+        let all = campaigns.iter().map(samples).collect::<Result<Vec<_>, Failure>>()?;
+        self.refuse_overlaps(&all, Some(file))?;
         let page = self.batch.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (mut tables, mut dropped, mut documents): (_, _, Vec<Value>) = (Vec::new(), Vec::new(), Vec::new());
-        for campaign in campaigns {
+        for (campaign, samples) in all {
             let imu = campaign.imu.as_str();
             if !self.json {
                 let _ = io::stderr().write_all(format!("{imu}:\n").as_bytes());
             }
-            match self.make_table(campaign, file) {
+            match self.make_table(campaign, &samples, Some(file))? {
                 Ok(Results { table, json, .. }) => {
                     let [output, _] = self.outputs(&campaign.imu);
                     let name = output.unwrap_or_default().display().to_string();
@@ -39,8 +45,6 @@ impl Calibrate {
                     tables.push(read.map_err(|faults| Failure::new(Exit::Failed, format!("{name}: {faults}")))?);
                     documents.push(json!({ "imu": imu, "table": name, "calibration": json }));
                 }
-                // The command line is wrong for all of them.
-                Err(refused) if refused.failure.exit == Exit::Usage => return Err(refused),
                 Err(Refused { failure, document }) => {
                     tell("isotherm", format_args!("{imu} is dropped: {}", failure.message));
                     documents.push(json!({ "imu": imu, "dropped": document }));
@@ -77,6 +81,24 @@ impl Calibrate {
             names.join(", ")
         );
         Ok(Err(Failure::new(Exit::Failed, message)))
+    }
+
+    /// Refuses outputs that are an input of any IMU, or that are there twice. `text` is that of the campaign file, if there is one.
+    pub(super) fn refuse_overlaps<S: AsRef<[PathBuf]>>(
+        &self,
+        all: &[(&Campaign, S)],
+        text: Option<&str>,
+    ) -> Result<(), Failure> {
+        let others: Vec<_> =
+            all.iter().map(|(campaign, _)| (self.ramp_files(campaign), self.curves_file(campaign))).collect();
+        let mut files: Vec<_> = all.iter().flat_map(|(_, samples)| inputs(samples.as_ref())).collect();
+        files.extend(others.iter().flat_map(|(ramps, _)| inputs(ramps)));
+        files.extend(others.iter().filter_map(|(_, curves)| Some((curves.as_deref()?, "the table curves"))));
+        files.extend(text.map(|_| (self.campaign.as_path(), "the campaign file")));
+        let outputs: Vec<_> =
+            all.iter().flat_map(|(campaign, _)| self.outputs(&campaign.imu)).chain([self.batch.clone()]).collect();
+        let outputs: Vec<_> = outputs.iter().map(Option::as_deref).collect();
+        refuse_overlap(&files, &outputs)
     }
 
     /// Refuses names and samples that several IMUs would share.

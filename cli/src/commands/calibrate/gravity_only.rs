@@ -1,7 +1,7 @@
 //! `calibrate --gravity-only`: a table without a turntable, from recordings of an IMU that was put down by hand.
 
 use super::{Calibrate, Excluded, PolynomialOrder, Results};
-use crate::commands::common::{Refused, inputs};
+use crate::commands::common::Refused;
 use crate::parse::{gravity, numbers, seconds};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -13,7 +13,6 @@ use isotherm_calibration::provenance::{CampaignSource, now, sha256, tool};
 use isotherm_calibration::report;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
-use isotherm_files::{StagedText, refuse_overlap};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -94,7 +93,7 @@ impl Calibrate {
         Some((campaign, files))
     }
 
-    /// Makes a table of recordings of an IMU that was put down by hand. `file` is the text of the campaign file, if there is one.
+    /// The table of recordings of an IMU that was put down by hand. `file` is the text of the campaign file, if there is one.
     pub(super) fn of_recordings(
         &self,
         campaign: &Campaign,
@@ -102,13 +101,6 @@ impl Calibrate {
         file: Option<&str>,
     ) -> Result<Results, Refused> {
         self.refuse_turntable()?;
-        let mut files = inputs(paths);
-        files.extend(file.map(|_| (self.campaign.as_path(), "the campaign file")));
-        let [output, report] = self.outputs(&campaign.imu);
-        refuse_overlap(&files, &[output.as_deref(), report.as_deref(), self.batch.as_deref()])?;
-        // Both files are created before the fit, so that either both are written or none.
-        let table = StagedText::create(output.as_deref())?;
-        let page = report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let (recordings, digests) = read(campaign, paths)?;
         let source = CampaignSource {
             tool: tool(),
@@ -129,15 +121,14 @@ impl Calibrate {
             return Err(Failure::new(Exit::Data, format!("--strict: {}", fitted.warnings.join("\n"))).into());
         }
         let html = || report::gravity_only::html(campaign, &fitted, &source, &digests);
-        let results = Results {
+        Ok(Results {
             table: sealed_table(campaign, &fitted, &source, &digests)
                 .map_err(|message| Failure::new(Exit::Failed, message))?,
             warnings: fitted.warnings.iter().map(|warning| format!("warning: {warning}")).collect(),
             text: report::gravity_only::text(&fitted),
-            html: page.as_ref().map_or_else(String::new, |_| html()),
+            html: self.report.as_ref().map_or_else(String::new, |_| html()),
             json: report::gravity_only::json(&fitted),
-        };
-        self.write(results, table, page)
+        })
     }
 
     fn gravity_only_options(&self) -> Result<GravityOnlyOptions, Failure> {

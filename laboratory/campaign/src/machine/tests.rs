@@ -3,6 +3,7 @@
 //! Over 400 lines: one table of transitions, from the first approach to the last turn.
 
 use super::*;
+use crate::streams::tests::Bench;
 use crate::timeline::{left_s, units};
 use std::path::Path;
 
@@ -568,6 +569,49 @@ fn a_disturbed_turn_is_taken_again_from_its_start() {
     assert_eq!(last, [Action::Discard("samples are missing".to_owned()), Action::Move(start)]);
     assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
     assert_eq!(laboratory.kept(), all(&plan)[12..]);
+}
+
+#[test]
+fn imus_that_spoil_a_dwell_in_turn_are_dropped_and_the_last_one_ends_the_campaign() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = Bench::new(folder.path());
+    let mut machine = CampaignMachine::new(bench.plan, 0, 5.0);
+    let mut laboratory = SimulatedLaboratory::new(bench.plan);
+    let (mut dropped, mut attempts, mut is_begun) = (Vec::new(), 0, false);
+    // imu-a and imu-b by turns; then imu-b, which is left, as soon as imu-a is dropped; then imu-c.
+    let spoilers = [0, 1, 0, 1, 0, 1, 1, 1, 2, 2, 2, 2, 2];
+    let mut halt = None;
+    for (number, spoiler) in spoilers.into_iter().enumerate() {
+        if !is_begun {
+            laboratory.until(&mut machine, |action| matches!(action, Action::Collect(_)));
+            bench.streams.begin(Unit::Dwell { visit: 0, position: 0 }).unwrap();
+            is_begun = true;
+        }
+        let at = 1 + 20 * number as u64;
+        bench.feed(spoiler, 2 * at, at..at + 10);
+        bench.feed(spoiler, 2 * at + 1, at + 10..at + 20);
+        // As the runner does.
+        while let Some(failed) = bench.streams.spoiler(machine.is_last_attempt()).filter(|_| bench.streams.has_others())
+        {
+            bench.streams.drop_imu(failed.imu);
+            machine.renew_attempts();
+            dropped.push((number, failed.imu, failed.reason));
+        }
+        if bench.streams.spoiled().is_some() {
+            laboratory.spoiled = Some("the acquisition was started anew");
+            halt = laboratory.step(&mut machine).err();
+            laboratory.spoiled = None;
+            bench.streams.discard();
+            (is_begun, attempts) = (false, attempts + 1);
+        }
+        if halt.is_some() {
+            break;
+        }
+    }
+    let reason = |attempts| format!("the acquisition was started anew; attempts spoiled: {attempts}");
+    assert_eq!(dropped, [(4, 0, reason(3)), (7, 1, reason(5))]);
+    assert_eq!(attempts, spoilers.len() - 2, "who is dropped costs the others no attempt");
+    assert_eq!(halt, Some(Halt::GivenUp("the acquisition was started anew; 5 attempts".to_owned())));
 }
 
 #[test]

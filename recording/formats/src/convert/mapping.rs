@@ -15,6 +15,8 @@
 //! [temperature]
 //! columns = ["temperature"]
 //! ```
+//!
+//! Over 400 lines: one file has all keys of a mapping, and the tests of their faults.
 
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};
@@ -164,6 +166,15 @@ impl Mapping {
                 let message = "differs from accelerometer.kind; all numbers of a row count over the same interval";
                 document.fault(line, "gyroscope.kind", message);
             }
+            if let (Some(a), Some(g)) = (&accelerometer, &sensors)
+                && a.columns.iter().any(|column| g.columns.contains(column))
+            {
+                document.fault(
+                    line,
+                    "gyroscope.columns",
+                    "has a column of the accelerometers; give that of the gyroscope",
+                );
+            }
             sensors
         });
         let temperature = root.section("temperature", "a section [temperature]");
@@ -285,6 +296,8 @@ fn sensors(section: Section<'_, '_>, header: bool) -> Option<Sensors> {
     let right = sign.and_then(|sign| <[f64; AXES]>::try_from(sign).ok());
     let right = right.filter(|sign| sign.iter().all(|sign| sign.abs() == 1.0));
     section.refuse("sign", right.is_none().then(|| "give three signs, each 1 or -1, of the axes 1, 2, 3".to_owned()));
+    let twice = columns.iter().find_map(|columns| (1..AXES).find(|at| columns[..*at].contains(&columns[*at])));
+    section.refuse("columns", twice.map(|_| "has one column for two axes; give three different columns".to_owned()));
     section.finish();
     let columns = <[ColumnRef; AXES]>::try_from(columns?).ok()?;
     Some(Sensors { columns, kind: kind?, offset, resolution, sign: right? })
@@ -383,6 +396,10 @@ mod tests {
         assert!(faults("t,x,y,z\n1,2,3,4\n").contains("this is CSV data, not TOML; give the mapping file"));
         let gyroscope = "[gyroscope]\ncolumns = [\"a\", \"b\", \"c\"]\nkind = \"increment\"\n";
         assert!(faults(&format!("{GOOD}{gyroscope}")).starts_with("line 11: gyroscope.kind: differs from"));
+        let twice = faults(&GOOD.replace("\"y\"", "\"x\""));
+        assert_eq!(twice, "line 7: accelerometer.columns: has one column for two axes; give three different columns");
+        let shared = faults(&format!("{GOOD}{}", gyroscope.replace("\"a\"", "\"z\"").replace("increment", "reading")));
+        assert!(shared.starts_with("line 11: gyroscope.columns: has a column of the accelerometers"), "{shared}");
         let six = GOOD.replace("\"T\"", "[\"1\", \"2\", \"3\", \"4\", \"5\", \"6\"]");
         assert!(faults(&six).contains("temperature.columns: has 6 columns, give 1 column of all sensors, or 3"));
         assert!(

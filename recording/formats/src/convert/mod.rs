@@ -1,9 +1,10 @@
 //! Foreign data as raw samples: text with a mapping, NovAtel logs, and `sensor_msgs/msg/Imu` in MCAP.
 //!
 //! A [`Conversion`] is an iterator over [`RawSample`]s. Pulses are `round((value - offset) / resolution)`, with the sign of the axis, on the
-//! positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row, and by more where the time shows that rows are
-//! missing.
+//! positive or the negative channel. The sequence begins at 0; it rises by 1 from row to row, and for readings by more where the time shows
+//! that rows are missing.
 
+mod interval;
 mod mapping;
 mod novatel;
 mod proposal;
@@ -13,6 +14,7 @@ mod text;
 
 pub use mapping::{ColumnRef, Decimal, Kind, KnownColumns, Mapping, Sensors, Temperature, Time};
 
+use interval::{GAP, Steps};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{LoadError, WorldWritable, open_recording, read_text};
 use isotherm_recording::RecordingError;
@@ -30,8 +32,6 @@ pub const PLACEHOLDER: f64 = 25.0;
 const FOUND_FROM: usize = 1000;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
-/// A step of the time over this number of nominal intervals is a gap: rows are missing.
-const GAP: f64 = 1.5;
 
 /// What is known of foreign data besides a mapping.
 #[derive(Clone, Debug, Default)]
@@ -86,15 +86,17 @@ pub struct Conversion {
     /// Rows that have been read to find the nominal interval.
     ahead: VecDeque<Reading>,
     nominal_ns: u64,
-    found: bool,
+    /// Number of rows that the nominal interval was found from, unless it was given.
+    found_from: Option<usize>,
     /// Time and sequence of the last row.
     last: Option<(u64, u64)>,
     rows: u64,
     gaps: Gaps,
+    steps: Steps,
     ended: bool,
 }
 
-/// Where rows are missing.
+/// Where rows are missing, or late if they have all counts since the row before.
 #[derive(Default)]
 struct Gaps {
     count: u64,
@@ -207,20 +209,24 @@ impl Conversion {
         };
         let nominal_ns = match interval_ns {
             Some(nominal_ns) => nominal_ns,
-            None => nominal(&ahead).ok_or_else(|| {
-                let message = "the nominal interval cannot be found from the time; give time.interval_s or --interval";
-                source.error(first, message.to_owned())
-            })?,
+            None => interval::nominal(&ahead.iter().filter_map(|row| row.timestamp_ns).collect::<Vec<_>>())
+                .ok_or_else(|| {
+                    let message =
+                        "the nominal interval cannot be found from the time; give time.interval_s or --interval";
+                    source.error(first, message.to_owned())
+                })?,
         };
+        let found_from = interval_ns.is_none().then_some(ahead.len());
         Ok(Self {
             path: path.to_owned(),
             source,
             ahead,
             nominal_ns,
-            found: interval_ns.is_none(),
+            found_from,
             last: None,
             rows: 0,
             gaps: Gaps::default(),
+            steps: Steps::new(nominal_ns),
             ended: false,
         })
     }
@@ -242,17 +248,31 @@ impl Conversion {
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.source.notes();
         let seconds = self.nominal_ns as f64 / 1e9;
-        if self.found {
+        if let Some(rows) = self.found_from {
             notes.push(format!(
-                "the nominal interval is {seconds} s, found from the first {FOUND_FROM} rows; for recordings that belong together give it"
+                "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it"
             ));
         }
         let Gaps { count, missing, first } = self.gaps;
         if count > self.rows / 2 {
             notes.push(format!("warning: most rows are over {GAP} nominal intervals apart; is {seconds} s right?"));
+            return notes;
+        }
+        if count > 0 && self.source.counts_since_the_row_before() {
+            notes.push(format!(
+                "warning: {count} rows come over {GAP} nominal intervals after the row before, the first is row {first}; their counts are taken as \
+                 those of this whole time"
+            ));
         } else if count > 0 {
             notes.push(format!(
                 "warning: {count} gaps, {missing} rows missing by the time, the first before row {first}; the sequence rises by them"
+            ));
+        }
+        if let Some(mean_ns) = self.steps.other_mean() {
+            notes.push(format!(
+                "warning: rows are {} ms apart on average, but the interval is {} ms; correct interval_s",
+                mean_ns.round() / 1e6,
+                self.nominal_ns as f64 / 1e6
             ));
         }
         notes
@@ -279,17 +299,27 @@ impl Conversion {
             let step_ns = timestamp_ns.checked_sub(last_ns).filter(|step| *step > 0).ok_or_else(|| {
                 format!("the time is {timestamp_ns} ns after {last_ns} ns; it must rise from row to row")
             })?;
+            self.steps.take(step_ns);
+            let mut missing = 0;
             let steps = step_ns as f64 / nominal_ns as f64;
-            let missing = if steps > GAP { (steps.round() as u64).saturating_sub(1) } else { 0 };
-            if missing > 0 {
-                self.gaps.missing = self.gaps.missing.saturating_add(missing);
+            if steps > GAP {
+                missing = (steps.round() as u64).saturating_sub(1);
                 self.gaps.count += 1;
                 if self.gaps.count == 1 {
                     self.gaps.first = self.rows + 1;
                 }
-            } else if self.source.counts_since_the_row_before() {
-                interval_ns = step_ns;
             }
+            if self.source.counts_since_the_row_before() {
+                if step_ns > MAX_INTERVAL_NS {
+                    let most = MAX_INTERVAL_NS / 1_000_000_000;
+                    return Err(format!(
+                        "the time steps by {step_ns} ns, but an increment counts over {most} s at most; split the data here"
+                    ));
+                }
+                // The row has all counts since the row before: none is missing, however late it is.
+                (missing, interval_ns) = (0, step_ns);
+            }
+            self.gaps.missing = self.gaps.missing.saturating_add(missing);
             sequence = last
                 .checked_add(missing + 1)
                 .ok_or_else(|| format!("the time steps by {step_ns} ns, over all that a sequence can count"))?;
@@ -348,26 +378,6 @@ fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, St
         "{value} is {pulses} pulses of {resolution}, over {}; give a larger resolution, or the offset",
         u32::MAX
     ))
-}
-
-/// The nominal interval \[ns\] of rows by the median of their time differences: of a whole number of Hz or of s where it is within 0.5 %
-/// of it, else to 1 us.
-fn nominal(rows: &VecDeque<Reading>) -> Option<u64> {
-    const NEAR: f64 = 0.005;
-    let times: Vec<_> = rows.iter().filter_map(|row| row.timestamp_ns).collect();
-    let mut steps: Vec<_> = times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).collect();
-    steps.sort_unstable();
-    let median = *steps.get(steps.len() / 2)?;
-    let seconds = median as f64 / 1e9;
-    let is_near = |value: f64| value.round() >= 1.0 && (value / value.round() - 1.0).abs() < NEAR;
-    let found = if is_near(1.0 / seconds) {
-        (1e9 / (1.0 / seconds).round()).round() as u64
-    } else if is_near(seconds) {
-        seconds.round() as u64 * 1_000_000_000
-    } else {
-        median.div_ceil(1000).saturating_mul(1000)
-    };
-    (1..=MAX_INTERVAL_NS).contains(&found).then_some(found)
 }
 
 fn refuse(path: &Path, faults: Faults) -> Failure {

@@ -1,5 +1,8 @@
 //! The mapping that a text would have, by the names of its columns and its first rows: for messages, to be copied into a file and checked.
+//!
+//! Over 400 lines: the names of columns that are recognised and the text that is made of them belong together, with their tests.
 
+use super::interval::nominal;
 use isotherm_failure::printable;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Rows, Separator, looks_like_number};
@@ -126,7 +129,7 @@ impl Text {
         if let Some(time) = time {
             let (unit, factor) = self.columns[time].unit();
             line(&mut out, format_args!("column = {}\nunit = \"{unit}\"", self.name(time)));
-            let interval_s = self.columns[time].median_step().map(|step| round(step * factor));
+            let interval_s = self.columns[time].interval_s(factor);
             // Any other is left to be found.
             if let Some(seconds) = interval_s.filter(|seconds| (1e-6..=3600.0).contains(seconds)) {
                 line(&mut out, format_args!("interval_s = {seconds:<18} # nominal, from the first rows: check it"));
@@ -164,7 +167,7 @@ impl Text {
             None => {
                 let listed: Vec<_> = (0..self.columns.len().min(LISTED)).map(|index| self.name(index)).collect();
                 let more = if self.columns.len() > LISTED { ", .." } else { "" };
-                line(out, format_args!("columns = [\"?\", \"?\", \"?\"]       # three of {}{more}", listed.join(", ")));
+                line(out, format_args!("columns = [\"?1\", \"?2\", \"?3\"]    # three of {}{more}", listed.join(", ")));
             }
         }
         out.push_str("kind = \"reading\"                # or \"increment\": what was counted since the row before\n");
@@ -235,9 +238,9 @@ impl Found {
     }
 
     fn gyroscope(&self) -> Option<usize> {
-        self.one_of(["gx", "gy", "gz"])
-            .or_else(|| self.one_of(["wx", "wy", "wz"]))
-            .or_else(|| self.begins(&["gyr", "omega", "angular", "rate", "angvel"]).then(|| self.axis())?)
+        let named = || self.begins(&["gyr", "omega", "angular", "rate", "angvel"]).then(|| self.axis())?;
+        let found = self.one_of(["gx", "gy", "gz"]).or_else(|| self.one_of(["wx", "wy", "wz"])).or_else(named);
+        found.filter(|_| self.accelerometer().is_none())
     }
 
     fn one_of(&self, names: [&str; AXES]) -> Option<usize> {
@@ -258,6 +261,13 @@ impl Found {
         steps.retain(|step| *step > 0.0);
         steps.sort_by(f64::total_cmp);
         steps.get(steps.len() / 2).copied()
+    }
+
+    /// The nominal interval, if the numbers are times in this unit \[s\].
+    fn interval_s(&self, unit: f64) -> Option<f64> {
+        let times = self.values.iter().filter(|value| **value >= 0.0);
+        let times: Vec<_> = times.map(|value| (value * unit * 1e9).round() as u64).collect();
+        nominal(&times).map(|ns| ns as f64 / 1e9)
     }
 
     /// The unit of the time and its length \[s\]: of the name, or else the first with which the rows are less than 2 s apart.
@@ -308,11 +318,6 @@ fn quoted(name: &str) -> String {
         };
     }
     quoted + "\""
-}
-
-/// Six significant digits.
-fn round(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(value)
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {

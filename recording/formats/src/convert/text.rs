@@ -299,7 +299,8 @@ fn scaled(mantissa: u128, exponent: i32) -> Option<u64> {
     let value = match (factor, exponent < 0) {
         _ if mantissa == 0 => 0,
         (Some(factor), false) => mantissa.checked_mul(factor)?,
-        (Some(factor), true) => (mantissa + factor / 2) / factor,
+        // The factor is even. Half of it is not added before, since the sum may be over 2^128.
+        (Some(factor), true) => mantissa / factor + u128::from(mantissa % factor >= factor / 2),
         (None, false) => return None,
         (None, true) => 0,
     };

@@ -8,4 +8,4 @@ mod ros;
 
 pub use files::{FileError, Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
 pub use parquet::ParquetStream;
-pub use ros::{RosTable, RosWriter};
+pub use ros::{RosTable, RosWriter, refuse_same_topics};

@@ -86,13 +86,33 @@ fn namespace(imu: &ImuId) -> String {
     if name.starts_with(|letter: char| letter.is_ascii_digit()) { format!("imu_{name}") } else { name }
 }
 
+/// Refuses IMUs that would have the same topics in one file, such as `imu-a` and `imu_a`.
+///
+/// # Errors
+/// With the two IMUs and the remedy.
+pub fn refuse_same_topics<'a>(imus: impl IntoIterator<Item = &'a ImuId>) -> Result<(), String> {
+    let mut known: BTreeMap<String, &ImuId> = BTreeMap::new();
+    for imu in imus {
+        let space = namespace(imu);
+        if let Some(other) = known.get(&space) {
+            return Err(format!(
+                "{other} and {imu} would both have the topics /{space}/..; record them into separate files"
+            ));
+        }
+        known.insert(space, imu);
+    }
+    Ok(())
+}
+
 impl<W: Write> RosWriter<W> {
     /// Adds the channels of these IMUs, each with its index in the rows. `tables` are those that may have computed the increments. An IMU
     /// that has one in degC has a channel of temperatures.
     ///
     /// # Errors
-    /// Those of the sink.
+    /// Those of the sink; [`InvalidInput`](io::ErrorKind::InvalidInput) as [`refuse_same_topics`].
     pub fn new(sink: W, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
+        refuse_same_topics(imus.iter().map(|(_, id)| *id))
+            .map_err(|message| io::Error::new(io::ErrorKind::InvalidInput, message))?;
         let mut writer = options().profile("ros2").create(NoSeek::new(sink)).map_err(io_error)?;
         // As rosbag2 writes it: no quality of service is known.
         let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
@@ -261,5 +281,24 @@ impl RosFile {
     /// Size without the open chunk \[bytes\].
     pub fn size(&self) -> u64 {
         self.file.size() + self.memory.len() as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn imus_with_the_same_topics_are_refused() {
+        let refused = |names: [&str; 2]| {
+            let imus = names.map(|name| name.parse::<ImuId>().unwrap());
+            RosWriter::new(Vec::new(), &[(0, &imus[0]), (1, &imus[1])], &[]).err().map(|error| error.to_string())
+        };
+        assert_eq!(
+            refused(["imu-a", "imu_a"]).unwrap(),
+            "imu-a and imu_a would both have the topics /imu_a/..; record them into separate files"
+        );
+        assert!(refused(["1", "imu_1"]).unwrap().starts_with("1 and imu_1 would"));
+        assert_eq!(refused(["imu-a", "imu-b"]), None);
     }
 }
