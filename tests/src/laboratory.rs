@@ -153,10 +153,20 @@ impl TestLaboratory {
 
     /// The journal's lines with this event; an incomplete last line is left out.
     pub fn events(&self, event: &str) -> Vec<Value> {
+        self.journal().into_iter().filter(|line| line["event"] == event).collect()
+    }
+
+    /// How many of these events the journal has before the first of the event `other`.
+    pub fn events_before(&self, event: &str, other: &str) -> usize {
+        let journal = self.journal();
+        journal.iter().take_while(|line| line["event"] != other).filter(|line| line["event"] == event).count()
+    }
+
+    /// The whole lines of the journal.
+    fn journal(&self) -> Vec<Value> {
         let text = text(&self.file("journal.jsonl"));
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
-        let lines = whole.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
-        lines.filter(|line| line["event"] == event).collect()
+        whole.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
     /// The names of the events on the live page, oldest first.
