@@ -196,6 +196,12 @@
 #define ISOTHERM_FLAG_LATE (UINT64_C(1) << 25)
 
 /**
+ * No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample before: the step
+ * differs from the interval by more than half of it. Time was lost, or the interval is wrong.
+ */
+#define ISOTHERM_FLAG_TIME_STEP (UINT64_C(1) << 26)
+
+/**
  * Head telemetry of G1 below the bias range.
  */
 #define ISOTHERM_FLAG_G1_HEAD_BELOW (UINT64_C(1) << 32)
@@ -284,6 +290,27 @@
  * More pulses per second on G3 than the table's `max_rate`.
  */
 #define ISOTHERM_FLAG_G3_RATE (UINT64_C(1) << 49)
+
+/**
+ * Mask: an increment could not be computed and is NaN, on one axis or on all. interval, no-table, not-finite.
+ */
+#define ISOTHERM_MASK_INVALID (((((((ISOTHERM_FLAG_INTERVAL | ISOTHERM_FLAG_NO_TABLE) | ISOTHERM_FLAG_A1_NOT_FINITE) | ISOTHERM_FLAG_A2_NOT_FINITE) | ISOTHERM_FLAG_A3_NOT_FINITE) | ISOTHERM_FLAG_G1_NOT_FINITE) | ISOTHERM_FLAG_G2_NOT_FINITE) | ISOTHERM_FLAG_G3_NOT_FINITE)
+
+/**
+ * Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
+ * `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
+ */
+#define ISOTHERM_MASK_DEGRADED 1002750325526527
+
+/**
+ * Mask: time is missing before this increment. gap, time-step.
+ */
+#define ISOTHERM_MASK_LOST (ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP)
+
+/**
+ * Mask: says nothing against the increment. late.
+ */
+#define ISOTHERM_MASK_INFORMATION ISOTHERM_FLAG_LATE
 
 /**
  * Number of sensors: A1, A2, A3, G1, G2, G3 have the numbers 0 to 5.

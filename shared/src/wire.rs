@@ -187,7 +187,7 @@ impl Triad {
 /// Flags of a sample and of its delivery: the bits of [`CompensatedIncrement::flags`].
 ///
 /// Bits 0 to 23 and 32 to 49 are **sample flags**, a pure function of raw sample and table; those from 32 on are the flags of the
-/// gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 and 25 are **delivery flags**, which the service adds.
+/// gyroscopes, as bits 0 to 17 are those of the accelerometers. Bits 24 to 26 are **delivery flags**, which the service adds.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 #[repr(transparent)]
 pub struct Flags(pub u64);
@@ -210,16 +210,39 @@ impl Flags {
     pub const GAP: Self = Self(1 << 24);
     /// The latency was over the configured budget.
     pub const LATE: Self = Self(1 << 25);
+    /// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample before: the
+    /// step differs from the interval by more than half of it. Time was lost, or the interval is wrong.
+    pub const TIME_STEP: Self = Self(1 << 26);
 
     /// Distance from a bit of the accelerometers to that of the gyroscopes.
     const GYROSCOPES: u32 = 32;
     /// All sample flags.
     pub const SAMPLE: Self = Self(((1 << 24) - 1) | (((1 << 18) - 1) << Self::GYROSCOPES));
     /// All delivery flags.
-    pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0);
+    pub const DELIVERY: Self = Self(Self::GAP.0 | Self::LATE.0 | Self::TIME_STEP.0);
+
+    /// Bits 0 to 17 of the accelerometers, with those of the gyroscopes.
+    const fn of_both(accelerometers: u64) -> u64 {
+        accelerometers | accelerometers << Self::GYROSCOPES
+    }
+    /// Mask: an increment could not be computed and is NaN, on one axis or on all. `interval`, `no-table`, `.._not-finite`.
+    pub const INVALID: Self = Self(Self::INTERVAL.0 | Self::NO_TABLE.0 | Self::of_both(0b111 << 12));
+    /// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
+    /// `reject`. Ranges, `rate`, `telemetry-stale`, `lag-unknown`, `other-device`, `g-unknown`.
+    pub const DEGRADED: Self = Self(
+        Self::of_both(0b111 << 15 | 0xfff)
+            | Self::TELEMETRY_STALE.0
+            | Self::LAG_UNKNOWN.0
+            | Self::OTHER_DEVICE.0
+            | Self::G_UNKNOWN.0,
+    );
+    /// Mask: time is missing before this increment. `gap`, `time-step`.
+    pub const LOST: Self = Self(Self::GAP.0 | Self::TIME_STEP.0);
+    /// Mask: says nothing against the increment. `late`.
+    pub const INFORMATION: Self = Self(Self::LATE.0);
 
     /// Bit and name of every flag, lowest bit first.
-    pub const NAMES: [(u32, &'static str); 44] = [
+    pub const NAMES: [(u32, &'static str); 45] = [
         (0, "a1-head-below"),
         (1, "a2-head-below"),
         (2, "a3-head-below"),
@@ -246,6 +269,7 @@ impl Flags {
         (23, "g-unknown"),
         (24, "gap"),
         (25, "late"),
+        (26, "time-step"),
         (32, "g1-head-below"),
         (33, "g2-head-below"),
         (34, "g3-head-below"),
@@ -462,6 +486,16 @@ mod tests {
     }
 
     #[test]
+    fn every_flag_is_in_one_mask() {
+        let masks = [Flags::INVALID, Flags::DEGRADED, Flags::LOST, Flags::INFORMATION];
+        assert_eq!(masks.iter().fold(0, |all, mask| all | mask.0), Flags::SAMPLE.0 | Flags::DELIVERY.0);
+        assert_eq!(masks.iter().map(|mask| mask.0.count_ones()).sum::<u32>() as usize, Flags::NAMES.len());
+        assert_eq!(Flags::INVALID.to_string().matches("not-finite").count(), 2 * AXES);
+        assert_eq!(Flags::INVALID.only(Flags((1 << 24) - 1)).0, 0b111 << 12 | 1 << 18 | 1 << 19);
+        assert_eq!([Flags::LOST.to_string(), Flags::INFORMATION.to_string()], ["gap|time-step", "late"]);
+    }
+
+    #[test]
     fn every_flag_has_the_bit_that_its_name_says() {
         let named = |name: &str| Flags::NAMES.iter().find(|(_, n)| *n == name).map(|(bit, _)| Flags(1 << bit)).unwrap();
         for axis in 0..AXES {
@@ -486,5 +520,6 @@ mod tests {
         assert_eq!(named("telemetry-stale"), Flags::TELEMETRY_STALE);
         assert_eq!(named("gap"), Flags::GAP);
         assert_eq!(named("late"), Flags::LATE);
+        assert_eq!(named("time-step"), Flags::TIME_STEP);
     }
 }

@@ -53,6 +53,9 @@ pub const ISOTHERM_FLAG_G_UNKNOWN: u64 = 1 << 23;
 pub const ISOTHERM_FLAG_GAP: u64 = 1 << 24;
 /// The latency was over the configured budget.
 pub const ISOTHERM_FLAG_LATE: u64 = 1 << 25;
+/// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample before: the step
+/// differs from the interval by more than half of it. Time was lost, or the interval is wrong.
+pub const ISOTHERM_FLAG_TIME_STEP: u64 = 1 << 26;
 /// Head telemetry of G1 below the bias range.
 pub const ISOTHERM_FLAG_G1_HEAD_BELOW: u64 = 1 << 32;
 /// Head telemetry of G2 below the bias range.
@@ -89,3 +92,34 @@ pub const ISOTHERM_FLAG_G1_RATE: u64 = 1 << 47;
 pub const ISOTHERM_FLAG_G2_RATE: u64 = 1 << 48;
 /// More pulses per second on G3 than the table's `max_rate`.
 pub const ISOTHERM_FLAG_G3_RATE: u64 = 1 << 49;
+
+/// Mask: an increment could not be computed and is NaN, on one axis or on all. interval, no-table, not-finite.
+pub const ISOTHERM_MASK_INVALID: u64 = ISOTHERM_FLAG_INTERVAL
+    | ISOTHERM_FLAG_NO_TABLE
+    | ISOTHERM_FLAG_A1_NOT_FINITE
+    | ISOTHERM_FLAG_A2_NOT_FINITE
+    | ISOTHERM_FLAG_A3_NOT_FINITE
+    | ISOTHERM_FLAG_G1_NOT_FINITE
+    | ISOTHERM_FLAG_G2_NOT_FINITE
+    | ISOTHERM_FLAG_G3_NOT_FINITE;
+/// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
+/// `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
+pub const ISOTHERM_MASK_DEGRADED: u64 = 0x00038fff00f38fff;
+/// Mask: time is missing before this increment. gap, time-step.
+pub const ISOTHERM_MASK_LOST: u64 = ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP;
+/// Mask: says nothing against the increment. late.
+pub const ISOTHERM_MASK_INFORMATION: u64 = ISOTHERM_FLAG_LATE;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_client::Flags;
+
+    #[test]
+    fn the_masks_are_those_of_rust() {
+        assert_eq!(ISOTHERM_MASK_INVALID, Flags::INVALID.0);
+        assert_eq!(ISOTHERM_MASK_DEGRADED, Flags::DEGRADED.0);
+        assert_eq!(ISOTHERM_MASK_LOST, Flags::LOST.0);
+        assert_eq!(ISOTHERM_MASK_INFORMATION, Flags::INFORMATION.0);
+    }
+}

@@ -96,9 +96,15 @@ def _at(array: Any, path: Path) -> Any:
 
 
 class Flags(enum.IntFlag):
-    """Flags of a sample (bits 0 to 23, and of the gyroscopes 32 to 49) and of its delivery (24 and 25).
+    """Flags of a sample (bits 0 to 23, and of the gyroscopes 32 to 49) and of its delivery (24 to 26), and masks.
 
-    They can be combined with integers and with arrays: `increments["flags"] & Flags.GAP`.
+    They can be combined with integers and with arrays: `increments["flags"] & Flags.LOST`.
+
+    INVALID: an increment could not be computed and is NaN, on one axis or on all.
+    DEGRADED: computed, outside of what the calibration covers or without a part of it; NaN under the policy `reject`.
+    LOST: time is missing before this increment.
+    INFORMATION: says nothing against the increment.
+    Together they have every flag, each once. Use a value if it is finite.
     """
 
     A1_HEAD_BELOW = 1 << 0
@@ -127,6 +133,7 @@ class Flags(enum.IntFlag):
     G_UNKNOWN = 1 << 23
     GAP = 1 << 24
     LATE = 1 << 25
+    TIME_STEP = 1 << 26
     G1_HEAD_BELOW = 1 << 32
     G2_HEAD_BELOW = 1 << 33
     G3_HEAD_BELOW = 1 << 34
@@ -146,6 +153,11 @@ class Flags(enum.IntFlag):
     G2_RATE = 1 << 48
     G3_RATE = 1 << 49
 
+    INVALID = INTERVAL | NO_TABLE | (0b111 << 12) | (0b111 << 44)
+    DEGRADED = 0xFFF | (0b111 << 15) | (0xFFF << 32) | (0b111 << 47) | TELEMETRY_STALE | LAG_UNKNOWN | OTHER_DEVICE | G_UNKNOWN
+    LOST = GAP | TIME_STEP
+    INFORMATION = LATE
+
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         """NumPy would take a member for a signed integer, which has no type in common with the unsigned ones of an array."""
         plain = [int(value) if isinstance(value, Flags) else value for value in inputs]
@@ -153,7 +165,7 @@ class Flags(enum.IntFlag):
 
 
 SAMPLE_FLAGS = (1 << 24) - 1 | (1 << 18) - 1 << 32
-_NAMES = [(int(flag), name.lower().replace("_", "-")) for name, flag in Flags.__members__.items()]
+_NAMES = [(int(flag), name.lower().replace("_", "-")) for name, flag in Flags.__members__.items() if int(flag).bit_count() == 1 and name != "INFORMATION"]
 
 
 def flag_names(flags: int) -> list[str]:
