@@ -332,6 +332,11 @@
 #define ISOTHERM_LAG_NONE (-1.0)
 
 /**
+ * For connecting: do not wait for the service.
+ */
+#define ISOTHERM_NO_WAIT UINT64_MAX
+
+/**
  * Result of a call: 0 is success, positive codes are part of normal operation, negative codes are errors. The numbers
  * never change; later versions may add codes.
  */
@@ -350,14 +355,19 @@ enum isotherm_code
     ISOTHERM_NONE = 1,
     /**
      * As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours: wait and
-     * send it again, discard it, or add the next sample to it with isotherm_merge.
+     * send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
      */
     ISOTHERM_FULL = 2,
     /**
      * The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new service has
-     * started, and a later isotherm_receive may still return its increment.
+     * started, and its late increment is kept for isotherm_receive.
      */
     ISOTHERM_TIMEOUT = 3,
+    /**
+     * The acquisition is closed. Control periods were lost, or samples were unanswered: the message has their numbers, and the service keeps
+     * them in its status.
+     */
+    ISOTHERM_LOST = 4,
     /**
      * A pointer is NULL that must not be NULL.
      */
@@ -433,7 +443,7 @@ enum isotherm_code
      */
     ISOTHERM_ERROR_INTERNAL = -18,
     /**
-     * A value that cannot be: the number of a sensor, a time constant, or a serial number that is not UTF-8.
+     * A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size of isotherm_options.
      */
     ISOTHERM_ERROR_VALUE = -19,
     /**
@@ -463,15 +473,22 @@ typedef struct isotherm_acquisition isotherm_acquisition;
 typedef struct isotherm_reader isotherm_reader;
 
 /**
- * How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default; a time-out of 0 does not wait.
+ * How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin with
+ * `isotherm_options options = {0};`.
  */
 typedef struct {
+    /**
+     * sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size has, and with 0 those of
+     * this version.
+     */
+    uint64_t size;
     /**
      * Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
      */
     const char *domain;
     /**
-     * How long connecting may take [ns]. This includes waiting for a service that has not started yet.
+     * How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the default, 5 s;
+     * ISOTHERM_NO_WAIT does not wait.
      */
     uint64_t timeout_ns;
     /**
@@ -640,20 +657,21 @@ extern "C" {
 /**
  * Connects as the acquisition of an IMU, waiting for the service if necessary.
  *
- * `imu` is the IMU's name. If `options` is NULL, all have their defaults, and the time-out is 5 s. The handle is written to
+ * `imu` is the IMU's name. If `options` is NULL, all have their defaults. The handle is written to
  * `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
- * .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, or a `lag_s` that is no time constant.
+ * .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or another `size`.
  */
 isotherm_code isotherm_acquisition_connect(const char *imu,
                                            const isotherm_options *options,
                                            isotherm_acquisition **acquisition);
 
 /**
- * Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
+ * Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is allowed.
  *
- * ISOTHERM_OK. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
+ * ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered (isotherm_in_flight): the handle is
+ * closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
  */
 isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
 
@@ -662,8 +680,9 @@ isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
  * or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
  * `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what isotherm_reading is
- * for: `lag_ns` and `head_lagged`. If samples were lost before they could be sent, raise `sequence` by their number; the service then
- * flags the gap.
+ * for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in the session: a sample that is discarded
+ * leaves its sequence out, and the service flags the gap. If periods were lost before they could be loaned, raise `sequence` by their
+ * number.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
  */
@@ -671,11 +690,35 @@ isotherm_code isotherm_loan(isotherm_acquisition *acquisition,
                             isotherm_raw_sample **sample);
 
 /**
- * Gives a sample back without sending it. The next loaned sample has the same sequence.
+ * Gives a sample back without sending it: its control period is lost. Its sequence is left out, so that the service flags the gap.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
  */
-isotherm_code isotherm_discard(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
+isotherm_code isotherm_discard(isotherm_acquisition *acquisition,
+                               isotherm_raw_sample *sample);
+
+/**
+ * Gives a sample back that stands for no control period, as at the end of a recording, and takes its sequence back. Only that of the last
+ * loan: the sequence of an earlier one stays left out.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
+ */
+isotherm_code isotherm_cancel(isotherm_acquisition *acquisition,
+                              isotherm_raw_sample *sample);
+
+/**
+ * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
+ * ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is cancelled, as by isotherm_cancel:
+ * its pointer must not be used any more. Else it does not change. Either may be a sample of your own; `acquisition` may be NULL if both are.
+ *
+ * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
+ * periods. Use it when the service had no room for a sample.
+ *
+ * ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
+ */
+isotherm_code isotherm_merge(isotherm_acquisition *acquisition,
+                             isotherm_raw_sample *sample,
+                             const isotherm_raw_sample *later);
 
 /**
  * Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and `lag_ns` with the
@@ -699,14 +742,16 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition,
 isotherm_code isotherm_prepare(isotherm_acquisition *acquisition);
 
 /**
- * The increment of the oldest unanswered sample, if it has come. Does not wait.
+ * The increment of the oldest unanswered sample, if it has come. Does not wait. First come the late increments that isotherm_compensate
+ * has kept aside.
  *
  * While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
  * sends the unanswered samples again. So call it repeatedly while you wait.
  *
  * ISOTHERM_OK, ISOTHERM_NONE, ISOTHERM_ERROR_TRANSPORT.
  */
-isotherm_code isotherm_receive(isotherm_acquisition *acquisition, isotherm_compensated_increment *increment);
+isotherm_code isotherm_receive(isotherm_acquisition *acquisition,
+                               isotherm_compensated_increment *increment);
 
 /**
  * As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times.
@@ -716,8 +761,9 @@ isotherm_code isotherm_receive_timeout(isotherm_acquisition *acquisition,
                                        isotherm_compensated_increment *increment);
 
 /**
- * The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Answers to samples sent
- * earlier are discarded.
+ * The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Late increments of
+ * samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They count neither as in
+ * flight nor for a full queue. A time-out of 0 does not wait.
  *
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
  * ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
@@ -739,6 +785,17 @@ size_t isotherm_depth(const isotherm_acquisition *acquisition);
  * Samples that have been sent and whose increments have not been received. 0 for a handle that cannot be used.
  */
 size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
+
+/**
+ * Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were discarded or are still on
+ * loan, sequences that were left out, and samples whose sending has failed. 0 for a handle that cannot be used.
+ */
+uint64_t isotherm_lost(const isotherm_acquisition *acquisition);
+
+/**
+ * Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle that cannot be used.
+ */
+uint64_t isotherm_dropped_answers(const isotherm_acquisition *acquisition);
 
 /**
  * The session of all samples; a new random number for each connection. 0 for a handle that cannot be used.
@@ -817,7 +874,7 @@ isotherm_code isotherm_reader_new(const char *imu,
                                   isotherm_reader **reader);
 
 /**
- * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. `domain` is as in isotherm_options. Close the
+ * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not wait. `domain` is as in isotherm_options. Close the
  * handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
@@ -890,18 +947,6 @@ isotherm_code isotherm_realtime(int32_t core,
  * big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not UTF-8.
  */
 uint64_t isotherm_device(const char *serial);
-
-/**
- * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
- * ones, session, sequence and `sent_ns` stay. `later` does not change.
- *
- * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
- * periods. Use it when the service had no room for a sample.
- *
- * ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
- */
-isotherm_code isotherm_merge(isotherm_raw_sample *sample,
-                             const isotherm_raw_sample *later);
 
 /**
  * Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name

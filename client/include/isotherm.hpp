@@ -2,10 +2,11 @@
 //
 //     isotherm::Acquisition acquisition("imu-a", {.serial = "SN 42"});     // from C++20 on; before, set the fields of an Options
 //     acquisition.reading(0, 2.513, 1'000'000);            // a new temperature of A1; the same for the other sensors
-//     auto sample = acquisition.loan();                    // in shared memory
+//     auto sample = acquisition.loan();                    // in shared memory; stands for a control period
 //     sample->interval_ns = 2'500'000;                     // and timestamps, pulses, telemetry
 //     if (auto increment = acquisition.compensate(sample, 10ms))
 //         use(increment->velocity_increment, increment->angle_increment);
+//     // Else it is still yours if the queue is full (examples/cpp/paced.cpp), or its increment comes late: acquisition.receive().
 //
 // Errors are thrown as isotherm::Error, with the code and message of isotherm.h. Results that are part of normal operation are
 // returned: no increment yet, a full queue, no answer in time. The rules for threads and processes are those of isotherm.h.
@@ -51,6 +52,12 @@ inline isotherm_code check(isotherm_code code)
     return code;
 }
 
+/// A time-out for connecting.
+inline std::uint64_t patience(std::chrono::nanoseconds time) noexcept
+{
+    return time.count() > 0 ? static_cast<std::uint64_t>(time.count()) : ISOTHERM_NO_WAIT;
+}
+
 inline std::uint64_t count(std::chrono::nanoseconds time) noexcept
 {
     return time.count() > 0 ? static_cast<std::uint64_t>(time.count()) : 0;
@@ -67,7 +74,7 @@ inline std::optional<CompensatedIncrement> some(isotherm_code code, const Compen
 struct Options {
     /// The name of its domain. If it is not set, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
     std::optional<std::string> domain = std::nullopt;
-    /// How long connecting may take. This includes waiting for a service that has not started yet.
+    /// How long connecting may take. This includes waiting for a service that has not started yet. 0 does not wait.
     std::chrono::nanoseconds timeout = std::chrono::seconds(5);
     /// Serial number of the unit whose samples an acquisition sends, in UTF-8. The service flags samples of another unit than the table's.
     std::optional<std::string> serial = std::nullopt;
@@ -77,8 +84,9 @@ struct Options {
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
 };
 
-/// A raw sample in shared memory, which is yours until it is sent. When this object is destroyed, a sample that was not sent is
-/// given back. Destroy it before its acquisition. It is empty after the sample has been sent.
+/// A raw sample in shared memory, which is yours until it is sent. It stands for a control period: when this object is destroyed with a
+/// sample that was not sent, the period is lost, and the service flags the gap. Acquisition::cancel gives back one that stands for none.
+/// Destroy it before its acquisition. It is empty after the sample has been sent, merged into another one, or cancelled.
 class Sample {
 public:
     Sample(Sample &&other) noexcept : acquisition_(other.acquisition_), raw_(std::exchange(other.raw_, nullptr)) {}
@@ -114,7 +122,7 @@ public:
     explicit operator bool() const noexcept { return code_ == ISOTHERM_OK; }
     /// The service's queue is full of unanswered samples; the sample has not been sent.
     bool is_full() const noexcept { return code_ == ISOTHERM_FULL; }
-    /// The sample was sent, but its increment did not come in time. A later receive() may still return it.
+    /// The sample was sent, but its increment did not come in time. It is kept for a later receive().
     bool is_late() const noexcept { return code_ == ISOTHERM_TIMEOUT; }
 
     /// The increment; all fields are 0 if there is none.
@@ -142,7 +150,8 @@ public:
     {
         isotherm_acquisition *handle = nullptr;
         const char *serial = options.serial ? options.serial->c_str() : nullptr;
-        const isotherm_options given = {options.domain_or_null(), detail::count(options.timeout), serial, options.lag_s};
+        const isotherm_options given = {sizeof(isotherm_options), options.domain_or_null(), detail::patience(options.timeout), serial,
+                                        options.lag_s};
         detail::check(isotherm_acquisition_connect(imu.c_str(), &given, &handle));
         handle_.reset(handle);
     }
@@ -176,7 +185,7 @@ public:
     /// wait for the end of a control period, some tens of microseconds before it.
     void prepare() { detail::check(isotherm_prepare(handle_.get())); }
 
-    /// Loans a sample to fill in. `session` and `sequence` are set already.
+    /// Loans a sample to fill in. `session` and `sequence` are set already: one above the highest that was loaned or sent.
     [[nodiscard]] Sample loan()
     {
         RawSample *raw = nullptr;
@@ -187,7 +196,22 @@ public:
     /// Sends a sample; `sample` is empty then. Returns false if the service's queue is full: the sample is still yours.
     [[nodiscard]] bool send(Sample &sample) { return done(sample, isotherm_send(handle_.get(), sample.raw_)) == ISOTHERM_OK; }
 
-    /// The increment of the oldest unanswered sample, if it has come.
+    /// Gives a sample back that stands for no control period, as at the end of a recording. `sample` is empty then.
+    void cancel(Sample &sample)
+    {
+        detail::check(isotherm_cancel(handle_.get(), sample.raw_));
+        sample.raw_ = nullptr;
+    }
+
+    /// Adds the next control period to a sample and cancels its loan; `later` is empty then. Throws Error (ISOTHERM_ERROR_MERGE) if a sum
+    /// overflows; neither has changed then.
+    void merge(Sample &sample, Sample &later)
+    {
+        detail::check(isotherm_merge(handle_.get(), sample.raw_, later.raw_));
+        later.raw_ = nullptr;
+    }
+
+    /// The increment of the oldest unanswered sample, if it has come. First come the late ones that compensate() has kept aside.
     [[nodiscard]] std::optional<CompensatedIncrement> receive()
     {
         CompensatedIncrement increment;
@@ -201,7 +225,8 @@ public:
         return detail::some(isotherm_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
     }
 
-    /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the queue is full.
+    /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the queue is full. Late
+    /// increments of earlier samples are kept aside for receive().
     [[nodiscard]] Answer compensate(Sample &sample, std::chrono::nanoseconds timeout)
     {
         Answer answer;
@@ -213,6 +238,17 @@ public:
     std::size_t depth() const noexcept { return isotherm_depth(handle_.get()); }
     /// Samples that have been sent and whose increments have not been received.
     std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
+    /// Control periods that have a sequence and were not sent, in all sessions of this connection.
+    std::uint64_t lost() const noexcept { return isotherm_lost(handle_.get()); }
+    /// Late increments that were dropped because depth() of them waited for receive() already.
+    std::uint64_t dropped_answers() const noexcept { return isotherm_dropped_answers(handle_.get()); }
+    /// Leaves the streams. Returns what was lost, in words; empty if nothing was. The destructor does the same, without the words.
+    std::string close()
+    {
+        const auto code = detail::check(isotherm_acquisition_close(handle_.get()));
+        handle_.release();
+        return code == ISOTHERM_LOST ? isotherm_error_message() : "";
+    }
     /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
     /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this. Throws if samples are unanswered.
@@ -240,7 +276,7 @@ public:
     explicit IncrementReader(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;
-        detail::check(isotherm_reader_connect(imu.c_str(), options.domain_or_null(), detail::count(options.timeout), &handle));
+        detail::check(isotherm_reader_connect(imu.c_str(), options.domain_or_null(), detail::patience(options.timeout), &handle));
         handle_.reset(handle);
     }
 
@@ -280,9 +316,9 @@ private:
     std::unique_ptr<isotherm_reader, Close> handle_;
 };
 
-/// Adds the next control period to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if a sum overflows; neither sample has changed
-/// then.
-inline void merge(RawSample &sample, const RawSample &later) { detail::check(isotherm_merge(&sample, &later)); }
+/// Adds the next control period, which is not on loan, to a sample. Throws Error (ISOTHERM_ERROR_MERGE) if a sum overflows; neither
+/// sample has changed then.
+inline void merge(RawSample &sample, const RawSample &later) { detail::check(isotherm_merge(nullptr, &sample, &later)); }
 
 /// The names of flags joined by `|`, or `-`.
 inline std::string flags_text(std::uint64_t flags)

@@ -3,10 +3,11 @@
 //! Over 400 lines: every method works on the same ports and the same state.
 
 use crate::clock::{Clock, monotonic_ns};
+use crate::closing::{self, Closing};
 use crate::connect::{Options, absent, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
 use crate::lag::{AcquisitionLag, Sensor};
-use crate::loan::{CompensateError, InFlight, Loan, SendError, TransportError, transport};
+use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError, transport};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, publisher_of};
 use crate::rehearsal::{self, Rehearsal, publish, receive};
@@ -234,18 +235,75 @@ impl Acquisition {
 
     /// Loans a sample in shared memory, to be filled in. It is loaned already after a send or [`prepare`](Self::prepare), so this call is cheap.
     ///
+    /// Its sequence is one above the highest that was loaned or sent in the session. So a loan that is dropped leaves its sequence out, and
+    /// the service flags the gap; [`cancel`](Self::cancel) gives back one that stands for no control period.
+    ///
     /// # Errors
     /// If the caller has 4 samples on loan already.
     #[inline]
     pub fn loan(&mut self) -> Result<Loan, TransportError> {
-        let mut sample = match self.spare.take() {
-            Some(sample) => sample,
-            None => self.loan_sample()?,
-        };
+        let mut sample = self.take_spare()?;
         let raw = sample.payload_mut();
         raw.session = self.state.session();
-        raw.sequence = self.state.next_sequence();
-        Ok(Loan(sample))
+        raw.sequence = self.state.loan();
+        let number = Some((raw.session, raw.sequence));
+        Ok(Loan { sample, number })
+    }
+
+    /// Loans a sample with the content of `record`, as one of a recording, in this session. It keeps the record's sequence, and takes no number
+    /// of its own.
+    ///
+    /// # Errors
+    /// As [`loan`](Self::loan).
+    pub fn loan_record(&mut self, record: &RawSample) -> Result<Loan, TransportError> {
+        let mut sample = self.take_spare()?;
+        *sample.payload_mut() = RawSample { session: self.state.session(), sent_ns: 0, ..*record };
+        Ok(Loan { sample, number: None })
+    }
+
+    /// Gives a loan back that stands for no control period, as at the end of a recording, and takes its sequence back. Only that of the last
+    /// loan: the sequence of an earlier one stays left out.
+    pub fn cancel(&mut self, sample: Loan) {
+        if let Some((session, number)) = sample.number
+            && session == self.state.session()
+        {
+            self.state.cancel(number);
+        }
+    }
+
+    /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan. Use it when the service has no room: no velocity
+    /// and no angle is lost, and no sequence is left out.
+    ///
+    /// # Errors
+    /// [`LoansNotMerged`] when a sum would overflow.
+    #[expect(clippy::result_large_err, reason = "the error gives the loan back, as everywhere")]
+    pub fn merge(&mut self, sample: &mut Loan, later: Loan) -> Result<(), LoansNotMerged> {
+        match sample.merge(&later) {
+            Ok(()) => {
+                self.cancel(later);
+                Ok(())
+            }
+            Err(error) => Err(LoansNotMerged { error, later }),
+        }
+    }
+
+    /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see [`Closing::lost`]. A sample that is on
+    /// loan counts until it is sent.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.state.lost()
+    }
+
+    /// Leaves the streams, and returns what was lost. If anything was, it is logged, and the service keeps it in its status: a loss with no
+    /// sample after it is seen too. Dropping the acquisition does the same.
+    pub fn close(self) -> Closing {
+        self.closing()
+    }
+
+    /// What [`close`](Self::close) would return now.
+    #[must_use]
+    pub fn closing(&self) -> Closing {
+        Closing { lost: self.state.lost(), unanswered: self.state.in_flight() as u64 }
     }
 
     /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
@@ -271,7 +329,7 @@ impl Acquisition {
         self.lag.fill(&mut sample);
         sample.sent_ns = self.clock.now();
         self.state.send(sequence, &sample, sample.sent_ns);
-        if let Err(error) = publish(sample.0) {
+        if let Err(error) = publish(sample.sample) {
             self.state.send_failed();
             return Err(SendError::Transport(error.to_string()));
         }
@@ -316,6 +374,8 @@ impl Acquisition {
 
     /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
     ///
+    /// First come the late answers that [`compensate`](Self::compensate) has kept aside while it waited for a later one.
+    ///
     /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it sends
     /// the unanswered samples again.
     ///
@@ -323,6 +383,15 @@ impl Acquisition {
     /// If the transport fails.
     #[inline]
     pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
+        match self.state.next_aside() {
+            Some(answer) => Ok(Some(answer)),
+            None => self.receive_next(),
+        }
+    }
+
+    /// As [`receive`](Self::receive), without what was kept aside.
+    #[inline]
+    fn receive_next(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
         if let Some(answer) = self.state.next_kept() {
             self.lag.note(&answer);
             return Ok(Some(answer));
@@ -348,10 +417,53 @@ impl Acquisition {
     /// # Errors
     /// If the transport fails.
     pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<CompensatedIncrement>, TransportError> {
+        self.wait(timeout, Self::receive)
+    }
+
+    /// The answer to the sample of this session with this `sequence`, waiting up to `timeout`. Answers to earlier samples are kept aside for
+    /// [`receive`](Self::receive): at most [`depth`](Self::depth), then the oldest is dropped ([`dropped_answers`](Self::dropped_answers)).
+    /// They count neither as in flight nor for a full queue.
+    ///
+    /// # Errors
+    /// If the transport fails.
+    pub fn receive_answer(
+        &mut self,
+        sequence: u64,
+        timeout: Duration,
+    ) -> Result<Option<CompensatedIncrement>, TransportError> {
+        let session = self.session();
+        self.wait(timeout, |this| {
+            while let Some(answer) = this.receive_next()? {
+                if (answer.session, answer.sequence) == (session, sequence) {
+                    return Ok(Some(answer));
+                }
+                this.state.keep_aside(answer);
+            }
+            Ok(None)
+        })
+    }
+
+    /// Late answers that wait for [`receive`](Self::receive).
+    #[must_use]
+    pub fn late_answers(&self) -> usize {
+        self.state.aside()
+    }
+
+    /// Late answers that were dropped because [`depth`](Self::depth) of them waited already.
+    #[must_use]
+    pub const fn dropped_answers(&self) -> u64 {
+        self.state.aside_dropped()
+    }
+
+    fn wait(
+        &mut self,
+        timeout: Duration,
+        mut receive: impl FnMut(&mut Self) -> Result<Option<CompensatedIncrement>, TransportError>,
+    ) -> Result<Option<CompensatedIncrement>, TransportError> {
         const SPIN: Duration = Duration::from_micros(100);
         let started = Instant::now();
         loop {
-            if let Some(answer) = self.receive()? {
+            if let Some(answer) = receive(self)? {
                 return Ok(Some(answer));
             }
             let waited = started.elapsed();
@@ -368,25 +480,31 @@ impl Acquisition {
 
     /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
     ///
-    /// Answers to samples sent earlier are discarded.
+    /// Answers to samples sent earlier, whose time-out has passed, are kept aside for [`receive`](Self::receive), as
+    /// [`receive_answer`](Self::receive_answer) does.
     ///
     /// # Errors
     /// [`CompensateError`].
     pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
         let sequence = sample.sequence;
         // Makes room and checks the service for a caller that never calls `receive`.
-        while self.state.is_full() && self.receive()?.is_some() {}
+        while self.state.is_full()
+            && let Some(answer) = self.receive_next()?
+        {
+            self.state.keep_aside(answer);
+        }
         if self.state.is_full() {
             self.check_service()?;
         }
         self.send(sample)?;
-        let started = Instant::now();
-        loop {
-            match self.receive_timeout(timeout.saturating_sub(started.elapsed()))? {
-                Some(answer) if answer.sequence == sequence => return Ok(answer),
-                Some(_) => {}
-                None => return Err(CompensateError::Timeout),
-            }
+        self.receive_answer(sequence, timeout)?.ok_or(CompensateError::Timeout)
+    }
+
+    #[inline]
+    fn take_spare(&mut self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
+        match self.spare.take() {
+            Some(sample) => Ok(sample),
+            None => self.loan_sample(),
         }
     }
 
@@ -418,6 +536,20 @@ impl Acquisition {
         self.state.resent(resend, service, now);
         let _ = self.notifier.notify();
         Ok(())
+    }
+}
+
+impl Drop for Acquisition {
+    fn drop(&mut self) {
+        let closing = self.closing();
+        if closing == Closing::default() {
+            return;
+        }
+        let Closing { lost, unanswered } = closing;
+        tracing::warn!(imu = %self.imu, lost, unanswered, "the acquisition closes with control periods lost or unanswered");
+        if let Err(error) = closing::write(&self.domain, &self.imu, self.session(), closing) {
+            tracing::warn!(imu = %self.imu, "telling the service what was lost: {error}");
+        }
     }
 }
 

@@ -45,8 +45,9 @@
 //! # Guarantees
 //! * Loaning, sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same. The
 //!   one exception is the system call that wakes a sleeping service.
-//! * No sample is lost without notice: at most [`Acquisition::depth`] samples are unanswered at once. The next one is handed
-//!   back ([`SendError::Full`]); it may wait, be dropped, or be summed with its successor ([`RawSample::merge`]).
+//! * No control period is lost without notice. At most [`Acquisition::depth`] samples are unanswered at once, and the next one is handed
+//!   back ([`SendError::Full`]): it may wait, be summed with its successor ([`Acquisition::merge`]), or be dropped. A loan has its sequence
+//!   from the beginning, so dropping one is a gap, which every reader sees. [`Acquisition::close`] returns what was lost.
 //! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in order.
 //!
 //! Service and clients must run as the same user and use the same [`Domain`]. An application that itself depends on
@@ -54,6 +55,7 @@
 
 mod acquisition;
 mod clock;
+mod closing;
 mod connect;
 mod error;
 mod folder;
@@ -72,6 +74,7 @@ mod tap;
 
 pub use acquisition::Acquisition;
 pub use clock::{Clock, monotonic_ns, unix_s};
+pub use closing::{Closing, last_closing};
 pub use connect::{
     DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_domain, domain, join, join_existing, sweep_half_created,
 };
@@ -82,7 +85,7 @@ pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
-pub use loan::{CompensateError, InFlight, Loan, SendError, TransportError};
+pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
 pub use objects::{OwnFile, domain_files, foreign_object, own_files};
 pub use peers::{payload_of, publisher_of, subscribers_of};
 pub use process::Process;

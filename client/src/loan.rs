@@ -4,24 +4,31 @@ use core::fmt;
 use iceoryx2::sample_mut::SampleMut;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::stream::Ipc;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::wire::{MergeError, RawSample};
 
 /// A raw sample in shared memory, which the caller owns until it is sent. Dereferences to [`RawSample`].
 ///
-/// `session` and `sequence` are set already. If samples were lost before they could be sent, raise `sequence` by their
-/// number; the service then flags the gap.
-pub struct Loan(pub(crate) SampleMut<Ipc, RawSample, ()>);
+/// `session` and `sequence` are set already. A loan stands for a control period: if it is dropped, its sequence is left out, and the
+/// service flags the gap. [`Acquisition::cancel`](crate::Acquisition::cancel) gives back one that stands for none. If periods were lost
+/// before they could be loaned, raise `sequence` by their number.
+///
+/// To add another loan to this one use [`Acquisition::merge`](crate::Acquisition::merge), which cancels it.
+pub struct Loan {
+    pub(crate) sample: SampleMut<Ipc, RawSample, ()>,
+    /// Session and number that it was loaned with; `None` if it has the sequence of a record.
+    pub(crate) number: Option<(u64, u64)>,
+}
 
 impl core::ops::Deref for Loan {
     type Target = RawSample;
     fn deref(&self) -> &RawSample {
-        self.0.payload()
+        self.sample.payload()
     }
 }
 
 impl core::ops::DerefMut for Loan {
     fn deref_mut(&mut self) -> &mut RawSample {
-        self.0.payload_mut()
+        self.sample.payload_mut()
     }
 }
 
@@ -34,8 +41,8 @@ impl fmt::Debug for Loan {
 /// Why a sample was not sent. Contains the sample if the caller can still use it.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// As many samples are unanswered as may be, or the service's queue may be full: [`Acquisition::is_full`](crate::Acquisition::is_full). Wait and send the sample again, drop it, or add the next
-    /// sample to it with [`RawSample::merge`].
+    /// As many samples are unanswered as may be, or the service's queue may be full: [`Acquisition::is_full`](crate::Acquisition::is_full). Wait and
+    /// send the sample again, add the next one to it with [`Acquisition::merge`](crate::Acquisition::merge), or drop it, which is a gap.
     #[error("the service's queue is full of unanswered samples")]
     Full(Loan),
     /// The sequence is not above the last one sent in this session. After the highest sequence, 2^64-1, only a new session can
@@ -67,13 +74,23 @@ pub enum CompensateError {
     /// The sample could not be sent.
     #[error(transparent)]
     Send(#[from] SendError),
-    /// No answer in time. The sample stays in flight: it is sent again when a new service has started, and a later
-    /// [`receive`](crate::Acquisition::receive) may still return its answer.
+    /// No answer in time. The sample stays in flight: it is sent again when a new service has started. Its late answer is kept for
+    /// [`receive`](crate::Acquisition::receive).
     #[error("no answer from the service in time; `isotherm status` shows whether it runs")]
     Timeout,
     /// The transport failed.
     #[error(transparent)]
     Receive(#[from] TransportError),
+}
+
+/// Why two loans were not merged. Neither has changed, and `later` is still on loan.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct LoansNotMerged {
+    /// What does not fit.
+    pub error: MergeError,
+    /// The later loan.
+    pub later: Loan,
 }
 
 /// This many samples of the current session are unanswered.

@@ -138,7 +138,7 @@ static isotherm_code run(isotherm_acquisition *acquisition, FILE *recording, int
         if ((code = isotherm_loan(acquisition, &sample)) != ISOTHERM_OK)
             return code;
         if ((*row = next_sample(recording, sample)) <= 0) {
-            isotherm_discard(acquisition, sample);
+            isotherm_cancel(acquisition, sample);
             break;
         }
         if ((code = feed(acquisition, sample)) != ISOTHERM_OK)

@@ -67,8 +67,10 @@ try {
     std::printf("sequence,a1_dv,a2_dv,a3_dv,%stable,flags\n", sensors > 3 ? "g1_da,g2_da,g3_da," : "");
     for (;;) {
         auto sample = acquisition.loan();
-        if (!next_sample(recording, sensors, *sample))
+        if (!next_sample(recording, sensors, *sample)) {
+            acquisition.cancel(sample);
             return 0;
+        }
         // A temperature that has been measured since the last sample; here one that has changed.
         for (unsigned sensor = 0; sensor < sensors; sensor++) {
             const double head = triad_of(*sample, sensor).head_temperature[sensor % 3];

@@ -8,7 +8,7 @@
 //! environment variable ISOTHERM_DOMAIN names the domain, SERIAL the unit.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "it prints what it receives")]
 
-use isotherm_client::{Acquisition, Flags, Options, RawSample};
+use isotherm_client::{Acquisition, Flags, Options};
 use isotherm_recording::RawCsvReader;
 use std::env;
 use std::error::Error;
@@ -46,8 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             fs::write(&staged, serde_json::to_string(&saved)?)?;
             fs::rename(&staged, state)?;
         }
-        let mut loan = acquisition.loan()?;
-        *loan = RawSample { session: loan.session, ..sample };
+        let loan = acquisition.loan_record(&sample)?; // keeps the record's sequence
         let increment = acquisition.compensate(loan, TIMEOUT)?;
         print!("{}", increment.sequence);
         for value in [increment.velocity_increment, increment.angle_increment].as_flattened() {

@@ -190,6 +190,7 @@ impl Service<'_> {
                     imu.windows.end_second(imu.counters.latency());
                     imu.log_losses(false);
                     imu.log_other_device();
+                    imu.note_closing(self.domain);
                 }
                 for (index, (thread, logged)) in self.threads.iter_mut().zip(&mut held_back).enumerate() {
                     thread.measure();
@@ -263,6 +264,7 @@ impl Service<'_> {
         for imu in imus {
             imu.log_losses(true);
             imu.log_other_device();
+            imu.note_closing(self.domain);
             let counters = &imu.counters;
             let (received, compensated, missing) = (counters.received(), counters.compensated(), counters.missing());
             info!(imu = %imu.imu.id, received, compensated, missing, "stopped");

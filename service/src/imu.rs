@@ -8,8 +8,9 @@ use crate::worker::channel::ChannelLink;
 use crate::worker::counters::{CounterReader, counters};
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_client::{RehearsalStreams, unix_s};
+use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
 use isotherm_failure::{Exit, Failure};
+use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
@@ -80,6 +81,7 @@ impl PendingImu {
             tables,
             logged,
             logged_device: LoggedDevice::default(),
+            closed: None,
         })
     }
 }
@@ -111,6 +113,8 @@ pub struct ImuState {
     tables: TableQueue,
     logged: LoggedLosses,
     logged_device: LoggedDevice,
+    /// What the last acquisition that closed with a loss had lost.
+    pub closed: Option<ClosedStatus>,
 }
 
 /// Why a file was refused, and when.
@@ -254,6 +258,21 @@ impl ImuState {
             error!(imu = %self.imu.id, errors, "the transport failed {} times", errors - self.logged.transport_errors);
             (self.logged.transport_errors, self.logged.at) = (errors, Some(Instant::now()));
         }
+    }
+
+    /// Looks for what an acquisition had lost when it closed, and logs it once.
+    pub fn note_closing(&mut self, domain: &Domain) {
+        let closed = last_closing(domain, &self.imu.id);
+        if closed.is_none() || closed == self.closed {
+            return;
+        }
+        if let Some(ClosedStatus { session, lost, unanswered, .. }) = &closed {
+            warn!(
+                imu = %self.imu.id, session, lost, unanswered,
+                "an acquisition closed: {lost} control periods had not been sent, and {unanswered} samples were unanswered"
+            );
+        }
+        self.closed = closed;
     }
 
     /// Logs that samples came from another unit than the table's: once for each session, table and unit.

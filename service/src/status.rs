@@ -66,6 +66,7 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
         latency_distribution: latency.distribution(),
         acquisition_connected: imu.raw.dynamic_config().number_of_publishers() > 0,
         readers: imu.increments.dynamic_config().number_of_subscribers(),
+        closed: imu.closed.clone(),
     }
 }
 

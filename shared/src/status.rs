@@ -138,6 +138,22 @@ pub struct ImuStatus {
     pub acquisition_connected: bool,
     /// Processes that read the increments, the acquisition included.
     pub readers: usize,
+    /// What the last acquisition that closed with a loss had lost; null if none did.
+    #[serde(default)]
+    pub closed: Option<ClosedStatus>,
+}
+
+/// What an acquisition had lost when it closed.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct ClosedStatus {
+    /// Its last session, 16 hexadecimal digits.
+    pub session: String,
+    /// Control periods, of all its sessions, that were measured and not sent.
+    pub lost: u64,
+    /// Samples that it had sent and whose increments it had not received.
+    pub unanswered: u64,
+    /// When it closed, Unix time \[s\].
+    pub unix_s: f64,
 }
 
 impl ImuStatus {

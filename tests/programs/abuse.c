@@ -29,7 +29,7 @@
 #define GIVES(call, expected, word) CHECK((call) == (expected) && strstr(isotherm_error_message(), (word)) != NULL)
 
 static const char *imu;
-static const isotherm_options patient = {.timeout_ns = TIMEOUT_NS}, impatient = {.timeout_ns = 0};
+static const isotherm_options patient = {.timeout_ns = TIMEOUT_NS}, impatient = {.timeout_ns = ISOTHERM_NO_WAIT};
 
 static void null_everywhere(isotherm_acquisition *acquisition)
 {
@@ -65,7 +65,9 @@ static void null_everywhere(isotherm_acquisition *acquisition)
     CHECK(isotherm_reader_receive(NULL, &increment) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_reader_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
     CHECK(!isotherm_reader_is_connected(NULL) && isotherm_reader_repeats(NULL) == 0);
-    CHECK(isotherm_merge(NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_merge(&copy, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_merge(NULL, NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_merge(NULL, &copy, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_merge(acquisition, NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_cancel(NULL, &copy) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_lost(NULL) == 0 && isotherm_dropped_answers(NULL) == 0);
     CHECK(isotherm_flags_text(1, NULL, 0) == strlen("a1-head-below") && isotherm_flags_text(1, NULL, 9) == strlen("a1-head-below"));
     CHECK(isotherm_acquisition_close(NULL) == ISOTHERM_OK && isotherm_reader_close(NULL) == ISOTHERM_OK);
 }
@@ -85,12 +87,17 @@ static void wrong_names(void)
     isotherm_options elsewhere = {.domain = "nobody-here"};
     GIVES(isotherm_acquisition_connect(imu, &elsewhere, &none), ISOTHERM_ERROR_NO_SERVICE, "isotherm serve");
     GIVES(isotherm_acquisition_connect("imu-x", &impatient, &none), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
-    GIVES(isotherm_reader_connect("imu-x", NULL, 0, &no_reader), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
+    GIVES(isotherm_reader_connect("imu-x", NULL, ISOTHERM_NO_WAIT, &no_reader), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
     GIVES(isotherm_acquisition_connect(imu, &impatient, &none), ISOTHERM_ERROR_OCCUPIED, "pid");
     double lags[] = {0.05, 86401, -2, NAN, INFINITY};
     for (size_t i = 0; i < sizeof lags / sizeof *lags; i++) {
         isotherm_options wrong = {.timeout_ns = TIMEOUT_NS, .lag_s = lags[i]};
         GIVES(isotherm_acquisition_connect(imu, &wrong, &none), ISOTHERM_ERROR_VALUE, "give 0.1 to 86400 s");
+    }
+    const uint64_t sizes[] = {1, sizeof patient - 1, sizeof patient + 8};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        isotherm_options wrong = {.size = sizes[i], .timeout_ns = TIMEOUT_NS};
+        GIVES(isotherm_acquisition_connect(imu, &wrong, &none), ISOTHERM_ERROR_VALUE, "sizeof(isotherm_options)");
     }
     isotherm_options serial = {.timeout_ns = TIMEOUT_NS, .serial = "SN \xff"};
     GIVES(isotherm_acquisition_connect(imu, &serial, &none), ISOTHERM_ERROR_VALUE, "UTF-8");
@@ -115,15 +122,25 @@ static void samples(isotherm_acquisition *acquisition)
         CHECK(isotherm_loan(acquisition, &loans[i]) == ISOTHERM_OK);
     GIVES(isotherm_loan(acquisition, &sample), ISOTHERM_ERROR_LOANS, "4 samples");
     CHECK(isotherm_send(acquisition, loans[2]) == ISOTHERM_OK);
-    /* All four loans have the same sequence. */
+    /* Each loan has its own sequence. One that is below the last sent cannot be sent any more. */
     GIVES(isotherm_send(acquisition, loans[0]), ISOTHERM_ERROR_SEQUENCE, "sequence");
-    loans[0]->sequence++;
-    CHECK(isotherm_send(acquisition, loans[0]) == ISOTHERM_OK);
-    CHECK(isotherm_send(acquisition, loans[0]) == ISOTHERM_ERROR_NOT_ON_LOAN);
-    CHECK(isotherm_discard(acquisition, loans[1]) == ISOTHERM_OK && isotherm_discard(acquisition, loans[3]) == ISOTHERM_OK);
+    CHECK(loans[0]->sequence + 1 == loans[1]->sequence && loans[1]->sequence + 2 == loans[3]->sequence);
+    CHECK(isotherm_send(acquisition, loans[3]) == ISOTHERM_OK);
+    CHECK(isotherm_send(acquisition, loans[3]) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    const uint64_t lost = isotherm_lost(acquisition);
+    CHECK(isotherm_discard(acquisition, loans[0]) == ISOTHERM_OK && isotherm_discard(acquisition, loans[1]) == ISOTHERM_OK);
+    CHECK(isotherm_lost(acquisition) == lost && lost >= 2);
     GIVES(isotherm_begin_session(acquisition), ISOTHERM_ERROR_IN_FLIGHT, "2 samples");
     for (int i = 0; i < 2; i++)
         CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
+    /* What is discarded leaves a hole, what is cancelled does not. */
+    CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
+    const uint64_t next = sample->sequence;
+    CHECK(isotherm_cancel(acquisition, sample) == ISOTHERM_OK && isotherm_cancel(acquisition, sample) == ISOTHERM_ERROR_NOT_ON_LOAN);
+    CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK && sample->sequence == next && isotherm_discard(acquisition, sample) == ISOTHERM_OK);
+    CHECK(isotherm_lost(acquisition) == lost + 1);
+    CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK && sample->sequence == next + 1);
+    CHECK(isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment) == ISOTHERM_OK && (increment.flags & ISOTHERM_FLAG_GAP) != 0);
     uint64_t before = isotherm_session(acquisition);
     CHECK(isotherm_begin_session(acquisition) == ISOTHERM_OK && isotherm_session(acquisition) != before);
     CHECK(isotherm_receive(acquisition, &increment) == ISOTHERM_NONE);
@@ -151,14 +168,14 @@ static void full_queue(isotherm_acquisition *acquisition)
     later->accelerometers.positive_pulses[0] = 3;
     later->gyroscopes.negative_pulses[2] = 5;
     later->timestamp_ns = 42;
-    CHECK(isotherm_merge(sample, later) == ISOTHERM_OK && isotherm_discard(acquisition, later) == ISOTHERM_OK);
+    CHECK(isotherm_merge(acquisition, sample, later) == ISOTHERM_OK && isotherm_discard(acquisition, later) == ISOTHERM_ERROR_NOT_ON_LOAN);
     CHECK(sample->interval_ns == 1500 && sample->accelerometers.positive_pulses[0] == 10 && sample->timestamp_ns == 42);
     CHECK(sample->gyroscopes.negative_pulses[2] == 5);
     largest = *sample;
     largest.accelerometers.positive_pulses[0] = UINT32_MAX;
-    GIVES(isotherm_merge(sample, &largest), ISOTHERM_ERROR_MERGE, "32 bits");
+    GIVES(isotherm_merge(acquisition, sample, &largest), ISOTHERM_ERROR_MERGE, "32 bits");
     CHECK(sample->accelerometers.positive_pulses[0] == 10);
-    CHECK(isotherm_merge(&largest, &largest) == ISOTHERM_ERROR_MERGE);
+    CHECK(isotherm_merge(NULL, &largest, &largest) == ISOTHERM_ERROR_MERGE);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_FULL);
     CHECK(isotherm_receive_timeout(acquisition, TIMEOUT_NS, &increment) == ISOTHERM_OK);
     CHECK(isotherm_send(acquisition, sample) == ISOTHERM_OK);
@@ -352,6 +369,7 @@ int main(int count, char **words)
     /* Closing the acquisition releases its loans. */
     isotherm_raw_sample *sample;
     CHECK(isotherm_loan(acquisition, &sample) == ISOTHERM_OK);
-    CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_OK && isotherm_reader_close(reader) == ISOTHERM_OK);
+    CHECK(isotherm_lost(acquisition) > 0 && isotherm_reader_close(reader) == ISOTHERM_OK);
+    GIVES(isotherm_acquisition_close(acquisition), ISOTHERM_LOST, "control periods that were not sent");
     return 0;
 }

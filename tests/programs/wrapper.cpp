@@ -54,9 +54,16 @@ int main(int, char **words)
     IncrementReader reader(imu, {std::nullopt, 20s});
     CHECK(reader.is_connected() && !reader.receive());
 
-    // A sample that is not sent is returned when it goes out of scope.
-    for (int i = 0; i < 10; i++)
-        CHECK(acquisition.loan()->sequence == 0);
+    // A sample that is not sent is a lost period when it goes out of scope, unless it is cancelled.
+    for (int i = 0; i < 10; i++) {
+        auto cancelled = acquisition.loan();
+        CHECK(cancelled->sequence == 0);
+        acquisition.cancel(cancelled);
+        CHECK(!cancelled);
+    }
+    for (unsigned i = 0; i < 10; i++)
+        CHECK(acquisition.loan()->sequence == i);
+    CHECK(acquisition.lost() == 10);
     acquisition.prepare();
     auto sample = acquisition.loan();
     sample->interval_ns = 1000;
@@ -75,6 +82,11 @@ int main(int, char **words)
     CHECK(moved && !sample && !acquisition.send(moved) && moved);
     isotherm::RawSample huge{};
     huge.interval_ns = ISOTHERM_MAX_INTERVAL_NS;
+    moved->interval_ns = 1;
+    auto next = acquisition.loan();
+    next->interval_ns = 2;
+    acquisition.merge(moved, next);
+    CHECK(!next && moved->interval_ns == 3 && acquisition.loan()->sequence == moved->sequence + 1);
     moved->interval_ns = 1;
     CHECK(thrown([&] { isotherm::merge(*moved, huge); }) == ISOTHERM_ERROR_MERGE && moved->interval_ns == 1);
     CHECK(thrown([&] { acquisition.begin_session(); }) == ISOTHERM_ERROR_IN_FLIGHT);

@@ -3,7 +3,7 @@
 //! Over 400 lines: these are the tests of the acquisition's round trip, in one place.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_client::{CompensateError, Domain, InFlight, SendError};
+use isotherm_client::{Closing, CompensateError, Domain, InFlight, SendError};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{Flags, RawSample, Triad};
 use isotherm_tests::{
@@ -275,7 +275,7 @@ fn an_uncalibrated_imu_gets_nan_until_its_table_appears() {
 }
 
 #[test]
-fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_skipped() {
+fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_kept() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
     let mut acquisition = domain.acquisition("imu-a");
@@ -287,7 +287,110 @@ fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_skipped() {
     service.resume();
     let increment = round_trip(&mut acquisition, &sample);
     assert_eq!(increment.velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
-    assert_eq!(acquisition.in_flight(), 0);
+    assert_eq!((acquisition.in_flight(), acquisition.late_answers()), (0, 1));
+    let late = acquisition.receive().unwrap().unwrap();
+    assert_eq!((late.sequence + 1, acquisition.receive().unwrap()), (increment.sequence, None));
+    service.terminate();
+}
+
+/// Late answers count neither as in flight nor for a full queue, and the oldest gives way.
+#[test]
+fn compensate_alone_never_fills() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let depth = acquisition.depth();
+    let mut late = 0;
+    for turn in 0..3 {
+        // So many answers are late that a queue which they filled would be full before the last turn.
+        service.stop();
+        for _ in 0..depth - 1 {
+            let loan = acquisition.loan().unwrap();
+            let outcome = acquisition.compensate(loan, Duration::ZERO);
+            assert!(matches!(outcome, Err(CompensateError::Timeout)), "turn {turn}: {outcome:?}");
+            late += 1;
+        }
+        service.resume();
+        let loan = acquisition.loan().unwrap();
+        let (sequence, increment) = (loan.sequence, acquisition.compensate(loan, TIMEOUT).unwrap());
+        assert_eq!((increment.sequence, increment.flags & Flags::GAP.0, acquisition.in_flight()), (sequence, 0, 0));
+    }
+    assert_eq!((acquisition.late_answers(), acquisition.dropped_answers() as usize), (depth, late - depth));
+    let kept: Vec<_> = std::iter::from_fn(|| acquisition.receive().unwrap()).map(|late| late.sequence).collect();
+    assert_eq!(kept.len(), depth);
+    assert!(kept.is_sorted() && *kept.last().unwrap() == 3 * depth as u64 - 2, "{kept:?}");
+    service.terminate();
+}
+
+/// The pattern of an acquisition that drops what a full queue hands back.
+#[test]
+fn a_period_that_is_dropped_is_a_gap() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let mut reader = domain.reader("imu-a");
+    service.stop();
+    let (mut sent, mut dropped) = (0, 0);
+    for _ in 0..200 {
+        let loan = acquisition.loan().unwrap();
+        match acquisition.send(loan) {
+            Ok(()) => sent += 1,
+            Err(SendError::Full(_)) => dropped += 1,
+            Err(other) => panic!("{other}"),
+        }
+    }
+    assert_eq!((sent, dropped, acquisition.lost()), (acquisition.depth() as u64, 200 - sent, 200 - sent));
+    service.resume();
+    while acquisition.in_flight() > 0 {
+        acquisition.receive_timeout(TIMEOUT).unwrap().unwrap();
+    }
+    // What was never measured leaves no hole.
+    let (first, second) = (acquisition.loan().unwrap(), acquisition.loan().unwrap());
+    acquisition.cancel(second);
+    acquisition.cancel(first);
+    let loan = acquisition.loan().unwrap();
+    assert_eq!(loan.sequence, 200);
+    assert!(Flags(acquisition.compensate(loan, TIMEOUT).unwrap().flags).intersects(Flags::GAP));
+    let read: Vec<_> = (0..=sent).map(|_| reader.receive_timeout(TIMEOUT).unwrap().unwrap()).collect();
+    let gaps: Vec<_> = read.iter().filter(|read| read.flags & Flags::GAP.0 != 0).map(|read| read.sequence).collect();
+    assert_eq!(gaps, [200]);
+    let status = domain.imu_status();
+    assert_eq!((&status["gaps"], &status["missing"]), (&1.into(), &dropped.into()));
+    assert_eq!(acquisition.close(), Closing { lost: dropped, unanswered: 0 });
+    service.terminate();
+}
+
+/// A loss with no sample after it, told to a service that is away when it happens.
+#[test]
+fn what_was_lost_at_the_end_is_logged_and_kept_in_the_status() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    assert_eq!(domain.imu_status()["closed"], serde_json::Value::Null);
+    let session = format!("{:016x}", acquisition.session());
+    service.kill();
+    let (mut sent, mut dropped) = (0, 0);
+    for _ in 0..acquisition.depth() + 10 {
+        let loan = acquisition.loan().unwrap();
+        match acquisition.send(loan) {
+            Ok(()) => sent += 1,
+            Err(_) => dropped += 1,
+        }
+    }
+    assert_eq!(acquisition.close(), Closing { lost: dropped, unanswered: sent });
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    service.wait_for_log("10 control periods had not been sent");
+    wait_until("the status", || !domain.imu_status()["closed"].is_null());
+    let closed = domain.imu_status()["closed"].clone();
+    assert_eq!(
+        (&closed["lost"], &closed["unanswered"], &closed["session"]),
+        (&10.into(), &sent.into(), &session.into())
+    );
+    let status = domain.run_ok(&["status"]);
+    assert!(status.contains(&format!("LOST AT END  10 periods not sent, {sent} samples unanswered")), "{status}");
+    // One that loses nothing leaves it.
+    drop(domain.acquisition("imu-a"));
+    assert_eq!(domain.imu_status()["closed"], closed);
     service.terminate();
 }
 

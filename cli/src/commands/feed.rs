@@ -6,8 +6,8 @@ use crate::progress::playing_bar;
 use clap::Args;
 use indicatif::ProgressBar;
 use isotherm_client::{
-    Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Loan, Options, RawSample,
-    StatusError, TimeConstant, device, fetch_status,
+    Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Options, RawSample, StatusError,
+    TimeConstant, device, fetch_status,
 };
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap};
@@ -271,9 +271,7 @@ impl Feeder {
         while self.acquisition.in_flight() >= self.window || self.acquisition.is_full() {
             self.receive(PAUSE)?;
         }
-        let mut loan: Loan = self.acquisition.loan()?;
-        let session = loan.session;
-        *loan = RawSample { session, sent_ns: 0, ..*sample };
+        let loan = self.acquisition.loan_record(sample)?;
         if self.acquisition.in_flight() == 0 {
             self.last_activity = Instant::now();
         }

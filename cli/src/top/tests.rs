@@ -58,6 +58,7 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         latency_distribution: LatencyDistribution { counts, sum_s: 0.0 },
         acquisition_connected: true,
         readers: 2,
+        closed: None,
     }
 }
 

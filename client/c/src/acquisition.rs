@@ -1,14 +1,18 @@
 //! The functions of the acquisition.
 #![allow(non_camel_case_types, reason = "the names of C")]
 
-use crate::code::isotherm_code::{ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_VALUE};
-use crate::code::{CodedError, NONE, NULL, isotherm_code};
+use crate::code::isotherm_code::{
+    ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_VALUE, ISOTHERM_LOST,
+};
+use crate::code::{CodedError, NONE, NULL, code, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
-use crate::values::{domain, imu, lag_option, text};
+use crate::values::{domain, imu, lag_option, text, timeout};
 use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
-use isotherm_client::{Acquisition, CompensateError, CompensatedIncrement, Loan, Options, RawSample, SendError};
+use isotherm_client::{
+    Acquisition, Closing, CompensateError, CompensatedIncrement, Loan, MergeError, Options, RawSample, SendError,
+};
 
 /// Maximum number of samples on loan from one acquisition.
 pub const ISOTHERM_LOANS: usize = 4;
@@ -45,6 +49,30 @@ impl AcquisitionContent {
         Ok(entry.and_then(Option::take).ok_or(NOT_ON_LOAN)?.1)
     }
 
+    /// Adds a sample to another. If the later one is on loan, its loan is cancelled.
+    ///
+    /// # Safety
+    /// The pointers are NULL or valid.
+    unsafe fn merge(&mut self, sample: *mut RawSample, later: *const RawSample) -> Result<(), CodedError> {
+        // SAFETY: the caller's contract.
+        unsafe { merge(sample, later) }?;
+        if let Ok(loan) = self.take(later.cast_mut()) {
+            self.acquisition.cancel(loan);
+        }
+        Ok(())
+    }
+
+    /// What closing says: OK if nothing is lost.
+    fn closing(&self) -> Result<(), CodedError> {
+        let Closing { lost, unanswered } = self.acquisition.closing();
+        if lost == 0 && unanswered == 0 {
+            return Ok(());
+        }
+        let text =
+            format!("closed with {lost} control periods that were not sent, and {unanswered} unanswered samples");
+        Err(CodedError::new(ISOTHERM_LOST, &text))
+    }
+
     /// Keeps a sample that could not be sent. There is a free entry, because [`take`](Self::take) has just emptied one.
     #[cold]
     fn give_back(&mut self, mut loan: Loan) {
@@ -54,10 +82,30 @@ impl AcquisitionContent {
     }
 }
 
+/// Adds a sample to another.
+///
+/// # Safety
+/// The pointers are NULL or valid.
+unsafe fn merge(sample: *mut RawSample, later: *const RawSample) -> Result<(), CodedError> {
+    if sample.is_null() || later.is_null() {
+        return Err(NULL);
+    }
+    // SAFETY: not NULL, so they are readable, as the header requires. Both are copied, because they may be the same sample.
+    let (mut sum, later) = unsafe { (sample.read(), later.read()) };
+    sum.merge(&later).map_err(|error: MergeError| CodedError::from(error))?;
+    // SAFETY: not NULL, so it is writable, as the header requires.
+    unsafe { sample.write(sum) };
+    Ok(())
+}
+
 const LOANS: CodedError =
     CodedError::fixed(ISOTHERM_ERROR_LOANS, c"4 samples are on loan already; send or discard one");
 const SERIAL: CodedError =
     CodedError::fixed(ISOTHERM_ERROR_VALUE, c"the serial number is not UTF-8; give it as UTF-8 text");
+const SIZE: CodedError = CodedError::fixed(
+    ISOTHERM_ERROR_VALUE,
+    c"the size in isotherm_options is not that of this library; set it to sizeof(isotherm_options) or 0, with the header of this library",
+);
 const NOT_ON_LOAN: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_NOT_ON_LOAN,
     c"the sample is not on loan from this acquisition; each is gone once it has been sent or discarded",
@@ -73,13 +121,18 @@ pub(crate) fn with(
     enter(unsafe { acquisition.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default; a time-out of 0 does not wait.
+/// How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin with
+/// `isotherm_options options = {0};`.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct isotherm_options {
+    /// sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size has, and with 0 those of
+    /// this version.
+    pub size: u64,
     /// Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
     pub domain: *const c_char,
-    /// How long connecting may take [ns]. This includes waiting for a service that has not started yet.
+    /// How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the default, 5 s;
+    /// ISOTHERM_NO_WAIT does not wait.
     pub timeout_ns: u64,
     /// Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the table's. Outer
     /// blanks do not count.
@@ -90,11 +143,11 @@ pub struct isotherm_options {
 
 /// Connects as the acquisition of an IMU, waiting for the service if necessary.
 ///
-/// `imu` is the IMU's name. If `options` is NULL, all have their defaults, and the time-out is 5 s. The handle is written to
+/// `imu` is the IMU's name. If `options` is NULL, all have their defaults. The handle is written to
 /// `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
-/// .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, or a `lag_s` that is no time constant.
+/// .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or another `size`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_acquisition_connect(
     imu: *const c_char,
@@ -117,31 +170,32 @@ pub unsafe extern "C" fn isotherm_acquisition_connect(
 unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedError> {
     // SAFETY: the caller's contract.
     let Some(given) = (unsafe { options.as_ref() }) else { return Ok(Options::from_environment()?) };
+    if given.size != 0 && given.size != size_of::<isotherm_options>() as u64 {
+        return Err(SIZE);
+    }
     // SAFETY: as above.
     let (domain, serial) = unsafe { (domain(given.domain)?, text(given.serial)) };
     let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;
-    Ok(Options {
-        serial,
-        lag: lag_option(given.lag_s)?,
-        ..Options::new(domain, Duration::from_nanos(given.timeout_ns))
-    })
+    Ok(Options { serial, lag: lag_option(given.lag_s)?, ..Options::new(domain, timeout(given.timeout_ns)) })
 }
 
-/// Leaves the streams and frees the handle, with all samples that are on loan from it. NULL is allowed.
+/// Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is allowed.
 ///
-/// ISOTHERM_OK. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
+/// ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered (isotherm_in_flight): the handle is
+/// closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     // SAFETY: NULL, or open and not used again, as the header requires.
-    unsafe { close(acquisition, |handle| &handle.0) }
+    unsafe { close(acquisition, |handle| &handle.0, AcquisitionContent::closing) }
 }
 
 /// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or discarded,
 /// or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
 /// `session` and `sequence` are set already; all other fields are 0. Set them, except `sent_ns`, `device` and what isotherm_reading is
-/// for: `lag_ns` and `head_lagged`. If samples were lost before they could be sent, raise `sequence` by their number; the service then
-/// flags the gap.
+/// for: `lag_ns` and `head_lagged`. `sequence` is one above the highest that was loaned or sent in the session: a sample that is discarded
+/// leaves its sequence out, and the service flags the gap. If periods were lost before they could be loaned, raise `sequence` by their
+/// number.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
@@ -158,7 +212,7 @@ pub unsafe extern "C" fn isotherm_loan(
     })
 }
 
-/// Gives a sample back without sending it. The next loaned sample has the same sequence.
+/// Gives a sample back without sending it: its control period is lost. Its sequence is left out, so that the service flags the gap.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
 #[unsafe(no_mangle)]
@@ -167,6 +221,45 @@ pub unsafe extern "C" fn isotherm_discard(
     sample: *mut RawSample,
 ) -> isotherm_code {
     with(acquisition, |content| content.take(sample).map(drop))
+}
+
+/// Gives a sample back that stands for no control period, as at the end of a recording, and takes its sequence back. Only that of the last
+/// loan: the sequence of an earlier one stays left out.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_cancel(
+    acquisition: *mut isotherm_acquisition,
+    sample: *mut RawSample,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        let loan = content.take(sample)?;
+        content.acquisition.cancel(loan);
+        Ok(())
+    })
+}
+
+/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
+/// ones, session, sequence and `sent_ns` stay. If `later` is on loan from this acquisition, its loan is cancelled, as by isotherm_cancel:
+/// its pointer must not be used any more. Else it does not change. Either may be a sample of your own; `acquisition` may be NULL if both are.
+///
+/// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
+/// periods. Use it when the service had no room for a sample.
+///
+/// ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_merge(
+    acquisition: *mut isotherm_acquisition,
+    sample: *mut RawSample,
+    later: *const RawSample,
+) -> isotherm_code {
+    // SAFETY: the pointers are NULL or valid, as the header requires.
+    unsafe {
+        match acquisition.is_null() {
+            true => code(merge(sample, later)),
+            false => with(acquisition, |content| content.merge(sample, later)),
+        }
+    }
 }
 
 /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and `lag_ns` with the
@@ -206,7 +299,8 @@ pub unsafe extern "C" fn isotherm_prepare(acquisition: *mut isotherm_acquisition
     })
 }
 
-/// The increment of the oldest unanswered sample, if it has come. Does not wait.
+/// The increment of the oldest unanswered sample, if it has come. Does not wait. First come the late increments that isotherm_compensate
+/// has kept aside.
 ///
 /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
 /// sends the unanswered samples again. So call it repeatedly while you wait.
@@ -242,8 +336,9 @@ pub unsafe extern "C" fn isotherm_receive_timeout(
     })
 }
 
-/// The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Answers to samples sent
-/// earlier are discarded.
+/// The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Late increments of
+/// samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They count neither as in
+/// flight nor for a full queue. A time-out of 0 does not wait.
 ///
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
 /// ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
@@ -294,6 +389,19 @@ pub unsafe extern "C" fn isotherm_depth(acquisition: *const isotherm_acquisition
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisition) -> usize {
     number(acquisition, Acquisition::in_flight)
+}
+
+/// Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were discarded or are still on
+/// loan, sequences that were left out, and samples whose sending has failed. 0 for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
+    number(acquisition, Acquisition::lost)
+}
+
+/// Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle that cannot be used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_dropped_answers(acquisition: *const isotherm_acquisition) -> u64 {
+    number(acquisition, Acquisition::dropped_answers)
 }
 
 /// The session of all samples; a new random number for each connection. 0 for a handle that cannot be used.

@@ -19,11 +19,14 @@ pub enum isotherm_code {
     /// There is no increment now, or none came in time. Nothing has been written.
     ISOTHERM_NONE = 1,
     /// As many samples are unanswered as the service's queue holds. The sample has not been sent and is still yours: wait and
-    /// send it again, discard it, or add the next sample to it with isotherm_merge.
+    /// send it again, add the next sample to it with isotherm_merge, or discard it, which is a gap.
     ISOTHERM_FULL = 2,
     /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new service has
-    /// started, and a later isotherm_receive may still return its increment.
+    /// started, and its late increment is kept for isotherm_receive.
     ISOTHERM_TIMEOUT = 3,
+    /// The acquisition is closed. Control periods were lost, or samples were unanswered: the message has their numbers, and the service keeps
+    /// them in its status.
+    ISOTHERM_LOST = 4,
     /// A pointer is NULL that must not be NULL.
     ISOTHERM_ERROR_NULL = -1,
     /// The name of an IMU or a domain is not 1 to 32 of a-z 0-9 - _, or the domain's folder (ISOTHERM_ROOT) cannot be used.
@@ -62,7 +65,7 @@ pub enum isotherm_code {
     /// A fault of this library, in this call or in an earlier one with the same handle. The handle can only be closed now. Please
     /// report the fault, with the text on stderr.
     ISOTHERM_ERROR_INTERNAL = -18,
-    /// A value that cannot be: the number of a sensor, a time constant, or a serial number that is not UTF-8.
+    /// A value that cannot be: the number of a sensor, a time constant, a serial number that is not UTF-8, or the size of isotherm_options.
     ISOTHERM_ERROR_VALUE = -19,
     /// A process of another version of Isotherm has made the streams.
     ISOTHERM_ERROR_OTHER_VERSION = -20,

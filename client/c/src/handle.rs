@@ -97,24 +97,31 @@ pub(crate) unsafe fn create<T, H>(
     })
 }
 
-/// Closes a handle and frees it.
+/// Closes a handle and frees it. `last` looks at its content before; what it returns is the result, and the handle is closed all the same.
 ///
 /// # Safety
-/// `handle` is NULL, or came from [`create`] and is not used again after [`ISOTHERM_OK`].
-pub(crate) unsafe fn close<T, H>(handle: *mut H, content: fn(&H) -> &Handle<T>) -> isotherm_code {
+/// `handle` is NULL, or came from [`create`] and is not used again once it is closed.
+pub(crate) unsafe fn close<T, H>(
+    handle: *mut H,
+    content: fn(&H) -> &Handle<T>,
+    last: fn(&T) -> Result<(), CodedError>,
+) -> isotherm_code {
     // SAFETY: the caller's contract.
     let Some(content) = (unsafe { handle.as_ref() }).map(content) else { return ISOTHERM_OK };
     if !content.process.is_current() {
         // Only the parent may leave the streams.
         return code(Err(FORKED));
     }
-    if content.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed) == Err(IN_USE) {
+    let state = content.state.compare_exchange(FREE, IN_USE, Ordering::Acquire, Ordering::Relaxed);
+    if state == Err(IN_USE) {
         return code(Err(BUSY));
     }
     without_handle(|| {
+        // SAFETY: no call is in the handle. One that has panicked left content that is not looked at.
+        let result = if state.is_ok() { last(unsafe { &*content.content.get() }) } else { Ok(()) };
         // SAFETY: made by `Box::into_raw`; no call is in the handle, and by the caller's contract none will be.
         drop(unsafe { Box::from_raw(handle) });
-        Ok(())
+        result
     })
 }
 
@@ -145,12 +152,12 @@ mod tests {
         let outer = enter(handle, |_| {
             assert_eq!(enter(handle, |_| Ok(())), ISOTHERM_ERROR_BUSY);
             // SAFETY: as above.
-            assert_eq!(unsafe { close(open, |handle| handle) }, ISOTHERM_ERROR_BUSY);
+            assert_eq!(unsafe { close(open, |handle| handle, |_| Ok(())) }, ISOTHERM_ERROR_BUSY);
             Ok(())
         });
         assert_eq!((outer, enter(handle, |_| Ok(()))), (ISOTHERM_OK, ISOTHERM_OK));
         // SAFETY: not used any more.
-        assert_eq!(unsafe { close(open, |handle| handle) }, ISOTHERM_OK);
+        assert_eq!(unsafe { close(open, |handle| handle, |_| Ok(())) }, ISOTHERM_OK);
         assert_eq!(enter(None::<&Handle<u8>>, |_| Ok(())), ISOTHERM_ERROR_NULL);
     }
 

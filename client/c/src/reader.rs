@@ -3,7 +3,7 @@
 
 use crate::code::{CodedError, NONE, NULL, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
-use crate::values::{imu, reader_options};
+use crate::values::{ISOTHERM_NO_WAIT, imu, reader_options};
 use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
@@ -37,11 +37,13 @@ pub unsafe extern "C" fn isotherm_reader_new(
 ) -> isotherm_code {
     // SAFETY: the strings and the pointer to the handle are NULL or valid, as the header requires.
     unsafe {
-        create(reader, isotherm_reader, || Ok(IncrementReader::new(self::imu(imu)?, &reader_options(domain, 0)?)))
+        create(reader, isotherm_reader, || {
+            Ok(IncrementReader::new(self::imu(imu)?, &reader_options(domain, ISOTHERM_NO_WAIT)?))
+        })
     }
 }
 
-/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary. `domain` is as in isotherm_options. Close the
+/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not wait. `domain` is as in isotherm_options. Close the
 /// handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
@@ -66,7 +68,7 @@ pub unsafe extern "C" fn isotherm_reader_connect(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> isotherm_code {
     // SAFETY: NULL, or open and not used again, as the header requires.
-    unsafe { close(reader, |handle| &handle.0) }
+    unsafe { close(reader, |handle| &handle.0, |_| Ok(())) }
 }
 
 /// The next increment, if there is one now. Does not wait. The reader stays connected across restarts of service and acquisition.

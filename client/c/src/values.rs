@@ -1,11 +1,11 @@
 //! Functions without a handle: names and options from C, samples, flags.
 
 use crate::code::isotherm_code::{ISOTHERM_ERROR_NAME, ISOTHERM_ERROR_VALUE};
-use crate::code::{CodedError, NULL, code, isotherm_code};
+use crate::code::{CodedError, NULL};
 use core::ffi::{CStr, c_char};
 use core::fmt::Write as _;
 use core::time::Duration;
-use isotherm_client::{Domain, Flags, ImuId, LagOption, Options, RawSample, TimeConstant};
+use isotherm_client::{Domain, Flags, ImuId, LagOption, Options, TimeConstant};
 
 /// For isotherm_options: the time constant of the table in force. It is 0, so that it is the default.
 ///
@@ -15,6 +15,21 @@ use isotherm_client::{Domain, Flags, ImuId, LagOption, Options, RawSample, TimeC
 pub const ISOTHERM_LAG_SERVICE: f64 = 0.0;
 /// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
 pub const ISOTHERM_LAG_NONE: f64 = -1.0;
+
+/// For connecting: do not wait for the service.
+pub const ISOTHERM_NO_WAIT: u64 = u64::MAX;
+
+/// Default of the time-out for connecting.
+const TIMEOUT: Duration = Duration::from_secs(5);
+
+/// A time-out for connecting [ns]: 0 is the default.
+pub(crate) const fn timeout(timeout_ns: u64) -> Duration {
+    match timeout_ns {
+        0 => TIMEOUT,
+        ISOTHERM_NO_WAIT => Duration::ZERO,
+        ns => Duration::from_nanos(ns),
+    }
+}
 
 /// Parses an IMU's name.
 ///
@@ -42,7 +57,7 @@ pub(crate) unsafe fn domain(name: *const c_char) -> Result<Domain, CodedError> {
 /// `domain` is NULL or a string that ends with 0.
 pub(crate) unsafe fn reader_options(domain: *const c_char, timeout_ns: u64) -> Result<Options, CodedError> {
     // SAFETY: the caller's contract.
-    Ok(Options::new(unsafe { self::domain(domain) }?, Duration::from_nanos(timeout_ns)))
+    Ok(Options::new(unsafe { self::domain(domain) }?, timeout(timeout_ns)))
 }
 
 /// The lag of an option: a time constant [s], [`ISOTHERM_LAG_SERVICE`] or [`ISOTHERM_LAG_NONE`].
@@ -73,26 +88,6 @@ pub unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
     // SAFETY: NULL or a string, as the header requires.
     let serial = unsafe { text(serial) }.and_then(|serial| String::from_utf8(serial).ok());
     serial.map_or(0, |serial| isotherm_client::device(&serial))
-}
-
-/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become the later
-/// ones, session, sequence and `sent_ns` stay. `later` does not change.
-///
-/// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same in both
-/// periods. Use it when the service had no room for a sample.
-///
-/// ISOTHERM_OK, ISOTHERM_ERROR_MERGE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn isotherm_merge(sample: *mut RawSample, later: *const RawSample) -> isotherm_code {
-    if sample.is_null() || later.is_null() {
-        return code(Err(NULL));
-    }
-    // SAFETY: not NULL, so they are readable, as the header requires. Both are copied, because they may be the same sample.
-    let (mut sum, later) = unsafe { (sample.read(), later.read()) };
-    code(sum.merge(&later).map_err(CodedError::from).map(|()| {
-        // SAFETY: not NULL, so it is writable, as the header requires.
-        unsafe { sample.write(sum) };
-    }))
 }
 
 /// Writes the names of `flags` as text: the names joined by `|`, lowest bit first, or `-` if there is none; bits without a name

@@ -11,7 +11,8 @@ use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, s
 use crate::run::{End, Run};
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
-    Acquisition as Client, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError, Triad,
+    Acquisition as Client, Closing, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError,
+    Triad,
 };
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
@@ -137,8 +138,32 @@ impl Acquisition {
         self.owned.is_closed()
     }
 
-    fn close(&self) -> PyResult<()> {
-        self.owned.close()
+    /// Control periods that were lost, and samples that are unanswered.
+    fn close(&self, py: Python<'_>) -> PyResult<(u64, u64)> {
+        if self.owned.is_closed() {
+            return Ok((0, 0));
+        }
+        // Loans that were not sent count as lost; they are dropped with the client.
+        let Closing { lost, unanswered } = self.owned.hold()?.open()?.client.closing();
+        self.owned.close()?;
+        if lost > 0 || unanswered > 0 {
+            let message = format!(
+                "IMU {}: closed with {lost} control periods that were not sent, and {unanswered} unanswered samples",
+                self.imu
+            );
+            py.import("logging")?.call_method1("getLogger", ("isotherm",))?.call_method1("warning", (message,))?;
+        }
+        Ok((lost, unanswered))
+    }
+
+    #[getter]
+    fn lost(&self) -> PyResult<u64> {
+        Ok(self.owned.hold()?.open()?.client.lost())
+    }
+
+    #[getter]
+    fn dropped_answers(&self) -> PyResult<u64> {
+        Ok(self.owned.hold()?.open()?.client.dropped_answers())
     }
 
     fn __enter__(this: Py<Self>) -> Py<Self> {
@@ -146,8 +171,8 @@ impl Acquisition {
     }
 
     #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
-        self.close()
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close(py).map(drop)
     }
 
     fn begin_session(&self) -> PyResult<()> {
@@ -236,16 +261,7 @@ impl Acquisition {
         let answer = poll_until(py, timeout.saturating_sub(started.elapsed()), |left| {
             let mut held = self.owned.hold()?;
             let state = held.open()?;
-            let answer = py.detach(|| {
-                let (client, started) = (&mut state.client, Instant::now());
-                loop {
-                    match client.receive_timeout(left.saturating_sub(started.elapsed()))? {
-                        Some(answer) if answer.sequence != sequence => {}
-                        answer => return Ok(answer),
-                    }
-                }
-            });
-            answer.map_err(|error: isotherm_client::TransportError| transport(error))
+            py.detach(|| state.client.receive_answer(sequence, left)).map_err(transport)
         })?;
         answer.map(Increment).ok_or_else(|| Timeout::new_err(CompensateError::Timeout.to_string()))
     }
@@ -311,11 +327,7 @@ impl Acquisition {
 fn prepare(state: &mut OwnedAcquisition, sample: &Sample) -> PyResult<(Option<u64>, ClientLoan)> {
     match sample {
         Sample::Loan(id) => Ok((Some(*id), state.take(*id)?)),
-        Sample::Record(raw) => {
-            let mut loan = state.client.loan().map_err(transport)?;
-            *loan = RawSample { session: loan.session, ..*raw };
-            Ok((None, loan))
-        }
+        Sample::Record(raw) => Ok((None, state.client.loan_record(raw).map_err(transport)?)),
     }
 }
 
@@ -420,13 +432,27 @@ impl Loan {
         self.with(|raw| *raw = RawSample { session: raw.session, ..sample })
     }
 
-    /// Adds the next control period, given as a loan or a record.
+    /// Gives the loan back, and takes its sequence back if it is the last one's.
+    fn cancel(&self) -> PyResult<()> {
+        let mut held = self.acquisition.get().owned.hold()?;
+        let state = held.open()?;
+        let loan = OwnedAcquisition::take(state, self.id)?;
+        state.client.cancel(loan);
+        Ok(())
+    }
+
+    /// Adds the next control period, given as a loan, which is cancelled, or as a record.
     fn merge(&self, later: &Bound<'_, PyAny>) -> PyResult<()> {
-        let later = match later.cast::<Self>() {
-            Ok(loan) => loan.get().with(|raw| *raw)?,
-            Err(_) => one_sample(later)?,
+        let loan = later.cast::<Self>().ok();
+        let sample = match &loan {
+            Some(loan) if std::ptr::eq(loan.get(), self) => {
+                return Err(PyValueError::new_err("a loan cannot be merged into itself"));
+            }
+            Some(loan) => loan.get().with(|raw| *raw)?,
+            None => one_sample(later)?,
         };
-        self.with(|raw| raw.merge(&later))?.map_err(|error| PyOverflowError::new_err(error.to_string()))
+        self.with(|raw| raw.merge(&sample))?.map_err(|error| PyOverflowError::new_err(error.to_string()))?;
+        loan.map_or(Ok(()), |loan| loan.get().cancel())
     }
 
     #[getter]
@@ -528,7 +554,7 @@ impl LoanTriad {
 }
 
 impl Drop for Loan {
-    /// Gives a loan that was not sent back.
+    /// Gives a loan that was not sent back: its control period is lost.
     fn drop(&mut self) {
         if let Ok(mut held) = self.acquisition.get().owned.hold()
             && let Ok(state) = held.open()

@@ -110,7 +110,7 @@ impl<'a> Run<'a> {
             let changes_session = next.filter(|sample| self.session.is_some_and(|session| session != sample.session));
             match next {
                 Some(sample)
-                    if (self.drained || waiting == 0)
+                    if (self.drained || (waiting == 0 && acquisition.late_answers() == 0))
                         && room
                         && (changes_session.is_none() || waiting == 0)
                         && (self.period.is_none() || now >= self.due) =>
@@ -151,8 +151,7 @@ impl<'a> Run<'a> {
         if self.follows {
             acquisition.follow(sample);
         }
-        let mut loan = acquisition.loan().map_err(|error| error.to_string())?;
-        *loan = RawSample { session: loan.session, sent_ns: 0, ..*sample };
+        let loan = acquisition.loan_record(sample).map_err(|error| error.to_string())?;
         let sent = acquisition.send(loan);
         sent.map_err(|error| format!("sending sample {} (sequence {}): {error}", self.sent, sample.sequence))?;
         self.sent += 1;

@@ -247,9 +247,7 @@ impl SampleSender {
         }
         let Some(acquisition) = &mut self.acquisition else { return };
         acquisition.follow(raw);
-        let Ok(mut loan) = acquisition.loan() else { return };
-        let session = loan.session;
-        *loan = RawSample { session, ..*raw };
+        let Ok(mut loan) = acquisition.loan_record(raw) else { return };
         loop {
             loan = match acquisition.send(loan) {
                 Ok(()) => {

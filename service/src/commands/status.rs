@@ -1,7 +1,7 @@
 //! `status`: shows the status of the running service.
 
 use clap::Args;
-use isotherm_client::{Domain, Options, fetch_status};
+use isotherm_client::{Domain, Options, fetch_status, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, WorkerStatus};
@@ -104,6 +104,16 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
         "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",
         imu.received, imu.compensated, imu.missing, imu.gaps, imu.repeats
     )?;
+    if let Some(closed) = &imu.closed {
+        writeln!(
+            text,
+            "  LOST AT END  {} periods not sent, {} samples unanswered, when session {} closed {:.0} s ago",
+            closed.lost,
+            closed.unanswered,
+            closed.session,
+            unix_s() - closed.unix_s
+        )?;
+    }
     let flagged: Vec<_> =
         imu.flagged.iter().filter(|(_, count)| **count > 0).map(|(name, count)| format!("{name} {count}")).collect();
     writeln!(text, "  flagged      {}", if flagged.is_empty() { "none".to_owned() } else { flagged.join(", ") })?;

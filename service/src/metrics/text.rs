@@ -24,7 +24,7 @@ type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 type ImuMetric = (Kind, &'static str, &'static str, fn(&ImuStatus) -> Option<f64>);
 
 /// The metrics with one value for each IMU. An IMU without a value is left out.
-const IMU_METRICS: [ImuMetric; 14] = [
+const IMU_METRICS: [ImuMetric; 16] = [
     (Kind::Counter, "isotherm_samples_received_total", "Raw samples received.", |imu| count(imu.received)),
     (Kind::Counter, "isotherm_increments_total", "Increments published.", |imu| count(imu.compensated)),
     (Kind::Counter, "isotherm_samples_missing_total", "Raw samples that never came.", |imu| count(imu.missing)),
@@ -50,6 +50,12 @@ const IMU_METRICS: [ImuMetric; 14] = [
         count(imu.acquisition_connected.into())
     }),
     (Kind::Gauge, "isotherm_readers", "Processes that read the increments.", |imu| count(imu.readers as u64)),
+    (Kind::Gauge, "isotherm_closed_lost_periods", "Periods that the last acquisition to close had lost.", |imu| {
+        imu.closed.as_ref().and_then(|closed| count(closed.lost))
+    }),
+    (Kind::Gauge, "isotherm_closed_unanswered_samples", "Samples that it had no answer to.", |imu| {
+        imu.closed.as_ref().and_then(|closed| count(closed.unanswered))
+    }),
 ];
 
 const fn count(count: u64) -> Option<f64> {

@@ -3,6 +3,7 @@
 
 use super::pending::Pending;
 use crate::sequence::rises;
+use std::collections::VecDeque;
 
 /// Pause between two checks of the service while samples are unanswered.
 const CHECK_NS: u64 = 5_000_000;
@@ -34,9 +35,17 @@ pub const fn depth_in_flight(queue: usize) -> usize {
 #[derive(Clone, Debug)]
 pub struct AcquisitionState<S, A> {
     session: u64,
-    /// Of the last sample of this session.
+    /// Of the last sample of this session that was sent.
     last_sequence: Option<u64>,
+    /// The highest number of this session that was loaned or sent.
+    highest: Option<u64>,
+    /// Numbers that were left out before the last sample, and samples whose sending has failed; in all sessions.
+    lost: u64,
     pending: Pending<S, A>,
+    /// Answers that came while another one was waited for, oldest first; at most `depth`.
+    aside: VecDeque<A>,
+    /// Answers for which there was no room among them.
+    aside_dropped: u64,
     /// Samples that the service's queue holds.
     queue: usize,
     /// Id of the service that all pending samples were sent to.
@@ -84,7 +93,11 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         Self {
             session,
             last_sequence: None,
+            highest: None,
+            lost: 0,
             pending: Pending::new(depth.max(1)),
+            aside: VecDeque::with_capacity(depth.max(1)),
+            aside_dropped: 0,
             queue: queue.max(1),
             service,
             empty_polls: 0,
@@ -105,14 +118,41 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.session
     }
 
-    /// The lowest sequence that the next sample may have; the highest number of 64 bits if there is none.
+    /// The number for the next loan: one above the highest that was loaned or sent. After the highest number of 64 bits it stays.
     #[inline]
     #[must_use]
     pub const fn next_sequence(&self) -> u64 {
-        match self.last_sequence {
-            Some(last) => last.saturating_add(1),
+        match self.highest {
+            Some(highest) => highest.saturating_add(1),
             None => 0,
         }
+    }
+
+    /// Gives a sample that is loaned now its number. If it is not sent, its number is left out, and the service reports the gap.
+    #[inline]
+    pub const fn loan(&mut self) -> u64 {
+        let number = self.next_sequence();
+        self.highest = Some(number);
+        number
+    }
+
+    /// Takes the number of a loan back that stands for no control period. Only the last loan's: another one stays left out.
+    pub fn cancel(&mut self, number: u64) {
+        if self.highest == Some(number) && rises(self.last_sequence, number) {
+            self.highest = number.checked_sub(1);
+        }
+    }
+
+    /// Control periods of all sessions that have a number and were not sent: samples that were discarded or are still on loan, numbers
+    /// that the user left out, and samples whose sending has failed.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        let after_last = match (self.highest, self.last_sequence) {
+            (Some(highest), Some(last)) => highest - last,
+            (Some(highest), None) => highest.saturating_add(1),
+            (None, _) => 0,
+        };
+        self.lost.saturating_add(after_last)
     }
 
     /// The most samples that can be unanswered at once.
@@ -142,11 +182,11 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     ///
     /// # Errors
     /// The number of samples in flight, if there are any.
-    pub const fn begin_session(&mut self, session: u64) -> Result<(), usize> {
+    pub fn begin_session(&mut self, session: u64) -> Result<(), usize> {
         match self.in_flight() {
             0 => {
-                self.session = session;
-                self.last_sequence = None;
+                self.lost = self.lost();
+                (self.session, self.last_sequence, self.highest) = (session, None, None);
                 Ok(())
             }
             in_flight => Err(in_flight),
@@ -175,7 +215,15 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
             self.silent_since_ns = now;
             self.resend_after_ns = SILENCE_NS;
         }
+        let left_out = match self.last_sequence {
+            Some(last) => sequence - last - 1,
+            // The first may have any number. Up to the highest loaned, the lower ones were given to loans.
+            None if self.highest >= Some(sequence) => sequence,
+            None => 0,
+        };
+        self.lost = self.lost.saturating_add(left_out);
         self.last_sequence = Some(sequence);
+        self.highest = self.highest.max(Some(sequence));
         self.pending.push(sequence, self.surplus, sample);
     }
 
@@ -184,6 +232,34 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     pub const fn send_failed(&mut self) {
         self.pending.pop_newest();
         self.surplus += 1;
+        self.lost = self.lost.saturating_add(1);
+    }
+
+    /// Keeps an answer that was handed out while the caller waits for a later one. If `depth` of them are kept, the oldest is dropped.
+    pub fn keep_aside(&mut self, answer: A) {
+        if self.aside.len() >= self.depth() {
+            self.aside.pop_front();
+            self.aside_dropped += 1;
+        }
+        self.aside.push_back(answer);
+    }
+
+    /// The oldest answer that was kept aside.
+    #[inline]
+    pub fn next_aside(&mut self) -> Option<A> {
+        self.aside.pop_front()
+    }
+
+    /// Answers that are kept aside.
+    #[must_use]
+    pub fn aside(&self) -> usize {
+        self.aside.len()
+    }
+
+    /// Answers that were dropped because too many were kept aside.
+    #[must_use]
+    pub const fn aside_dropped(&self) -> u64 {
+        self.aside_dropped
     }
 
     /// The next answer that came before the answer to an earlier sample, if it may leave now.
@@ -275,7 +351,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     pub(super) fn hash_untimed(&self, hasher: &mut impl core::hash::Hasher) {
         use core::hash::Hash as _;
         let room = |mark: u64| (self.surplus - mark).min(self.queue as u64);
-        (self.session, self.last_sequence, self.service, room(self.surplus_taken)).hash(hasher);
+        (self.session, self.last_sequence, self.highest, self.service, room(self.surplus_taken)).hash(hasher);
         self.pending.marks().for_each(|mark| room(mark).hash(hasher));
         self.pending.keys().for_each(|key| key.hash(hasher));
         self.pending.len().hash(hasher);
@@ -297,5 +373,67 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     #[cfg(test)]
     pub(super) const fn is_known(&self, service: u128) -> bool {
         self.service == service
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state() -> AcquisitionState<(), u64> {
+        AcquisitionState::new(1, 2, queue_depth(2), 1)
+    }
+
+    #[test]
+    fn a_loan_has_one_above_the_highest_that_was_loaned_or_sent() {
+        let mut state = state();
+        assert_eq!([state.loan(), state.loan()], [0, 1]);
+        state.send(0, &(), 0);
+        assert_eq!(state.loan(), 2, "1 is on loan, or was dropped");
+        state.send(40, &(), 0);
+        assert_eq!(state.loan(), 41, "the user has raised a sequence");
+        state.cancel(40);
+        state.cancel(2);
+        assert_eq!(state.loan(), 42, "only the last loan's number is taken back");
+        state.cancel(42);
+        assert_eq!(state.loan(), 42);
+        let mut state = self::state();
+        state.loan();
+        state.cancel(0);
+        assert_eq!(state.loan(), 0);
+        state.send(u64::MAX, &(), 0);
+        assert_eq!(state.loan(), u64::MAX, "sequences do not wrap");
+        state.cancel(u64::MAX);
+        assert_eq!(state.may_send(u64::MAX), Err(Refusal::Sequence), "what was sent cannot be cancelled");
+    }
+
+    #[test]
+    fn numbers_that_were_not_sent_are_lost() {
+        let mut state = state();
+        (0..3).for_each(|_| _ = state.loan());
+        assert_eq!(state.lost(), 3);
+        state.send(2, &(), 0);
+        assert_eq!(state.lost(), 2);
+        state.answered(1, 2, &2);
+        state.send(7, &(), 0);
+        assert_eq!(state.lost(), 6);
+        state.send_failed();
+        state.loan();
+        assert_eq!(state.lost(), 8);
+        state.begin_session(2).unwrap();
+        state.loan();
+        state.send(1000, &(), 0);
+        assert_eq!(state.lost(), 8, "a session may begin anywhere");
+        state.loan();
+        state.cancel(1001);
+        assert_eq!(state.lost(), 8);
+    }
+
+    #[test]
+    fn the_newest_answers_are_kept_aside() {
+        let mut state = state();
+        (1..=5).for_each(|answer| state.keep_aside(answer));
+        assert_eq!((state.aside(), state.aside_dropped(), state.in_flight(), state.is_full()), (2, 3, 0, false));
+        assert_eq!([state.next_aside(), state.next_aside(), state.next_aside()], [Some(4), Some(5), None]);
     }
 }

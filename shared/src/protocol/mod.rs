@@ -5,6 +5,11 @@
 //! **Sequences.** An acquisition has a session, a random number. Within a session the sequence rises, from any number on; a step over 1
 //! is a gap. Session and sequence name a sample for ever. A sample that is sent again is unchanged.
 //!
+//! **Numbers.** A sample gets its sequence when it is loaned: one above the highest that was loaned or sent in the session. A sample that
+//! is then not sent leaves its number out, so **a control period that is dropped is a gap by itself**. A full queue changes nothing: the
+//! sample keeps its number. What was never measured, or was merged into an earlier sample, is cancelled, which takes the number of the
+//! last loan back, and of no other.
+//!
 //! **Acquisition** ([`AcquisitionState`]). It keeps a copy of each sample until its answer leaves. Answers leave once, in the order of
 //! sending: one that comes early waits. At most `depth` samples are in flight. Samples are sent again, oldest first:
 //!
@@ -32,6 +37,7 @@
 //!
 //! # What holds
 //! - Each sample is answered once and in order, or handed back, or its user is told that the send has failed.
+//! - No control period gets the number of one that was dropped, and no two samples on loan have the same.
 //! - A gap is reported only before a sample of whose predecessors a fault, or the user, has left one out.
 //! - A reader returns each sample once.
 //! - When faults stop, every sample gets its answer, and the next one can be sent.

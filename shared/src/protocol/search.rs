@@ -111,6 +111,7 @@ mod tests {
         lost_answers: 0,
         failed_sends: 0,
         skips: 0,
+        loans: 0,
         reader: false,
     };
 
@@ -149,6 +150,13 @@ mod tests {
             "sends that fail, and sequences left out",
             Bounds { samples: 3, service_kills: 1, failed_sends: 1, skips: 1, ..CALM },
         );
+    }
+
+    #[test]
+    fn samples_on_loan() {
+        holds("discarded, cancelled, out of order", Bounds { samples: 3, service_kills: 1, loans: 2, ..CALM });
+        let bounds = Bounds { samples: 3, depth: 1, queue: 2, service_kills: 1, new_sessions: 1, loans: 2, ..CALM };
+        holds("behind a full queue, in two sessions", bounds);
     }
 
     #[test]
@@ -232,6 +240,10 @@ mod tests {
         for mutation in [Mutation::NeverResends, Mutation::ResendsNewestOnly] {
             is_found(mutation, RESTART, "stay unanswered");
         }
+        // The discarded period gets no gap: the next one has its number.
+        let loans = Bounds { loans: 2, ..CALM };
+        is_found(Mutation::DiscardingCancels, loans, "lost in silence");
+        is_found(Mutation::CancelsAnyNumber, loans, "same number");
         is_found(Mutation::HandsOutAtOnce, RESTART, "out of order");
         is_found(Mutation::ReaderForgets, Bounds { reader: true, ..RESTART }, "twice");
     }

@@ -35,6 +35,9 @@ pub(super) struct Bounds {
     pub failed_sends: u8,
     /// The user leaves a sequence out.
     pub skips: u8,
+    /// Samples that the user may have on loan while it does something else, and then send, discard or cancel. With loans, every session
+    /// begins with sequence 0.
+    pub loans: usize,
     /// Whether there is a reader. It comes at any time.
     pub reader: bool,
 }
@@ -60,6 +63,10 @@ pub(super) enum Mutation {
     OneSession,
     /// The acquisition does not count what else may lie in the service's queue.
     IgnoresSurplus,
+    /// A loan that is discarded gives its number to the next one.
+    DiscardingCancels,
+    /// Cancelling a loan also takes back the number of one that was loaned before the last.
+    CancelsAnyNumber,
 }
 
 /// Something that one of the processes does, or a fault.
@@ -71,6 +78,12 @@ pub(super) enum Step {
     SendFails {
         reached: bool,
     },
+    /// The user takes a sample on loan and keeps it.
+    Loan,
+    /// It sends the oldest or the newest sample on loan, discards it, or cancels it.
+    SendLoaned(End),
+    Discard(End),
+    Cancel(End),
     Receive,
     CheckSoon,
     CheckAfterSilence,
@@ -90,8 +103,22 @@ pub(super) enum Step {
     ReaderTakes,
 }
 
-const STEPS: [Step; 19] = [
+/// Which of the samples on loan.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum End {
+    Oldest,
+    Newest,
+}
+
+const STEPS: [Step; 26] = [
     Step::Send,
+    Step::Loan,
+    Step::SendLoaned(End::Oldest),
+    Step::SendLoaned(End::Newest),
+    Step::Discard(End::Oldest),
+    Step::Discard(End::Newest),
+    Step::Cancel(End::Oldest),
+    Step::Cancel(End::Newest),
     Step::SendSkipping,
     Step::SendIsLost,
     Step::SendFails { reached: false },
@@ -155,6 +182,8 @@ pub(super) struct World {
     now: u64,
 
     acquisition: AcquisitionState<u8, u8>,
+    /// The numbers of the samples on loan, oldest first.
+    loans: VecDeque<u8>,
     /// A resend under way: which, for which service, and how many samples of it have been sent.
     resend: Option<(Resend, u8, usize)>,
     /// Number of the acquisition's port.
@@ -177,6 +206,8 @@ pub(super) struct World {
     missing: Samples,
     /// Sequences that the user has left out, or of which it was told that the send has failed.
     told: Samples,
+    /// Sequences of loans that the user has discarded: control periods that were measured and not sent.
+    discarded: Samples,
     returned: Samples,
 }
 
@@ -188,6 +219,7 @@ impl World {
             mutation,
             now: 0,
             acquisition: AcquisitionState::new(0, bounds.depth, queue, 1),
+            loans: VecDeque::new(),
             resend: None,
             port: 1,
             answers: VecDeque::new(),
@@ -200,6 +232,7 @@ impl World {
             expected: VecDeque::new(),
             missing: Samples::default(),
             told: Samples::default(),
+            discarded: Samples::default(),
             returned: Samples::default(),
         }
     }
@@ -212,7 +245,7 @@ impl World {
         (left.samples, left.resends, kills, losses).hash(hasher);
         self.acquisition.hash_untimed(hasher);
         let resend = self.resend.map(|(resend, service, sent)| (resend == Resend::All, service, sent));
-        (resend, self.port, &self.answers).hash(hasher);
+        (resend, self.port, &self.answers, &self.loans, self.discarded).hash(hasher);
         (self.service, self.phase, self.tracker, &self.raw, self.listed).hash(hasher);
         (&self.reader, &self.expected, self.missing, self.told, self.returned).hash(hasher);
     }
@@ -255,7 +288,7 @@ impl World {
     /// How often this may still happen.
     const fn left(&self, step: Step) -> u8 {
         match step {
-            Step::Send => self.left.samples,
+            Step::Send | Step::Loan => self.left.samples,
             Step::SendSkipping => self.left.skips,
             Step::SendIsLost => self.left.lost_samples,
             Step::SendFails { .. } => self.left.failed_sends,
@@ -272,14 +305,31 @@ impl World {
     fn step(&mut self, step: Step) -> Result<Option<()>, String> {
         let free = self.resend.is_none();
         let done = match step {
-            Step::Send if free => self.send(0, Transport::Works),
-            Step::SendSkipping if free => spend(&mut self.left.skips).and_then(|()| self.send(1, Transport::Works)),
-            Step::SendIsLost if free => {
-                spend(&mut self.left.lost_samples).and_then(|()| self.send(0, Transport::Loses))
+            Step::Send if free => return self.send(0, Transport::Works),
+            Step::SendSkipping if free && spend(&mut self.left.skips).is_some() => {
+                return self.send(1, Transport::Works);
             }
-            Step::SendFails { reached } if free => {
-                spend(&mut self.left.failed_sends).and_then(|()| self.send(0, Transport::Fails { reached }))
+            Step::SendIsLost if free && spend(&mut self.left.lost_samples).is_some() => {
+                return self.send(0, Transport::Loses);
             }
+            Step::SendFails { reached } if free && spend(&mut self.left.failed_sends).is_some() => {
+                return self.send(0, Transport::Fails { reached });
+            }
+            Step::Loan if free && self.loans.len() < self.left.loans => {
+                spend(&mut self.left.samples);
+                let number = self.loan()?;
+                self.loans.push_back(number);
+                Some(())
+            }
+            Step::SendLoaned(end) if free => return self.send_loaned(end),
+            Step::Discard(end) if free => self.take_loan(end).map(|number| {
+                self.discarded.insert(self.session(), number);
+                self.told.insert(self.session(), number);
+                if self.mutation == Some(Mutation::DiscardingCancels) {
+                    self.acquisition.cancel(u64::from(number));
+                }
+            }),
+            Step::Cancel(end) if free => self.take_loan(end).map(|number| self.cancel(number)),
             Step::Receive if free => return self.receive(),
             Step::CheckSoon if free => self.check(self.acquisition.pauses_ns()[0]),
             Step::CheckAfterSilence if free => self.check(self.acquisition.pauses_ns()[1]),
@@ -315,17 +365,57 @@ impl World {
 
     // The acquisition.
 
-    fn send(&mut self, skip: u8, transport: Transport) -> Option<()> {
-        spend(&mut self.left.samples)?;
+    /// Loans a sample and sends it at once.
+    fn send(&mut self, skip: u8, transport: Transport) -> Result<Option<()>, String> {
         let session = self.session();
-        let next = self.acquisition.next_sequence().max(u64::from(first_sequence(session)));
-        let sequence = next as u8 + skip;
-        match self.acquisition.may_send(u64::from(sequence)) {
-            Err(Refusal::Full) => return None,
-            refused => assert_eq!(refused, Ok(())),
+        if self.acquisition.is_full() || spend(&mut self.left.samples).is_none() {
+            return Ok(None);
         }
-        (u64::from(sequence) > next).then(|| self.told.insert(session, sequence - 1));
+        let first = if self.left.loans == 0 { first_sequence(session) } else { 0 };
+        let next = self.loan()?.max(first);
+        let sequence = next + skip;
+        (skip > 0).then(|| self.told.insert(session, next));
+        self.send_as(sequence, transport).map(Some)
+    }
+
+    fn loan(&mut self) -> Result<u8, String> {
+        let number = self.acquisition.loan() as u8;
+        if self.loans.contains(&number) {
+            return Err(format!("two samples on loan have the same number {number}"));
+        }
+        Ok(number)
+    }
+
+    /// Sends a sample that was on loan. A full queue leaves it there.
+    fn send_loaned(&mut self, end: End) -> Result<Option<()>, String> {
+        let loans = self.loans.clone();
+        let Some(number) = self.take_loan(end) else { return Ok(None) };
+        match self.acquisition.may_send(u64::from(number)) {
+            Ok(()) => self.send_as(number, Transport::Works).map(Some),
+            Err(Refusal::Full) => {
+                self.loans = loans;
+                Ok(None)
+            }
+            // A later loan has been sent: nothing is left but to discard it.
+            Err(Refusal::Sequence) => {
+                self.discarded.insert(self.session(), number);
+                self.told.insert(self.session(), number);
+                Ok(Some(()))
+            }
+        }
+    }
+
+    fn send_as(&mut self, sequence: u8, transport: Transport) -> Result<(), String> {
+        let session = self.session();
+        assert_eq!(self.acquisition.may_send(u64::from(sequence)), Ok(()));
+        if self.discarded.contains(session, sequence) {
+            return Err(format!("a period is lost in silence: another one gets its sequence {sequence}"));
+        }
         self.acquisition.send(u64::from(sequence), &sequence, self.now);
+        // The user sends out of order: those before it cannot be sent any more.
+        for before in self.loans.iter().filter(|number| **number < sequence) {
+            self.told.insert(session, *before);
+        }
         if let Transport::Fails { .. } = transport {
             self.acquisition.send_failed();
             self.told.insert(session, sequence);
@@ -337,7 +427,31 @@ impl World {
         } else {
             self.missing.insert(session, sequence);
         }
-        Some(())
+        Ok(())
+    }
+
+    fn take_loan(&mut self, end: End) -> Option<u8> {
+        match end {
+            End::Oldest => self.loans.pop_front(),
+            // With one loan it is the oldest.
+            End::Newest if self.loans.len() > 1 => self.loans.pop_back(),
+            End::Newest => None,
+        }
+    }
+
+    /// A loan that stands for no period, as one that was merged into another. Only the last loan's number is taken back.
+    fn cancel(&mut self, number: u8) {
+        let last = self.acquisition.next_sequence() == u64::from(number) + 1;
+        if last || self.mutation != Some(Mutation::CancelsAnyNumber) {
+            self.acquisition.cancel(u64::from(number));
+        } else {
+            (u64::from(number)..self.acquisition.next_sequence())
+                .rev()
+                .for_each(|higher| self.acquisition.cancel(higher));
+        }
+        if !last {
+            self.told.insert(self.session(), number);
+        }
     }
 
     /// Puts a sample into the service's queue, if there is a service. A full queue discards it.
@@ -426,6 +540,8 @@ impl World {
 
     fn begin_session(&mut self) -> Option<()> {
         spend(&mut self.left.new_sessions)?;
+        // Samples that are still on loan belong to the session that ends.
+        self.loans.clear();
         self.acquisition.begin_session(self.acquisition.session() + 1).ok()
     }
 
@@ -436,6 +552,7 @@ impl World {
         let session = self.acquisition.session() + 1;
         self.acquisition = AcquisitionState::new(session, self.left.depth, self.left.queue, u128::from(listed));
         self.port += 1;
+        self.loans.clear();
         self.resend = None;
         self.answers.clear();
         self.expected.clear();

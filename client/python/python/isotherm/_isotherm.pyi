@@ -92,8 +92,17 @@ class Acquisition:
     @property
     def closed(self) -> bool:
         """Whether it has been closed."""
-    def close(self) -> None:
-        """Leaves the streams. Loans that have not been sent become invalid. A second call does nothing."""
+    @property
+    def lost(self) -> int:
+        """Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on loan, or failed."""
+    @property
+    def dropped_answers(self) -> int:
+        """Late answers that were dropped because `depth` of them waited for `receive` already."""
+    def close(self) -> tuple[int, int]:
+        """Leaves the streams. Loans that have not been sent become invalid. A second call does nothing.
+
+        Returns `lost`, and how many samples are unanswered; if either is not 0 it is logged ("isotherm") and kept in the service's status.
+        """
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def begin_session(self) -> None:
@@ -128,17 +137,27 @@ class Acquisition:
         Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of microseconds before it.
         """
     def loan(self) -> Loan:
-        """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once."""
+        """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once.
+
+        It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not sent, the service flags
+        the gap. `Loan.cancel` gives back one that stands for none.
+        """
     def send(self, sample: Loan | Records | np.void) -> None:
-        """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied. Never waits.
+        """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
 
         Raises Full, with the sample, if `depth` samples are unanswered, or the service's queue may still be full of samples that were sent
         again after restarts.
         """
     def receive(self, timeout: float = 0.0) -> Increment | None:
-        """The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds."""
+        """The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds.
+
+        First come the late answers that `compensate` has kept aside.
+        """
     def compensate(self, sample: Loan | Records | np.void, timeout: float = 1.0) -> Increment:
-        """The round trip: sends `sample` and waits for its increment. Raises Full or Timeout."""
+        """The round trip: sends `sample` and waits for its increment. Raises Full or Timeout.
+
+        After Timeout the increment may come late: it is kept aside for `receive`, at most `depth` of them.
+        """
     def run(
         self,
         samples: object,
@@ -202,10 +221,12 @@ class Loan:
         """Whether it has been sent."""
     def fill(self, sample: Records | np.void) -> None:
         """Copies all fields except the session from a record of RAW_SAMPLE, the sequence included."""
+    def cancel(self) -> None:
+        """Gives the loan back, as it stands for no control period: takes its sequence back, if it is the last loan's."""
     def merge(self, later: Loan | Records | np.void) -> None:
         """Adds the next control period: pulses and intervals are summed, timestamp and telemetry become the later ones.
 
-        Raises OverflowError, and changes nothing, if a sum overflows.
+        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows.
         """
     def to_numpy(self) -> Records:
         """A copy, as an array without dimensions."""
