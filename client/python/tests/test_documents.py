@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import isotherm
@@ -45,6 +46,29 @@ def test_an_acquisition_that_is_started_again_goes_on_with_its_lag(domain: Domai
         example("acquisition.py", "--count", "60", "--serial", "SN 42", "--state", state)
         # The share of an unknown start is 0: the clock goes on.
         assert [kept and kept[1:] for kept in json.loads(state.read_text())] == [[2.5, 2.5, 0.0]] * 3 + [None] * 3
+
+
+def status(domain: DomainUnderTest) -> dict[str, int]:
+    imu: dict[str, int] = json.loads(domain.isotherm("status", "--json"))["imus"][0]
+    return imu
+
+
+def test_paced_loses_nothing_while_the_service_is_replaced(domain: DomainUnderTest) -> None:
+    service = domain.serve()
+    paced = domain.start(sys.executable, EXAMPLES / "paced.py", "--periods", "800")
+    deadline = time.monotonic() + TIMEOUT
+    while status(domain)["received"] < 20:
+        assert time.monotonic() < deadline
+    service.pause()
+    time.sleep(0.4)  # longer than 64 periods
+    service.kill()
+    domain.serve()
+    out = paced.communicate(timeout=TIMEOUT)[0]
+    counts = re.search(r"800 periods: (\d+) answered in time, (\d+) late, (\d+) merged, 0 lost", out)
+    assert paced.returncode == 0 and counts, out
+    answered, late, merged = map(int, counts.groups())
+    assert answered + late + merged == 800 and late >= 64 and merged > 0
+    assert status(domain)["missing"] == 0
 
 
 def test_round_trip(domain: DomainUnderTest) -> None:

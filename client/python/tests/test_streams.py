@@ -370,6 +370,63 @@ def test_loans_are_few_and_come_back(domain: DomainUnderTest, recorded: isotherm
         acquisition.loan().fill(recorded[0])
 
 
+def test_a_dropped_loan_is_a_gap_and_a_cancelled_one_is_none(domain: DomainUnderTest, recorded: isotherm.Records) -> None:
+    domain.serve()
+    with isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition:
+        first, dropped = acquisition.loan(), acquisition.loan()
+        assert (first.sequence, dropped.sequence) == (0, 1)
+        assert not acquisition.compensate(first, TIMEOUT).flags & isotherm.Flags.LOST
+        del dropped
+        assert acquisition.lost == 1
+        cancelled = acquisition.loan()
+        cancelled.cancel()
+        with pytest.raises(isotherm.Closed):
+            cancelled.cancel()
+        kept, later = acquisition.loan(), acquisition.loan()
+        kept.interval_ns, later.interval_ns = 1000, 500
+        with pytest.raises(ValueError, match="itself"):
+            kept.merge(kept)
+        kept.merge(later)
+        assert later.sent and (kept.sequence, kept.interval_ns) == (2, 1500)
+        assert isotherm.flag_names(acquisition.compensate(kept, TIMEOUT).flags & isotherm.Flags.LOST) == ["gap"]
+        assert acquisition.loan().sequence == 3
+        # A record keeps its number, sent or handed back, and takes none.
+        record = recorded[0].copy()
+        record["sequence"] = 10
+        assert acquisition.compensate(record, TIMEOUT).sequence == 10
+        with pytest.raises(isotherm.SequenceError):
+            acquisition.send(record)
+        last = acquisition.loan()
+        assert last.sequence == 11
+        last.cancel()
+        assert acquisition.close() == (8, 0) and acquisition.close() == (0, 0)
+
+
+def test_late_answers_are_kept(domain: DomainUnderTest, recorded: isotherm.Records, caplog: pytest.LogCaptureFixture) -> None:
+    service = domain.serve()
+    with isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition:
+        service.pause()
+        for index in (0, 1):
+            with pytest.raises(isotherm.Timeout):
+                acquisition.compensate(recorded[index], 0.0 if index else 0.01)
+        service.resume()
+        assert acquisition.compensate(recorded[2], TIMEOUT).sequence == 2
+        assert acquisition.in_flight == 0 and acquisition.dropped_answers == 0
+        assert [late.sequence for late in iter(acquisition.receive, None)] == [0, 1]
+        # A run gives the answers to its own samples only.
+        service.pause()
+        with pytest.raises(isotherm.Timeout):
+            acquisition.compensate(recorded[3], 0.0)
+        service.resume()
+        assert acquisition.compensate(recorded[4], TIMEOUT).sequence == 4
+        assert acquisition.run(recorded[5:20], timeout=TIMEOUT, new_session=False)["sequence"].tolist() == list(range(5, 20))
+        service.pause()
+        acquisition.send(recorded[30])
+        assert acquisition.close() == (10, 1)
+        assert "10 control periods that were not sent, and 1 unanswered samples" in caplog.text
+        service.resume()
+
+
 def test_a_full_queue_hands_the_sample_back(domain: DomainUnderTest, recorded: isotherm.Records) -> None:
     service = domain.serve()
     with isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition:
