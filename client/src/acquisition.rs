@@ -276,7 +276,6 @@ impl Acquisition {
     ///
     /// # Errors
     /// [`LoansNotMerged`] when a sum would overflow.
-    #[expect(clippy::result_large_err, reason = "the error gives the loan back, as everywhere")]
     pub fn merge(&mut self, sample: &mut Loan, later: Loan) -> Result<(), LoansNotMerged> {
         match sample.merge(&later) {
             Ok(()) => {

@@ -1,6 +1,7 @@
 //! The client library of Isotherm.
 //!
-//! A complete acquisition program:
+//! Start with `examples/rust/paced.rs`: it sends at the pace of an IMU, and loses no control period while the service is replaced. The
+//! shortest acquisition program:
 //!
 //! ```no_run
 //! use isotherm_client::{Acquisition, ImuId, Options, Sensor, Triad};

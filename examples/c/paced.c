@@ -7,6 +7,7 @@
  * wait_for_period() and latch() by your hardware, and use() by your navigation. CORE and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine
  * that has a core to spare; they need rights, see docs/operations.md. The environment variable ISOTHERM_DOMAIN names the domain.
  */
+#define _POSIX_C_SOURCE 199309L /* nanosleep */
 #include <inttypes.h>
 #include <isotherm.h>
 #include <math.h>

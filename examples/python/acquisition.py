@@ -90,9 +90,10 @@ def main() -> None:
             except isotherm.Timeout:
                 print("the service does not answer; the sample is sent again when it is back")
                 continue
-            velocity = [v + dv for v, dv in zip(velocity, increment.velocity_increment, strict=True)]
-            if increment.flags:
-                print(increment.sequence, isotherm.flag_names(increment.flags))
+            for increment in (increment, *iter(acquisition.receive, None)):  # and those that came late
+                velocity = [v + dv for v, dv in zip(velocity, increment.velocity_increment, strict=True)]
+                if increment.flags & ~isotherm.Flags.INFORMATION:
+                    print(increment.sequence, isotherm.flag_names(increment.flags))
     print(f"{options.count} samples, velocity {velocity} m/s")
 
 

@@ -26,8 +26,8 @@ def main() -> None:
             count += len(increments)
             if len(increments):
                 dv = increments["velocity_increment"].sum(axis=0)
-                gaps = int(((increments["flags"] & isotherm.Flags.GAP) != 0).sum())
-                print(f"{len(increments)} increments, sum {dv} m/s, {gaps} gaps", flush=True)
+                lost = int(((increments["flags"] & isotherm.Flags.LOST) != 0).sum())
+                print(f"{len(increments)} increments, sum {dv} m/s, time lost before {lost}", flush=True)
             time.sleep(0.05)
     print(f"{count} increments")
 
