@@ -269,7 +269,7 @@ impl ImuState {
         if let Some(ClosedStatus { session, lost, unanswered, .. }) = &closed {
             warn!(
                 imu = %self.imu.id, session, lost, unanswered,
-                "an acquisition closed: {lost} control periods had not been sent, and {unanswered} samples were unanswered"
+                "an acquisition closed: since it connected {lost} control periods had not been sent, and {unanswered} samples were unanswered"
             );
         }
         self.closed = closed;

@@ -387,7 +387,10 @@ fn what_was_lost_at_the_end_is_logged_and_kept_in_the_status() {
         (&10.into(), &sent.into(), &session.into())
     );
     let status = domain.run_ok(&["status"]);
-    assert!(status.contains(&format!("LOST AT END  10 periods not sent, {sent} samples unanswered")), "{status}");
+    assert!(
+        status.contains(&format!(": 10 periods not sent since it connected, {sent} samples unanswered")),
+        "{status}"
+    );
     // One that loses nothing leaves it.
     drop(domain.acquisition("imu-a"));
     assert_eq!(domain.imu_status()["closed"], closed);

@@ -107,11 +107,11 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
     if let Some(closed) = &imu.closed {
         writeln!(
             text,
-            "  LOST AT END  {} periods not sent, {} samples unanswered, when session {} closed {:.0} s ago",
-            closed.lost,
-            closed.unanswered,
+            "  LOST         when session {} closed, {:.0} s ago: {} periods not sent since it connected, {} samples unanswered",
             closed.session,
-            unix_s() - closed.unix_s
+            unix_s() - closed.unix_s,
+            closed.lost,
+            closed.unanswered
         )?;
     }
     let flagged: Vec<_> =
