@@ -69,7 +69,7 @@ fn the_status_has_gyroscopes_only_where_the_table_has_them() {
     let status = domain.status();
     let (plain, whole) = (&status["imus"][0], &status["imus"][1]);
 
-    let mut expected: BTreeSet<_> = KEYS.into_iter().chain(["acquisition_connected", "readers"]).collect();
+    let mut expected: BTreeSet<_> = KEYS.into_iter().chain(["acquisition_connected", "readers", "closed"]).collect();
     assert_eq!(keys(plain), expected);
     assert!(["serial", "device", "other_device", "lag_s"].iter().all(|key| plain[key].is_null()), "{plain}");
     let named = |bits: &dyn Fn(u32) -> bool| {

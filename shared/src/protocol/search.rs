@@ -179,6 +179,7 @@ mod tests {
     fn larger_worlds() {
         holds("restarts", Bounds { samples: 5, service_kills: 3, resends: 2, ..CALM });
         holds("three in flight", Bounds { depth: 3, queue: 6, service_kills: 2, lost_samples: 1, ..CALM });
+        holds("loans", Bounds { service_kills: 2, failed_sends: 1, new_sessions: 1, loans: 2, ..CALM });
         holds(
             "losses",
             Bounds {
