@@ -20,14 +20,16 @@ mod table;
 mod trend;
 
 pub use alignment::AlignmentComparison;
-pub use curves::{Band, CurveComparison, POINTS, STANDARD_GRAVITY};
+pub use curves::{Band, CurveComparison};
+pub use isotherm_shared::table::difference::{POINTS, STANDARD_GRAVITY};
 pub use requirement::{ComparisonRequirement, Verdict};
 pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
 
 use crate::order::QUANTITIES;
 use crate::provenance::TableFile;
-pub(crate) use curves::{common_range, median, points};
+pub(crate) use curves::{common_range, median};
+pub(crate) use isotherm_shared::table::difference::points;
 pub(crate) use table::{Form, FormCurve};
 
 use isotherm_failure::{Exit, Failure};
@@ -180,7 +182,7 @@ fn notes(
     alignments: &[AlignmentComparison],
 ) -> Vec<String> {
     let mut notes: Vec<_> = convention.note().map(str::to_owned).into_iter().collect();
-    let missing: Vec<_> = curves.iter().filter(|curve| curve.band.is_none()).map(CurveComparison::name).collect();
+    let missing: Vec<_> = curves.iter().filter(|curve| curve.band.is_none()).map(|curve| curve.name()).collect();
     if !missing.is_empty() {
         let which = if missing.len() == curves.len() { "any curve".to_owned() } else { missing.join(", ") };
         notes.push(format!(
@@ -252,7 +254,7 @@ impl Comparison {
     /// Names of the curves and triads that have changed by more than their errors.
     #[must_use]
     pub fn changed(&self) -> Vec<String> {
-        let curves = self.curves.iter().filter(|curve| curve.is_changed() == Some(true)).map(CurveComparison::name);
+        let curves = self.curves.iter().filter(|curve| curve.is_changed() == Some(true)).map(|curve| curve.name());
         let alignments = self.alignments.iter().filter(|alignment| alignment.is_changed() == Some(true));
         curves.chain(alignments.map(|alignment| format!("alignment of the {}", alignment.name()))).collect()
     }

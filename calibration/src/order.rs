@@ -12,7 +12,7 @@ use isotherm_shared::polynomial::MAX_ORDER;
 use serde_json::{Value, json};
 
 /// Names of the three curves of an accelerometer, as in a table.
-pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
+pub use isotherm_shared::table::difference::QUANTITIES;
 /// Smallest change of the bias that justifies a higher order \[g0\].
 pub const BIAS_EFFECT: f64 = 0.1e-6;
 /// Smallest relative change of a scale factor that justifies a higher order.

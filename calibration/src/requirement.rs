@@ -4,10 +4,9 @@
 //! axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error of a gyroscope at rest. A bound is met only if the
 //! whole interval is within it.
 
-pub(crate) mod bounds;
-
 use crate::stability::Stability;
 use crate::verdict::{Estimate, arcsec};
+use isotherm_shared::bounds;
 use isotherm_shared::table::AXIS_NAMES;
 use serde::Serialize;
 use std::fmt;

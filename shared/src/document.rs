@@ -83,11 +83,13 @@ impl<'a> Document<'a> {
         let located = |(offset, error): (usize, &toml::de::Error)| {
             line += newlines(text, counted..offset);
             counted = offset;
-            Fault { line, key: String::new(), message: format!("not TOML: {}", error.message().replace('\n', ", ")) }
+            let not_toml = || (String::new(), format!("not TOML: {}", error.message().replace('\n', ", ")));
+            let (key, message) = number_fault(text, offset).unwrap_or_else(not_toml);
+            Fault { line, key, message }
         };
         let mut faults: Vec<_> = places.into_iter().map(located).collect();
-        // After an error the parser often reports follow-up errors on the same line; the first one is the useful one.
-        faults.dedup_by_key(|fault| fault.line);
+        // After an error the parser often reports follow-up errors on the same line; the first one is the useful one. Each number counts.
+        faults.dedup_by(|later, first| later.line == first.line && (later.key.is_empty() || later == first));
         if let Some(rest) = faults.len().checked_sub(MAX_SYNTAX_FAULTS).filter(|rest| *rest > 0) {
             faults.truncate(MAX_SYNTAX_FAULTS);
             let line = faults.last().map_or(1, |fault| fault.line);
@@ -158,6 +160,44 @@ impl<'a> Document<'a> {
     fn line(&self, span: &Range<usize>) -> usize {
         1 + self.line_ends.partition_point(|&end| end < span.start)
     }
+}
+
+/// Key and message for a place where a number is meant and none stands, as `42O.81`; `None` if it is something else.
+fn number_fault(text: &str, offset: usize) -> Option<(String, String)> {
+    let before = text.get(..offset)?;
+    let begin = before.rfind(['\n', ' ', '\t', '=', ',', '[', '{']).map_or(0, |at| at + 1);
+    let rest = text.get(begin..)?;
+    let token = rest.get(..rest.find([',', ']', '}', ' ', '\t', '\r', '\n', '#']).unwrap_or(rest.len()))?;
+    let digits = token.trim_start_matches(['+', '-', '.']);
+    if !digits.starts_with(|first: char| first.is_ascii_digit()) || token.parse::<f64>().is_ok() {
+        return None;
+    }
+    let line = before.rfind('\n').map_or(0, |at| at + 1);
+    let column = text.get(line..begin)?.chars().count() + 1;
+    Some((key_before(text, line, begin)?, format!("column {column}: {token:?} is no number")))
+}
+
+/// The key whose value begins at `at` in the line that begins at `line`, as the text has it: section, its name, key, and key in braces.
+fn key_before(text: &str, line: usize, at: usize) -> Option<String> {
+    let mut path = Vec::new();
+    for above in text.get(..line)?.lines().rev().map(str::trim) {
+        if let Some(header) = above.strip_prefix('[') {
+            path.push(header.trim_matches(['[', ']', ' ']).to_owned());
+            break;
+        }
+        if let Some(name) = above.strip_prefix("name") {
+            path.extend(name.split('"').nth(1).map(str::to_owned));
+        }
+    }
+    path.reverse();
+    let keys = |part: &str| part.rsplit(['{', ',', '[', ' ']).find(|word| !word.is_empty()).map(str::to_owned);
+    let own = text.get(line..at)?;
+    let (first, last) = (own.split_once('=')?.0, own.rsplit_once('=')?.0);
+    path.extend(keys(first.trim()));
+    if first.len() != last.len() {
+        path.extend(keys(last.trim()));
+    }
+    Some(path.join("."))
 }
 
 fn newlines(text: &str, range: Range<usize>) -> usize {

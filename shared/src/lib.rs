@@ -19,6 +19,7 @@
 //!
 //! This crate starts no thread. It opens no file and reads no clock, except for the transport's shared memory ([`own_storage`]).
 
+pub mod bounds;
 pub mod compensate;
 pub mod document;
 pub mod kind;

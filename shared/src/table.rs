@@ -2,6 +2,7 @@
 //! or from a file's text.
 
 mod checks;
+pub mod difference;
 mod model;
 mod toml;
 mod turntable;

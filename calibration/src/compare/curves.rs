@@ -2,14 +2,11 @@
 
 use super::requirement::Verdict;
 use super::table::FormCurve;
-use crate::order::QUANTITIES;
 use crate::regression::f_limit;
+use core::ops::Deref;
+use isotherm_shared::table::difference::{self, CurveDifference, unit_factor};
 use isotherm_shared::units::SensorKind;
 
-/// Points of the common range that curves are compared at.
-pub const POINTS: usize = 41;
-/// Standard gravity \[m/s2\]: 1e6 ug0. Tables may have other values of 1 g0; differences have this one.
-pub const STANDARD_GRAVITY: f64 = 9.806_65;
 /// Probability that any curve counts as changed where none has. It is shared among all curves.
 const FALSE_ALARM: f64 = 0.05;
 
@@ -25,57 +22,26 @@ pub struct Band {
     pub factor: f64,
 }
 
-/// The difference of one curve in two tables: new less old.
+/// The difference of one curve in two tables, new less old, with its band.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveComparison {
-    /// A1 to G3.
-    pub sensor: &'static str,
-    /// `bias`, `positive_scale_factor` or `negative_scale_factor`.
-    pub quantity: &'static str,
-    /// Unit of the difference: ug0 of 9.80665e-6 m/s2, deg/h, or ppm of the old scale factor.
-    pub unit: &'static str,
-    /// The common range of the telemetry.
-    pub range: [f64; 2],
-    /// Telemetry of the points, rising evenly over the range.
-    pub telemetry: Vec<f64>,
-    /// Difference at each point.
-    pub differences: Vec<f64>,
+    /// The difference itself.
+    pub plain: CurveDifference,
     /// The band, if both tables have the errors of the curve.
     pub band: Option<Band>,
 }
 
+/// All that the difference has, this has.
+impl Deref for CurveComparison {
+    type Target = CurveDifference;
+    fn deref(&self) -> &CurveDifference {
+        &self.plain
+    }
+}
+
 /// The common range of curves; `None` if there is none.
 pub(crate) fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) -> Option<[f64; 2]> {
-    let ends = |[low, high]: [f64; 2], curve: &FormCurve| {
-        let [from, to] = curve.range();
-        [low.max(from), high.min(to)]
-    };
-    let range = curves.into_iter().fold([f64::NEG_INFINITY, f64::INFINITY], ends);
-    (range[0] < range[1]).then_some(range)
-}
-
-/// Unit of the difference of a quantity.
-pub(super) const fn unit(kind: SensorKind, quantity: usize) -> &'static str {
-    match (kind, quantity) {
-        (SensorKind::Accelerometer, 0) => "ug0",
-        (SensorKind::Gyroscope, 0) => "deg/h",
-        _ => "ppm",
-    }
-}
-
-/// From a difference of a quantity to its unit; `old` is the old value.
-pub(super) fn unit_factor(kind: SensorKind, quantity: usize, old: f64) -> f64 {
-    match (kind, quantity) {
-        (SensorKind::Accelerometer, 0) => 1e6 / STANDARD_GRAVITY,
-        (SensorKind::Gyroscope, 0) => 1.0,
-        _ => 1e6 / old,
-    }
-}
-
-/// The points of a range.
-pub(crate) fn points([low, high]: [f64; 2]) -> Vec<f64> {
-    let last = (POINTS - 1) as f64;
-    (0..POINTS).map(|i| (low * (last - i as f64) + high * i as f64) / last).collect()
+    difference::common_range(curves.into_iter().map(|curve| &curve.curve))
 }
 
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
@@ -102,9 +68,9 @@ impl CurveComparison {
         range: [f64; 2],
         count: usize,
     ) -> Self {
-        let telemetry = points(range);
+        let plain = CurveDifference::of((kind, axis, quantity), [&old.curve, &new.curve], range);
+        let telemetry = &plain.telemetry;
         let factors: Vec<f64> = telemetry.iter().map(|u| unit_factor(kind, quantity, old.at(*u))).collect();
-        let differences = telemetry.iter().zip(&factors).map(|(u, factor)| (new.at(*u) - old.at(*u)) * factor);
         let variances: Option<Vec<[f64; 2]>> =
             telemetry.iter().map(|u| Some([old.variance(*u)?, new.variance(*u)?])).collect();
         let band = variances.zip(old.freedom().zip(new.freedom())).map(|(variances, (a, b))| {
@@ -117,35 +83,13 @@ impl CurveComparison {
                 factor: (k * f_limit(FALSE_ALARM / count as f64, k, freedom)).sqrt(),
             }
         });
-        Self {
-            sensor: kind.names()[axis],
-            quantity: QUANTITIES[quantity],
-            unit: unit(kind, quantity),
-            range,
-            differences: differences.collect(),
-            telemetry,
-            band,
-        }
-    }
-
-    /// Sensor and quantity, as `A1 bias`.
-    #[must_use]
-    pub fn name(&self) -> String {
-        format!("{} {}", self.sensor, self.quantity)
+        Self { plain, band }
     }
 
     /// Mean of the difference over the points.
     #[must_use]
     pub fn mean(&self) -> f64 {
         self.differences.iter().sum::<f64>() / self.differences.len() as f64
-    }
-
-    /// Size of the largest difference, and its telemetry.
-    #[must_use]
-    pub fn largest(&self) -> (f64, f64) {
-        let sizes = self.differences.iter().map(|difference| difference.abs()).zip(self.telemetry.iter().copied());
-        // The first of several.
-        sizes.rev().max_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or((f64::NAN, f64::NAN))
     }
 
     /// Half the width of the band at each point.

@@ -1,6 +1,6 @@
 //! What is required of the difference of two tables.
 
-use crate::requirement::bounds::{self, Bound};
+use isotherm_shared::bounds::{self, Bound};
 use std::fmt;
 use std::str::FromStr;
 

@@ -1,8 +1,7 @@
 //! Tables as they are compared: curves in units that no table's 1 g0 changes, and both triads' alignment by one convention.
 
 use crate::provenance::{CurveErrors, TableFile};
-use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::units::SensorKind;
+use isotherm_shared::table::difference::Curve;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DVector, Matrix3};
 
@@ -77,34 +76,33 @@ impl Convention {
     }
 }
 
-/// A curve of a table in a unit that does not depend on the table's 1 g0: m/s2 and pulse/(m/s), deg/h and pulse/arcsec.
+/// A curve of a table, with its errors.
 #[derive(Clone, Debug)]
 pub(crate) struct FormCurve {
-    polynomial: Polynomial,
-    /// From the unit of the table.
-    factor: f64,
+    pub(crate) curve: Curve,
     errors: Option<CurveErrors>,
 }
 
 impl FormCurve {
     pub(crate) const fn range(&self) -> [f64; 2] {
-        self.polynomial.range()
+        self.curve.polynomial().range()
     }
 
     pub(crate) fn coefficients(&self) -> usize {
-        self.polynomial.coefficients().len()
+        self.curve.polynomial().coefficients().len()
     }
 
     pub(crate) fn at(&self, telemetry: f64) -> f64 {
-        self.polynomial.at(telemetry) * self.factor
+        self.curve.at(telemetry)
     }
 
     /// Variance of the value; `None` if it is not known, or if it is not over 0, which no variance is.
     pub(crate) fn variance(&self, telemetry: f64) -> Option<f64> {
         let errors = self.errors.as_ref()?;
-        let x = (telemetry - self.polynomial.center()) / self.polynomial.scale();
+        let polynomial = self.curve.polynomial();
+        let x = (telemetry - polynomial.center()) / polynomial.scale();
         let powers = DVector::from_fn(self.coefficients(), |k, _| x.powi(k as i32));
-        let variance = powers.dot(&(&errors.covariance * &powers)) * self.factor * self.factor;
+        let variance = powers.dot(&(&errors.covariance * &powers)) * self.curve.factor() * self.curve.factor();
         (variance > 0.0 && variance.is_finite()).then_some(variance)
     }
 
@@ -166,22 +164,11 @@ impl Form {
                 .map(|error| Matrix3::from_fn(|i, j| if i < j { error[(i, j)].hypot(error[(j, i)]) } else { 0.0 }));
         }
         let curves = table.sensors().enumerate().map(|(index, (kind, _, axis))| {
-            let (bias, scale_factor) = match kind {
-                SensorKind::Accelerometer => (axis.bias_unit.factor() * gravity, 1.0 / gravity),
-                SensorKind::Gyroscope => (axis.bias_unit.factor(), 1.0),
-            };
-            let errors = &table.origin.curves[index];
-            let curve = |polynomial: &Polynomial, factor: f64, errors: &Option<CurveErrors>| FormCurve {
-                polynomial: *polynomial,
-                factor,
-                errors: errors.clone(),
-            };
             let scale = scales[index];
-            [
-                curve(&axis.bias, bias / scale, &errors[0]),
-                curve(&axis.positive_scale_factor, scale_factor * scale, &errors[1]),
-                curve(&axis.negative_scale_factor, scale_factor * scale, &errors[2]),
-            ]
+            let [bias, positive, negative] = Curve::of_sensor(kind, axis, gravity);
+            let scaled = [bias.times(1.0 / scale), positive.times(scale), negative.times(scale)];
+            let errors = &table.origin.curves[index];
+            [0, 1, 2].map(|quantity| FormCurve { curve: scaled[quantity], errors: errors[quantity].clone() })
         });
         Self { curves: curves.collect(), alignment, alignment_error, misalignment }
     }

@@ -1,9 +1,9 @@
 //! A quantity over the dates of several tables.
 
-use super::curves::{unit, unit_factor};
 use super::table::FormCurve;
 use crate::order::QUANTITIES;
 use crate::regression::f_tail;
+use isotherm_shared::table::difference::{unit, unit_factor};
 use isotherm_shared::units::SensorKind;
 
 /// A Julian year \[s\].

@@ -146,6 +146,7 @@ pub struct CoefficientTable {
     gravity_local: Option<f64>,
     turntable: Option<Turntable>,
     gravity_only: bool,
+    has_provenance: bool,
 }
 
 impl PartialEq for CoefficientTable {
@@ -189,6 +190,7 @@ impl CoefficientTable {
                 gravity_local: None,
                 turntable: None,
                 gravity_only: false,
+                has_provenance: false,
             })
         } else {
             Err(refusals)
@@ -239,6 +241,26 @@ impl CoefficientTable {
     pub const fn measured_by_hand(mut self) -> Self {
         self.gravity_only = true;
         self
+    }
+
+    /// The table of a file that says where it comes from.
+    #[must_use]
+    pub const fn with_provenance(mut self) -> Self {
+        self.has_provenance = true;
+        self
+    }
+
+    /// Whether this is no calibration: every curve is a constant, as from a data sheet, and the file does not say where it comes from.
+    #[must_use]
+    pub fn is_nominal(&self) -> bool {
+        let content = self.content();
+        let gyroscopes = content.gyroscopes.iter().flat_map(|gyroscopes| &gyroscopes.axes);
+        let constant = |curve: &Polynomial| curve.coefficients().iter().skip(1).all(|coefficient| *coefficient == 0.0);
+        let is_constant = |axis: &Axis| {
+            axis.transient == 0.0
+                && [&axis.bias, &axis.positive_scale_factor, &axis.negative_scale_factor].into_iter().all(constant)
+        };
+        !self.has_provenance && content.axes.iter().chain(gyroscopes).all(is_constant)
     }
 
     /// The polynomials of the accelerometers, for evaluating them in one pass.
@@ -394,7 +416,7 @@ impl Content {
         lines
     }
 
-    fn digest(&self) -> Digest {
+    pub(super) fn digest(&self) -> Digest {
         Digest(Sha256::digest(self.canonical()).into())
     }
 }

@@ -11,7 +11,7 @@ use super::model::{
     OutOfRange,
 };
 use super::turntable::Turntable;
-use crate::document::{Document, Faults, Section};
+use crate::document::{Document, Fault, Faults, Section};
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::stream::ImuId;
 use crate::units::{BiasUnit, SensorKind};
@@ -32,6 +32,21 @@ pub enum Seal {
     Renewed,
 }
 
+/// Said of the digest of a file whose content cannot be read.
+const UNCHECKED_DIGEST: &str = "cannot be checked until these are right";
+
+/// The faults of a text that is not TOML, with a word on its digest if it seems to have one.
+fn with_seal(text: &str, mut faults: Faults) -> Faults {
+    let sealed = text.lines().position(|line| line.trim_start().starts_with("digest"));
+    faults.0.extend(sealed.map(|line| Fault {
+        line: line + 1,
+        key: "digest".to_owned(),
+        message: UNCHECKED_DIGEST.to_owned(),
+    }));
+    faults.0.sort_by_key(|fault| fault.line);
+    faults
+}
+
 impl CoefficientTable {
     /// Reads a table file's text. With `expected`, a table for another IMU is refused.
     ///
@@ -46,7 +61,8 @@ impl CoefficientTable {
     /// # Errors
     /// All faults of the text with line and key.
     pub fn from_toml_with(text: &str, expected: Option<&ImuId>, seal: Seal) -> Result<Self, Faults> {
-        let document = Document::parse_as(text, "give the coefficient table")?;
+        let document =
+            Document::parse_as(text, "give the coefficient table").map_err(|faults| with_seal(text, faults))?;
         let root = document.root();
         let table = read(&root, expected, seal);
         root.finish();
@@ -126,6 +142,30 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     let gravity_local = provenance.and_then(|it| it.number("gravity_local")).filter(|g| gravity_fault(*g).is_none());
     let turntable = provenance.and_then(Turntable::read);
     let gravity_only = provenance.is_some_and(|it| it.is_text("method", GRAVITY_ONLY));
+    let content = content(root, format, expected);
+    let Some(content) = content else {
+        if digest.is_some() {
+            root.fault("digest", UNCHECKED_DIGEST);
+        }
+        return None;
+    };
+    let found = content.digest();
+    if let Some(digest) = digest.filter(|digest| **digest != found.to_string()) {
+        root.fault(
+            "digest",
+            format!(
+                "is {digest:?}, but the content has {found}; if the change was meant, seal it again with the command `check --seal`"
+            ),
+        );
+    }
+    // Each part has been checked where its line is known, so what this refuses has been reported.
+    let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local).measured_on(turntable);
+    let table = if gravity_only { table.measured_by_hand() } else { table };
+    Some(if provenance.is_some() { table.with_provenance() } else { table })
+}
+
+/// All that the digest is of, as far as it can be read; its values may be refused.
+fn content(root: &Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>) -> Option<Content> {
     let imu = root.section("imu", "[imu] with id and gravity").and_then(|section| imu(section, expected));
     let temperature = root.section("temperature", "[temperature] with unit and out_of_range").and_then(temperature);
     let lag = root.optional_section("lag").map(lag);
@@ -137,7 +177,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     let (id, serial, gravity) = imu?;
     let (temperature_unit, out_of_range, max_age_s) = temperature?;
     // An optional part that is there must be right.
-    let content = Content {
+    Some(Content {
         format: format?,
         imu: id,
         serial,
@@ -158,20 +198,7 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
             Some(gyroscopes) => Some(gyroscopes?),
             None => None,
         },
-    };
-    // This cannot fail: each part has been checked above, where its line is known.
-    let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local).measured_on(turntable);
-    let table = if gravity_only { table.measured_by_hand() } else { table };
-    if let Some(digest) = digest.filter(|digest| **digest != table.digest().to_string()) {
-        root.fault(
-            "digest",
-            format!(
-                "is {digest:?}, but the content has {}; if the change was meant, seal it again with the command `check --seal`",
-                table.digest()
-            ),
-        );
-    }
-    Some(table)
+    })
 }
 
 fn imu(section: Section<'_, '_>, expected: Option<&ImuId>) -> Option<(ImuId, Option<String>, f64)> {

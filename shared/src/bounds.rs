@@ -1,25 +1,27 @@
 //! Bounds as a user writes them: a number with a unit, which must be there.
 
 /// Units of a bound, with their size in the bound's own unit.
-pub(crate) type Units = &'static [(&'static str, f64)];
+pub type Units = &'static [(&'static str, f64)];
 
 /// A kind of bound. Without units it is a bare number.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Bound {
+pub struct Bound {
+    /// Its name, for messages.
     pub name: &'static str,
+    /// The units that it may be written in.
     pub units: Units,
     /// Smallest and largest value that makes sense, in its own unit and in words. No smaller one has digits where it is printed.
     pub range: ([f64; 2], &'static str),
 }
 
 /// In g0.
-pub(crate) const BIAS: Bound = Bound {
+pub const BIAS: Bound = Bound {
     name: "bias",
     units: &[("ug0", 1e-6), ("mg0", 1e-3), ("g0", 1.0)],
     range: ([1e-9, 1.0], "0.001 ug0 to 1 g0"),
 };
 /// Relative.
-pub(crate) const SCALE: Bound =
+pub const SCALE: Bound =
     Bound { name: "scale", units: &[("ppm", 1e-6), ("%", 1e-2)], range: ([1e-9, 1.0], "0.001 ppm to 100 %") };
 const ANGLE_UNITS: Units = &[
     ("arcsec", std::f64::consts::PI / 648_000.0),
@@ -31,21 +33,24 @@ const ANGLE_UNITS: Units = &[
 ];
 const ANGLES: ([f64; 2], &str) = ([0.001 * ANGLE_UNITS[0].1, 90.0 * ANGLE_UNITS[2].1], "0.001 arcsec to 90 deg");
 /// In rad.
-pub(crate) const LEVEL: Bound = Bound { name: "level", units: ANGLE_UNITS, range: ANGLES };
+pub const LEVEL: Bound = Bound { name: "level", units: ANGLE_UNITS, range: ANGLES };
 /// In rad.
-pub(crate) const ALIGNMENT: Bound = Bound { name: "alignment", units: ANGLE_UNITS, range: ANGLES };
+pub const ALIGNMENT: Bound = Bound { name: "alignment", units: ANGLE_UNITS, range: ANGLES };
 /// In deg/h.
-pub(crate) const RATE: Bound = Bound {
+pub const RATE: Bound = Bound {
     name: "rate",
     units: &[("deg/h", 1.0), ("deg/s", 3600.0), ("arcsec/s", 1.0)],
     range: ([1e-6, 36_000.0], "1e-6 deg/h to 10 deg/s"),
 };
 /// A ratio.
-pub(crate) const FACTOR: Bound = Bound { name: "factor", units: &[], range: ([1e-9, 1e9], "1e-9 to 1e9") };
+pub const FACTOR: Bound = Bound { name: "factor", units: &[], range: ([1e-9, 1e9], "1e-9 to 1e9") };
 
 impl Bound {
     /// The value in the bound's own unit; `rule` says in messages how bounds are written.
-    pub(crate) fn parse(&self, value: &str, rule: &str) -> Result<f64, String> {
+    ///
+    /// # Errors
+    /// What is wrong with the text, and what to write.
+    pub fn parse(&self, value: &str, rule: &str) -> Result<f64, String> {
         let Self { name, units, range: ([least, most], range) } = *self;
         // Both characters for micro: the sign, and the Greek letter.
         let ascii = value.replace(['\u{b5}', '\u{3bc}'], "u");

@@ -1,0 +1,443 @@
+//! The plain difference of two tables: how much each curve and each alignment changes, without the errors of either. `compare` builds its
+//! bands on it; the service refuses a table that changes too much.
+//!
+//! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor changes is relative to
+//! its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in deg/h.
+
+use super::model::{AXIS_NAMES, Axis, CoefficientTable, Content, GYROSCOPE_NAMES};
+use crate::bounds::{self, Bound};
+use crate::polynomial::Polynomial;
+use crate::units::SensorKind;
+use crate::wire::AXES;
+use nalgebra::Matrix3;
+
+/// Points of the common range that curves are compared at.
+pub const POINTS: usize = 41;
+/// Standard gravity \[m/s2\]: 1e6 ug0. Tables may have other values of 1 g0; differences have this one.
+pub const STANDARD_GRAVITY: f64 = 9.806_65;
+/// The curves of a sensor, by their names in table files.
+pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_scale_factor"];
+
+/// A curve in a unit that does not depend on a table's 1 g0: m/s2 and pulse/(m/s), deg/h and pulse/arcsec.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Curve {
+    polynomial: Polynomial,
+    /// From the unit of the table.
+    factor: f64,
+}
+
+impl Curve {
+    /// Bias, K+ and K- of a sensor; `gravity` is the table's 1 g0 \[m/s2\].
+    #[must_use]
+    pub fn of_sensor(kind: SensorKind, axis: &Axis, gravity: f64) -> [Self; 3] {
+        let (bias, scale_factor) = match kind {
+            SensorKind::Accelerometer => (axis.bias_unit.factor() * gravity, 1.0 / gravity),
+            SensorKind::Gyroscope => (axis.bias_unit.factor(), 1.0),
+        };
+        let curve = |polynomial: &Polynomial, factor| Self { polynomial: *polynomial, factor };
+        [
+            curve(&axis.bias, bias),
+            curve(&axis.positive_scale_factor, scale_factor),
+            curve(&axis.negative_scale_factor, scale_factor),
+        ]
+    }
+
+    /// The curve times a number.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        Self { factor: self.factor * factor, ..self }
+    }
+
+    /// The polynomial, in the table's unit.
+    #[must_use]
+    pub const fn polynomial(&self) -> &Polynomial {
+        &self.polynomial
+    }
+
+    /// What the polynomial's value is multiplied with.
+    #[must_use]
+    pub const fn factor(&self) -> f64 {
+        self.factor
+    }
+
+    /// The value.
+    #[must_use]
+    pub fn at(&self, telemetry: f64) -> f64 {
+        self.polynomial.at(telemetry) * self.factor
+    }
+}
+
+/// The common range of curves; `None` if there is none.
+pub fn common_range<'a>(curves: impl IntoIterator<Item = &'a Curve>) -> Option<[f64; 2]> {
+    let ends = |[low, high]: [f64; 2], curve: &Curve| {
+        let [from, to] = curve.polynomial.range();
+        [low.max(from), high.min(to)]
+    };
+    let range = curves.into_iter().fold([f64::NEG_INFINITY, f64::INFINITY], ends);
+    (range[0] < range[1]).then_some(range)
+}
+
+/// The points of a range, rising evenly.
+#[must_use]
+pub fn points([low, high]: [f64; 2]) -> Vec<f64> {
+    let last = (POINTS - 1) as f64;
+    (0..POINTS).map(|i| (low * (last - i as f64) + high * i as f64) / last).collect()
+}
+
+/// Unit of the difference of a quantity, by its index in [`QUANTITIES`].
+#[must_use]
+pub const fn unit(kind: SensorKind, quantity: usize) -> &'static str {
+    match (kind, quantity) {
+        (SensorKind::Accelerometer, 0) => "ug0",
+        (SensorKind::Gyroscope, 0) => "deg/h",
+        _ => "ppm",
+    }
+}
+
+/// From a difference of a quantity to its unit; `old` is the old value.
+#[must_use]
+pub fn unit_factor(kind: SensorKind, quantity: usize, old: f64) -> f64 {
+    match (kind, quantity) {
+        (SensorKind::Accelerometer, 0) => 1e6 / STANDARD_GRAVITY,
+        (SensorKind::Gyroscope, 0) => 1.0,
+        _ => 1e6 / old,
+    }
+}
+
+/// The difference of one curve in two tables: new less old.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveDifference {
+    /// A1 to G3.
+    pub sensor: &'static str,
+    /// `bias`, `positive_scale_factor` or `negative_scale_factor`.
+    pub quantity: &'static str,
+    /// Unit of the difference: ug0 of 9.80665e-6 m/s2, deg/h, or ppm of the old scale factor.
+    pub unit: &'static str,
+    /// The common range of the telemetry.
+    pub range: [f64; 2],
+    /// Telemetry of the points, rising evenly over the range.
+    pub telemetry: Vec<f64>,
+    /// Difference at each point.
+    pub differences: Vec<f64>,
+}
+
+impl CurveDifference {
+    /// The difference of a quantity of a sensor over a range that both curves have.
+    #[must_use]
+    pub fn of((kind, axis, quantity): (SensorKind, usize, usize), [old, new]: [&Curve; 2], range: [f64; 2]) -> Self {
+        let telemetry = points(range);
+        let difference = |u: &f64| (new.at(*u) - old.at(*u)) * unit_factor(kind, quantity, old.at(*u));
+        Self {
+            sensor: kind.names()[axis],
+            quantity: QUANTITIES[quantity],
+            unit: unit(kind, quantity),
+            range,
+            differences: telemetry.iter().map(difference).collect(),
+            telemetry,
+        }
+    }
+
+    /// Sensor and quantity, as `A1 bias`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("{} {}", self.sensor, self.quantity)
+    }
+
+    /// Size of the largest difference, and its telemetry.
+    #[must_use]
+    pub fn largest(&self) -> (f64, f64) {
+        let sizes = self.differences.iter().map(|difference| difference.abs()).zip(self.telemetry.iter().copied());
+        // The first of several.
+        sizes.rev().max_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or((f64::NAN, f64::NAN))
+    }
+}
+
+/// What a change is limited by.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Limit {
+    /// Bias of an accelerometer, and its transient times the range.
+    Bias,
+    /// K+ and K-.
+    Scale,
+    /// Bias of a gyroscope, its transient times the range, and its g-sensitivity at 1 g0.
+    Rate,
+    /// An entry of an alignment matrix.
+    Alignment,
+}
+
+impl Limit {
+    /// Its name in a service configuration.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        self.bound().name
+    }
+
+    /// How its value is written.
+    #[must_use]
+    pub const fn bound(self) -> Bound {
+        match self {
+            Self::Bias => bounds::BIAS,
+            Self::Scale => bounds::SCALE,
+            Self::Rate => bounds::RATE,
+            Self::Alignment => bounds::ALIGNMENT,
+        }
+    }
+}
+
+/// The largest change of one curve, transient, g-sensitivity or alignment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// Sensor and quantity, as `A1 bias`; or `alignment`, `gyroscope_alignment`.
+    pub name: String,
+    /// Which limit it has.
+    pub limit: Limit,
+    /// Its size, in `unit`.
+    pub size: f64,
+    /// ug0, ppm, deg/h or mrad.
+    pub unit: &'static str,
+    /// Where, and both values, in words.
+    pub values: String,
+}
+
+/// The largest changes that are taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MaxChange {
+    /// \[g0\]
+    pub bias: f64,
+    /// Relative.
+    pub scale: f64,
+    /// \[deg/h\]
+    pub rate: f64,
+    /// \[rad\]
+    pub alignment: f64,
+}
+
+/// 100 mg0, 10 %, 1 deg/s, 100 mrad: more than any calibration changes, less than a lost digit.
+impl Default for MaxChange {
+    fn default() -> Self {
+        Self { bias: 0.1, scale: 0.1, rate: 3600.0, alignment: 0.1 }
+    }
+}
+
+impl MaxChange {
+    /// Limit of a change in its unit, and in the words of a configuration.
+    fn of(&self, limit: Limit) -> (f64, String) {
+        match limit {
+            Limit::Bias => (self.bias * 1e6, format!("{} mg0", rounded(self.bias * 1e3))),
+            Limit::Scale => (self.scale * 1e6, format!("{} %", rounded(self.scale * 1e2))),
+            Limit::Rate => (self.rate, format!("{} deg/h", rounded(self.rate))),
+            Limit::Alignment => (self.alignment * 1e3, format!("{} mrad", rounded(self.alignment * 1e3))),
+        }
+    }
+
+    /// Why a table that differs so from the one before is refused; empty if it is taken.
+    #[must_use]
+    pub fn refusals(&self, difference: &TableDifference) -> Vec<String> {
+        let beyond = difference.changes.iter().filter_map(|change| {
+            let (most, words) = self.of(change.limit);
+            // NaN is beyond.
+            let within = change.size <= most;
+            (!within).then(|| {
+                let Change { name, size, unit, values, limit } = change;
+                let key = limit.name();
+                format!(
+                    "{name} changes by {} {unit}, {values}; at most {words} is taken (max_change.{key})",
+                    rounded(*size)
+                )
+            })
+        });
+        difference.incomparable.iter().cloned().chain(beyond).collect()
+    }
+}
+
+/// What changes from one table to another.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TableDifference {
+    /// The largest change of everything that both tables have.
+    pub changes: Vec<Change>,
+    /// What cannot be compared though both have it: another unit of the telemetry, too little of a range in common.
+    pub incomparable: Vec<String>,
+    /// All else that changes, in words.
+    pub others: Vec<String>,
+}
+
+impl TableDifference {
+    /// From `old` to `new`.
+    #[must_use]
+    pub fn of(old: &CoefficientTable, new: &CoefficientTable) -> Self {
+        let (old, new) = (old.content(), new.content());
+        let mut found = Self { others: others(old, new), ..Self::default() };
+        if old.temperature_unit != new.temperature_unit {
+            let (from, to) = (&old.temperature_unit, &new.temperature_unit);
+            found.incomparable.push(format!("temperature.unit: the telemetry was in {from:?}, now it is in {to:?}"));
+            return found;
+        }
+        found.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)]);
+        found.matrix("alignment", [old.alignment, new.alignment]);
+        if let (Some(from), Some(to)) = (&old.gyroscopes, &new.gyroscopes) {
+            found.sensors(SensorKind::Gyroscope, [(&from.axes, old.gravity), (&to.axes, new.gravity)]);
+            for (name, pair) in GYROSCOPE_NAMES.iter().zip(from.g_sensitivity.iter().zip(&to.g_sensitivity)) {
+                found.g_sensitivity(name, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()]);
+            }
+            found.matrix("gyroscope_alignment", [from.alignment, to.alignment]);
+        }
+        found
+    }
+
+    fn sensors(&mut self, kind: SensorKind, [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2]) {
+        for (axis, (from, to)) in old.iter().zip(new).enumerate() {
+            let curves = [Curve::of_sensor(kind, from, old_gravity), Curve::of_sensor(kind, to, new_gravity)];
+            for quantity in 0..QUANTITIES.len() {
+                self.curve((kind, axis, quantity), [&curves[0][quantity], &curves[1][quantity]]);
+            }
+            self.transient(kind, axis, [from, to], [curves[0][0].factor(), curves[1][0].factor()]);
+        }
+    }
+
+    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&Curve; 2]) {
+        let (kind, axis, quantity) = place;
+        let name = format!("{} {}", kind.names()[axis], QUANTITIES[quantity]);
+        let [old, new] = pair.map(|curve| curve.polynomial().range());
+        let width = |[low, high]: [f64; 2]| high - low;
+        let Some(range) = common_range(pair).filter(|range| width(*range) >= width(old) / 2.0) else {
+            let text = format!("{name}: its range {new:?} has less than half of the range before, {old:?}, in common");
+            return self.incomparable.push(text);
+        };
+        let difference = CurveDifference::of(place, pair, range);
+        let (size, telemetry) = difference.largest();
+        let values = pair.map(|curve| rounded(curve.polynomial().at(telemetry)));
+        let limit = match (kind, quantity) {
+            (SensorKind::Accelerometer, 0) => Limit::Bias,
+            (SensorKind::Gyroscope, 0) => Limit::Rate,
+            _ => Limit::Scale,
+        };
+        let values = format!("from {} to {} at {}", values[0], values[1], rounded(telemetry));
+        self.changes.push(Change { name, limit, size, unit: difference.unit, values });
+    }
+
+    /// A transient times the range counts as bias.
+    fn transient(&mut self, kind: SensorKind, axis: usize, [old, new]: [&Axis; 2], factors: [f64; 2]) {
+        if old.transient == 0.0 && new.transient == 0.0 {
+            return;
+        }
+        let [low, high] = new.bias.range();
+        let size = ((new.transient * factors[1] - old.transient * factors[0]) * (high - low)).abs();
+        let (limit, unit) = match kind {
+            SensorKind::Accelerometer => (Limit::Bias, unit(kind, 0)),
+            SensorKind::Gyroscope => (Limit::Rate, unit(kind, 0)),
+        };
+        let values = format!("from {} to {} a unit of telemetry, times the range", old.transient, new.transient);
+        let name = format!("{} transient", kind.names()[axis]);
+        self.changes.push(Change { name, limit, size: size * unit_factor(kind, 0, 1.0), unit, values });
+    }
+
+    /// A g-sensitivity counts as rate, at 1 g0.
+    fn g_sensitivity(&mut self, sensor: &str, [old, new]: [[f64; AXES]; 2]) {
+        let sizes = old.iter().zip(&new).map(|(old, new)| (new - old).abs());
+        let size = sizes.fold(0.0, f64::max);
+        if old != [0.0; AXES] || new != [0.0; AXES] {
+            let values = format!("from {old:?} to {new:?} deg/h/g0 at 1 g0");
+            let name = format!("{sensor} g_sensitivity");
+            self.changes.push(Change { name, limit: Limit::Rate, size, unit: "deg/h", values });
+        }
+    }
+
+    /// A table without a matrix has the identity.
+    fn matrix(&mut self, name: &str, pair: [Option<Matrix3<f64>>; 2]) {
+        if pair == [None, None] {
+            return;
+        }
+        let [old, new] = pair.map(|matrix| matrix.unwrap_or_else(Matrix3::identity));
+        let difference = new - old;
+        let place = difference.iamax_full();
+        let values = format!(
+            "from {} to {} in row {}, column {}",
+            rounded(old[place]),
+            rounded(new[place]),
+            place.0 + 1,
+            place.1 + 1
+        );
+        let size = difference[place].abs() * 1e3;
+        self.changes.push(Change { name: name.to_owned(), limit: Limit::Alignment, size, unit: "mrad", values });
+    }
+}
+
+/// What else changes, in words.
+fn others(old: &Content, new: &Content) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut note = |name: &str, from: String, to: String| {
+        if from != to {
+            found.push(format!("{name} {from} -> {to}"));
+        }
+    };
+    let optional = |value: Option<f64>| value.map_or("none".to_owned(), |value| value.to_string());
+    note("format", old.format.to_string(), new.format.to_string());
+    let serial = |content: &Content| content.serial.clone().unwrap_or_else(|| "none".to_owned());
+    note("serial", serial(old), serial(new));
+    note("gravity", old.gravity.to_string(), new.gravity.to_string());
+    note("out_of_range", old.out_of_range.name().to_owned(), new.out_of_range.name().to_owned());
+    note("max_age_s", optional(old.max_age_s), optional(new.max_age_s));
+    note("lag", optional(old.lag_s), optional(new.lag_s));
+    let gyroscopes = |content: &Content| if content.gyroscopes.is_some() { "yes" } else { "none" }.to_owned();
+    note("gyroscopes", gyroscopes(old), gyroscopes(new));
+    let mut axes = |names: [&str; AXES], old: &[Axis; AXES], new: &[Axis; AXES]| {
+        for (name, (old, new)) in names.iter().zip(old.iter().zip(new)) {
+            note(&format!("{name} max_rate"), optional(old.max_rate), optional(new.max_rate));
+            let ranges = |axis: &Axis| {
+                let all = [&axis.bias, &axis.positive_scale_factor, &axis.negative_scale_factor];
+                format!("{:?}", all.map(Polynomial::range))
+            };
+            note(&format!("{name} ranges"), ranges(old), ranges(new));
+        }
+    };
+    axes(AXIS_NAMES, &old.axes, &new.axes);
+    if let (Some(old), Some(new)) = (&old.gyroscopes, &new.gyroscopes) {
+        axes(GYROSCOPE_NAMES, &old.axes, &new.axes);
+    }
+    found
+}
+
+/// A number with six significant digits.
+fn rounded(value: f64) -> String {
+    let text = format!("{value:.5e}");
+    text.parse::<f64>().map_or(text, |value| value.to_string())
+}
+
+impl Content {
+    /// Scale factors that a lost digit may have made: K+ and K- of a sensor, or K of the sensors of a triad, that differ by more than a factor
+    /// 2 in the middle of their ranges. A table is not refused for it.
+    #[must_use]
+    pub fn unlike_scale_factors(&self) -> Vec<String> {
+        let gyroscopes = self.gyroscopes.as_ref().map(|gyroscopes| (SensorKind::Gyroscope, &gyroscopes.axes));
+        let triads = [Some((SensorKind::Accelerometer, &self.axes)), gyroscopes].into_iter().flatten();
+        triads.flat_map(|(kind, axes)| unlike(kind, axes)).collect()
+    }
+}
+
+fn unlike(kind: SensorKind, axes: &[Axis; AXES]) -> Vec<String> {
+    /// The factor.
+    const MOST: f64 = 2.0;
+    let middle = |polynomial: &Polynomial| {
+        let [low, high] = polynomial.range();
+        polynomial.at(f64::midpoint(low, high)).abs()
+    };
+    let (names, unit) = (kind.names(), kind.scale_factor_unit());
+    let both = axes.each_ref().map(|axis| [middle(&axis.positive_scale_factor), middle(&axis.negative_scale_factor)]);
+    let mut found = Vec::new();
+    for (name, [positive, negative]) in names.iter().zip(both) {
+        if positive.max(negative) > MOST * positive.min(negative) {
+            let (positive, negative) = (rounded(positive), rounded(negative));
+            found
+                .push(format!("K+ and K- of {name} differ by more than a factor 2: {positive} and -{negative} {unit}"));
+        }
+    }
+    let means = both.map(|[positive, negative]| f64::midpoint(positive, negative));
+    let (least, most) =
+        (means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max));
+    if most > MOST * least {
+        let all = names.iter().zip(means).map(|(name, mean)| format!("{name} {}", rounded(mean)));
+        let all = all.collect::<Vec<_>>().join(", ");
+        found.push(format!("the scale factors of {} differ by more than a factor 2: {all} {unit}", names.join(", ")));
+    }
+    found
+}
