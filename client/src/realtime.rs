@@ -12,12 +12,14 @@
 //! core of its own and the kernel's limit is switched off: see `docs/operations.md`.
 #![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding")]
 
+use core::fmt;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 use std::fs;
 use std::io;
 use std::num::NonZeroU64;
+use std::thread;
 
 /// Size of the stack that is touched when memory is locked, so that no later call waits for one of its pages \[bytes\].
 const STACK: usize = 256 * 1024;
@@ -71,16 +73,7 @@ impl Realtime {
             })?;
         }
         if self.lock_memory {
-            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|cause| RealtimeError {
-                setting: "lock_memory",
-                cause: format!("locking memory: {cause}"),
-                remedy: format!(
-                    "grant CAP_IPC_LOCK (systemd: AmbientCapabilities=CAP_IPC_LOCK) or raise the limit (`ulimit -l`; systemd: \
-                     LimitMEMLOCK=infinity; now {} kB, the process has {} kB)",
-                    limit(Resource::Memlock, 1024),
-                    process_kb("VmSize").map_or_else(|| "?".to_owned(), |kb| kb.to_string())
-                ),
-            })?;
+            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(lock_refused)?;
             touch_stack();
         }
         if let Some(slack) = self.timer_slack_ns {
@@ -92,6 +85,46 @@ impl Realtime {
         }
         Ok(())
     }
+}
+
+impl Realtime {
+    /// What [`apply`](Self::apply) would refuse in this process, setting by setting. Nothing changes: a thread of its
+    /// own, which ends at once, tries what belongs to a thread; whether memory may be locked is told from the process's
+    /// capabilities and limit.
+    #[must_use]
+    pub fn refusals(&self) -> Vec<RealtimeError> {
+        let [mut core, mut priority, mut slack] = [Self::default(); 3];
+        (core.core, priority.priority, slack.timer_slack_ns) = (self.core, self.priority, self.timer_slack_ns);
+        let tried = [core, priority, slack].map(|setting| thread::spawn(move || setting.apply()).join());
+        let refused = tried.into_iter().filter_map(|result| result.ok()?.err());
+        let lock =
+            (self.lock_memory && !may_lock_memory()).then(|| lock_refused("neither capability nor limit allow it"));
+        refused.chain(lock).collect()
+    }
+}
+
+fn lock_refused(cause: impl fmt::Display) -> RealtimeError {
+    RealtimeError {
+        setting: "lock_memory",
+        cause: format!("locking memory: {cause}"),
+        remedy: format!(
+            "grant CAP_IPC_LOCK (systemd: AmbientCapabilities=CAP_IPC_LOCK) or raise the limit (`ulimit -l`; systemd: \
+             LimitMEMLOCK=infinity; now {} kB, the process has {} kB)",
+            limit(Resource::Memlock, 1024),
+            process_kb("VmSize").map_or_else(|| "?".to_owned(), |kb| kb.to_string())
+        ),
+    }
+}
+
+/// Whether the process has `CAP_IPC_LOCK`, or its limit is not below its size.
+fn may_lock_memory() -> bool {
+    const CAP_IPC_LOCK: u64 = 1 << 14;
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let capabilities = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    let capabilities = capabilities.and_then(|digits| u64::from_str_radix(digits.trim(), 16).ok());
+    let size = process_kb("VmSize").unwrap_or(0).saturating_mul(1024);
+    capabilities.is_some_and(|all| all & CAP_IPC_LOCK != 0)
+        || getrlimit(Resource::Memlock).current.is_none_or(|limit| limit >= size)
 }
 
 /// The value of `name` (`VmSize`, `VmLck`, `VmRSS`) in `/proc/self/status` \[kB\].

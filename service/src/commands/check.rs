@@ -1,8 +1,9 @@
 //! `check`: validates files with the code that loads them.
 
-use crate::config::Config;
+use crate::config::{Config, WorkerRealtime};
 use clap::Args;
-use isotherm_failure::{Exit, Failure};
+use isotherm_client::Realtime;
+use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{LoadError, WorldWritable, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
@@ -16,7 +17,8 @@ use std::path::{Path, PathBuf};
 /// Validate files with the code that loads them
 ///
 /// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings. The content of a file
-/// tells what it is. All faults of all files are reported, each with line and key.
+/// tells what it is. All faults of all files are reported, each with line and key. Of a service configuration, a
+/// warning tells what serve would refuse on this machine and as this user: a core, a priority, locked memory.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml"
@@ -25,6 +27,9 @@ pub struct Check {
     /// Write a table's digest into it, so that a later change or a half-written copy is noticed
     #[arg(long)]
     seal: bool,
+    /// End with exit code 78 if there is a warning of a service configuration
+    #[arg(long)]
+    strict: bool,
     /// Take files that everybody may write; without this they are refused, as by the service
     #[arg(long)]
     allow_world_writable: bool,
@@ -45,7 +50,8 @@ impl Check {
         remove_unfinished_on_signals()?;
         let mut failures = Vec::new();
         for path in &self.files {
-            match check(path, self.seal, WorldWritable::allow_if(self.allow_world_writable), laboratory) {
+            let world_writable = WorldWritable::allow_if(self.allow_world_writable);
+            match check(path, self.seal, self.strict, world_writable, laboratory) {
                 Ok(line) => print(&format!("{}: {line}\n", path.display()))?,
                 Err(failure) => failures.push(failure),
             }
@@ -57,6 +63,7 @@ impl Check {
 fn check(
     path: &Path,
     seal: bool,
+    strict: bool,
     world_writable: WorldWritable,
     laboratory: CheckLaboratoryFile,
 ) -> Result<String, Failure> {
@@ -89,12 +96,35 @@ fn check(
             let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
             let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
             let failures = loaded.filter_map(Result::err).map(Failure::from).collect();
-            Failure::all(failures).map_or_else(
-                || Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len())),
-                Err,
-            )
+            Failure::all(failures).map_or(Ok(()), Err)?;
+            warn(path, strict, refused_here(&config.realtime))?;
+            Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()))
         }
     }
+}
+
+/// What `serve` would refuse of these settings on this machine, with the rights of this process.
+fn refused_here(settings: &WorkerRealtime) -> Vec<String> {
+    let WorkerRealtime { cores, priority, lock_memory, timer_slack_ns } = settings;
+    let (priority, lock_memory, timer_slack_ns) = (*priority, *lock_memory, Some(*timer_slack_ns));
+    let once = Realtime { core: cores.first().copied(), priority, lock_memory, timer_slack_ns };
+    let others = cores.iter().skip(1).map(|core| Realtime { core: Some(*core), ..Realtime::default() });
+    let refusals = [once].into_iter().chain(others).flat_map(|setting| setting.refusals());
+    refusals.map(|error| format!("serve would refuse it here: realtime.{error}")).collect()
+}
+
+/// Tells the warnings of a file.
+///
+/// # Errors
+/// With `strict`, the warnings.
+fn warn(path: &Path, strict: bool, warnings: Vec<String>) -> Result<(), Failure> {
+    let lines = warnings.into_iter().map(|warning| format!("{}: warning: {warning}", path.display()));
+    if strict {
+        let failures = lines.map(|line| Failure::new(Exit::Config, line)).collect();
+        return Failure::all(failures).map_or(Ok(()), Err);
+    }
+    lines.for_each(|line| tell("isotherm", line));
+    Ok(())
 }
 
 /// What only tables of format 2 have, in lines of their own.
