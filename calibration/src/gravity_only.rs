@@ -31,7 +31,7 @@ use checks::{
 use choice::Chosen;
 use dilution::Dilution;
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_recording::{CampaignRow, Continuity, RecordingError};
 use isotherm_shared::table::{CoefficientTable, Refusal};
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::{Matrix3, Vector3};
@@ -252,6 +252,10 @@ pub fn calibrate(
             "the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost"
         ));
     }
+    warnings.extend(recordings.iter().filter_map(|recording| {
+        let fault = recording.rows.iter().collect::<Continuity>().fault()?;
+        Some(format!("{}: {fault}", recording.name))
+    }));
     warnings.extend(turned(&readings, &errors, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
     warnings.extend(outliers(&readings, &fit, freedom));
     Ok(GravityOnlyCalibration {

@@ -291,6 +291,10 @@ fn devices(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTabl
 fn warnings(ramps: &[RampRecording], table: &CoefficientTable, found: &Transients) -> Vec<Finding> {
     let warning = |name, message| Finding::whole(Severity::Warning, name, message);
     let mut all: Vec<_> = found.warnings.iter().map(|message| warning(name::TRANSIENT, message.clone())).collect();
+    all.extend(ramps.iter().filter_map(|ramp| {
+        let (losses, fault) = (ramp.continuity().losses(), ramp.continuity().fault()?);
+        Some(warning(name::TIME_STEP, format!("{}: {fault}; in all {losses}", ramp.name())))
+    }));
     let without = ramps.iter().find(|ramp| !ramp.has_gyroscopes());
     let message = match (&table.content().gyroscopes, without) {
         (Some(_), Some(ramp)) => {

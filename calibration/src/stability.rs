@@ -46,6 +46,7 @@ use crate::verdict::{MIN_GROUP, Verdict};
 pub use crate::window::{MIN_WINDOWS, Window};
 use core::fmt;
 use figures::{MAX_UNJUDGED, figures, median};
+use isotherm_recording::{Continuity, Losses, TimeFault};
 use isotherm_shared::compensate::{Compensation, compensate};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
@@ -201,6 +202,10 @@ pub struct Stability {
     pub gyroscopes: Option<Result<GyroscopeStability, String>>,
     /// Number of samples of another unit than the table's.
     pub other_device: u64,
+    /// Rows that are missing by their sequences, and steps of time.
+    pub losses: Losses,
+    /// The first fault of time.
+    pub time_fault: Option<TimeFault>,
 }
 
 impl Stability {
@@ -488,6 +493,7 @@ pub struct Collector<'a> {
     last: Option<(u64, u64, u64)>,
     /// Session of the last sample, and when its lagged telemetry has forgotten how it began \[ns\].
     settled: Option<(u64, u64)>,
+    continuity: Continuity,
 }
 
 /// Finds the smallest step of one telemetry signal.
@@ -544,11 +550,13 @@ impl<'a> Collector<'a> {
             has_gyroscopes: false,
             last: None,
             settled: None,
+            continuity: Continuity::default(),
         }
     }
 
     /// Adds the next sample. A sample with an invalid interval has no velocity and is left out.
     pub fn add(&mut self, raw: &RawSample) {
+        self.continuity.add(raw);
         let compensation = compensate(self.table, raw);
         self.other_device += u64::from(compensation.flags.intersects(Flags::OTHER_DEVICE));
         self.has_gyroscopes |= raw.gyroscopes != Triad::default();
@@ -613,6 +621,12 @@ impl<'a> Collector<'a> {
             self.settled = Some((raw.session, raw.timestamp_ns.saturating_add(soak_ns)));
         }
         self.settled.is_some_and(|(_, settled_ns)| raw.timestamp_ns < settled_ns)
+    }
+
+    /// What is missing in the samples so far.
+    #[must_use]
+    pub const fn continuity(&self) -> &Continuity {
+        &self.continuity
     }
 
     /// Length of the output over gravity, of all samples, also of those in no complete window.
@@ -711,6 +725,8 @@ impl<'a> Collector<'a> {
             middle,
             gyroscopes,
             other_device: self.other_device,
+            losses: self.continuity.losses(),
+            time_fault: self.continuity.fault(),
         })
     }
 

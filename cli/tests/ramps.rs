@@ -313,3 +313,22 @@ fn hysteresis_of_a_consumer_imu_is_not_written() {
     let before = CoefficientTable::from_toml(&simple_table(true), None).unwrap();
     assert_eq!(table.content().gyroscopes, before.content().gyroscopes);
 }
+
+#[test]
+fn time_that_is_lost_in_a_ramp_is_a_warning() {
+    let folder = folder();
+    campaigns(folder.path());
+    let arguments = ["calibrate", "alone.toml", "-o", "table.toml"];
+    let (_, words) = run(folder.path(), 0, &arguments);
+    assert!(!words.contains("time-step"), "{words}");
+    // Three rows of the first hour, the others numbered anew.
+    let ramp = folder.path().join("ramp-1.csv");
+    let text = fs::read_to_string(&ramp).unwrap();
+    let (header, body) = text.split_once('\n').unwrap();
+    let kept = body.lines().enumerate().filter(|(row, _)| ![100, 150, 200].contains(row));
+    let rows = kept.enumerate().map(|(number, (_, row))| format!("{number},{}\n", row.split_once(',').unwrap().1));
+    fs::write(&ramp, format!("{header}\n{}", rows.collect::<String>())).unwrap();
+    let (_, words) = run(folder.path(), 0, &arguments);
+    assert!(words.contains("warning [time-step]: ramp-1.csv: over ") && words.contains("without a hole"), "{words}");
+    assert!(words.contains("; in all 0 rows missing in 0 gaps, 3 time steps"), "{words}");
+}

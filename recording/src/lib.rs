@@ -12,6 +12,7 @@
 
 mod campaign;
 pub mod columns;
+mod continuity;
 pub mod csv;
 mod error;
 mod increments;
@@ -20,6 +21,7 @@ pub mod rows;
 
 pub use campaign::{CampaignCsvReader, CampaignRow};
 pub use columns::Layout;
+pub use continuity::{Continuity, Losses, TimeFault};
 pub use error::RecordingError;
 pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};
 pub use raw::{RawCsvReader, RawCsvWriter, SequenceRule};

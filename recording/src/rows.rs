@@ -1,6 +1,7 @@
 //! Rows as a recorder receives them, and their form in CSV.
 
 use crate::columns::{Column, ColumnKind, INCREMENT, Layout, RAW, RECORDED_NS, load, load_increment};
+use isotherm_shared::sequence::Period;
 use isotherm_shared::stream::StreamKind;
 use isotherm_shared::wire::{Flags, StreamSample};
 use std::io::Write as _;
@@ -38,11 +39,12 @@ impl RecordedRow {
         }
     }
 
-    /// Session and sequence.
-    pub const fn key(&self) -> (u64, u64) {
+    /// Session, sequence and times.
+    #[must_use]
+    pub fn period(&self) -> Period {
         match &self.sample {
-            StreamSample::Raw(raw) => (raw.session, raw.sequence),
-            StreamSample::Increment(increment) => (increment.session, increment.sequence),
+            StreamSample::Raw(raw) => raw.into(),
+            StreamSample::Increment(increment) => increment.into(),
         }
     }
 

@@ -400,7 +400,7 @@ fn a_whole_imu_is_read_in_every_format_and_pieces_in_any_order() {
     for (content, more) in [(&all, &[][..]), (&all.without(lag), &["--lag", "100"]), (&all.without(&["device"]), &[])] {
         let lines: String = [&content.names].into_iter().chain(&content.rows).map(|row| row.join(",") + "\n").collect();
         let variants = variants(&domain, &lines);
-        let replay = [&["replay", "--table", "imu-g.toml"], more].concat();
+        let replay = [&["replay", "--table", "imu-g.toml", "--other-imu"], more].concat();
         assert_alike(&domain, &variants, &replay);
         assert_alike(&domain, &variants, &[&["feed", "--imu", "imu-g"], more].concat());
         let replayed = domain.run_ok(&[&replay[..], &["whole.parquet"]].concat());
@@ -441,7 +441,7 @@ fn the_lag_of_gyroscopes_that_an_imu_does_not_have_is_left_out() {
         ["csv", "parquet", "mcap"].map(|extension| {
             let piece = format!("{name}.{extension}");
             half.write(&domain.path(&piece));
-            domain.run_ok(&["replay", "--table", "imu-g.toml", &piece])
+            domain.run_ok(&["replay", "--table", "imu-g.toml", "--other-imu", &piece])
         })
     };
     let with = replay(&lacking, "with");
@@ -472,7 +472,7 @@ fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
         ("odd.mcap", "message 5: device is not a text of 16 hexadecimal digits"),
     ] {
         odd.write(&domain.path(piece));
-        assert_refused(&domain, &["replay", "--table", "imu-g.toml", piece], 65, cause);
+        assert_refused(&domain, &["replay", "--table", "imu-g.toml", "--other-imu", piece], 65, cause);
     }
 }
 

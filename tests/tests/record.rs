@@ -283,17 +283,19 @@ fn several_imus_and_standard_output() {
     assert_contains(&end(mcap), "imu-b raw: 150 rows of 1 session, 0 missing");
     end(csv);
     end(piped);
-    let of = |imu: &str| domain.run_ok(&["replay", "--table", "imu-a.toml", "--imu", imu, "all.mcap"]);
+    let of = |imu: &str| domain.run_ok(&["replay", "--table", "imu-a.toml", "--other-imu", "--imu", imu, "all.mcap"]);
     for (imu, file) in [("imu-a", "of-imu-a.csv"), ("imu-b", "of-imu-b.csv"), ("imu-b", "out.csv")] {
         assert!(of(imu) == domain.run_ok(&["replay", "--table", "imu-a.toml", file]), "{file}");
     }
-    let other = domain.run(&["replay", "--table", "imu-a.toml", "--imu", "imu-x", "all.mcap"]);
-    assert_eq!(other.status.code(), Some(65));
+    for (imu, code) in [("imu-x", 65), ("imu-b", 78)] {
+        let other = domain.run(&["replay", "--table", "imu-a.toml", "--imu", imu, "all.mcap"]);
+        assert_eq!(other.status.code(), Some(code), "{imu}");
+    }
     // As after a crash in the middle of a line or of a chunk.
     for file in ["out.csv", "all.mcap"] {
         let whole = fs::read(domain.path(file)).unwrap();
         fs::write(domain.path(file), &whole[..whole.len() - 10]).unwrap();
-        let output = domain.run(&["replay", "--table", "imu-a.toml", "--imu", "imu-b", file]);
+        let output = domain.run(&["replay", "--table", "imu-a.toml", "--other-imu", "--imu", "imu-b", file]);
         assert!(output.status.success());
         assert_contains(&text(&output.stderr), "the recording was not ended properly");
     }

@@ -7,6 +7,7 @@ use super::{Allan, MIN_ROWS, TemperatureLine};
 use crate::standstill::{self, StandstillError};
 use core::ops::Range;
 use isotherm_recording::columns::has_values;
+use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::compensate::compensate;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::{ARCSEC, SensorKind};
@@ -158,6 +159,8 @@ pub struct NoiseAnalysis {
     pub interval_s: f64,
     /// The sensors: accelerometers, then gyroscopes where the recording, and the table if there is one, have them.
     pub sensors: Vec<SensorNoise>,
+    /// Rows that are missing by their sequences, and steps of time, in the part of the recording that was asked for.
+    pub losses: Losses,
     /// What is to be known of all sensors, a sentence each.
     pub notes: Vec<String>,
     /// Unit of the telemetry, that of the table; "unit" without one.
@@ -225,6 +228,8 @@ impl NoiseAnalysis {
         let steps_ns = stretch[stretch.len() - 1].timestamp_ns - stretch[0].timestamp_ns;
         let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
         let mut notes = outputs.notes.clone();
+        let continuity: Continuity = candidates.iter().collect();
+        notes.extend(continuity.fault().map(|fault| fault.to_string()));
         let mean_s = stretch.iter().map(|row| row.interval_ns as f64).sum::<f64>() / 1e9 / stretch.len() as f64;
         if (mean_s / interval_s - 1.0).abs() > INTERVAL_TOLERANCE {
             notes.push(format!(
@@ -239,6 +244,7 @@ impl NoiseAnalysis {
             used,
             interval_s,
             sensors: sensors.collect(),
+            losses: continuity.losses(),
             notes,
             temperature_unit: table.map_or_else(|| "unit".to_owned(), |table| table.content().temperature_unit.clone()),
         })

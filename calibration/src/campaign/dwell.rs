@@ -4,7 +4,7 @@
 //! time. Only sums are kept, so that memory does not grow with the sampling rate.
 
 use crate::diagnostics::median;
-use isotherm_recording::CampaignRow;
+use isotherm_recording::{CampaignRow, Continuity, Losses, TimeFault};
 use isotherm_shared::wire::{AXES, RawSample};
 
 /// Sums over rows, of a dwell or of a block.
@@ -130,8 +130,9 @@ pub struct Dwell {
     pub sums: DwellSums,
     /// Its blocks, in order of time.
     pub blocks: Vec<Block>,
-    /// Rows that are missing between the first and the last by their sequences.
-    pub missing_rows: u64,
+    continuity: Continuity,
+    /// Line of the row at which the first fault of time shows.
+    time_fault_line: Option<u64>,
     block_length: f64,
     /// Session, sequence and timestamp of the last row.
     last: Option<(u64, u64, u64)>,
@@ -148,7 +149,8 @@ impl Dwell {
             time_ns: [begin; 2],
             sums: DwellSums::default(),
             blocks: Vec::new(),
-            missing_rows: 0,
+            continuity: Continuity::default(),
+            time_fault_line: None,
             block_length: MIN_BLOCK,
             last: None,
         }
@@ -160,6 +162,9 @@ impl Dwell {
         self.rows += 1;
         self.time_ns[1] = sample.timestamp_ns;
         self.sums.add(sample);
+        if self.continuity.add(sample) {
+            self.time_fault_line = Some(row.line);
+        }
         let seconds = sample.interval_ns as f64 / 1e9;
         let rate = |axis: usize| {
             (f64::from(sample.accelerometers.positive_pulses[axis])
@@ -193,7 +198,6 @@ impl Dwell {
             let sequence_step = sample.sequence - sequence;
             let step_s = sample.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
             block.steps.add(seconds, step_s, sequence_step);
-            self.missing_rows = self.missing_rows.saturating_add(sequence_step - 1);
         }
         for axis in 0..AXES {
             extend(&mut block.head[axis], [sample.accelerometers.head_temperature[axis]; 2]);
@@ -229,6 +233,18 @@ impl Dwell {
         let [interval, step] = steps().fold([0.0; 2], |sum, steps| [sum[0] + steps[0], sum[1] + steps[1]]);
         let (middle, all) = (median(steps().map(|[interval, step]| interval / step)), interval / step);
         if (all - 1.0).abs() < (middle - 1.0).abs() { all } else { middle }
+    }
+
+    /// Rows that are missing between the first and the last by their sequences, and steps of time.
+    #[must_use]
+    pub const fn losses(&self) -> Losses {
+        self.continuity.losses()
+    }
+
+    /// The first fault of time, and the line of the row at which it shows.
+    #[must_use]
+    pub fn time_fault(&self) -> Option<(u64, TimeFault)> {
+        self.time_fault_line.zip(self.continuity.fault())
     }
 
     /// Number of blocks with rows whose sequences are consecutive.

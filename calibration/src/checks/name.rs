@@ -12,6 +12,8 @@ pub const TELEMETRY_CONSTANT: &str = "telemetry-constant";
 pub const INTERVAL: &str = "interval";
 /// Over 1 % of the rows are missing.
 pub const MISSING_ROWS: &str = "missing-rows";
+/// Time is lost, or counted twice, within a dwell or a ramp, without a hole in the sequences.
+pub const TIME_STEP: &str = "time-step";
 /// A dwell is shorter than the others.
 pub const SHORT_DWELL: &str = "short-dwell";
 /// A set point was measured soon after the one before.
@@ -93,13 +95,14 @@ pub const TRANSIENT: &str = "transient";
 pub const RAMP_GYROSCOPES: &str = "ramp-gyroscopes";
 
 /// Every name, and whether a fault of this name can be accepted: those that cannot leave nothing to fit.
-pub const ALL: [(&str, bool); 44] = [
+pub const ALL: [(&str, bool); 45] = [
     (MISSING_POSITION, false),
     (SET_POINTS, false),
     (NO_PULSES, false),
     (TELEMETRY_CONSTANT, false),
     (INTERVAL, true),
     (MISSING_ROWS, true),
+    (TIME_STEP, true),
     (SHORT_DWELL, true),
     (SOAK, true),
     (IMPOSSIBLE_MOTION, true),

@@ -59,11 +59,12 @@ impl Checker<'_> {
     pub(super) fn time(&mut self) {
         let line = self.dwells.first().map(|dwell| dwell.lines[0]);
         let told = self.intervals();
+        self.lost_time();
         let elapsed = |dwell: &Dwell| dwell.time_ns[1].saturating_sub(dwell.time_ns[0]) as f64 / 1e9;
         let ratio = median(self.dwells.iter().map(|dwell| dwell.sums.seconds / elapsed(dwell)));
         let sequences = self.dwells.iter().any(|dwell| dwell.blocks_with_consecutive_rows() > 0);
         let rows: u64 = self.dwells.iter().map(|dwell| dwell.rows).sum();
-        let lost = self.dwells.iter().fold(0_u64, |lost, dwell| lost.saturating_add(dwell.missing_rows));
+        let lost = self.dwells.iter().fold(0_u64, |lost, dwell| lost.saturating_add(dwell.losses().missing));
         let lost = if sequences { lost as f64 / (lost as f64 + rows as f64) } else { 0.0 };
         let mut report = |severity, name, message| {
             self.findings.push(Finding { severity, name, line, place: None, message });
@@ -106,6 +107,20 @@ impl Checker<'_> {
                 self.report_dwell(Severity::Warning, name::SHORT_DWELL, dwell, lines[1], message);
             }
         }
+    }
+
+    /// Time that is lost within a dwell without a hole in the sequences. Between dwells the table turns, and rows may
+    /// be left out.
+    fn lost_time(&mut self) {
+        let faults =
+            self.dwells.iter().enumerate().filter_map(|(dwell, it)| it.time_fault().map(|found| (dwell, found)));
+        let faults: Vec<_> = faults.collect();
+        let Some(&(dwell, (line, fault))) = faults.first() else { return };
+        let others = match faults.len() {
+            1 => String::new(),
+            count => format!("; so it is in {} more dwells", count - 1),
+        };
+        self.report_dwell(Severity::Warning, name::TIME_STEP, dwell, line, format!("{fault}{others}"));
     }
 
     /// The interval against the timestamp's step between consecutive rows. Returns whether there is a fault.

@@ -17,6 +17,7 @@ use crate::transients::{BiasTransient, Condition, Transients};
 use crate::triad::{CalibratedTriad, TriadUnits};
 use crate::verdict::Errors;
 use isotherm_failure::Failure;
+use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use serde_json::{Value, json};
 
@@ -280,6 +281,8 @@ pub fn verification(stability: &Stability, window_s: f64, required: Option<Requi
         "windows_at_attitude": stability.windows.iter().filter(|window| window.counts).count(),
         "windows_left_out": left_out(&stability.windows_left_out),
         "samples_left_out": stability.left_out,
+        "losses": losses(stability.losses),
+        "time_warning": stability.time_fault.map(|fault| fault.to_string()),
         "attitude_stated": stability.stated,
         "specific_force_g0": stability.specific_force,
         "gravity_local_m_s2": stability.gravity_source.value(),
@@ -353,6 +356,11 @@ fn left_out(left_out: &LeftOut) -> Value {
         "by_accelerometers": left_out.by_accelerometers,
         "words": left_out.to_string(),
     })
+}
+
+/// Rows that are missing by their sequences, and steps of time.
+pub(super) fn losses(found: Losses) -> Value {
+    json!({ "missing": found.missing, "gaps": found.gaps, "time_steps": found.time_steps })
 }
 
 /// The hysteresis band of an axis for the static and the full model, or why it is not judged.

@@ -4,6 +4,7 @@
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
+use crate::campaign::Dwell;
 use crate::curve::CONFIDENCE;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::hysteresis::{BINS, band};
@@ -14,6 +15,7 @@ use crate::stability::{AxisStability, Force, GyroscopeStability, LoopBand, Loops
 use crate::transients::Transients;
 use crate::triad::{CalibratedTriad, TriadUnits};
 use crate::verdict::{Errors, Estimate};
+use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use std::fmt::Write as _;
@@ -24,8 +26,10 @@ pub fn calibration(calibration: &Calibration) -> String {
     let triads: Vec<_> = CalibratedTriad::all(calibration).collect();
     let gyroscopes = calibration.gyroscopes.as_ref();
     let turns = gyroscopes.map_or_else(String::new, |found| format!(" and {} turns", found.turns()));
+    let losses = calibration.dwells.iter().map(Dwell::losses).fold(Losses::default(), Losses::and);
+    let losses = within(losses, "the dwells").unwrap_or_default();
     let mut text = format!(
-        "{} dwells{turns} at {} set points, {} fit, digest {}\n\n  curve                       order   95 % interval  leave-one-set-point-out rms    residual sd  why\n",
+        "{} dwells{turns} at {} set points, {} fit, digest {}\n{losses}\n  curve                       order   95 % interval  leave-one-set-point-out rms    residual sd  why\n",
         calibration.dwells.len(),
         calibration.set_points.len(),
         calibration.options.method.name(),
@@ -62,6 +66,11 @@ pub fn calibration(calibration: &Calibration) -> String {
         }
     }
     text
+}
+
+/// The line of what is missing within a recording or its parts, if anything is.
+fn within(losses: Losses, parts: &str) -> Option<String> {
+    (!losses.is_none()).then(|| format!("  within {parts}: {losses}\n"))
 }
 
 /// A calibration from ramps alone in a few lines: what the table does not know, and the transients.
@@ -255,6 +264,7 @@ pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
     if stability.left_out > 0 {
         let _ = writeln!(text, "  {} samples left out: their interval is 0 or over an hour", stability.left_out);
     }
+    text.extend(within(stability.losses, "the recording"));
     let flagged = stability.windows.iter().filter(|window| window.flagged).count();
     if flagged > 0 {
         let _ = writeln!(
@@ -263,7 +273,8 @@ pub fn stability(stability: &Stability, window: f64, aligned: bool) -> String {
         );
     }
     let _ = writeln!(text, "  covered: {}", stability.covered);
-    for warning in stability.interval_warning().into_iter().chain(stability.attitude_warning()) {
+    let time = stability.time_fault.map(|fault| fault.to_string());
+    for warning in time.into_iter().chain(stability.interval_warning()).chain(stability.attitude_warning()) {
         let _ = writeln!(text, "  {warning}");
     }
     text.push_str(&hysteresis(&AXIS_NAMES, &stability.loops, stability.unsettled_s, MICRO_G0, "1e-6 g0"));

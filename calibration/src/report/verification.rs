@@ -78,6 +78,9 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     if let Some([missing, remedy]) = stability.verdict.missing() {
         page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
     }
+    if let Some(fault) = stability.time_fault {
+        page.note(NoteKind::Warning, "Time", &format!("{fault}; {}", stability.losses));
+    }
     if let Some(warning) = stability.interval_warning() {
         page.note(NoteKind::Warning, "Intervals", &warning);
     }

@@ -133,6 +133,8 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             interval_ratio: None,
             gyroscopes: None,
             other_device: 0,
+            losses: Default::default(),
+            time_fault: None,
         }
     };
     let stability = |noise: f64, stated: bool| of(120, noise, stated);

@@ -17,8 +17,8 @@ pub struct Loops {
     pub static_model: Option<[Vec<LoopPoint>; AXES]>,
     /// Of the full model.
     pub full: [Vec<LoopPoint>; AXES],
-    /// Lowest and highest telemetry of the table, by axis.
-    range: [[f64; 2]; AXES],
+    /// Why the temperature of an axis does not change enough, if so.
+    steady: [Option<&'static str>; AXES],
 }
 
 /// The hysteresis band of a bias \[g0 or deg/h\].
@@ -58,10 +58,29 @@ impl Loops {
                     .collect()
             })
         };
+        let steady = [0, 1, 2].map(|axis| {
+            let [low, high] = axes[axis].bias.range();
+            let covers = |used: &dyn Fn(usize) -> bool| {
+                let heads = (0..windows.len()).filter(|index| used(*index)).map(|index| windows[index].head[axis]);
+                let (least, most) =
+                    heads.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), u| (least.min(u), most.max(u)));
+                most - least >= LEAST_RANGE * (high - low)
+            };
+            // The first of these that is missing is the reason.
+            let steps: [(&dyn Fn(usize) -> bool, _); 3] = [
+                (&|_| true, "the temperature hardly changes"),
+                (&|index| windows[index].counts, "the temperature hardly changes in the windows that are judged"),
+                (
+                    &|index| shown.binary_search(&index).is_ok(),
+                    "the temperature hardly changes after the 3 time constants in which the lagged telemetry settles",
+                ),
+            ];
+            steps.into_iter().find(|(used, _)| !covers(used)).map(|(_, why)| why)
+        });
         Self {
             static_model: static_output.map(|outputs| points(&|index| outputs[index])),
             full: points(&|index| windows[index].after),
-            range: axes.each_ref().map(|axis| axis.bias.range()),
+            steady,
         }
     }
 
@@ -71,12 +90,8 @@ impl Loops {
     /// Why it is not judged, in words.
     pub fn band(&self, axis: usize) -> Result<LoopBand, &'static str> {
         let points = &self.full[axis];
-        let telemetry = || points.iter().map(|point| point.telemetry);
-        let covered = telemetry().fold(f64::NEG_INFINITY, f64::max) - telemetry().fold(f64::INFINITY, f64::min);
-        let [low, high] = self.range[axis];
-        // NaN, of no points, is not large enough either.
-        if covered.is_nan() || covered < LEAST_RANGE * (high - low) {
-            return Err("the temperature hardly changes");
+        if let Some(why) = self.steady[axis] {
+            return Err(why);
         }
         let full = band(points).ok_or("only one direction")?;
         let static_model = self.static_model.as_ref().and_then(|points| band(&points[axis]));

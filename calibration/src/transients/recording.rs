@@ -2,7 +2,7 @@
 
 use crate::campaign::implausible;
 use isotherm_recording::columns::has_values;
-use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
+use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
 use isotherm_shared::table::Axis;
 use isotherm_shared::units::SensorKind;
@@ -22,6 +22,7 @@ pub struct RampRecording {
     boards: [Readings; SENSORS],
     has_gyroscopes: bool,
     devices: [u64; 2],
+    continuity: Continuity,
 }
 
 /// Rows without a gap between them.
@@ -73,6 +74,7 @@ impl RampRecording {
             boards: Default::default(),
             has_gyroscopes: false,
             devices: [0; 2],
+            continuity: Continuity::default(),
         }
     }
 
@@ -117,6 +119,11 @@ impl RampRecording {
         (at_ns as f64 / 1e9, gap_ns as f64 / 1e9)
     }
 
+    /// What is missing in it.
+    pub(crate) const fn continuity(&self) -> &Continuity {
+        &self.continuity
+    }
+
     /// What messages call it.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -138,6 +145,7 @@ impl RampRecording {
             ));
         }
         self.previous_ns = Some(raw.timestamp_ns);
+        self.continuity.add(raw);
         self.has_gyroscopes |= has_values(&raw.gyroscopes);
         // 0 is a unit that nobody has named.
         let free = self.devices.iter_mut().find(|known| **known == 0 || **known == raw.device);

@@ -6,8 +6,9 @@ use isotherm_calibration::requirement::Requirement;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
+use isotherm_recording::TimeFault;
 use isotherm_recording::columns::has_values;
-use isotherm_recording_formats::read::ImuChoice;
+use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::table::CoefficientTable;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -96,6 +97,39 @@ pub fn warn_of_other_device(table: &CoefficientTable) {
     let serial = table.content().serial.as_deref().unwrap_or_default().trim();
     let message = "warning: samples of another unit than the table's, which has the serial number";
     tell("isotherm", format_args!("{message} {serial:?}"));
+}
+
+/// Refuses a recording that names another IMU than that of its table, as Parquet and MCAP do. To be called after the
+/// first row.
+///
+/// # Errors
+/// If the names differ, unless `other_imu` allows it.
+pub fn refuse_other_imu(
+    samples: &Samples,
+    recording: &[PathBuf],
+    (table, path): (&CoefficientTable, &Path),
+    other_imu: bool,
+) -> Result<(), Failure> {
+    let of_table = &table.content().imu;
+    let Some(imu) = samples.imu().filter(|imu| !other_imu && *imu != of_table.as_str()) else { return Ok(()) };
+    let (imu, file, table) = (imu.escape_debug(), joined_paths(recording), path.display());
+    let message = format!(
+        "{file}: the recording is of {imu}, and the table {table} of {of_table}; give the table of {imu}, or take it \
+         all the same with --other-imu"
+    );
+    Err(Failure::new(Exit::Config, message).at(path, None))
+}
+
+/// The files of a recording, for messages.
+pub fn joined_paths(recording: &[PathBuf]) -> String {
+    recording.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
+/// Warns of a fault of time in a recording, if there is one.
+pub fn warn_of_time(recording: &[PathBuf], fault: Option<TimeFault>) {
+    if let Some(fault) = fault {
+        tell("isotherm", format_args!("warning: {}: {fault}", joined_paths(recording)));
+    }
 }
 
 /// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.

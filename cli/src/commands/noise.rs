@@ -1,6 +1,6 @@
 //! `noise`: the Allan deviation of a recording at rest.
 
-use super::common::{Refused, choice, inputs, or_document};
+use super::common::{Refused, choice, inputs, joined_paths, or_document, warn_of_time};
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
@@ -13,6 +13,7 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
+use isotherm_recording::Continuity;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use std::path::PathBuf;
 
@@ -85,12 +86,12 @@ impl Noise {
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
         let rows: Vec<RawSample> = samples.collect::<Result<_, _>>()?;
         bar.finish_and_clear();
-        let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
-        let recording = names.join(", ");
+        let recording = joined_paths(&self.recording);
         let spinner = spinner("fitting");
         let analysis = NoiseAnalysis::of(&rows, table.as_ref(), part);
         spinner.finish_and_clear();
         let analysis = analysis.map_err(|error| {
+            warn_of_time(&self.recording, rows.iter().collect::<Continuity>().fault());
             let failure = Failure::new(Exit::Data, format!("{recording}: {error}"));
             if let [file] = self.recording.as_slice() { failure.at(file, None) } else { failure }
         })?;

@@ -7,7 +7,7 @@ use isotherm_client::{Flags, ImuId};
 use isotherm_failure::{Failure, tell};
 use isotherm_files::{Output, WorldWritable, check_written, load_table, refuse_overlap};
 use isotherm_recording::rows::RecordedRow;
-use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
+use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::Samples;
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
@@ -18,7 +18,8 @@ use std::{fmt, io, slice};
 /// Compensate a recording offline, with the very arithmetic of the service
 ///
 /// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu. The last line on
-/// stderr counts the flags.
+/// stderr counts the flags, and where rows are missing or time steps, those too. The flags are those of the service
+/// without delivery.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
@@ -35,6 +36,9 @@ pub struct Replay {
     recording: Vec<PathBuf>,
     #[command(flatten)]
     lag: LagSetting,
+    /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise
+    #[arg(long)]
+    other_imu: bool,
     /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
@@ -49,6 +53,10 @@ impl Replay {
         let choice = super::common::choice(self.imu, &table);
         let mut samples = Samples::open(&self.recording, choice, &ProgressBar::hidden())?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
+        let first = samples.next();
+        if let Some(Ok(_)) = first {
+            super::common::refuse_other_imu(&samples, &self.recording, (&table, &self.table), self.other_imu)?;
+        }
         let path = self.output.as_deref();
         let layout = IncrementLayout { gyroscopes: table.gyroscopes().is_some(), delivery: false };
         let ros = RosTable::new(&table, &self.table);
@@ -58,9 +66,11 @@ impl Replay {
         };
         let mut flags = FlagCounts::default();
         let mut warning = GyroscopeWarning::new(layout.gyroscopes);
-        for sample in samples {
+        let mut continuity = Continuity::default();
+        for sample in first.into_iter().chain(samples) {
             let sample = sample?;
             warning.check(&sample);
+            continuity.add(&sample);
             let increment = answer(Some(&table), &sample);
             flags.add(increment.flags);
             if let Err(error) = writer.write(&sample, &increment) {
@@ -76,7 +86,10 @@ impl Replay {
         if flags.count(Flags::OTHER_DEVICE) > 0 {
             super::common::warn_of_other_device(&table);
         }
-        tell("isotherm", flags);
+        super::common::warn_of_time(&self.recording, continuity.fault());
+        let losses = Some(continuity.losses()).filter(|losses| !losses.is_none());
+        let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();
+        tell("isotherm", format_args!("{flags}{losses}"));
         Ok(())
     }
 }

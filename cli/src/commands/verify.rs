@@ -1,6 +1,9 @@
 //! `verify`: the stability of a recording under a table.
 
-use super::common::{LagSetting, Refused, choice, inputs, joined, or_document, warn_of_other_device};
+use super::common::{
+    LagSetting, Refused, choice, inputs, joined, joined_paths, or_document, refuse_other_imu, warn_of_other_device,
+    warn_of_time,
+};
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
@@ -86,6 +89,9 @@ pub struct Verify {
     /// Judge samples of another unit than the table's too; they are refused otherwise
     #[arg(long)]
     other_device: bool,
+    /// Judge a recording that names another IMU than the table's too (Parquet, MCAP); it is refused otherwise
+    #[arg(long)]
+    other_imu: bool,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
@@ -184,7 +190,11 @@ impl Verify {
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
         let mut keep = self.standstills || by_hand;
-        for sample in samples {
+        let first = samples.next();
+        if let Some(Ok(_)) = first {
+            refuse_other_imu(&samples, &self.recording, (&table, &self.table), self.other_imu)?;
+        }
+        for sample in first.into_iter().chain(samples) {
             let sample = sample?;
             collector.add(&sample);
             if keep {
@@ -193,8 +203,8 @@ impl Verify {
             }
         }
         bar.finish_and_clear();
-        let names: Vec<_> = self.recording.iter().map(|path| path.display().to_string()).collect();
-        let recording = names.join(", ");
+        let recording = joined_paths(&self.recording);
+        warn_of_time(&self.recording, collector.continuity().fault());
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
             return self.show_lengths(&table, &lengths, recording, page, require);
         }

@@ -169,7 +169,7 @@ impl Recorder {
             let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
             self.first_row.get_or_insert_with(Instant::now);
             let row = RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample };
-            if self.counts[row.imu].take(row.stream(), row.key()) && !self.write(row)? {
+            if self.counts[row.imu].take(row.stream(), row.period()) && !self.write(row)? {
                 return Ok(true);
             }
         }
@@ -288,11 +288,19 @@ impl Recorder {
                 (_, StreamKind::Raw) => format!(", {late} too late and left out"),
                 (_, StreamKind::Increment) => format!(", {late} behind a later one"),
             };
-            let name = stream.name();
+            let continuity = self.counts[imu].continuity(stream);
+            let steps = match continuity.losses().time_steps {
+                0 => String::new(),
+                1 => ", 1 time step".to_owned(),
+                steps => format!(", {steps} time steps"),
+            };
+            let (imu, name) = (&self.imus[imu], stream.name());
             print_message(&format!(
-                "{} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}",
-                self.imus[imu]
+                "{imu} {name}: {rows} rows of {sessions}, {missing} missing, {repeats} repeats{late}{steps}"
             ));
+            if let Some(fault) = continuity.fault() {
+                print_message(&format!("warning: {imu} {name}: {fault}"));
+            }
         }
         if overflow > 0 {
             print_message(&format!(

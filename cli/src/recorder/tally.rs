@@ -1,5 +1,7 @@
 //! Counts of what has been recorded of an IMU's streams, and of what is missing.
 
+use isotherm_recording::Continuity;
+use isotherm_shared::sequence::Period;
 use isotherm_shared::stream::{RAW_DEPTH, StreamKind};
 use std::collections::VecDeque;
 
@@ -24,6 +26,7 @@ pub struct Tally {
 #[derive(Clone, Debug, Default)]
 pub struct StreamCounts {
     tallies: [Tally; 2],
+    continuity: [Continuity; 2],
     ends: VecDeque<(u64, Ends)>,
 }
 
@@ -33,7 +36,8 @@ type Ends = [Option<(u64, u64)>; 2];
 impl StreamCounts {
     /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a later one
     /// is not written, because `feed` needs rising sequences. An increment that comes after a later one is written.
-    pub fn take(&mut self, stream: StreamKind, (session, sequence): (u64, u64)) -> bool {
+    pub fn take(&mut self, stream: StreamKind, row: Period) -> bool {
+        let Period { session, sequence, .. } = row;
         self.extend(stream, session, sequence);
         let tally = &mut self.tallies[stream as usize];
         match tally.last {
@@ -52,8 +56,14 @@ impl StreamCounts {
             _ => tally.sessions += 1,
         }
         tally.last = Some((session, sequence));
+        self.continuity[stream as usize].add(row);
         tally.rows += 1;
         true
+    }
+
+    /// What the times of a stream's rows say, of those that came in order.
+    pub const fn continuity(&self, stream: StreamKind) -> &Continuity {
+        &self.continuity[stream as usize]
     }
 
     /// The counts of a stream so far.
@@ -114,9 +124,13 @@ mod tests {
         (rows, sessions, missing, late)
     }
 
+    fn row(session: u64, sequence: u64) -> Period {
+        Period { session, sequence, ..Period::default() }
+    }
+
     fn take_all(counts: &mut StreamCounts, stream: StreamKind, session: u64, sequences: impl Iterator<Item = u64>) {
         for sequence in sequences {
-            counts.take(stream, (session, sequence));
+            counts.take(stream, row(session, sequence));
         }
     }
 
@@ -125,10 +139,14 @@ mod tests {
         let mut counts = StreamCounts::default();
         for stream in StreamKind::BOTH {
             for sequence in [5, 6, 9] {
-                assert!(counts.take(stream, (1, sequence)));
+                assert!(counts.take(stream, row(1, sequence)));
             }
-            assert_eq!(counts.take(stream, (1, 7)), stream == Increment);
-            assert!(counts.take(stream, (2, u64::MAX)) && counts.take(stream, (3, 0)) && counts.take(stream, (3, 1)));
+            assert_eq!(counts.take(stream, row(1, 7)), stream == Increment);
+            assert!(
+                counts.take(stream, row(2, u64::MAX))
+                    && counts.take(stream, row(3, 0))
+                    && counts.take(stream, row(3, 1))
+            );
         }
         assert_eq!(totals(&counts, Raw), (6, 3, 2, 1));
         assert_eq!(totals(&counts, Increment), (7, 3, 1, 1));
@@ -137,12 +155,23 @@ mod tests {
     }
 
     #[test]
+    fn time_steps_are_those_of_rows_in_order() {
+        let mut counts = StreamCounts::default();
+        for (sequence, timestamp_ns) in [(1, 10), (2, 20), (3, 60), (5, 100), (4, 70), (6, 110), (7, 0), (8, 900)] {
+            counts.take(Increment, Period { session: 1, sequence, timestamp_ns, interval_ns: 10 });
+        }
+        let losses = counts.continuity(Increment).losses();
+        assert_eq!((losses.time_steps, counts.tally(Increment).missing, counts.tally(Increment).late), (1, 0, 1));
+        assert!(counts.continuity(Raw).losses().is_none());
+    }
+
+    #[test]
     fn losses_at_the_ends_of_a_session_are_found_in_the_other_stream() {
         let mut counts = StreamCounts::default();
         take_all(&mut counts, Raw, 1, 0..10);
         take_all(&mut counts, Increment, 1, 5..30);
         take_all(&mut counts, Raw, 2, 8..12);
-        counts.take(Raw, (3, 0));
+        counts.take(Raw, row(3, 0));
         assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (0, 0));
         counts.count_missing_at_ends();
         assert_eq!((counts.tally(Raw).missing, counts.tally(Increment).missing), (20, 4));
@@ -171,8 +200,8 @@ mod tests {
         let mut counts = StreamCounts::default();
         for session in 0..1000 {
             for sequence in [0, u64::MAX] {
-                assert!(counts.take(Raw, (session, sequence)));
-                counts.take(Increment, (session ^ 1, sequence));
+                assert!(counts.take(Raw, row(session, sequence)));
+                counts.take(Increment, row(session ^ 1, sequence));
             }
         }
         counts.count_missing_at_ends();

@@ -232,6 +232,8 @@ impl Model {
             condition("no samples", warning)
         } else if rises(|imu| imu.missing) {
             condition("losing samples", bad)
+        } else if rises(|imu| imu.flagged.get("time-step").copied().unwrap_or(0)) {
+            condition("time steps", bad)
         } else if Thermometer::all_of(imu).any(|place| place.fraction().is_none_or(|part| !(0.0..=1.0).contains(&part)))
         {
             condition("out of range", bad)

@@ -323,6 +323,7 @@ fn every_condition_is_shown() {
         &state(|status| _ = status.imus[0].flagged.insert("late".to_owned(), 5)),
         &["late", "flags     late 5 (5.0/s)"],
     );
+    has(&state(|status| _ = status.imus[0].flagged.insert("time-step".to_owned(), 5)), &["time steps", "time-step 5"]);
     has(&state(|status| _ = status.imus[0].flagged.insert("a1-rate".to_owned(), 5)), &["flagged", "a1-rate 5"]);
     let without = state(|status| {
         status.imus[0].table = None;

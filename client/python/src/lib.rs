@@ -43,7 +43,8 @@ mod _isotherm {
     use crate::noise::{noise, noise_of_rates};
     #[pymodule_export]
     use crate::offline::{
-        Stability, read_increments, read_recording, regress, replay, verify, write_increments, write_recording,
+        Stability, read_increments, read_recording, regress, replay, time_warning, verify, write_increments,
+        write_recording,
     };
     #[pymodule_export]
     use crate::reader::IncrementReader;

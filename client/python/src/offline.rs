@@ -12,11 +12,12 @@ use isotherm_calibration::requirement::Requirement;
 use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability as Figures};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
-    ANGLE_CSV_COLUMNS, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader, RawCsvWriter,
-    RecordingError,
+    ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
+    RawCsvWriter, RecordingError,
 };
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
+use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
@@ -45,6 +46,14 @@ pub fn replay<'py>(
     });
     drop(writable);
     Ok(out)
+}
+
+/// What the commands warn of where time is lost in these samples; `None` if time is whole.
+#[pyfunction]
+pub fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Option<String>> {
+    let samples = samples.as_slice()?;
+    let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
+    Ok(py.detach(|| rows.collect::<Continuity>().fault()).map(|fault| fault.to_string()))
 }
 
 /// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the commands do for a recording
@@ -321,6 +330,11 @@ impl Stability {
     #[getter]
     fn warning(&self) -> Option<String> {
         self.figures.nothing_claimed()
+    }
+
+    #[getter]
+    fn time_warning(&self) -> Option<String> {
+        self.figures.time_fault.map(|fault| fault.to_string())
     }
 
     /// The document of `isotherm verify --json`.

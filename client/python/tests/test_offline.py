@@ -46,7 +46,8 @@ def test_records_and_flags_are_those_of_the_wire() -> None:
         "flags": 88, "latency_ns": 96,
     }  # fmt: skip
     assert [(int(flag).bit_length() - 1, name) for flag in isotherm.Flags for name in isotherm.flag_names(flag)] == _isotherm.FLAGS
-    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 26) == []
+    assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 27) == []
+    assert isotherm.flag_names(1 << 26) == ["time-step"]
     assert isotherm.flag_names(isotherm.Flags.GAP | isotherm.Flags.A3_RATE | isotherm.Flags.G1_RATE) == ["a3-rate", "gap", "g1-rate"]
     # They go with arrays of every integer type.
     for dtype in (np.uint64, np.int64, object):

@@ -4,6 +4,7 @@
 
 use crate::{SAMPLE, checked, sample};
 use isotherm_shared::protocol::{Arrival, SequenceTracker};
+use isotherm_shared::sequence::Period;
 use isotherm_shared::table::{CoefficientTable, OutOfRange};
 use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 use std::sync::LazyLock;
@@ -31,7 +32,7 @@ pub fn run(bytes: &[u8]) {
     let samples: Vec<_> = chunks.iter().map(sample).collect();
     let mut tracker = SequenceTracker::default();
     // The session, and its sequence numbers so far.
-    let (mut session, mut sequences) = (None, Vec::new());
+    let (mut session, mut sequences) = (None, Vec::<u64>::new());
     let (mut missing, mut new) = (0_u128, 0_u128);
     for raw in &samples {
         for table in TABLES.iter().map(Some).chain([None]) {
@@ -40,10 +41,14 @@ pub fn run(bytes: &[u8]) {
         if session != Some(raw.session) {
             (session, sequences, missing, new) = (Some(raw.session), Vec::new(), 0, 0);
         }
-        let arrival = tracker.note(raw.session, raw.sequence);
+        let arrival = tracker.note(Period::from(raw));
         let repeated = sequences.iter().any(|sequence| *sequence >= raw.sequence);
-        assert_eq!(arrival, Arrival { missing: arrival.missing, repeated, begins: sequences.is_empty() });
-        assert!(!repeated || arrival.missing == 0);
+        let Arrival { missing: before, time_step, .. } = arrival;
+        assert_eq!(arrival, Arrival { missing: before, repeated, begins: sequences.is_empty(), time_step });
+        assert!(!repeated || before == 0);
+        // Only the next sample of a session can have one.
+        let is_next = sequences.iter().max().and_then(|highest| highest.checked_add(1)) == Some(raw.sequence);
+        assert!(!time_step || is_next && raw.timestamp_ns != 0);
         sequences.push(raw.sequence);
         missing += u128::from(arrival.missing);
         new += u128::from(!repeated);

@@ -16,6 +16,7 @@ use isotherm_client::{Clock, Rehearsal, RehearsalStreams, publish, receive, subs
 use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::protocol::{Arrival, SequenceTracker, queue_depth};
+use isotherm_shared::sequence::Period;
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
@@ -183,7 +184,7 @@ impl Channel {
         self.raw = *sample;
         core::hint::black_box(&mut self.raw);
         let since = if self.raw.sent_ns == 0 { clock.now() } else { self.raw.sent_ns };
-        let arrival = self.sequence.note(self.raw.session, self.raw.sequence);
+        let arrival = self.sequence.note(Period::from(&self.raw));
 
         let increment = loan.payload_mut();
         compute(self.table.as_deref(), &self.raw, increment);

@@ -1,15 +1,16 @@
 //! The service's part of the protocol: whether the samples of a session come in order, and what the increment says about it.
 //! Every session number and sequence number is valid.
 
+use crate::sequence::{Period, rises, time_step};
 use crate::wire::Flags;
 
-/// The session of the last sample, and the highest sequence number of that session.
+/// Of the last sample's session, the sample with the highest sequence number.
 #[derive(Clone, Copy, Debug, Default, Eq, Hash, PartialEq)]
 pub struct SequenceTracker {
-    last: Option<(u64, u64)>,
+    last: Option<Period>,
 }
 
-/// What session and sequence number say about a sample.
+/// What session, sequence number and times say about a sample.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Arrival {
     /// Samples of its session that are missing before it.
@@ -18,21 +19,24 @@ pub struct Arrival {
     pub repeated: bool,
     /// It is the first of its session.
     pub begins: bool,
+    /// None is missing before it, but its time is not one interval after that of the sample before: [`time_step`].
+    pub time_step: bool,
 }
 
 impl SequenceTracker {
-    /// Notes session and sequence number of the next sample.
+    /// Notes the next sample. A repeat changes nothing.
     #[inline]
-    pub fn note(&mut self, session: u64, sequence: u64) -> Arrival {
-        let (arrival, highest) = match self.last {
-            Some((known, highest)) if known == session => {
-                let missing = sequence.saturating_sub(highest).saturating_sub(1);
-                (Arrival { missing, repeated: sequence <= highest, begins: false }, highest.max(sequence))
-            }
-            _ => (Arrival { begins: true, ..Arrival::default() }, sequence),
+    pub fn note(&mut self, sample: Period) -> Arrival {
+        let Some(last) = self.last.filter(|last| last.session == sample.session) else {
+            self.last = Some(sample);
+            return Arrival { begins: true, ..Arrival::default() };
         };
-        self.last = Some((session, highest));
-        arrival
+        if !rises(Some(last.sequence), sample.sequence) {
+            return Arrival { repeated: true, ..Arrival::default() };
+        }
+        self.last = Some(sample);
+        let missing = sample.sequence - last.sequence - 1;
+        Arrival { missing, time_step: time_step(last, sample), ..Arrival::default() }
     }
 }
 
@@ -43,7 +47,8 @@ impl Arrival {
     pub const fn flags(self, latency_ns: u64, budget_ns: u64) -> Flags {
         let gap = if self.missing > 0 { Flags::GAP.0 } else { 0 };
         let late = if latency_ns > budget_ns { Flags::LATE.0 } else { 0 };
-        Flags(gap | late)
+        let time_step = if self.time_step { Flags::TIME_STEP.0 } else { 0 };
+        Flags(gap | late | time_step)
     }
 }
 
@@ -55,7 +60,9 @@ mod tests {
     fn flags_of_gaps_and_late_answers() {
         let gap = Arrival { missing: 1, ..Arrival::default() };
         let repeat = Arrival { repeated: true, ..Arrival::default() };
-        assert_eq!([gap.flags(10, 10), gap.flags(11, 10)], [Flags::GAP, Flags::DELIVERY]);
+        let step = Arrival { time_step: true, ..Arrival::default() };
+        assert_eq!([step.flags(10, 10), step.flags(11, 10)], [Flags::TIME_STEP, Flags::TIME_STEP | Flags::LATE]);
+        assert_eq!([gap.flags(10, 10), gap.flags(11, 10)], [Flags::GAP, Flags::GAP | Flags::LATE]);
         assert_eq!([repeat.flags(10, 10), repeat.flags(11, 10)], [Flags(0), Flags::LATE]);
     }
 
@@ -76,6 +83,21 @@ mod tests {
             Arrival { missing: u64::MAX - 1, ..plain },
             repeated,
         ];
-        assert_eq!(arrivals.map(|(session, sequence)| tracker.note(session, sequence)), expected);
+        assert_eq!(arrivals.map(|(session, sequence)| tracker.note(at(session, sequence, 0))), expected);
+    }
+
+    fn at(session: u64, sequence: u64, timestamp_ns: u64) -> Period {
+        Period { session, sequence, timestamp_ns, interval_ns: 10 }
+    }
+
+    #[test]
+    fn a_time_step_is_one_against_the_highest_sequence_of_the_session() {
+        let mut tracker = SequenceTracker::default();
+        let mut steps = |session, sequence, timestamp_ns| tracker.note(at(session, sequence, timestamp_ns)).time_step;
+        assert!(!steps(1, 5, 100) && !steps(1, 6, 110) && steps(1, 7, 140), "30 ns for a period of 10 ns");
+        // A repeat has none, and is not what the next sample is compared with.
+        assert!(!steps(1, 7, 170) && !steps(1, 6, 110) && !steps(1, 8, 150));
+        // Nor has a sample after a gap, the first of a session, or one without a timestamp on either side.
+        assert!(!steps(1, 10, 900) && !steps(2, 11, 5) && !steps(2, 12, 0) && !steps(2, 13, 900) && steps(2, 14, 900));
     }
 }

@@ -7,6 +7,7 @@
 //! Over 400 lines: every step works on the same state.
 
 use super::{AcquisitionState, ReaderState, Refusal, Resend, SequenceTracker};
+use crate::sequence::Period;
 use std::collections::VecDeque;
 use std::hash::{Hash, Hasher};
 
@@ -572,7 +573,7 @@ impl World {
         let Some(sample) = self.raw.pop_front() else { return Ok(None) };
         let Key { session, sequence, .. } = sample;
         let noted = if self.mutation == Some(Mutation::OneSession) { 0 } else { u64::from(session) };
-        let arrival = self.tracker.note(noted, u64::from(sequence));
+        let arrival = self.tracker.note(Period { session: noted, sequence: u64::from(sequence), ..Period::default() });
         for missing in (1..=arrival.missing).map(|back| sequence - back as u8) {
             if !self.missing.contains(session, missing) && !self.told.contains(session, missing) {
                 return Err(format!("a false gap before {sequence}: {missing} is not missing"));

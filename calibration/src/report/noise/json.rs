@@ -3,6 +3,7 @@
 use crate::allan::{
     Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
 };
+use crate::report::json::losses;
 use core::f64::consts::SQRT_2;
 use serde_json::{Value, json};
 
@@ -17,6 +18,7 @@ pub fn document(analysis: &NoiseAnalysis) -> Value {
         "from_s": analysis.used_s[0],
         "to_s": analysis.used_s[1],
         "interval_s": analysis.interval_s,
+        "losses": losses(analysis.losses),
         "sensors": analysis.sensors.iter().map(|each| sensor(each, &analysis.temperature_unit)).collect::<Vec<_>>(),
         "warnings": analysis.warnings(),
     })

@@ -26,6 +26,9 @@ pub(in crate::report) fn rows(analysis: &NoiseAnalysis) -> String {
         analysis.rows,
         analysis.interval_s
     );
+    if !analysis.losses.is_none() {
+        text += &format!("\nin the recording: {}", analysis.losses);
+    }
     for note in &analysis.notes {
         text += &format!("\n{note}");
     }

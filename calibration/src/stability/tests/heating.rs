@@ -165,6 +165,43 @@ fn one_direction_is_not_judged_and_neither_is_one_temperature() {
     }
 }
 
+/// The reason must be the true one where the temperature changes, and what shows it is left out.
+#[test]
+fn what_is_left_out_is_no_steady_temperature() {
+    let table = truth(Some(TAU_S)).table;
+    // 11 minutes of heating by 7 degC, over 0.2 V, in a session of their own: 3 time constants are 12 minutes.
+    let mut lag = Lag::new(table.lag_ns());
+    let filled = |mut raw: RawSample| {
+        lag.follow(&raw);
+        lag.fill(&mut raw);
+        raw
+    };
+    let heating: Vec<_> = samples(&schedule(1), 0)[3000..3660].iter().copied().map(filled).collect();
+    let found = verified(&table, &heating);
+    let heads = found.windows.iter().map(|window| window.head[0]);
+    let (low, high) = heads.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
+    assert!(high - low > 0.2, "{low} {high}");
+    let why = "the temperature hardly changes after the 3 time constants in which the lagged telemetry settles";
+    assert_eq!(found.loops.band(0), Err(why));
+    // A run that warms only while the IMU is at another attitude, on its side.
+    let mut moved = samples(&schedule(2), table.lag_ns());
+    let third = moved.len() / 3;
+    for raw in &mut moved[..third] {
+        raw.accelerometers.positive_pulses.rotate_left(1);
+        raw.accelerometers.negative_pulses.rotate_left(1);
+    }
+    let steady = moved[third].accelerometers;
+    for raw in &mut moved[third..] {
+        raw.accelerometers.head_temperature = steady.head_temperature;
+        raw.accelerometers.head_lagged = steady.head_temperature;
+    }
+    let mut collector = Collector::new(&table, 10.0);
+    moved.iter().for_each(|raw| collector.add(raw));
+    let found = collector.finish(&Setup::new(None, LocalGravity::Unknown)).unwrap();
+    assert!(found.windows_left_out.count() >= third / 10 - 1, "{}", found.windows_left_out);
+    assert_eq!(found.loops.band(0), Err("the temperature hardly changes in the windows that are judged"));
+}
+
 /// An IMU that does not begin soaked: at the start of a recording its filter does, and later it does not matter any more.
 #[test]
 fn the_start_counts_only_where_the_lag_was_kept() {

@@ -49,6 +49,7 @@ __all__ = [
     "regress",
     "replay",
     "samples_of",
+    "time_warning",
     "verify",
     "write_increments",
     "write_recording",
@@ -453,6 +454,9 @@ class Stability:
     def warning(self) -> str | None:
         """Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left out. Else None."""
     @property
+    def time_warning(self) -> str | None:
+        """Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has the counts."""
+    @property
     def verdict(self) -> dict[str, Any]:
         """The errors that the run allows to be claimed: the document of `isotherm verify --json`, without a requirement.
 
@@ -562,6 +566,7 @@ def device(serial: str) -> int:
 def read_text(path: _Path) -> str: ...
 def samples_of(text: str, name: str, imu: str | None) -> list[str] | None: ...
 def replay(table: Table, samples: _Bytes) -> _Bytes: ...
+def time_warning(samples: _Bytes) -> str | None: ...
 def read_recording(path: _Path) -> _Bytes: ...
 def read_increments(path: _Path) -> _Bytes: ...
 def write_recording(path: _Path, samples: _Bytes) -> None: ...

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
@@ -37,10 +38,16 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
 
     An array gives an array of the same shape. A data frame with the columns of a recording gives one with the columns of
     recorded increments and the same index. If the table has a lag and no sample has a `lag_ns`, the lagged telemetry is computed from
-    the samples, in their order; each session begins soaked. Otherwise the order of the samples does not matter.
+    the samples, in their order; each session begins soaked. Otherwise the order of the samples does not matter for the increments.
+
+    As the command, it warns where time is lost from sample to sample without a hole in `sequence`. An array names no IMU.
     """
     array = records(samples, RAW_SAMPLE)
-    increments = _isotherm.replay(table, as_bytes(array)).view(INCREMENT)
+    data = as_bytes(array)
+    warning = _isotherm.time_warning(data)
+    if warning is not None:
+        warnings.warn(warning, stacklevel=2)
+    increments = _isotherm.replay(table, data).view(INCREMENT)
     if is_frame(samples):
         return increments_frame(increments, samples.index, table.gyroscopes is not None)  # type: ignore[union-attr]
     return increments.reshape(array.shape)

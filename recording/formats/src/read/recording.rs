@@ -246,6 +246,12 @@ impl Samples {
     pub const fn set_lag(&mut self, lag_ns: u64) {
         self.0.set_lag(lag_ns);
     }
+
+    /// The IMU of the rows, where the recording names it: Parquet and MCAP. Valid after the first row.
+    #[must_use]
+    pub fn imu(&self) -> Option<&str> {
+        self.0.current.source.imu()
+    }
 }
 
 impl Iterator for Samples {

@@ -123,7 +123,7 @@ impl McapFile {
         protobuf::encode(row, layout, &mut self.message);
         let header = MessageHeader {
             channel_id: stream.channel,
-            sequence: row.key().1 as u32,
+            sequence: row.period().sequence as u32,
             log_time: row.recorded_ns,
             publish_time: row.timestamp_ns(),
         };
