@@ -243,6 +243,7 @@ pub fn calibrate(
         ));
     }
     warnings.extend(kelvin(campaign, &readings));
+    warnings.extend(table.content().unlike_scale_factors());
     let gaps = recordings
         .iter()
         .map(|recording| standstill::stretches(&recording.rows).len().saturating_sub(1))

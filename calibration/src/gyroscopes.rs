@@ -88,6 +88,11 @@ pub fn calibrate(
     if !ramps.is_empty() {
         add_transients(campaign, &mut calibration, &ramps)?;
     }
+    let Calibration { options, accepted, findings, table, .. } = &mut calibration;
+    let unlike = table.content().unlike_scale_factors().into_iter();
+    let unlike = unlike.map(|message| Finding::whole(Severity::Warning, name::AXES_DIFFER, message)).collect();
+    // It causes others, and they do not cause it.
+    findings.splice(0..0, admit(unlike, options, accepted)?);
     Ok(calibration)
 }
 

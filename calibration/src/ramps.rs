@@ -295,6 +295,8 @@ fn warnings(ramps: &[RampRecording], table: &CoefficientTable, found: &Transient
         let (losses, fault) = (ramp.continuity().losses(), ramp.continuity().fault()?);
         Some(warning(name::TIME_STEP, format!("{}: {fault}; in all {losses}", ramp.name())))
     }));
+    let unlike = table.content().unlike_scale_factors().into_iter();
+    all.extend(unlike.map(|message| warning(name::AXES_DIFFER, message)));
     let without = ramps.iter().find(|ramp| !ramp.has_gyroscopes());
     let message = match (&table.content().gyroscopes, without) {
         (Some(_), Some(ramp)) => {

@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 pub const DOMAIN_VARIABLE: &str = "ISOTHERM_DOMAIN";
 /// Environment variable that names the parent of the domains' folders.
 pub const ROOT_VARIABLE: &str = "ISOTHERM_ROOT";
+/// Environment variable that names the folder in which services keep the tables in force.
+pub const STATE_VARIABLE: &str = "ISOTHERM_STATE";
 /// Parent of the domains' folders if it exists, as on an installed system.
 const SYSTEM_ROOT: &str = "/run/isotherm";
 

@@ -78,7 +78,10 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
 
 /// Creates the domain's folder if necessary, and checks that it is this user's, is writable and has space for the small files of
 /// streams and processes.
-pub(crate) fn prepare(domain: &Domain) -> Result<(), ConnectError> {
+///
+/// # Errors
+/// [`ConnectError::Permission`], [`ConnectError::Transport`] or [`ConnectError::Exhausted`].
+pub fn prepare(domain: &Domain) -> Result<(), ConnectError> {
     const ROOM: u64 = 64 << 10;
     const FILES: u64 = 64;
     let root = domain.root_path();

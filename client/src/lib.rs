@@ -77,17 +77,18 @@ pub use acquisition::Acquisition;
 pub use clock::{Clock, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
 pub use connect::{
-    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, check_domain, domain, join, join_existing, sweep_half_created,
+    DOMAIN_VARIABLE, Options, ROOT_VARIABLE, STATE_VARIABLE, check_domain, domain, join, join_existing,
+    sweep_half_created,
 };
 pub use error::ConnectError;
-pub use folder::check_owner;
+pub use folder::{check_owner, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::stream::{Domain, DomainError, ImuId};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
 pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
-pub use objects::{OwnFile, domain_files, foreign_object, own_files};
+pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files};
 pub use peers::{payload_of, publisher_of, subscribers_of};
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader, Streamed};

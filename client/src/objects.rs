@@ -7,7 +7,7 @@ use crate::error::ConnectError;
 use isotherm_shared::stream::Domain;
 use rustix::fs::OFlags;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
-use std::io;
+use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -137,6 +137,52 @@ fn memory_name(stream: &Path) -> Option<String> {
         |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(" = ")?.parse::<u64>().ok());
     let number = (u128::from(half("unique_value")?) << 64) | u128::from(half("payload_value")?);
     Some(format!("_{number}.dynamic"))
+}
+
+/// A small file in the folder of a domain, which outlives the processes of the domain: by it one process tells another that may be away.
+#[derive(Debug)]
+pub struct Note {
+    folder: PathBuf,
+    name: String,
+}
+
+impl Note {
+    /// More than a note has \[bytes\].
+    const MAX_BYTES: u64 = 4096;
+
+    /// The note of this name.
+    #[must_use]
+    pub fn new(domain: &Domain, name: &str) -> Self {
+        Self { folder: domain.root_path().into(), name: format!("{}{name}", domain.prefix()) }
+    }
+
+    /// What is in it; `None` if it is not there, or is not this user's.
+    #[must_use]
+    pub fn read(&self) -> Option<Vec<u8>> {
+        let path = self.folder.join(&self.name);
+        let own = own_files(&self.folder, &self.name).find(|file| file.path == path)?;
+        let mut text = Vec::new();
+        File::open(own.path).ok()?.take(Self::MAX_BYTES).read_to_end(&mut text).ok()?;
+        Some(text)
+    }
+
+    /// Writes it. A crash leaves the old one or the new one.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn write(&self, text: &[u8]) -> io::Result<()> {
+        let path = self.folder.join(&self.name);
+        let staged = self.folder.join(format!("{}.{}", self.name, std::process::id()));
+        let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&staged)?;
+        file.set_permissions(Permissions::from_mode(0o600))?;
+        file.write_all(text)?;
+        fs::rename(staged, path)
+    }
+
+    /// Removes it; there may be none.
+    pub fn remove(&self) {
+        let _ = fs::remove_file(self.folder.join(&self.name));
+    }
 }
 
 /// This user's files of `domain` in shared memory, then in the domain's folder.

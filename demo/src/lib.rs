@@ -7,7 +7,7 @@ mod imu;
 use acquisition::{MeanStability, Message, RunOutcome};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use isotherm_client::{Domain, ImuId, Options, fetch_status};
+use isotherm_client::{Domain, ImuId, Options, STATE_VARIABLE, fetch_status};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{StagedText, print};
 use isotherm_service::clean::clean;
@@ -102,7 +102,9 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
         Ok(command)
     };
     let log_file = File::create(&log).map_err(io("creating the service's log"))?;
-    let serve = isotherm(&["serve", "--imu", &format!("{imu}={}", table.display())])?.stderr(log_file).spawn();
+    let mut serve = isotherm(&["serve", "--imu", &format!("{imu}={}", table.display())])?;
+    // Nothing of the demonstration stays.
+    let serve = serve.env(STATE_VARIABLE, folder.path()).stderr(log_file).spawn();
     let mut service = ChildProcess(serve.map_err(io("starting the service"))?);
     let feed = isotherm(&["demo", "--acquisition"])?.stdout(Stdio::piped()).spawn();
     let mut acquisition = ChildProcess(feed.map_err(io("starting the acquisition"))?);

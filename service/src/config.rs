@@ -3,6 +3,7 @@
 use isotherm_files::{LoadError, WorldWritable, read_text};
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::stream::{ImuId, RAW_DEPTH};
+use isotherm_shared::table::difference::{Limit, MaxChange};
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -39,7 +40,7 @@ impl Strategy {
 }
 
 /// The configuration of one IMU.
-#[derive(Clone, Debug, Eq, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Imu {
     /// Its name.
     pub id: ImuId,
@@ -49,12 +50,14 @@ pub struct Imu {
     pub depth: usize,
     /// The worker thread that serves it, from 0.
     pub worker: usize,
+    /// By how much a new table may differ from the one before.
+    pub max_change: MaxChange,
 }
 
 impl Imu {
-    /// An IMU with the default depth and worker.
-    pub const fn new(id: ImuId, table: PathBuf) -> Self {
-        Self { id, table, depth: RAW_DEPTH, worker: 0 }
+    /// An IMU with the default depth, worker and limits.
+    pub fn new(id: ImuId, table: PathBuf) -> Self {
+        Self { id, table, depth: RAW_DEPTH, worker: 0, max_change: MaxChange::default() }
     }
 }
 
@@ -148,8 +151,36 @@ fn cores_fault(config: &Config) -> Option<String> {
     }
 }
 
+/// The limits of `max_change` in a section; those that are not given are as in `others`.
+fn max_change(section: &Section<'_, '_>, others: MaxChange) -> MaxChange {
+    let mut limits = others;
+    let Some(given) = section.optional_section("max_change") else { return limits };
+    let all = [
+        (Limit::Bias, &mut limits.bias),
+        (Limit::Scale, &mut limits.scale),
+        (Limit::Rate, &mut limits.rate),
+        (Limit::Alignment, &mut limits.alignment),
+    ];
+    for (limit, value) in all {
+        let bound = limit.bound();
+        let read = given.optional_string(bound.name).map(|text| bound.parse(text, "give a number with a unit"));
+        match read {
+            Some(Ok(number)) => *value = number,
+            Some(Err(fault)) => given.fault(bound.name, fault),
+            None => {}
+        }
+    }
+    given.finish();
+    limits
+}
+
 fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
     let mut config = Config::default();
+    let mut limits = MaxChange::default();
+    if let Some(reload) = root.optional_section("reload") {
+        limits = max_change(&reload, limits);
+        reload.finish();
+    }
     let sections = root.list("imu");
     if sections.is_empty() || sections.len() > MAX_IMUS {
         root.fault(
@@ -169,8 +200,10 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         }
         let depth = section.optional_integer("depth", 1..=RAW_DEPTH as i64).map_or(RAW_DEPTH, |depth| depth as usize);
         let worker = section.optional_integer("worker", 0..=MAX_IMUS as i64 - 1).map_or(0, |worker| worker as usize);
+        let max_change = max_change(&section, limits);
         section.finish();
-        config.imus.extend(id.zip(table).map(|(id, table)| Imu { id, table: folder.join(table), depth, worker }));
+        let imu = |(id, table)| Imu { id, table: folder.join(table), depth, worker, max_change };
+        config.imus.extend(id.zip(table).map(imu));
     }
     let idle = (0..config.workers()).find(|worker| config.imus.iter().all(|imu| imu.worker != *worker));
     root.refuse("imu", idle.map(|idle| format!("worker {idle} has none; number the workers from 0 without holes")));
@@ -227,6 +260,9 @@ mod tests {
             table = "/absolute.toml"
             depth = 2
             worker = 1
+            max_change = { scale = "2%", rate = "5deg/h" }
+            [reload]
+            max_change = { bias = "20mg0", scale = "1000 ppm", alignment = "1mrad" }
             [wait]
             strategy = "block"
             [latency]
@@ -249,6 +285,9 @@ mod tests {
         let cores = vec![1, 3];
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!(config.metrics.unwrap().port(), 9464);
+        let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
+        assert_eq!(config.imus[0].max_change, all);
+        assert_eq!(config.imus[1].max_change, MaxChange { scale: 2.0 * 1e-2, rate: 5.0, ..all });
     }
 
     #[test]
@@ -278,7 +317,8 @@ mod tests {
     fn reports_everything_at_once() {
         let text = "[[imu]]\nid = \"A\"\n[[imu]]\nid = \"b\"\ntable = 1\n[[imu]]\nid = \"b\"\ntable = \"x\"\n\
                     [wait]\nstrategy = \"sleep\"\n[latency]\nbudget_us = 0\nbudget = 1\n\
-                    [realtime]\ncore = -1\npriority = 100\nlock_memory = 1\n[metrics]\nlisten = \"x\"\n[metrix]\n";
+                    [realtime]\ncore = -1\npriority = 100\nlock_memory = 1\n[metrics]\nlisten = \"x\"\n[metrix]\n\
+                    [reload]\nmax_change = { bias = \"100\", scale = 0.1, rates = \"1deg/s\" }\n";
         let faults = Config::from_toml(text, Path::new("")).unwrap_err();
         let found: Vec<_> = faults.0.iter().map(|fault| (fault.line, fault.key.as_str())).collect();
         let expected = [
@@ -294,6 +334,9 @@ mod tests {
             (17, "realtime.lock_memory"),
             (19, "metrics.listen"),
             (20, "metrix"),
+            (22, "reload.max_change.bias"),
+            (22, "reload.max_change.scale"),
+            (22, "reload.max_change.rates"),
         ];
         assert_eq!(found, expected);
         assert_eq!(Config::from_toml("", Path::new("")).unwrap_err().0.len(), 1);

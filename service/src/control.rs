@@ -6,10 +6,11 @@
 
 use crate::config::{Config, Strategy};
 use crate::create;
-use crate::imu::{ImuState, PendingImu};
+use crate::guard::{self, Guard};
+use crate::imu::{FirstTable, ImuState, PendingImu, log_unlike_scale_factors};
 use crate::leftovers::{self, Leftovers};
 use crate::metrics::Metrics;
-use crate::reload::{self, FileChange, TICK, TableFile};
+use crate::reload::{self, TICK, TableFile};
 use crate::sigbus;
 use crate::status::{StatusPublisher, imu_status};
 use crate::systemd::ServiceManager;
@@ -28,6 +29,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::ffi::OsString;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
@@ -61,7 +63,8 @@ pub fn run(
     raise_descriptor_limit();
     let mut manager = ServiceManager::from_environment();
 
-    let (files, first_tables) = load_tables(config, allow_uncalibrated, world_writable)?;
+    let state = guard::state_folder(domain);
+    let first_tables = load_tables(domain, config, state.as_deref().ok(), allow_uncalibrated, world_writable)?;
     let metrics = config.metrics.map(Metrics::start).transpose()?;
     // Before the threads and the streams are created, so that all their memory is locked.
     let lock = Realtime { lock_memory: config.realtime.lock_memory, ..Realtime::default() };
@@ -78,11 +81,12 @@ pub fn run(
     // The first tables are queued before the streams exist, so that no sample meets a channel without its table.
     let mut links: Vec<Vec<ChannelLink>> = (0..config.workers()).map(|_| Vec::new()).collect();
     let mut pending = Vec::new();
-    for ((imu, file), change) in config.imus.iter().zip(files).zip(first_tables) {
-        let (pending_imu, link) = PendingImu::new(imu, file, change);
+    for (imu, first) in config.imus.iter().zip(first_tables) {
+        let (pending_imu, link) = PendingImu::new(imu, first);
         links[imu.worker].push(link);
         pending.push(pending_imu);
     }
+    guard::tell_if_not_kept(&state);
     let stopped = || matches!(inbox.try_recv(), Ok(ControlEvent::Signal(SIGTERM | SIGINT)));
     let Some(workers) = start_workers(domain, config, links, stopped)? else {
         info!("stopped while starting");
@@ -151,7 +155,7 @@ impl Service<'_> {
                     info!("SIGHUP: loading all tables");
                     self.manager.reloading();
                     for imu in imus.iter_mut() {
-                        let change = imu.file.load();
+                        let change = imu.file.load().into();
                         imu.apply(change, true);
                     }
                     self.manager.ready();
@@ -335,6 +339,7 @@ fn poll_tables(imus: &mut [ImuState]) {
     for imu in imus {
         let change = imu.file.poll(Instant::now());
         imu.apply(change, false);
+        imu.take_accepted();
         imu.flush();
     }
 }
@@ -353,27 +358,43 @@ fn forward_signals(events: mpsc::Sender<ControlEvent>) -> Result<(), Failure> {
     std::thread::Builder::new().name("signals".to_owned()).spawn(body).map(drop).map_err(failed)
 }
 
-/// Loads all tables, and reports the faults of all of them together.
+/// Loads all tables, compares each with the one that was in force last, and reports the faults of all of them together.
 fn load_tables(
+    domain: &Domain,
     config: &Config,
+    state: Option<&Path>,
     allow_uncalibrated: bool,
     world_writable: WorldWritable,
-) -> Result<(Vec<TableFile>, Vec<FileChange>), Failure> {
-    let mut files: Vec<_> =
-        config.imus.iter().map(|imu| TableFile::new(imu.id.clone(), imu.table.clone(), world_writable)).collect();
-    let changes: Vec<_> = files.iter_mut().map(TableFile::load).collect();
+) -> Result<Vec<FirstTable>, Failure> {
     let mut failures = Vec::new();
-    for (imu, change) in config.imus.iter().zip(&changes) {
-        match change {
-            FileChange::Refused(error) if allow_uncalibrated && !imu.table.exists() => {
+    let mut tables = Vec::new();
+    for imu in &config.imus {
+        let mut file = TableFile::new(imu.id.clone(), imu.table.clone(), world_writable);
+        let guard = Guard::new(imu, domain, state);
+        let table = match file.load() {
+            Ok(table) => match guard.admit(&table) {
+                Ok(admission) => {
+                    let (file, digest) = (imu.table.display(), table.digest());
+                    info!(imu = %imu.id, table = %digest, %file, "table loaded: {}", admission.words);
+                    log_unlike_scale_factors(imu, &table);
+                    Ok((table, admission))
+                }
+                Err(reason) => {
+                    let message = format!("{}: {reason}", imu.table.display());
+                    failures.push(Failure::new(Exit::Config, message).at(&imu.table, None));
+                    continue;
+                }
+            },
+            Err(error) if allow_uncalibrated && !imu.table.exists() => {
                 warn!(imu = %imu.id, "no table yet, serving NaN: {error}");
+                Err(error)
             }
-            FileChange::Refused(error) => failures.push(Failure::from(error.clone())),
-            FileChange::Loaded(table) => {
-                info!(imu = %imu.id, table = %table.digest(), file = %imu.table.display(), "table loaded");
+            Err(error) => {
+                failures.push(Failure::from(error));
+                continue;
             }
-            FileChange::Unchanged => {}
-        }
+        };
+        tables.push(FirstTable { file, guard, table });
     }
-    Failure::all(failures).map_or(Ok((files, changes)), Err)
+    Failure::all(failures).map_or(Ok(tables), Err)
 }

@@ -1,6 +1,7 @@
 //! One IMU in the control thread: the file of its table, the tables sent to the worker, and the losses that were logged.
 
 use crate::config::Imu;
+use crate::guard::{Admission, Guard};
 use crate::leftovers::{Port, ports_of, ports_of_event};
 use crate::reload::{FileChange, TableFile};
 use crate::windows::Windows;
@@ -10,6 +11,7 @@ use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
 use isotherm_failure::{Exit, Failure};
+use isotherm_files::LoadError;
 use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::stream::{self, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
@@ -32,24 +34,36 @@ pub struct PendingImu {
     counters: CounterReader,
     last_error: Option<Refused>,
     tables: TableQueue,
+    guard: Guard,
+}
+
+/// What was read at the start: the file of an IMU's table, and what guards it.
+pub struct FirstTable {
+    /// The file, as it was read.
+    pub file: TableFile,
+    /// The guard, which has admitted the table if there is an admission.
+    pub guard: Guard,
+    /// The table, and why it may be taken; or why there is none.
+    pub table: Result<(Box<CoefficientTable>, Admission), LoadError>,
 }
 
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
-    pub fn new(imu: &Imu, file: TableFile, first: FileChange) -> (Self, ChannelLink) {
+    pub fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
+        let FirstTable { file, mut guard, table } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
-        let last_error = match first {
-            FileChange::Loaded(table) => {
+        let last_error = match table {
+            Ok((table, admission)) => {
+                guard.taken(&table, admission);
                 tables.send(Arc::from(table), file.modified_unix_s());
                 None
             }
-            FileChange::Refused(error) => Some(Refused::now(truncate(error.to_string()))),
-            FileChange::Unchanged => None,
+            Err(error) => Some(Refused::now(truncate(error.to_string()), None)),
         };
         let (writer, counters) = counters();
         let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer };
-        (Self { imu: imu.clone(), file, counters, last_error, tables }, link)
+        (Self { imu: imu.clone(), file, counters, last_error, tables, guard }, link)
     }
 
     /// Opens the streams, which the worker must have created before.
@@ -57,7 +71,7 @@ impl PendingImu {
     /// # Errors
     /// If they cannot be opened.
     pub fn open_streams(self, node: &IpcNode) -> Result<ImuState, Failure> {
-        let Self { imu, file, counters, last_error, tables } = self;
+        let Self { imu, file, counters, last_error, tables, guard } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
@@ -82,6 +96,7 @@ impl PendingImu {
             logged,
             logged_device: LoggedDevice::default(),
             closed: None,
+            guard,
         })
     }
 }
@@ -115,6 +130,8 @@ pub struct ImuState {
     logged_device: LoggedDevice,
     /// What the last acquisition that closed with a loss had lost.
     pub closed: Option<ClosedStatus>,
+    /// Compares a new table with the one in force.
+    pub guard: Guard,
 }
 
 /// Why a file was refused, and when.
@@ -122,13 +139,15 @@ pub struct ImuState {
 pub struct Refused {
     /// What is wrong with it.
     pub error: String,
+    /// Digest of its table, if that is a valid one that changes too much.
+    pub table: Option<String>,
     /// Unix time \[s\].
     pub since_unix_s: f64,
 }
 
 impl Refused {
-    fn now(error: String) -> Self {
-        Self { error, since_unix_s: unix_s() }
+    fn now(error: String, table: Option<String>) -> Self {
+        Self { error, table, since_unix_s: unix_s() }
     }
 }
 
@@ -218,27 +237,46 @@ impl ImuState {
         match change {
             FileChange::Unchanged => {}
             FileChange::Loaded(table) => {
-                let had_failed = self.last_error.take().is_some();
                 let newest = self.tables.alive.last_mut().filter(|newest| newest.table.digest() == table.digest());
                 if let Some(newest) = newest.filter(|_| !forced) {
                     newest.modified_unix_s = self.file.modified_unix_s();
-                    if had_failed {
+                    if self.last_error.take().is_some() {
                         info!(imu = %id, table = %table.digest(), "table file is good again, and the same as in force");
                     }
                     return;
                 }
-                info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken");
+                let admission = match self.guard.admit(&table) {
+                    Ok(admission) => admission,
+                    Err(reason) => return self.refuse(reason, Some(table.digest().to_string()), forced),
+                };
+                self.last_error = None;
+                info!(imu = %id, table = %table.digest(), file = %self.file.path().display(), "table taken: {}", admission.words);
+                log_unlike_scale_factors(&self.imu, &table);
                 self.reloads += u64::from(!self.tables.alive.is_empty());
-                self.tables.send(Arc::from(table), self.file.modified_unix_s());
+                let table = Arc::from(table);
+                self.tables.send(Arc::clone(&table), self.file.modified_unix_s());
+                self.guard.taken(&table, admission);
             }
-            FileChange::Refused(error) => {
-                let error = truncate(error.to_string());
-                if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
-                    warn!(imu = %id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
-                    self.refusals += 1;
-                    self.last_error = Some(Refused::now(error));
-                }
-            }
+            FileChange::Refused(error) => self.refuse(error.to_string(), None, forced),
+        }
+    }
+
+    /// Notes why the table file as it is now is not in force; `table` is its digest if it is a valid table.
+    fn refuse(&mut self, error: String, table: Option<String>, forced: bool) {
+        let error = truncate(error);
+        if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
+            warn!(imu = %self.imu.id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
+            self.refusals += 1;
+            self.last_error = Some(Refused::now(error, table));
+        }
+    }
+
+    /// Loads the file again if the operator has accepted the table that was refused.
+    pub fn take_accepted(&mut self) {
+        let refused = self.last_error.as_ref().and_then(|refused| refused.table.as_deref());
+        if refused.is_some_and(|digest| self.guard.is_accepted(digest)) {
+            let change = self.file.load().into();
+            self.apply(change, false);
         }
     }
 
@@ -291,6 +329,13 @@ impl ImuState {
             self.logged_device.last = now;
         }
         self.logged_device.samples = samples;
+    }
+}
+
+/// Warns of scale factors that a lost digit may have made.
+pub fn log_unlike_scale_factors(imu: &Imu, table: &CoefficientTable) {
+    for warning in table.content().unlike_scale_factors() {
+        warn!(imu = %imu.id, "{warning}; look for a lost digit");
     }
 }
 

@@ -1,6 +1,6 @@
 //! The Isotherm daemon: receives raw samples over shared memory, compensates them, publishes increments.
 //!
-//! The program `isothermd` calls [`main`]. `isotherm serve`, `check` and `status` are the same [`commands`]. Other programs use
+//! The program `isothermd` calls [`main`]. `isotherm serve`, `check`, `status` and `reload` are the same [`commands`]. Other programs use
 //! this library to [`create`] streams in a domain and to [`clean`] it.
 
 pub mod clean;
@@ -8,6 +8,7 @@ pub mod commands;
 pub mod config;
 mod control;
 pub mod create;
+mod guard;
 mod imu;
 mod leftovers;
 pub mod logging;
@@ -22,6 +23,7 @@ pub mod worker;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use commands::check::Check;
+use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
 use isotherm_failure::{Exit, Failure};
@@ -56,6 +58,7 @@ enum DaemonCommand {
     Serve(Serve),
     Check(Check),
     Status(Status),
+    Reload(Reload),
 }
 
 impl Daemon {
@@ -65,6 +68,7 @@ impl Daemon {
             DaemonCommand::Serve(serve) => serve.run(&domain),
             DaemonCommand::Check(check) => check.run(laboratory_file),
             DaemonCommand::Status(status) => status.run(domain),
+            DaemonCommand::Reload(reload) => reload.run(domain),
         }
     }
 }

@@ -99,30 +99,29 @@ impl TableFile {
     }
 
     /// Loads the file as it is now.
-    pub fn load(&mut self) -> FileChange {
+    ///
+    /// # Errors
+    /// Why it is no valid table for this IMU.
+    pub fn load(&mut self) -> Result<Box<CoefficientTable>, LoadError> {
         self.candidate = None;
         self.handled = Identity::of(&self.path);
-        match load_table(&self.path, Some(&self.imu), self.world_writable) {
-            Ok((table, identity)) => {
-                self.handled = Some(identity);
-                FileChange::Loaded(Box::new(table))
-            }
-            Err(error) => FileChange::Refused(error),
-        }
+        let (table, identity) = load_table(&self.path, Some(&self.imu), self.world_writable)?;
+        self.handled = Some(identity);
+        Ok(Box::new(table))
     }
 
     /// Loads the file after an event that says that it is complete. If it is not valid, another process may be writing it: then
     /// [`poll`](Self::poll) decides later.
     pub fn load_complete(&mut self, now: Instant) -> FileChange {
         let (handled, current) = (self.handled, Identity::of(&self.path));
-        match self.load() {
-            FileChange::Refused(_) => {
+        self.load().map_or_else(
+            |_| {
                 self.handled = handled;
                 self.candidate = Some((current, now));
                 FileChange::Unchanged
-            }
-            change => change,
-        }
+            },
+            FileChange::Loaded,
+        )
     }
 
     /// Checks whether the file has changed, and loads it if it has changed and then stayed unchanged for long enough.
@@ -138,7 +137,13 @@ impl TableFile {
         };
         self.candidate = Some((current, since));
         let settle = if current.is_none() { ABSENCE } else { SETTLE };
-        if now.duration_since(since) < settle { FileChange::Unchanged } else { self.load() }
+        if now.duration_since(since) < settle { FileChange::Unchanged } else { self.load().into() }
+    }
+}
+
+impl From<Result<Box<CoefficientTable>, LoadError>> for FileChange {
+    fn from(loaded: Result<Box<CoefficientTable>, LoadError>) -> Self {
+        loaded.map_or_else(Self::Refused, Self::Loaded)
     }
 }
 
@@ -153,7 +158,7 @@ mod tests {
         let path = folder.path().join("imu-a.toml");
         fs::write(&path, TABLE).unwrap();
         let mut file = TableFile::new(ImuId::new("imu-a").unwrap(), path, WorldWritable::Refuse);
-        assert!(matches!(file.load(), FileChange::Loaded(_)));
+        file.load().unwrap();
         file
     }
 

@@ -7,9 +7,10 @@ use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::publisher_of;
 use isotherm_failure::Failure;
-use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus};
+use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus, TableChange};
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::difference::Change;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::Flags;
 
@@ -59,7 +60,9 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
         reloads: imu.reloads,
         refusals: imu.refusals,
         last_reload_error: refused.map(|refused| refused.error.clone()),
+        refused_table: refused.and_then(|refused| refused.table.clone()),
         refused_unix_s: refused.map(|refused| refused.since_unix_s),
+        table_changes: imu.guard.changes().iter().map(table_change).collect(),
         latency_ns: latency.summary(),
         latency_second_ns: imu.windows.second(),
         latency_minute_ns: imu.windows.minute(),
@@ -68,6 +71,11 @@ pub fn imu_status(imu: &ImuState) -> ImuStatus {
         readers: imu.increments.dynamic_config().number_of_subscribers(),
         closed: imu.closed.clone(),
     }
+}
+
+fn table_change(change: &Change) -> TableChange {
+    let Change { name, size, unit, .. } = change;
+    TableChange { name: name.clone(), size: *size, unit: (*unit).to_owned() }
 }
 
 /// Whether an increment under this table may have the flag of this bit. A flag that needs gyroscopes, a lag or a serial number is

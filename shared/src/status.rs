@@ -124,8 +124,14 @@ pub struct ImuStatus {
     pub refusals: u64,
     /// Why the table file in its present state is not in force; null if it is in force.
     pub last_reload_error: Option<String>,
+    /// Digest of the table file's table, if that is valid but changes too much to be taken; else null.
+    #[serde(default)]
+    pub refused_table: Option<String>,
     /// Since when the table file has not been in force, Unix time \[s\]; null if it is in force.
     pub refused_unix_s: Option<f64>,
+    /// The largest change of each curve by the table in force; empty if there was none before to compare it with.
+    #[serde(default)]
+    pub table_changes: Vec<TableChange>,
     /// Latency since the start; null before the first sample.
     pub latency_ns: Option<LatencySummary>,
     /// Latency in the last second; null without a sample in it.
@@ -141,6 +147,17 @@ pub struct ImuStatus {
     /// What the last acquisition that closed with a loss had lost; null if none did.
     #[serde(default)]
     pub closed: Option<ClosedStatus>,
+}
+
+/// The largest change of one curve, transient, g-sensitivity or alignment from one table to the next.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct TableChange {
+    /// Sensor and quantity, as `A1 bias`, or the alignment.
+    pub name: String,
+    /// Its size, in `unit`.
+    pub size: f64,
+    /// ug0, ppm, deg/h or mrad.
+    pub unit: String,
 }
 
 /// What an acquisition had lost when it closed.

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 29] = [
+const KEYS: [&str; 31] = [
     "id",
     "table",
     "table_file",
@@ -36,6 +36,8 @@ const KEYS: [&str; 29] = [
     "refusals",
     "last_reload_error",
     "refused_unix_s",
+    "refused_table",
+    "table_changes",
     "latency_ns",
     "latency_second_ns",
     "latency_minute_ns",

@@ -17,8 +17,6 @@ const IMPOSSIBLE_OFFSET: f64 = 150.0;
 const REVERSAL: f64 = 0.5;
 /// K+ and |K-| of one accelerometer do not differ by a larger factor.
 const CHANNEL_FACTOR: f64 = 1.5;
-/// Scale factors of two accelerometers that differ by a larger factor give a warning.
-const AXIS_FACTOR: f64 = 3.0;
 
 /// Columns with the same finding: their names, and the value of the first.
 type Columns = (Vec<String>, f64);
@@ -130,26 +128,6 @@ impl Checker<'_> {
                 );
                 self.findings.push(Finding::whole(Severity::Fault, name::CHANNELS_DIFFER, message));
             }
-        }
-        let means: Vec<_> = AXIS_NAMES
-            .iter()
-            .zip(found)
-            .filter_map(|(accelerometer, k)| k.map(|[plus, minus]| (*accelerometer, 0.5 * (plus + minus))))
-            .collect();
-        let most = means.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1));
-        let least = means.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1));
-        if let (Some(most), Some(least)) = (most, least)
-            && most.1 > AXIS_FACTOR * least.1
-        {
-            let message = format!(
-                "the scale factors of {} and {}, {:.0} and {:.0} pulse/(s*g0), differ by a factor of {:.1}; are they of one kind?",
-                most.0,
-                least.0,
-                most.1,
-                least.1,
-                most.1 / least.1
-            );
-            self.findings.push(Finding::whole(Severity::Warning, name::AXES_DIFFER, message));
         }
     }
 }

@@ -25,6 +25,7 @@ use isotherm_demo::Demo;
 use isotherm_failure::Failure;
 use isotherm_files::remove_unfinished_on_signals;
 use isotherm_service::commands::check::Check;
+use isotherm_service::commands::reload::Reload;
 use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
@@ -56,6 +57,7 @@ pub enum Command {
     Serve(Serve),
     Check(Check),
     Status(Status),
+    Reload(Reload),
     Top(top::Top),
     Demo(Demo),
     Feed(feed::Feed),
@@ -89,6 +91,7 @@ impl Command {
             Self::Serve(serve) => serve.run(&domain),
             Self::Check(check) => check.run(check::laboratory_file),
             Self::Status(status) => status.run(domain),
+            Self::Reload(reload) => reload.run(domain),
             Self::Top(top) => top.run(domain),
             Self::Demo(demo) => demo.run(domain),
             Self::Feed(feed) => feed.run(domain),

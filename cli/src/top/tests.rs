@@ -51,6 +51,8 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         reloads: 3,
         refusals: 0,
         last_reload_error: None,
+        refused_table: None,
+        table_changes: Vec::new(),
         refused_unix_s: None,
         latency_ns: latency,
         latency_second_ns: latency,

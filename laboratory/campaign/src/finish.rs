@@ -508,6 +508,7 @@ fn print_message(message: &str) {
 fn wait_until_in_force(plan: &Plan, table: &CoefficientTable, options: &Options) -> Result<(), Failure> {
     let begun = Instant::now();
     let digest = table.digest().to_string();
+    let mut is_refused = false;
     loop {
         let status = fetch_status(options);
         let cause = match &status {
@@ -516,12 +517,15 @@ fn wait_until_in_force(plan: &Plan, table: &CoefficientTable, options: &Options)
                     print_message("the service has it in force");
                     return Ok(());
                 }
-                Some(imu) => imu.last_reload_error.clone().unwrap_or_else(|| format!("it watches {}", imu.table_file)),
+                Some(imu) => {
+                    is_refused = imu.refused_table.as_deref() == Some(&digest);
+                    imu.last_reload_error.clone().unwrap_or_else(|| format!("it watches {}", imu.table_file))
+                }
                 None => format!("it does not serve {}", plan.imu),
             },
             Err(error) => error.to_string(),
         };
-        if begun.elapsed() > IN_FORCE_TIMEOUT {
+        if is_refused || begun.elapsed() > IN_FORCE_TIMEOUT {
             let message = format!("the table is installed, but the service does not have it in force: {cause}");
             return Err(Failure::new(Exit::Unavailable, message));
         }

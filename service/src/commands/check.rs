@@ -8,6 +8,7 @@ use isotherm_files::{LoadError, WorldWritable, load_table, print, read_text, rem
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;
 use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::difference::{MaxChange, TableDifference};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Seal};
 use isotherm_shared::units::SensorKind;
 use std::fmt::Write as _;
@@ -17,19 +18,24 @@ use std::path::{Path, PathBuf};
 /// Validate files with the code that loads them
 ///
 /// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings. The content of a file
-/// tells what it is. All faults of all files are reported, each with line and key. Of a service configuration, a
-/// warning tells what serve would refuse on this machine and as this user: a core, a priority, locked memory.
+/// tells what it is. All faults of all files are reported, each with line and key. A warning tells of scale factors
+/// that look like a lost digit, and of a service configuration what serve would refuse on this machine and as this
+/// user: a core, a priority, locked memory.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml"
+    after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml\n  isotherm check --against tables/imu-a.toml new.toml"
 )]
 pub struct Check {
     /// Write a table's digest into it, so that a later change or a half-written copy is noticed
     #[arg(long)]
     seal: bool,
-    /// End with exit code 78 if there is a warning of a service configuration
+    /// End with exit code 78 if there is a warning
     #[arg(long)]
     strict: bool,
+    /// Compare each table with this one, and refuse one that changes as much as a service with the default limits
+    /// refuses it
+    #[arg(long, value_name = "TABLE")]
+    against: Option<PathBuf>,
     /// Take files that everybody may write; without this they are refused, as by the service
     #[arg(long)]
     allow_world_writable: bool,
@@ -48,10 +54,12 @@ impl Check {
     /// All faults of all files.
     pub fn run(self, laboratory: CheckLaboratoryFile) -> Result<(), Failure> {
         remove_unfinished_on_signals()?;
+        let world_writable = WorldWritable::allow_if(self.allow_world_writable);
+        let against = self.against.as_deref().map(|path| load_table(path, None, world_writable)).transpose()?;
+        let checker = Checker { command: &self, world_writable, against: against.map(|(table, _)| table), laboratory };
         let mut failures = Vec::new();
         for path in &self.files {
-            let world_writable = WorldWritable::allow_if(self.allow_world_writable);
-            match check(path, self.seal, self.strict, world_writable, laboratory) {
+            match checker.check(path) {
                 Ok(line) => print(&format!("{}: {line}\n", path.display()))?,
                 Err(failure) => failures.push(failure),
             }
@@ -60,46 +68,87 @@ impl Check {
     }
 }
 
-fn check(
-    path: &Path,
-    seal: bool,
-    strict: bool,
+struct Checker<'a> {
+    command: &'a Check,
     world_writable: WorldWritable,
+    /// What each table is compared with.
+    against: Option<CoefficientTable>,
     laboratory: CheckLaboratoryFile,
-) -> Result<String, Failure> {
-    let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
-    let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
-    match kind(&text).map_err(refuse)? {
-        FileKind::Table if seal && path == Path::new("-") => {
-            Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
+}
+
+impl Checker<'_> {
+    fn check(&self, path: &Path) -> Result<String, Failure> {
+        let &Self { command: &Check { seal, .. }, world_writable, laboratory, .. } = self;
+        let text = if path == Path::new("-") { read_stdin()? } else { read_text(path, world_writable)?.0 };
+        let refuse = |faults| Failure::from(LoadError::Refused { path: path.to_owned(), faults });
+        match kind(&text).map_err(refuse)? {
+            FileKind::Table if seal && path == Path::new("-") => {
+                Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
+            }
+            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Configuration) if seal => {
+                let message = format!("{}: {}; only tables are sealed", path.display(), kind.name());
+                Err(Failure::new(Exit::Config, message))
+            }
+            FileKind::Table => {
+                let policy = if seal { Seal::Renewed } else { Seal::Checked };
+                let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
+                let sealed = if seal {
+                    write_digest(path, &text, &table)?;
+                    "sealed"
+                } else if Document::parse(&text).is_ok_and(|document| document.has("digest")) {
+                    "seal intact"
+                } else {
+                    "not sealed"
+                };
+                let content = table.content();
+                let changes = self.compare(path, &table)?;
+                self.warn(path, content.unlike_scale_factors())?;
+                Ok(format!("table of {}, {}, {sealed}{}{changes}", content.imu, table.digest(), format_2(content)))
+            }
+            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping) => laboratory(kind, &text, path),
+            FileKind::Configuration => {
+                let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
+                let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
+                let mut failures = Vec::new();
+                let mut warnings = refused_here(&config.realtime);
+                for (imu, loaded) in config.imus.iter().zip(loaded) {
+                    match loaded {
+                        Ok((table, _)) => {
+                            let unlike = table.content().unlike_scale_factors().into_iter();
+                            warnings.extend(unlike.map(|warning| format!("{}: {warning}", imu.table.display())));
+                        }
+                        Err(error) => failures.push(error.into()),
+                    }
+                }
+                Failure::all(failures).map_or(Ok(()), Err)?;
+                self.warn(path, warnings)?;
+                Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()))
+            }
         }
-        kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Configuration) if seal => {
-            let message = format!("{}: {}; only tables are sealed", path.display(), kind.name());
-            Err(Failure::new(Exit::Config, message))
+    }
+
+    /// What changes from the table that is compared with, in words; an error if it is too much.
+    fn compare(&self, path: &Path, table: &CoefficientTable) -> Result<String, Failure> {
+        let Some(against) = &self.against else { return Ok(String::new()) };
+        let difference = TableDifference::of(against, table);
+        let refusals = MaxChange::default().refusals(&difference);
+        let refused = |refusal| Failure::new(Exit::Config, format!("{}: {refusal}", path.display())).at(path, None);
+        let refused = Failure::all(refusals.into_iter().map(refused).collect());
+        refused.map_or_else(|| Ok(format!("\n  {difference}")), Err)
+    }
+
+    /// Tells the warnings of a file.
+    ///
+    /// # Errors
+    /// With `--strict`, the warnings.
+    fn warn(&self, path: &Path, warnings: Vec<String>) -> Result<(), Failure> {
+        let lines = warnings.into_iter().map(|warning| format!("{}: warning: {warning}", path.display()));
+        if self.command.strict {
+            let failures = lines.map(|line| Failure::new(Exit::Config, line)).collect();
+            return Failure::all(failures).map_or(Ok(()), Err);
         }
-        FileKind::Table => {
-            let policy = if seal { Seal::Renewed } else { Seal::Checked };
-            let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
-            let sealed = if seal {
-                write_digest(path, &text, &table)?;
-                "sealed"
-            } else if Document::parse(&text).is_ok_and(|document| document.has("digest")) {
-                "seal intact"
-            } else {
-                "not sealed"
-            };
-            let content = table.content();
-            Ok(format!("table of {}, {}, {sealed}{}", content.imu, table.digest(), format_2(content)))
-        }
-        kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping) => laboratory(kind, &text, path),
-        FileKind::Configuration => {
-            let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
-            let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
-            let failures = loaded.filter_map(Result::err).map(Failure::from).collect();
-            Failure::all(failures).map_or(Ok(()), Err)?;
-            warn(path, strict, refused_here(&config.realtime))?;
-            Ok(format!("service configuration of {} IMUs, their tables valid", config.imus.len()))
-        }
+        lines.for_each(|line| tell("isotherm", line));
+        Ok(())
     }
 }
 
@@ -111,20 +160,6 @@ fn refused_here(settings: &WorkerRealtime) -> Vec<String> {
     let others = cores.iter().skip(1).map(|core| Realtime { core: Some(*core), ..Realtime::default() });
     let refusals = [once].into_iter().chain(others).flat_map(|setting| setting.refusals());
     refusals.map(|error| format!("serve would refuse it here: realtime.{error}")).collect()
-}
-
-/// Tells the warnings of a file.
-///
-/// # Errors
-/// With `strict`, the warnings.
-fn warn(path: &Path, strict: bool, warnings: Vec<String>) -> Result<(), Failure> {
-    let lines = warnings.into_iter().map(|warning| format!("{}: warning: {warning}", path.display()));
-    if strict {
-        let failures = lines.map(|line| Failure::new(Exit::Config, line)).collect();
-        return Failure::all(failures).map_or(Ok(()), Err);
-    }
-    lines.for_each(|line| tell("isotherm", line));
-    Ok(())
 }
 
 /// What only tables of format 2 have, in lines of their own.

@@ -1,6 +1,7 @@
 //! The commands of the daemon, one file each, and what the command lines of all programs share.
 
 pub mod check;
+pub mod reload;
 pub mod serve;
 pub mod status;
 
@@ -60,7 +61,7 @@ pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>
     match run() {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
-            // The libraries' messages name the program `isotherm`. A vehicle has only `isothermd`, with these two commands.
+            // The libraries' messages name the program `isotherm`. A vehicle has only `isothermd`, with these commands.
             let message = match program {
                 "isothermd" => failure
                     .message

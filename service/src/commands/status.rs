@@ -4,7 +4,9 @@ use clap::Args;
 use isotherm_client::{Domain, Options, fetch_status, unix_s};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{print, print_data};
-use isotherm_shared::status::{GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, WorkerStatus};
+use isotherm_shared::status::{
+    GyroscopeStatus, ImuStatus, LatencySummary, Ranges, ServiceStatus, TableChange, WorkerStatus,
+};
 use isotherm_shared::units::SensorKind;
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -79,6 +81,9 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
     if let Some(error) = &imu.last_reload_error {
         writeln!(text, "  REFUSED      {}", error.replace('\n', "\n               "))?;
     }
+    if let Some(changed) = changed(&imu.table_changes) {
+        writeln!(text, "  changed      by the table in force, at most: {changed}")?;
+    }
     if let Some(device) = &imu.other_device {
         let (own, serial) = (imu.device.as_deref().unwrap_or("-"), imu.serial.as_deref().unwrap_or_default());
         writeln!(
@@ -135,6 +140,17 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
         writeln!(text, "    {name:<8} {p50:>9.2} {p99:>9.2} {p999:>9.2} {max:>9.2} {count:>9}")?;
     }
     Ok(())
+}
+
+/// The largest change of each unit; `None` if nothing has changed.
+fn changed(changes: &[TableChange]) -> Option<String> {
+    let largest = |unit: &str| {
+        let of_unit = changes.iter().filter(|change| change.unit == unit && change.size > 0.0);
+        let TableChange { name, size, unit } = of_unit.max_by(|a, b| a.size.total_cmp(&b.size))?;
+        Some(format!("{size:.3} {unit} ({name})"))
+    };
+    let all: Vec<_> = ["ug0", "ppm", "deg/h", "mrad"].into_iter().filter_map(largest).collect();
+    (!all.is_empty()).then(|| all.join(", "))
 }
 
 fn describe_gyroscopes(text: &mut String, gyroscopes: &GyroscopeStatus) -> std::fmt::Result {

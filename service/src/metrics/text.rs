@@ -1,7 +1,7 @@
 //! The metrics in Prometheus's text format, version 0.0.4. Names and units follow its conventions: base units, and counters that
 //! end in `_total`.
 
-use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, WorkerStatus};
+use isotherm_shared::status::{ImuStatus, LATENCY_BOUNDS_NS, ServiceStatus, TableChange, WorkerStatus};
 use isotherm_shared::wire::AXES;
 use rustix::process::{Resource, getrlimit};
 use rustix::time::{ClockId, clock_gettime};
@@ -159,6 +159,13 @@ impl Text {
         for imu in &status.imus {
             if let Some(table) = &imu.table {
                 self.sample(name, &[("imu", &imu.id), ("table", table), ("file", &imu.table_file)], 1);
+            }
+        }
+        let name = "isotherm_table_change";
+        self.family(Kind::Gauge, name, "Largest change of a curve by the table in force.");
+        for imu in &status.imus {
+            for TableChange { name: curve, size, unit } in &imu.table_changes {
+                self.sample(name, &[("imu", &imu.id), ("curve", curve), ("unit", unit)], size);
             }
         }
     }

@@ -9,6 +9,7 @@ use crate::bounds::{self, Bound};
 use crate::polynomial::Polynomial;
 use crate::units::SensorKind;
 use crate::wire::AXES;
+use core::fmt;
 use nalgebra::Matrix3;
 
 /// Points of the common range that curves are compared at.
@@ -261,6 +262,20 @@ pub struct TableDifference {
     pub others: Vec<String>,
 }
 
+/// `A1 bias changes by 12.3 ug0, A1 positive_scale_factor by 45.6 ppm, ..; besides: lag none -> 240`
+impl fmt::Display for TableDifference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let changed = self.changes.iter().filter(|change| change.size != 0.0).enumerate();
+        let changed = changed.map(|(index, change)| {
+            let Change { name, size, unit, .. } = change;
+            format!("{name}{} by {} {unit}", if index == 0 { " changes" } else { "" }, rounded(*size))
+        });
+        let changed: Vec<_> = changed.chain(self.incomparable.iter().cloned()).collect();
+        f.write_str(&if changed.is_empty() { "no curve changes".to_owned() } else { changed.join(", ") })?;
+        if self.others.is_empty() { Ok(()) } else { write!(f, "; besides: {}", self.others.join(", ")) }
+    }
+}
+
 impl TableDifference {
     /// From `old` to `new`.
     #[must_use]
@@ -287,8 +302,8 @@ impl TableDifference {
     fn sensors(&mut self, kind: SensorKind, [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2]) {
         for (axis, (from, to)) in old.iter().zip(new).enumerate() {
             let curves = [Curve::of_sensor(kind, from, old_gravity), Curve::of_sensor(kind, to, new_gravity)];
-            for quantity in 0..QUANTITIES.len() {
-                self.curve((kind, axis, quantity), [&curves[0][quantity], &curves[1][quantity]]);
+            for (quantity, (from, to)) in curves[0].iter().zip(&curves[1]).enumerate() {
+                self.curve((kind, axis, quantity), [from, to]);
             }
             self.transient(kind, axis, [from, to], [curves[0][0].factor(), curves[1][0].factor()]);
         }

@@ -280,3 +280,29 @@ fn a_target_whose_folder_is_missing_is_found_at_the_beginning() {
         assert!(said.contains("install: there is no folder gone; make it"), "{said}");
     }
 }
+
+/// A service refuses a table that changes too much; the runner reports that, and accepts nothing in the operator's place.
+#[test]
+fn an_installation_that_the_service_refuses_is_reported() {
+    let complete = Complete::new(str::to_owned, OPPOSITE, WHOLE);
+    complete.domain.run_ok(&["calibrate", "simulated/campaign.toml", "-o", "good.toml"]);
+    // A bias of some 100 ug0 that is taken for as many mg0: every run shows that the fitted table is the better one.
+    complete.domain.write("off.toml", &complete.read("good.toml").replacen("ug0", "mg0", 1));
+    complete.domain.run_ok(&["check", "--seal", "off.toml"]);
+    let off = complete.read("off.toml");
+    complete.domain.replace("imu-a.toml", &off);
+    let in_force = || complete.domain.imu_status()["table"] == table(&off).digest().to_string();
+    wait_until("the table in force", in_force);
+    let output = complete.domain.run(&["campaign", "run", "plan.toml", "--calibrate", "--require", "10"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{said}");
+    let installed = table(&complete.read("imu-a.toml")).digest().to_string();
+    for part in [
+        "the table is installed, but the service does not have it in force: A1 bias changes by ",
+        &format!("`reload --imu imu-a --accept {installed}`"),
+    ] {
+        assert!(said.contains(part), "no {part:?} in {said}");
+    }
+    assert!(in_force());
+    assert_eq!(complete.domain.imu_status()["refused_table"], installed);
+}

@@ -1,0 +1,93 @@
+//! `reload`: takes a table that the service refuses because it changes too much.
+
+use crate::guard::acceptance;
+use clap::Args;
+use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
+use isotherm_failure::{Exit, Failure, tell};
+use isotherm_shared::status::ImuStatus;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long the service may take until it has read the file and has its table in force; it looks 20 times a second.
+const TAKEN_LIMIT: Duration = Duration::from_secs(3);
+
+/// Take a table that the service refuses because it changes too much
+///
+/// The service takes the table of this digest, and no other, although it differs from the one before by more than max_change. Its message
+/// and `status` have the digest. Without a running service the next one takes it at its start.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  isotherm reload --imu imu-a --accept sha256:5a82..(64 digits)")]
+pub struct Reload {
+    /// The IMU
+    #[arg(long, value_name = "ID")]
+    imu: ImuId,
+    /// Digest of the table, sha256: and 64 hexadecimal digits
+    #[arg(long, value_name = "DIGEST", value_parser = digest)]
+    accept: String,
+}
+
+fn digest(text: &str) -> Result<String, String> {
+    let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+    let valid = text.strip_prefix("sha256:").is_some_and(|digits| digits.len() == 64 && digits.bytes().all(is_digit));
+    if valid {
+        Ok(text.to_owned())
+    } else {
+        Err("give all of it, sha256: and 64 hexadecimal digits in lower case".to_owned())
+    }
+}
+
+impl Reload {
+    /// Accepts the table, and waits until a running service has it in force.
+    ///
+    /// # Errors
+    /// If the service does not serve the IMU, its file has another table, or the acceptance cannot be written.
+    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+        let Self { imu, accept } = self;
+        prepare(&domain)?;
+        let note = acceptance(&domain, &imu);
+        let written = note.write(accept.as_bytes());
+        written.map_err(|error| Failure::io("writing in", Path::new(domain.root_path()), &error))?;
+        let options = Options::new(domain, Duration::ZERO);
+        let begun = Instant::now();
+        loop {
+            let status = match fetch_status(&options) {
+                Err(StatusError::Connect(ConnectError::NoService(_))) => {
+                    tell(
+                        "isotherm",
+                        format_args!("no service runs; the next one takes this table of {imu} at its start"),
+                    );
+                    return Ok(());
+                }
+                status => status.inspect_err(|_| note.remove())?,
+            };
+            let found = status.imus.iter().find(|found| found.id == imu.as_str());
+            if found.is_some_and(|found| found.table.as_ref() == Some(&accept)) {
+                note.remove();
+                tell("isotherm", format_args!("{imu}: {accept} is in force"));
+                return Ok(());
+            }
+            if found.is_none() || begun.elapsed() > TAKEN_LIMIT {
+                note.remove();
+                return Err(not_taken(&imu, found));
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// Why the table is not taken.
+fn not_taken(imu: &ImuId, found: Option<&ImuStatus>) -> Failure {
+    let Some(ImuStatus { table_file, refused_table, last_reload_error, .. }) = found else {
+        return Failure::new(Exit::Unavailable, format!("the service does not serve {imu}"));
+    };
+    let file = match (refused_table, last_reload_error) {
+        (Some(refused), _) => format!("has {refused}"),
+        (None, Some(error)) => format!("is refused for another reason: {error}"),
+        (None, None) => "has the table that is in force".to_owned(),
+    };
+    Failure::new(
+        Exit::Config,
+        format!("{imu}: this is not the table of {table_file}, which {file}; nothing is changed"),
+    )
+}
