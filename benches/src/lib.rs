@@ -3,7 +3,7 @@
 
 pub mod statistics;
 
-use isotherm_client::{Domain, Options, RawSample};
+use isotherm_client::{Domain, Options, RawSample, fetch_status};
 use isotherm_shared::wire::Triad;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -105,6 +105,14 @@ impl BenchDomain {
     /// A path in shared memory. It is removed with the domain.
     pub fn shared_memory(&self, name: &str) -> PathBuf {
         PathBuf::from(format!("/dev/shm/{}{name}", self.domain.prefix()))
+    }
+
+    /// How many processes or threads read the increments of the first IMU.
+    ///
+    /// # Errors
+    /// If no service runs.
+    pub fn readers(&self) -> BenchResult<usize> {
+        Ok(fetch_status(&self.options())?.imus.first().map_or(0, |imu| imu.readers))
     }
 
     /// The options of clients of this domain.

@@ -874,8 +874,8 @@ isotherm_code isotherm_reader_new(const char *imu,
                                   isotherm_reader **reader);
 
 /**
- * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not wait. `domain` is as in isotherm_options. Close the
- * handle with isotherm_reader_close.
+ * Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not
+ * wait. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
  */
@@ -901,12 +901,32 @@ isotherm_code isotherm_reader_receive(isotherm_reader *reader,
                                       isotherm_compensated_increment *increment);
 
 /**
- * As isotherm_reader_receive, but waits up to `timeout_ns`. Polls every 0.2 ms; for less delay call isotherm_reader_receive in a
- * loop.
+ * As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there. For the least delay
+ * call isotherm_reader_receive in a loop.
  */
 isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
                                               uint64_t timeout_ns,
                                               isotherm_compensated_increment *increment);
+
+/**
+ * A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive until it returns
+ * ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call isotherm_reader_receive after that too: a
+ * notification can be lost. It belongs to the reader, which closes it, and stays the same as long as the reader.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NO_SERVICE (also while the reader is not connected), ISOTHERM_ERROR_TRANSPORT.
+ */
+isotherm_code isotherm_reader_descriptor(isotherm_reader *reader,
+                                         int *descriptor);
+
+/**
+ * How long ago the service was last seen at work for this IMU [ns]: under 300 000 000 while it lives and is on time. The first call of a
+ * reader may give up to a second more.
+ *
+ * ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and the errors of
+ * isotherm_reader_receive.
+ */
+isotherm_code isotherm_reader_heartbeat_age(isotherm_reader *reader,
+                                            uint64_t *age_ns);
 
 /**
  * Whether the stream has been found. Stays true when the service stops. False for a handle that cannot be used.

@@ -302,6 +302,24 @@ public:
         return detail::some(isotherm_reader_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
     }
 
+    /// For poll, epoll and the like: readable when increments may have come. Then call receive() until it returns nothing. Wait for at most
+    /// some 100 ms at once. The reader closes it.
+    [[nodiscard]] int descriptor()
+    {
+        int descriptor = -1;
+        detail::check(isotherm_reader_descriptor(handle_.get(), &descriptor));
+        return descriptor;
+    }
+
+    /// How long ago the service was last seen at work for this IMU: under 0.3 s while it lives. Nothing if no service was seen yet.
+    [[nodiscard]] std::optional<std::chrono::nanoseconds> heartbeat_age()
+    {
+        std::uint64_t age_ns = 0;
+        if (detail::check(isotherm_reader_heartbeat_age(handle_.get(), &age_ns)) == ISOTHERM_NONE)
+            return std::nullopt;
+        return std::chrono::nanoseconds(age_ns);
+    }
+
     /// Whether the stream has been found. Stays true when the service stops.
     bool is_connected() const noexcept { return isotherm_reader_is_connected(handle_.get()); }
     /// Increments that came again after a resend and were not returned.

@@ -40,8 +40,9 @@
 //! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag, which a table with
 //!   transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula, `docs/lag.md` the whole story.
 //! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
-//! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. [`RawReader`] reads the raw samples,
-//!   for recorders.
+//! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are there
+//!   ([`receive_timeout`](IncrementReader::receive_timeout)), or gives a [descriptor](IncrementReader::descriptor) to an event loop, and tells
+//!   whether the service lives ([`heartbeat_age`](IncrementReader::heartbeat_age)). [`RawReader`] reads the raw samples, for recorders.
 //!
 //! # Guarantees
 //! * Loaning, sending and receiving allocate nothing, take no lock and make no system call while service and readers stay the same. The
@@ -55,6 +56,7 @@
 //! `iceoryx2` must not enable that crate's `console` feature.
 
 mod acquisition;
+mod arrival;
 mod clock;
 mod closing;
 mod connect;
@@ -74,6 +76,7 @@ mod status;
 mod tap;
 
 pub use acquisition::Acquisition;
+pub use arrival::descriptor;
 pub use clock::{Clock, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
 pub use connect::{

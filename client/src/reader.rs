@@ -1,19 +1,26 @@
 //! Reading the streams of an IMU: for navigation, loggers and recorders.
 
+use crate::arrival::Arrival;
+use crate::clock::monotonic_ns;
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
 use crate::objects::refuse_foreign;
 use crate::resources::reserve;
+use crate::status::{StatusError, StatusReader};
 use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
 use isotherm_shared::protocol::ReaderState;
 use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use std::os::fd::BorrowedFd;
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Pause between two attempts to find the service.
 const RETRY: Duration = Duration::from_millis(20);
+/// Pause between two polls of a stream without an event.
+const POLL: Duration = Duration::from_micros(200);
 
 /// The payload of a stream: [`RawSample`] or [`CompensatedIncrement`].
 pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
@@ -21,9 +28,12 @@ pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
     fn stream(imu: &ImuId) -> ServiceName;
     /// Session and sequence.
     fn key(&self) -> (u64, u64);
+    /// Whether the service notifies an event when it has published.
+    const HAS_EVENT: bool;
 }
 
 impl Streamed for RawSample {
+    const HAS_EVENT: bool = false;
     fn stream(imu: &ImuId) -> ServiceName {
         imu.raw()
     }
@@ -33,6 +43,7 @@ impl Streamed for RawSample {
 }
 
 impl Streamed for CompensatedIncrement {
+    const HAS_EVENT: bool = true;
     fn stream(imu: &ImuId) -> ServiceName {
         imu.increment()
     }
@@ -67,7 +78,13 @@ pub struct Reader<T: Streamed> {
     imu: ImuId,
     state: ReaderState,
     next_attempt: Instant,
-    // The subscriber must be dropped before its node; fields are dropped in this order.
+    /// `CLOCK_MONOTONIC` when the service's worker was last seen at work, as far as is known \[ns\].
+    heartbeat_ns: Option<u64>,
+    /// Whether the caller polls the event by itself.
+    has_descriptor: bool,
+    // The ports must be dropped before their node; fields are dropped in this order.
+    status: Option<StatusReader>,
+    arrival: Option<Arrival>,
     subscriber: Option<Subscriber<Ipc, T, ()>>,
     node: Option<IpcNode>,
 }
@@ -81,6 +98,10 @@ impl<T: Streamed> Reader<T> {
             imu,
             state: ReaderState::new(),
             next_attempt: Instant::now(),
+            heartbeat_ns: None,
+            has_descriptor: false,
+            status: None,
+            arrival: None,
             subscriber: None,
             node: None,
         }
@@ -119,6 +140,16 @@ impl<T: Streamed> Reader<T> {
     /// # Errors
     /// [`ConnectError`] if connecting cannot succeed (another user's domain, no reader place free) or reading fails.
     pub fn receive(&mut self) -> Result<Option<T>, ConnectError> {
+        let received = self.next()?;
+        let Some(arrival) = self.arrival.as_ref().filter(|_| self.has_descriptor && received.is_none()) else {
+            return Ok(received);
+        };
+        // What comes after the event is lowered raises it again.
+        arrival.lower();
+        self.next()
+    }
+
+    fn next(&mut self) -> Result<Option<T>, ConnectError> {
         let Some(subscriber) = &self.subscriber else {
             return self.try_attach().map(|()| None);
         };
@@ -133,21 +164,67 @@ impl<T: Streamed> Reader<T> {
         }
     }
 
-    /// As [`receive`](Self::receive), but waits up to `timeout`. Polls every 0.2 ms; for less delay call `receive` in a loop.
+    /// As [`receive`](Self::receive), but waits up to `timeout`. It sleeps until the service notifies that increments are there. Where no event
+    /// tells it, for raw samples and in the domain of a relay, it polls every 0.2 ms. For the least delay call `receive` in a loop.
     ///
     /// # Errors
-    /// As [`receive`](Self::receive).
+    /// As [`receive`](Self::receive), and if the process cannot wait.
     pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<T>, ConnectError> {
         let started = Instant::now();
         loop {
-            if let Some(received) = self.receive()? {
+            if let Some(received) = self.next()? {
                 return Ok(Some(received));
             }
-            if started.elapsed() >= timeout {
+            let left = timeout.saturating_sub(started.elapsed());
+            if left.is_zero() {
                 return Ok(None);
             }
-            std::thread::sleep(Duration::from_micros(200));
+            if !self.is_connected() {
+                thread::sleep(left.min(RETRY));
+            } else if let Some(arrival) = self.arrival()? {
+                arrival.wait(left);
+            } else {
+                thread::sleep(left.min(POLL));
+            }
         }
+    }
+
+    /// The event of a connected reader, if its stream has one.
+    fn arrival(&mut self) -> Result<Option<&Arrival>, ConnectError> {
+        let Self { arrival, node: Some(node), imu, .. } = self else { return Ok(None) };
+        if arrival.is_none() && T::HAS_EVENT {
+            *arrival = Arrival::open(node, imu)?;
+        }
+        Ok(arrival.as_ref())
+    }
+
+    /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is on time. `None` if
+    /// no service was seen yet.
+    ///
+    /// The first call of a reader may return up to 1 s more; from then on the service publishes its status ten times a second.
+    ///
+    /// # Errors
+    /// If the status cannot be read, as when all its places are taken or it is of another version.
+    pub fn heartbeat_age(&mut self) -> Result<Option<Duration>, ConnectError> {
+        if !self.is_connected() {
+            self.try_attach()?;
+        }
+        let Some(node) = &self.node else { return Ok(None) };
+        let unread = |error: StatusError| error.connecting(&self.domain);
+        let status = match &self.status {
+            Some(status) => status,
+            None => match StatusReader::with(node, &self.domain).map_err(unread) {
+                Ok(status) => self.status.insert(status),
+                Err(ConnectError::NoService(_)) => return Ok(None),
+                Err(error) => return Err(error),
+            },
+        };
+        if let Some(status) = status.latest().map_err(unread)? {
+            let serves = |imus: &[String]| imus.iter().any(|imu| *imu == self.imu.as_str());
+            let worker = status.workers.iter().find(|worker| serves(&worker.imus));
+            self.heartbeat_ns = worker.map(|worker| worker.heartbeat_ns).or(self.heartbeat_ns);
+        }
+        Ok(self.heartbeat_ns.map(|beat| Duration::from_nanos(monotonic_ns().saturating_sub(beat))))
     }
 
     fn try_attach(&mut self) -> Result<(), ConnectError> {
@@ -180,5 +257,21 @@ impl<T: Streamed> Reader<T> {
         reserve(&self.domain)?;
         self.subscriber = Some(subscriber);
         Ok(())
+    }
+}
+
+impl Reader<CompensatedIncrement> {
+    /// A descriptor for `poll`, `epoll` and the like: readable when increments may have come. Then call [`receive`](Self::receive) until it
+    /// returns `None`, which makes it unreadable. It stays the same as long as the reader.
+    ///
+    /// Wait for at most some 100 ms at once, and call `receive` after that too: a notification can be lost.
+    ///
+    /// # Errors
+    /// [`ConnectError::NoService`] while the reader is not connected, and where no event tells of increments, as in the domain of a relay; if
+    /// the process cannot wait.
+    pub fn descriptor(&mut self) -> Result<BorrowedFd<'_>, ConnectError> {
+        self.has_descriptor = true;
+        let no_service = ConnectError::NoService(self.domain.name().to_owned());
+        self.arrival()?.map(Arrival::descriptor).ok_or(no_service)
     }
 }

@@ -40,6 +40,22 @@ pub enum StatusError {
     Silent(Option<i32>),
 }
 
+impl StatusError {
+    /// The same as an error of connecting.
+    pub(crate) fn connecting(self, domain: &Domain) -> ConnectError {
+        match self {
+            Self::Connect(error) => error,
+            Self::Transport { phase, cause } => ConnectError::Transport { phase, cause },
+            Self::Silent(_) => ConnectError::NoService(domain.name().to_owned()),
+            Self::Version(_) => ConnectError::OtherVersion {
+                stream: stream::STATUS.to_owned(),
+                domain: domain.name().to_owned(),
+                payload: "status of another layout".to_owned(),
+            },
+        }
+    }
+}
+
 impl From<StatusError> for Failure {
     fn from(error: StatusError) -> Self {
         match error {

@@ -3,7 +3,8 @@
  *
  *     reader IMU [COUNT]
  *
- * It may be started before the service. It continues when the service or the acquisition is restarted.
+ * It may be started before the service. It continues when the service or the acquisition is restarted. When no increment comes for a
+ * second, it says whether the service lives.
  */
 #include <inttypes.h>
 #include <isotherm.h>
@@ -33,6 +34,9 @@ int main(int count, char **words)
             fflush(stdout);
             left--;
         }
+        uint64_t age_ns;
+        if (code == ISOTHERM_NONE && isotherm_reader_heartbeat_age(reader, &age_ns) == ISOTHERM_OK)
+            fprintf(stderr, "no increment for 1 s; the service was at work %.1f s ago\n", (double)age_ns / 1e9);
     }
     if (code < 0)
         fprintf(stderr, "reader: %s\n", isotherm_error_message());

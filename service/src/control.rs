@@ -179,6 +179,9 @@ impl Service<'_> {
             if now >= next_tick {
                 next_tick = now + TICK;
                 poll_tables(imus);
+                for (index, worker) in self.workers.iter().enumerate() {
+                    worker.announce(imus.iter().any(|imu| imu.imu.worker == index && imu.is_awaited()));
+                }
                 self.check_heartbeats(now);
             }
             if self.workers.iter().any(Worker::is_finished) {

@@ -7,6 +7,7 @@ use crate::reload::{FileChange, TableFile};
 use crate::windows::Windows;
 use crate::worker::channel::ChannelLink;
 use crate::worker::counters::{CounterReader, counters};
+use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
@@ -77,6 +78,7 @@ impl PendingImu {
         let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let arrival = stream::arrival(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let rehearsal = RehearsalStreams::open(node, &imu.id.rehearsal()).map_err(|error| failed(error.to_string()))?;
         let (reloads, windows, logged) = (0, Windows::default(), LoggedLosses::default());
         let refusals = u64::from(last_error.is_some());
@@ -90,6 +92,7 @@ impl PendingImu {
             raw,
             increments,
             wake,
+            arrival,
             rehearsal,
             windows,
             tables,
@@ -121,6 +124,8 @@ pub struct ImuState {
     pub increments: PortFactory<Ipc, CompensatedIncrement, ()>,
     /// The open wake stream: to find the ports of dead processes.
     pub wake: event::PortFactory<Ipc>,
+    /// The open event of published increments: to count who waits, and to find the ports of dead processes.
+    pub arrival: event::PortFactory<Ipc>,
     /// The open streams of the acquisition's rehearsals: to find the ports of dead processes.
     pub rehearsal: RehearsalStreams,
     /// Latency in the last second and in the last minute.
@@ -216,7 +221,13 @@ impl ImuState {
     pub fn ports(&self) -> Vec<Port> {
         let RehearsalStreams { raw, increments } = &self.rehearsal;
         let rehearsal = [ports_of(raw), ports_of(increments)].concat();
-        [ports_of(&self.raw), ports_of(&self.increments), ports_of_event(&self.wake), rehearsal].concat()
+        let events = [ports_of_event(&self.wake), ports_of_event(&self.arrival)].concat();
+        [ports_of(&self.raw), ports_of(&self.increments), events, rehearsal].concat()
+    }
+
+    /// Whether a reader waits for its increments.
+    pub fn is_awaited(&self) -> bool {
+        self.arrival.dynamic_config().number_of_listeners() > 0
     }
 
     /// The table that the worker uses now.

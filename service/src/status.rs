@@ -15,7 +15,7 @@ use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::Flags;
 
 /// Room for the document before its shared memory must grow \[bytes\].
-const INITIAL_BYTES: usize = 16 * 1024;
+const INITIAL_BYTES: usize = 8 * 1024;
 
 /// The status of one IMU.
 pub fn imu_status(imu: &ImuState) -> ImuStatus {

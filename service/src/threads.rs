@@ -2,6 +2,7 @@
 
 use crate::reload::TICK;
 use crate::worker::counters::HeartbeatReader;
+use isotherm_client::monotonic_ns;
 use isotherm_shared::status::WorkerStatus;
 use std::fs;
 use std::time::{Duration, Instant};
@@ -23,6 +24,8 @@ pub struct WorkerThread {
     held_back: Duration,
     heartbeat: HeartbeatReader,
     last_count: u64,
+    /// When the count was last seen to have risen \[ns\].
+    beat_ns: u64,
     checks_without_beat: u32,
 }
 
@@ -47,7 +50,7 @@ struct Times {
 impl WorkerThread {
     /// The thread with this id, which serves these IMUs.
     pub const fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
-        let (last_count, checks_without_beat) = (0, 0);
+        let (last_count, beat_ns, checks_without_beat) = (0, 0, 0);
         Self {
             id,
             imus,
@@ -56,6 +59,7 @@ impl WorkerThread {
             held_back: Duration::ZERO,
             heartbeat,
             last_count,
+            beat_ns,
             checks_without_beat,
         }
     }
@@ -69,7 +73,7 @@ impl WorkerThread {
             (self.checks_without_beat == STILL_CHECKS).then_some(HeartbeatChange::Stopped)
         } else {
             let stood_still = self.stands_still();
-            (self.last_count, self.checks_without_beat) = (count, 0);
+            (self.last_count, self.beat_ns, self.checks_without_beat) = (count, monotonic_ns(), 0);
             stood_still.then_some(HeartbeatChange::Resumed)
         }
     }
@@ -116,6 +120,7 @@ impl WorkerThread {
             cpu_s: times.ran.as_secs_f64(),
             held_back_s: times.waited.as_secs_f64(),
             held_back_ms: self.held_back.as_secs_f64() * 1e3,
+            heartbeat_ns: self.beat_ns,
             stands_still: self.stands_still(),
         }
     }

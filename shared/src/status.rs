@@ -55,6 +55,9 @@ pub struct WorkerStatus {
     /// Time in the last second in which it was ready to run but did not run, because other threads ran or the kernel
     /// throttled it \[ms\].
     pub held_back_ms: f64,
+    /// `CLOCK_MONOTONIC` when its loop was last seen to have turned; looked at 20 times a second \[ns\].
+    #[serde(default)]
+    pub heartbeat_ns: u64,
     /// Whether its loop has made no turn for a second, so that its IMUs are not served.
     pub stands_still: bool,
 }

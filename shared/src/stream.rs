@@ -6,6 +6,7 @@
 //! | `isotherm/<imu>/raw` | [`RawSample`] | 1, the acquisition | the service, recorders |
 //! | `isotherm/<imu>/increment` | [`CompensatedIncrement`] | 1, the service | the acquisition, navigation, loggers |
 //! | `isotherm/<imu>/wake` | event | senders of raw samples, the service | the service |
+//! | `isotherm/<imu>/arrival` | event | the service, after publishing, while anybody listens | readers that wait |
 //! | `isotherm/status` | UTF-8 JSON, `[u8]`, history 1 | 1, the service | anybody |
 //! | `isotherm/<imu>/rehearsal/raw`, `.../increment` | as without `/rehearsal` | the acquisition | the acquisition |
 //! | `isotherm/rehearsal/<worker>/raw`, `.../increment` | as those of an IMU | the service | the service |
@@ -55,7 +56,7 @@ pub const NODES: usize = 64;
 /// Processes that may notify the wake-up event of one IMU: its senders, and the service itself.
 pub const NOTIFIERS: usize = 16;
 /// Readers of the status at once.
-pub const STATUS_SUBSCRIBERS: usize = 16;
+pub const STATUS_SUBSCRIBERS: usize = 32;
 
 /// Name of the status stream.
 pub const STATUS: &str = "isotherm/status";
@@ -172,6 +173,13 @@ pub fn wake(node: &IpcNode, imu: &ImuId) -> event::Builder<Ipc> {
     node.service_builder(&imu.wake()).event().max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES)
 }
 
+/// The event of published increments with its full settings, for `open_or_create` by the service.
+#[must_use]
+pub fn arrival(node: &IpcNode, imu: &ImuId) -> event::Builder<Ipc> {
+    let event = node.service_builder(&imu.arrival()).event();
+    event.max_listeners(INCREMENT_SUBSCRIBERS).max_notifiers(1).max_nodes(NODES)
+}
+
 /// The status stream with its full settings, for `open_or_create` by the service.
 #[must_use]
 pub fn status(node: &IpcNode) -> PublishSubscribe<[u8]> {
@@ -245,6 +253,12 @@ impl ImuId {
     #[must_use]
     pub fn wake(&self) -> ServiceName {
         service_name(&format!("isotherm/{self}/wake"))
+    }
+
+    /// `isotherm/<imu>/arrival`.
+    #[must_use]
+    pub fn arrival(&self) -> ServiceName {
+        service_name(&format!("isotherm/{self}/arrival"))
     }
 
     /// The streams for the rehearsals of its acquisition.

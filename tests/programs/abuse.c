@@ -64,6 +64,10 @@ static void null_everywhere(isotherm_acquisition *acquisition)
     CHECK(isotherm_depth(NULL) == 0 && isotherm_in_flight(NULL) == 0 && isotherm_session(NULL) == 0);
     CHECK(isotherm_reader_receive(NULL, &increment) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_reader_receive_timeout(NULL, 1, &increment) == ISOTHERM_ERROR_NULL);
+    int descriptor;
+    uint64_t age_ns;
+    CHECK(isotherm_reader_descriptor(NULL, &descriptor) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_reader_heartbeat_age(NULL, &age_ns) == ISOTHERM_ERROR_NULL);
     CHECK(!isotherm_reader_is_connected(NULL) && isotherm_reader_repeats(NULL) == 0);
     CHECK(isotherm_merge(NULL, NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_merge(NULL, &copy, NULL) == ISOTHERM_ERROR_NULL);
     CHECK(isotherm_merge(acquisition, NULL, &copy) == ISOTHERM_ERROR_NULL && isotherm_cancel(NULL, &copy) == ISOTHERM_ERROR_NULL);
@@ -274,6 +278,8 @@ static void child_of(pid_t (*make)(void), isotherm_acquisition *acquisition, iso
         CHECK(isotherm_compensate(acquisition, on_loan, 1, &increment) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_discard(acquisition, on_loan) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_reader_receive(reader, &increment) == ISOTHERM_ERROR_FORKED);
+        int descriptor;
+        CHECK(isotherm_reader_descriptor(reader, &descriptor) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_depth(acquisition) == 0 && isotherm_reading(acquisition, 0, 1.0, 1) == ISOTHERM_ERROR_FORKED);
         CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_ERROR_FORKED && isotherm_reader_close(reader) == ISOTHERM_ERROR_FORKED);
         if (make != fork)
@@ -349,7 +355,11 @@ int main(int count, char **words)
     imu = words[1];
     isotherm_acquisition *acquisition;
     isotherm_reader *reader;
+    int descriptor;
     CHECK(isotherm_reader_new(imu, NULL, &reader) == ISOTHERM_OK && !isotherm_reader_is_connected(reader));
+    CHECK(isotherm_reader_descriptor(reader, NULL) == ISOTHERM_ERROR_NULL);
+    CHECK(isotherm_reader_heartbeat_age(reader, NULL) == ISOTHERM_ERROR_NULL);
+    GIVES(isotherm_reader_descriptor(reader, &descriptor), ISOTHERM_ERROR_NO_SERVICE, "no service");
     CHECK(isotherm_acquisition_connect(imu, &patient, &acquisition) == ISOTHERM_OK);
     null_everywhere(acquisition);
     wrong_names();

@@ -2,6 +2,8 @@
 #include <cstdlib>
 #include <iostream>
 #include <isotherm.hpp>
+#include <poll.h>
+#include <thread>
 #include <type_traits>
 
 using namespace std::chrono_literals;
@@ -53,6 +55,11 @@ int main(int, char **words)
     auto acquisition = connected(imu);
     IncrementReader reader(imu, {std::nullopt, 20s});
     CHECK(reader.is_connected() && !reader.receive());
+    CHECK(thrown([&] { (void)early.descriptor(); }) == ISOTHERM_ERROR_NO_SERVICE);
+    pollfd waiting{reader.descriptor(), POLLIN, 0};
+    CHECK(!reader.receive() && reader.descriptor() == waiting.fd);
+    while (!reader.heartbeat_age())
+        std::this_thread::sleep_for(1ms);
 
     // A sample that is not sent is a lost period when it goes out of scope, unless it is cancelled.
     for (int i = 0; i < 10; i++) {
@@ -69,6 +76,8 @@ int main(int, char **words)
     sample->interval_ns = 1000;
     const auto answer = acquisition.compensate(sample, 20s);
     CHECK(answer && !answer.is_full() && !answer.is_late() && !sample && answer->interval_ns == 1000 && &answer.value() == &*answer);
+    // The service tells that the increment is there.
+    CHECK(poll(&waiting, 1, 20'000) == 1 && (waiting.revents & POLLIN));
     CHECK(reader.receive(20s)->sequence == answer->sequence && reader.repeats() == 0);
     // A sample cannot be sent twice.
     CHECK(thrown([&] { (void)acquisition.send(sample); }) == ISOTHERM_ERROR_NULL);

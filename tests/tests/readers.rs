@@ -1,13 +1,17 @@
 //! Readers beside the acquisition, and peers that use the streams without the client library.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_client::{CompensatedIncrement, IncrementReader, RawSample, join};
+use iceoryx2::prelude::PortFactory as _;
+use isotherm_client::{CompensatedIncrement, ConnectError, IncrementReader, RawSample, join};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
 use isotherm_shared::wire::Triad;
+use isotherm_tests::programs::{C, compile, start};
 use isotherm_tests::{
     RUN, TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, id, recording, round_trip, same, table, wait_until,
 };
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::Signal;
 use std::collections::BTreeSet;
 use std::fs;
 use std::thread;
@@ -40,6 +44,108 @@ fn a_reader_may_start_before_the_service_or_late() {
     assert_eq!(sequences(&mut early), (0..150).collect::<Vec<_>>());
     assert_eq!(sequences(&mut late), (100..150).collect::<Vec<_>>());
     assert_eq!(domain.imu_status()["readers"], 3);
+    service.terminate();
+}
+
+/// Whether the reader's descriptor becomes readable within a time.
+fn is_readable(reader: &mut IncrementReader, time: Duration) -> bool {
+    let descriptor = reader.descriptor().unwrap();
+    let timeout = Timespec { tv_sec: time.as_secs() as i64, tv_nsec: time.subsec_nanos().into() };
+    poll(&mut [PollFd::from_borrowed_fd(descriptor, PollFlags::IN)], Some(&timeout)).unwrap() == 1
+}
+
+#[test]
+fn a_reader_that_waits_is_told_of_increments_and_of_nothing_else() {
+    let domain = TestDomain::new();
+    let mut early = IncrementReader::new(id("imu-a"), &domain.options());
+    assert!(matches!(early.descriptor(), Err(ConnectError::NoService(_))));
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let sample = recording()[0];
+    let (mut one, mut two) = (domain.reader("imu-a"), domain.reader("imu-a"));
+    // From when the service has seen that somebody waits, every increment is told; before, they are found by looking.
+    wait_until("the service's notification", || {
+        round_trip(&mut acquisition, &sample);
+        let told = is_readable(&mut one, Duration::from_millis(1));
+        drain(&mut one);
+        told
+    });
+    for _ in 0..50 {
+        assert!(one.receive().unwrap().is_none() && !is_readable(&mut one, Duration::ZERO), "nothing has come");
+        let sequence = round_trip(&mut acquisition, &sample).sequence;
+        assert!(is_readable(&mut one, TIMEOUT));
+        assert_eq!(one.receive().unwrap().map(|increment| increment.sequence), Some(sequence));
+    }
+    // Several at once, and a second one who waits.
+    drain(&mut two);
+    assert!(two.descriptor().is_ok() && one.receive().unwrap().is_none());
+    let sent: Vec<_> = (0..20).map(|_| round_trip(&mut acquisition, &sample).sequence).collect();
+    let sequences = |reader: &mut IncrementReader| drain(reader).iter().map(|it| it.sequence).collect::<Vec<_>>();
+    assert!(is_readable(&mut one, TIMEOUT));
+    assert_eq!([sequences(&mut one), sequences(&mut two)], [sent.clone(), sent]);
+    // Another service tells them too.
+    service.kill();
+    let service = domain.serve_recording();
+    let sequence = round_trip(&mut acquisition, &sample).sequence;
+    for reader in [&mut one, &mut two] {
+        assert!(is_readable(reader, TIMEOUT));
+        assert_eq!(sequences(reader), [sequence]);
+    }
+    // Waiting with a time limit, for what is there and for what is not.
+    let sequence = round_trip(&mut acquisition, &sample).sequence;
+    assert_eq!(one.receive_timeout(TIMEOUT).unwrap().map(|increment| increment.sequence), Some(sequence));
+    assert_eq!(one.receive_timeout(Duration::from_millis(50)).unwrap(), None);
+    service.terminate();
+}
+
+#[test]
+fn readers_that_were_killed_while_they_waited_leave_their_places() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let node = join(domain.client_domain()).unwrap();
+    let event = node.service_builder(&id("imu-a").arrival()).event().open().unwrap();
+    let listeners = || event.dynamic_config().number_of_listeners();
+    let Some(program) = compile(&domain, C, "examples/c/reader.c") else { return };
+    // More than there are places.
+    for round in 0..3 {
+        let begin = |number| start(&domain, &program, &["imu-a"], &format!("{round}-{number}"));
+        let mut readers: Vec<_> = (0..8).map(begin).collect();
+        wait_until("all of them wait", || listeners() == 8);
+        round_trip(&mut acquisition, &recording()[0]);
+        for reader in &mut readers {
+            reader.kill().unwrap();
+            reader.wait().unwrap();
+        }
+        wait_until("their places are free", || listeners() == 0);
+    }
+    let mut reader = domain.reader("imu-a");
+    assert!(reader.descriptor().is_ok());
+    let sequence = round_trip(&mut acquisition, &recording()[0]).sequence;
+    assert!(is_readable(&mut reader, TIMEOUT));
+    assert_eq!(drain(&mut reader)[0].sequence, sequence);
+    service.terminate();
+}
+
+#[test]
+fn a_reader_knows_whether_the_service_lives() {
+    const ALIVE: Duration = Duration::from_millis(500);
+    const DEAD: Duration = Duration::from_secs(2);
+    let domain = TestDomain::new();
+    let mut reader = IncrementReader::new(id("imu-a"), &domain.options());
+    assert_eq!(reader.heartbeat_age().unwrap(), None);
+    let service = domain.serve_recording();
+    let mut is = |state: fn(Duration) -> bool| reader.heartbeat_age().unwrap().is_some_and(state);
+    wait_until("a heartbeat", || is(|age| age < ALIVE));
+    // The process is stopped as a whole, goes on, dies, and has a successor.
+    service.signal(Signal::STOP);
+    wait_until("no heartbeat", || is(|age| age > DEAD));
+    service.signal(Signal::CONT);
+    wait_until("the heartbeat again", || is(|age| age < ALIVE));
+    service.kill();
+    wait_until("the end", || is(|age| age > DEAD));
+    let service = domain.serve_recording();
+    wait_until("the successor's heartbeat", || is(|age| age < ALIVE));
     service.terminate();
 }
 

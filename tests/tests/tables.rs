@@ -330,3 +330,38 @@ fn check_describes_a_whole_imu_and_reports_its_faults() {
         assert!(message.contains(&format!("bad.toml{place}")), "no {place:?} in\n{message}");
     }
 }
+
+#[test]
+fn a_number_that_is_none_is_named_and_a_digest_is_told_beside_other_faults() {
+    let domain = TestDomain::new();
+    let refused = |name: &str, content: &str| {
+        domain.write(name, content);
+        let checked = domain.run(&["check", name]);
+        // The service says the same.
+        let served = domain.run(&["serve", "--imu", &format!("imu-a={name}")]);
+        assert_eq!([&checked, &served].map(|output| output.status.code()), [Some(78); 2]);
+        let [checked, served] = [&checked, &served].map(|output| text(&output.stderr));
+        assert_eq!(checked, served);
+        checked.replace("isotherm: ", "")
+    };
+    let found = refused("letters.toml", &TABLE.replace("420.81", "42O.81").replace("9.8015", "9,8015"));
+    assert!(found.contains("letters.toml:10: axis.A1.bias.c2: column 77: \"42O.81\" is no number\n"), "{found}");
+    assert!(found.starts_with("letters.toml:4: "), "{found}");
+    // The digest of a text that cannot be read cannot be checked; that of other faults can.
+    domain.write("sealed.toml", TABLE);
+    domain.run_ok(&["check", "--seal", "sealed.toml"]);
+    let sealed = fs::read_to_string(domain.path("sealed.toml")).unwrap();
+    let found = refused("unread.toml", &sealed.replace("91733.0", "9l733.0"));
+    assert_eq!(
+        found,
+        "unread.toml:2: digest: cannot be checked until these are right\n\
+         unread.toml:12: axis.A1.positive_scale_factor.c0: column 75: \"9l733.0\" is no number\n"
+    );
+    let found = refused("both.toml", &sealed.replace("91733.0", "-91733.0"));
+    let lines: Vec<_> = found.lines().collect();
+    assert_eq!(lines.len(), 2, "{found}");
+    assert!(lines[0].starts_with("both.toml:2: digest: is \"sha256:") && lines[0].contains("but the content has"));
+    assert!(lines[1].starts_with("both.toml:12: axis.A1.positive_scale_factor: is -92551"), "{found}");
+    let found = refused("partial.toml", &sealed.replace("gravity = 9.8015", "gravity = \"x\""));
+    assert!(found.contains("partial.toml:2: digest: cannot be checked until these are right"), "{found}");
+}

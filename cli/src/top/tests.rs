@@ -85,6 +85,7 @@ fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
             cpu_s: 0.0,
             held_back_s: 0.0,
             held_back_ms: 0.0,
+            heartbeat_ns: 0,
             stands_still: false,
         }],
         memory_locked_kb: 0,

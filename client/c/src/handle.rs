@@ -169,6 +169,7 @@ mod tests {
         is_send::<iceoryx2::sample_mut::SampleMut<Service, isotherm_client::RawSample, ()>>();
         is_send::<iceoryx2::port::subscriber::Subscriber<Service, isotherm_client::CompensatedIncrement, ()>>();
         is_send::<iceoryx2::port::notifier::Notifier<Service>>();
+        is_send::<iceoryx2::port::listener::Listener<Service>>();
         is_send::<
             iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, isotherm_client::RawSample, ()>,
         >();

@@ -4,10 +4,11 @@
 use crate::code::{CodedError, NONE, NULL, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
 use crate::values::{ISOTHERM_NO_WAIT, imu, reader_options};
-use core::ffi::c_char;
+use core::ffi::{c_char, c_int};
 use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{CompensatedIncrement, IncrementReader};
+use std::os::fd::AsRawFd as _;
 
 /// Reads the increments of one IMU as they are published: for navigation and loggers. Each (session, sequence) is returned once.
 /// A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are overwritten, which is a gap
@@ -43,8 +44,8 @@ pub unsafe extern "C" fn isotherm_reader_new(
     }
 }
 
-/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not wait. `domain` is as in isotherm_options. Close the
-/// handle with isotherm_reader_close.
+/// Creates a connected reader, waiting up to `timeout_ns` for the service if necessary: 0 is the default, 5 s; ISOTHERM_NO_WAIT does not
+/// wait. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
 #[unsafe(no_mangle)]
@@ -89,8 +90,8 @@ pub unsafe extern "C" fn isotherm_reader_receive(
     })
 }
 
-/// As isotherm_reader_receive, but waits up to `timeout_ns`. Polls every 0.2 ms; for less delay call isotherm_reader_receive in a
-/// loop.
+/// As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there. For the least delay
+/// call isotherm_reader_receive in a loop.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     reader: *mut isotherm_reader,
@@ -102,6 +103,44 @@ pub unsafe extern "C" fn isotherm_reader_receive_timeout(
         let increment = reader.receive_timeout(Duration::from_nanos(timeout_ns))?.ok_or(NONE)?;
         // SAFETY: not NULL, so it is writable, as the header requires.
         unsafe { output.write(increment) };
+        Ok(())
+    })
+}
+
+/// A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive until it returns
+/// ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call isotherm_reader_receive after that too: a
+/// notification can be lost. It belongs to the reader, which closes it, and stays the same as long as the reader.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_NO_SERVICE (also while the reader is not connected), ISOTHERM_ERROR_TRANSPORT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_descriptor(
+    reader: *mut isotherm_reader,
+    descriptor: *mut c_int,
+) -> isotherm_code {
+    with(reader, |reader| {
+        let output = NonNull::new(descriptor).ok_or(NULL)?;
+        let descriptor = reader.descriptor()?.as_raw_fd();
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { output.write(descriptor) };
+        Ok(())
+    })
+}
+
+/// How long ago the service was last seen at work for this IMU [ns]: under 300 000 000 while it lives and is on time. The first call of a
+/// reader may give up to a second more.
+///
+/// ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and the errors of
+/// isotherm_reader_receive.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reader_heartbeat_age(
+    reader: *mut isotherm_reader,
+    age_ns: *mut u64,
+) -> isotherm_code {
+    with(reader, |reader| {
+        let output = NonNull::new(age_ns).ok_or(NULL)?;
+        let age = reader.heartbeat_age()?.ok_or(NONE)?;
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { output.write(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)) };
         Ok(())
     })
 }

@@ -7,6 +7,7 @@ use crate::records::{Increment, array, increment_bytes, view};
 use crate::wait::{poll_until, seconds};
 use isotherm_client::IncrementReader as Client;
 use pyo3::prelude::*;
+use std::os::fd::AsRawFd as _;
 use std::time::Duration;
 
 /// Reads the increments of one IMU.
@@ -42,6 +43,15 @@ impl IncrementReader {
     #[getter]
     fn repeats(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.repeats())
+    }
+
+    fn fileno(&self) -> PyResult<i32> {
+        Ok(self.owned.hold()?.open()?.descriptor().map_err(|error| connecting(&error))?.as_raw_fd())
+    }
+
+    fn heartbeat_age(&self) -> PyResult<Option<f64>> {
+        let age = self.owned.hold()?.open()?.heartbeat_age().map_err(|error| connecting(&error))?;
+        Ok(age.map(|age| age.as_secs_f64()))
     }
 
     #[getter]

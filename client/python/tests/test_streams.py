@@ -7,6 +7,7 @@ import gc
 import json
 import os
 import platform
+import selectors
 import signal
 import subprocess
 import sys
@@ -158,7 +159,7 @@ def test_every_peculiarity_of_a_sample(domain: DomainUnderTest, whole_table: iso
                 exact = right[[columns.format(axis) for axis in (1, 2, 3)]].to_numpy()
                 same_bits = got[name].view(np.uint64) == exact.view(np.uint64)
                 assert (same_bits | (np.isnan(got[name]) & np.isnan(exact))).all()
-            delivery = int(isotherm.Flags.GAP | isotherm.Flags.LATE)
+            delivery = int(isotherm.Flags.LOST | isotherm.Flags.LATE)
             assert ["|".join(isotherm.flag_names(flags & ~delivery)) or "-" for flags in got["flags"].tolist()] == right["flags"].tolist()
 
 
@@ -519,6 +520,43 @@ def test_a_reader_may_come_first_and_stays(domain: DomainUnderTest, recorded: is
     assert list(reader) == []
     with pytest.raises(isotherm.Closed):
         reader.receive()
+
+
+def test_a_reader_waits_with_a_selector_and_knows_whether_the_service_lives(
+    domain: DomainUnderTest, recorded: isotherm.Records
+) -> None:
+    with isotherm.IncrementReader("imu-a", timeout=None) as early:
+        assert early.heartbeat_age() is None
+        with pytest.raises(isotherm.NoService):
+            early.fileno()
+    service = domain.serve()
+    with isotherm.IncrementReader("imu-a", timeout=TIMEOUT) as reader, isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition:
+        selector = selectors.DefaultSelector()
+        selector.register(reader, selectors.EVENT_READ)
+        told: list[int] = []
+
+        def is_told() -> bool:
+            """Whether the service tells of an increment; it does from when it has seen that somebody waits."""
+            loan = acquisition.loan()
+            fill(loan, recorded[0])
+            acquisition.compensate(loan, TIMEOUT)
+            is_readable = bool(selector.select(0.001))
+            told.extend(reader.read_available()["sequence"].tolist())
+            return is_readable
+
+        wait_for(is_told, "the service's notification")
+        assert told == list(range(len(told)))
+        assert not selector.select(0)
+        for _ in range(10):
+            loan = acquisition.loan()
+            fill(loan, recorded[0])
+            sequence = acquisition.compensate(loan, TIMEOUT).sequence
+            assert selector.select(TIMEOUT)
+            assert reader.read_available()["sequence"].tolist() == [sequence]
+            assert not selector.select(0)
+        wait_for(lambda: (reader.heartbeat_age() or 9.0) < 0.5, "a heartbeat")
+        service.kill()
+        wait_for(lambda: (reader.heartbeat_age() or 0.0) > 2.0, "no heartbeat")
 
 
 def test_the_exception_says_why_connecting_failed(domain: DomainUnderTest) -> None:

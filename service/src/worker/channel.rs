@@ -6,12 +6,13 @@ use crate::leftovers::{ports_of, ports_of_event};
 use crate::worker::counters::CounterWriter;
 use crate::worker::listeners::WakePorts;
 use iceoryx2::port::listener::ListenerCreateError;
-use iceoryx2::port::notifier::NotifierCreateError;
+use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::service::port_factory::event;
 use isotherm_client::{Clock, Rehearsal, RehearsalStreams, publish, receive, subscribers_of};
 use isotherm_failure::Failure;
 use isotherm_shared::compensate::answer;
@@ -55,6 +56,8 @@ pub struct Channel {
     spare: Option<LoanedIncrement>,
     publisher: Publisher<Ipc, CompensatedIncrement, ()>,
     subscriber: Subscriber<Ipc, RawSample, ()>,
+    /// Tells readers that wait that an increment is published.
+    arrival: Notifier<Ipc>,
     /// For the rehearsals of the acquisition, which cannot create streams.
     _rehearsal: RehearsalStreams,
 }
@@ -94,6 +97,10 @@ impl Channel {
             let domain = domain.name();
             format!("IMU {id} is already served in domain {domain:?}; stop the other service or use another --domain")
         };
+        let arrival = creator.stream(&name("event of the increments"), &id.arrival(), || {
+            Ok(stream::arrival(node, &id).open_or_create()?)
+        })?;
+        let announcer = creator.port(&name("event of the increments"), served, || notifier(&arrival))?;
         let listener = creator.port(&name("listener"), served, || {
             wake.listener_builder().create().map_err(|error| match error {
                 ListenerCreateError::ExceedsMaxSupportedListeners => CreateError::Taken(ports_of_event(&wake)),
@@ -102,12 +109,7 @@ impl Channel {
         })?;
         let crowd =
             || format!("notifying the worker of IMU {id}: all places of its wake-up event are taken; stop a sender");
-        let notifier = creator.port(&name("notifier"), crowd, || {
-            wake.notifier_builder().create().map_err(|error| match error {
-                NotifierCreateError::ExceedsMaxSupportedNotifiers => CreateError::Taken(ports_of_event(&wake)),
-                other => CreateError::Other(other.to_string()),
-            })
-        })?;
+        let notifier = creator.port(&name("notifier"), crowd, || notifier(&wake))?;
         let rehearsal =
             create_rehearsal(node, &creator, &format!("the rehearsal streams of IMU {id}"), &id.rehearsal())?;
         let crowded = || {
@@ -138,6 +140,7 @@ impl Channel {
             spare: publisher.loan().ok(),
             publisher,
             subscriber,
+            arrival: announcer,
             _rehearsal: rehearsal,
         };
         Ok((channel, WakePorts { listener, notifier }))
@@ -198,6 +201,12 @@ impl Channel {
         Some(now)
     }
 
+    /// Tells the readers that wait that an increment is published.
+    pub fn announce(&self) {
+        // A reader that misses it looks by itself, after 20 ms at most.
+        let _ = self.arrival.notify();
+    }
+
     /// Whether no raw sample waits.
     #[inline]
     pub fn is_empty(&self) -> bool {
@@ -248,6 +257,13 @@ impl Channel {
 #[inline(never)]
 fn compute(table: Option<&CoefficientTable>, raw: &RawSample, increment: &mut CompensatedIncrement) {
     *increment = answer(table, raw);
+}
+
+fn notifier(event: &event::PortFactory<Ipc>) -> Result<Notifier<Ipc>, CreateError> {
+    event.notifier_builder().create().map_err(|error| match error {
+        NotifierCreateError::ExceedsMaxSupportedNotifiers => CreateError::Taken(ports_of_event(event)),
+        other => CreateError::Other(other.to_string()),
+    })
 }
 
 /// Creates the two streams of rehearsals.

@@ -2,15 +2,13 @@
 //!
 //! A notification is a system call of the sender, unless the event is still raised by one before. A worker that is awake for a sample
 //! raises the event itself: the sender then spends no time on it, and sees its answer earlier.
-#![expect(unsafe_code, reason = "iceoryx2 gives a listener's descriptor as a number")]
 
 use crate::worker::wait::BOUND_NS;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::FileDescriptorBased as _;
+use isotherm_client::descriptor;
 use isotherm_shared::stream::Ipc;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fd::BorrowedFd;
 use rustix::io::Errno;
 use std::thread;
 use std::time::Duration;
@@ -36,11 +34,7 @@ pub struct WakeListeners<'a> {
 impl<'a> WakeListeners<'a> {
     /// Prepares the listeners for polling.
     pub fn new(ports: &'a [WakePorts]) -> Self {
-        let poll_fd = |ports: &'a WakePorts| {
-            // SAFETY: the descriptor stays open as long as the listener, which is borrowed for 'a, and is only polled.
-            let descriptor = unsafe { BorrowedFd::borrow_raw(ports.listener.file_descriptor().native_handle()) };
-            PollFd::from_borrowed_fd(descriptor, PollFlags::IN)
-        };
+        let poll_fd = |ports: &'a WakePorts| PollFd::from_borrowed_fd(descriptor(&ports.listener), PollFlags::IN);
         Self { ports, descriptors: ports.iter().map(poll_fd).collect(), raised: vec![false; ports.len()], drained: 0 }
     }
 

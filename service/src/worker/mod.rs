@@ -13,6 +13,9 @@
 //! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all sensors of
 //! an increment come from one table.
 //!
+//! Readers that wait are notified after each turn that has answered ([`HotLoop::serve`]), which takes a system call for each reader that
+//! sleeps. While nobody waits, nothing is done for it.
+//!
 //! A wait is at most [`wait::BOUND_NS`] long, with every strategy and even if every notification is lost.
 
 pub mod channel;
@@ -33,7 +36,7 @@ use isotherm_shared::stream::{Domain, RAW_DEPTH};
 use listeners::{WakeListeners, WakePorts};
 use rehearse::Rehearsals;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -48,8 +51,19 @@ pub struct Worker {
     pub thread_id: i32,
     /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
-    stop: Arc<AtomicBool>,
+    /// One of [`order`]; only the control thread writes it.
+    order: Arc<AtomicU8>,
     thread: JoinHandle<()>,
+}
+
+/// What a worker is to do besides serving.
+mod order {
+    /// Nothing.
+    pub const SERVE: u8 = 0;
+    /// Notify readers that wait.
+    pub const ANNOUNCE: u8 = 1;
+    /// Answer what has arrived, and end.
+    pub const STOP: u8 = 2;
 }
 
 impl Worker {
@@ -64,27 +78,27 @@ impl Worker {
         links: Vec<ChannelLink>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let stop = Arc::<AtomicBool>::default();
+        let order = Arc::new(AtomicU8::new(order::SERVE));
         let (beat, heartbeat) = heartbeat();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
-            let (stop, domain, config) = (Arc::clone(&stop), domain.clone(), config.clone());
-            move || run(&domain, &config, index, links, (&stop, beat), &ready)
+            let (order, domain, config) = (Arc::clone(&order), domain.clone(), config.clone());
+            move || run(&domain, &config, index, links, (&order, beat), &ready)
         };
         let thread = thread::Builder::new().name(format!("worker-{index}")).spawn(body);
         let thread =
             thread.map_err(|error| Failure::new(Exit::Failed, format!("starting the worker thread: {error}")))?;
         loop {
             match started.recv_timeout(Duration::from_millis(20)) {
-                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, heartbeat, stop, thread })),
+                Ok(Ok(thread_id)) => return Ok(Some(Self { thread_id, heartbeat, order, thread })),
                 Ok(Err(failure)) => return Err(failure),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
                 }
                 Err(RecvTimeoutError::Timeout) if give_up() => {
-                    stop.store(true, Relaxed);
+                    order.store(order::STOP, Relaxed);
                     // It ends before the process does, so that what it has created is removed. If it hangs, the next service removes it.
-                    let _ = Self { thread_id: 0, heartbeat, stop, thread }.join();
+                    let _ = Self { thread_id: 0, heartbeat, order, thread }.join();
                     return Ok(None);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -99,7 +113,12 @@ impl Worker {
 
     /// Requests that the worker answers the samples that have arrived, then ends.
     pub fn request_stop(&self) {
-        self.stop.store(true, Relaxed);
+        self.order.store(order::STOP, Relaxed);
+    }
+
+    /// Orders whether the worker notifies readers that wait, before [`request_stop`](Self::request_stop).
+    pub fn announce(&self, announce: bool) {
+        self.order.store(if announce { order::ANNOUNCE } else { order::SERVE }, Relaxed);
     }
 
     /// Waits until the thread has ended, after [`request_stop`](Self::request_stop).
@@ -133,10 +152,10 @@ fn run(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    (stop, beat): (&AtomicBool, HeartbeatWriter),
+    (order, beat): (&AtomicU8, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
-    let (mut channels, ports, rehearsals) = match open(domain, config, index, links, stop) {
+    let (mut channels, ports, rehearsals) = match open(domain, config, index, links, order) {
         Ok(opened) => opened,
         Err(failure) => {
             let _ = ready.send(Err(failure));
@@ -144,7 +163,7 @@ fn run(
         }
     };
     let _ = ready.send(Ok(rustix::thread::gettid().as_raw_nonzero().get()));
-    serve(&mut channels, &ports, rehearsals, config, stop, beat);
+    HotLoop::new(&mut channels, &ports, rehearsals, config.strategy, beat).run(order);
 }
 
 fn open(
@@ -152,7 +171,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    stop: &AtomicBool,
+    order: &AtomicU8,
 ) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -166,7 +185,7 @@ fn open(
     // Before the channels: when these are open, clients take the service for ready.
     let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
-    for link in links.into_iter().take_while(|_| !stop.load(Relaxed)) {
+    for link in links.into_iter().take_while(|_| order.load(Relaxed) != order::STOP) {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
         channel.take_table();
         channels.push(channel);
@@ -175,96 +194,141 @@ fn open(
     Ok((channels, ports, rehearsals))
 }
 
-/// The hot loop.
-fn serve(
-    channels: &mut [Channel],
-    ports: &[WakePorts],
-    mut rehearsals: Rehearsals,
-    config: &Config,
-    stop: &AtomicBool,
-    mut beat: HeartbeatWriter,
-) {
-    let mut clock = Clock::new();
-    let mut waiter = Waiter::new(config.strategy, channels.len());
-    let mut wake = WakeListeners::new(ports);
-    // The channel that was served last, whether its queue has been seen empty since, and how many polls of others have found nothing since.
-    let (mut latest, mut emptied, mut idle_polls) = (0, false, 0);
-    let (mut unsettled, mut woken) = (false, false);
-    loop {
-        beat.beat();
-        let mut served = false;
-        for turn in 0..channels.len() {
-            // A queue that was never empty since is a burst: first every other channel is polled.
-            if turn == latest && !emptied && idle_polls + 1 < channels.len() {
+/// The hot loop with what lasts from one turn to the next.
+struct HotLoop<'a> {
+    channels: &'a mut [Channel],
+    rehearsals: Rehearsals,
+    strategy: Strategy,
+    beat: HeartbeatWriter,
+    clock: Clock,
+    waiter: Waiter,
+    wake: WakeListeners<'a>,
+    /// Which channels have answered since their readers were told.
+    news: Vec<bool>,
+}
+
+impl<'a> HotLoop<'a> {
+    fn new(
+        channels: &'a mut [Channel],
+        ports: &'a [WakePorts],
+        rehearsals: Rehearsals,
+        strategy: Strategy,
+        beat: HeartbeatWriter,
+    ) -> Self {
+        let (imus, clock, wake) = (channels.len(), Clock::new(), WakeListeners::new(ports));
+        let (waiter, news) = (Waiter::new(strategy, imus), vec![false; imus]);
+        Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news }
+    }
+
+    /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it costs no instruction.
+    fn run(&mut self, order: &AtomicU8) {
+        loop {
+            match order.load(Relaxed) {
+                order::SERVE => self.serve::<{ order::SERVE }>(order),
+                order::ANNOUNCE => {
+                    // What came before this order was told to nobody.
+                    self.channels.iter().for_each(Channel::announce);
+                    self.serve::<{ order::ANNOUNCE }>(order);
+                }
+                _ => break,
+            }
+        }
+        // Answer what has arrived, at most one queue for each IMU: a sender that keeps sending must not delay the end.
+        for channel in self.channels.iter_mut() {
+            (0..queue_depth(RAW_DEPTH)).take_while(|_| channel.serve(&mut self.clock).is_some()).count();
+            channel.settle();
+            channel.announce();
+        }
+    }
+
+    /// Serves as long as the order is `ORDER`.
+    fn serve<const ORDER: u8>(&mut self, order: &AtomicU8) {
+        let Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news } = self;
+        // The channel that was served last, whether its queue has been seen empty since, and how many polls of others have found nothing since.
+        let (mut latest, mut emptied, mut idle_polls) = (0, false, 0);
+        let (mut unsettled, mut woken) = (true, false);
+        loop {
+            beat.beat();
+            let mut served = false;
+            for turn in 0..channels.len() {
+                // A queue that was never empty since is a burst: first every other channel is polled.
+                if turn == latest && !emptied && idle_polls + 1 < channels.len() {
+                    continue;
+                }
+                if let Some(now) = channels[turn].serve(clock) {
+                    waiter.arrived(turn, now);
+                    rehearsals.served(turn);
+                    (latest, emptied, idle_polls, served) = (turn, false, 0, true);
+                    if ORDER == order::ANNOUNCE {
+                        news[turn] = true;
+                    }
+                    continue;
+                }
+                idle_polls += usize::from(turn != latest);
+                if !emptied && (turn == latest || channels[latest].is_empty()) {
+                    emptied = true;
+                    channels[latest].settle();
+                }
+                // Poll the channel that was served last again after every idle one: its next sample then waits for the poll of one idle
+                // channel, not of all.
+                if emptied
+                    && turn != latest
+                    && let Some(now) = channels[latest].serve(clock)
+                {
+                    waiter.arrived(latest, now);
+                    rehearsals.served(latest);
+                    (emptied, idle_polls, served) = (false, 0, true);
+                    if ORDER == order::ANNOUNCE {
+                        news[latest] = true;
+                    }
+                }
+            }
+            if order.load(Relaxed) != ORDER {
+                return;
+            }
+            if served {
+                if ORDER == order::ANNOUNCE {
+                    let told = channels.iter().zip(news.iter_mut());
+                    told.filter_map(|(channel, news)| core::mem::take(news).then_some(channel))
+                        .for_each(Channel::announce);
+                }
+                (unsettled, woken) = (true, false);
                 continue;
             }
-            if let Some(now) = channels[turn].serve(&mut clock) {
-                waiter.arrived(turn, now);
-                rehearsals.served(turn);
-                (latest, emptied, idle_polls, served) = (turn, false, 0, true);
+            if core::mem::take(&mut unsettled) {
+                channels.iter_mut().for_each(Channel::settle);
                 continue;
             }
-            idle_polls += usize::from(turn != latest);
-            if !emptied && (turn == latest || channels[latest].is_empty()) {
-                emptied = true;
-                channels[latest].settle();
+            let now = match strategy {
+                Strategy::Spin => 0,
+                Strategy::Anticipate | Strategy::Block => clock.now(),
+            };
+            if core::mem::take(&mut woken) {
+                waiter.expected(now).for_each(|imu| rehearsals.expect(imu));
+                continue;
             }
-            // Poll the channel that was served last again after every idle one: its next sample then waits for the poll of one idle
-            // channel, not of all.
-            if emptied
-                && turn != latest
-                && let Some(now) = channels[latest].serve(&mut clock)
+            // A worker that blocks does not know when to: it would sleep after a rehearsal.
+            if *strategy != Strategy::Block
+                && let Some(imu) = rehearsals.due()
             {
-                waiter.arrived(latest, now);
-                rehearsals.served(latest);
-                (emptied, idle_polls, served) = (false, 0, true);
+                if *strategy == Strategy::Anticipate {
+                    wake.raise(imu);
+                }
+                rehearsals.rehearse(channels, imu, clock);
+                if *strategy == Strategy::Anticipate {
+                    waiter.rehearsed(clock.now().saturating_sub(now));
+                }
+                continue;
             }
-        }
-        if stop.load(Relaxed) {
-            // Answer what has arrived, at most one queue for each IMU: a sender that keeps sending must not delay the end.
-            for channel in channels.iter_mut() {
-                (0..queue_depth(RAW_DEPTH)).take_while(|_| channel.serve(&mut clock).is_some()).count();
-                channel.settle();
-            }
-            return;
-        }
-        if served {
-            (unsettled, woken) = (true, false);
-            continue;
-        }
-        if core::mem::take(&mut unsettled) {
-            channels.iter_mut().for_each(Channel::settle);
-            continue;
-        }
-        let now = match config.strategy {
-            Strategy::Spin => 0,
-            Strategy::Anticipate | Strategy::Block => clock.now(),
-        };
-        if core::mem::take(&mut woken) {
-            waiter.expected(now).for_each(|imu| rehearsals.expect(imu));
-            continue;
-        }
-        // A worker that blocks does not know when to: it would sleep after a rehearsal.
-        if config.strategy != Strategy::Block
-            && let Some(imu) = rehearsals.due()
-        {
-            if config.strategy == Strategy::Anticipate {
-                wake.raise(imu);
-            }
-            rehearsals.rehearse(channels, imu, &mut clock);
-            if config.strategy == Strategy::Anticipate {
-                waiter.rehearsed(clock.now().saturating_sub(now));
-            }
-            continue;
-        }
-        match waiter.next(now) {
-            Wait::Spin => core::hint::spin_loop(),
-            // A sample that came while the event was raised is found by the next poll.
-            Wait::Sleep(_) if wake.lower() => {}
-            Wait::Sleep(time) => {
-                wake.sleep(now, time);
-                waiter.woke(clock.now());
-                woken = config.strategy == Strategy::Anticipate;
+            match waiter.next(now) {
+                Wait::Spin => core::hint::spin_loop(),
+                // A sample that came while the event was raised is found by the next poll.
+                Wait::Sleep(_) if wake.lower() => {}
+                Wait::Sleep(time) => {
+                    wake.sleep(now, time);
+                    waiter.woke(clock.now());
+                    woken = *strategy == Strategy::Anticipate;
+                }
             }
         }
     }
@@ -274,13 +338,13 @@ fn serve(
 mod tests {
     use super::*;
 
-    fn worker(body: impl FnOnce(&AtomicBool) + Send + 'static) -> Worker {
-        let stop = Arc::<AtomicBool>::default();
+    fn worker(body: impl FnOnce(&AtomicU8) + Send + 'static) -> Worker {
+        let order = Arc::<AtomicU8>::default();
         let thread = {
-            let stop = Arc::clone(&stop);
-            thread::spawn(move || body(&stop))
+            let order = Arc::clone(&order);
+            thread::spawn(move || body(&order))
         };
-        Worker { thread_id: 0, heartbeat: heartbeat().1, stop, thread }
+        Worker { thread_id: 0, heartbeat: heartbeat().1, order, thread }
     }
 
     #[test]
@@ -297,8 +361,8 @@ mod tests {
         stuck.request_stop();
         assert!(stuck.join().unwrap_err().message.contains("does not end within"));
         drop(release);
-        let obedient = worker(|stop| {
-            while !stop.load(Relaxed) {
+        let obedient = worker(|order| {
+            while order.load(Relaxed) != order::STOP {
                 thread::yield_now();
             }
         });

@@ -35,8 +35,9 @@ pub enum Seal {
 /// Said of the digest of a file whose content cannot be read.
 const UNCHECKED_DIGEST: &str = "cannot be checked until these are right";
 
-/// The faults of a text that is not TOML, with a word on its digest if it seems to have one.
-fn with_seal(text: &str, mut faults: Faults) -> Faults {
+/// The faults of a table's text that is not TOML, with a word on its digest if it seems to have one.
+#[must_use]
+pub fn with_unchecked_digest(text: &str, mut faults: Faults) -> Faults {
     let sealed = text.lines().position(|line| line.trim_start().starts_with("digest"));
     faults.0.extend(sealed.map(|line| Fault {
         line: line + 1,
@@ -61,8 +62,8 @@ impl CoefficientTable {
     /// # Errors
     /// All faults of the text with line and key.
     pub fn from_toml_with(text: &str, expected: Option<&ImuId>, seal: Seal) -> Result<Self, Faults> {
-        let document =
-            Document::parse_as(text, "give the coefficient table").map_err(|faults| with_seal(text, faults))?;
+        let document = Document::parse_as(text, "give the coefficient table")
+            .map_err(|faults| with_unchecked_digest(text, faults))?;
         let root = document.root();
         let table = read(&root, expected, seal);
         root.finish();

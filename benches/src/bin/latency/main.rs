@@ -14,6 +14,7 @@ mod open;
 mod paced;
 mod pairs;
 mod paths;
+mod readers;
 mod record;
 mod report;
 mod scale;
@@ -57,6 +58,8 @@ enum LatencyCommand {
     Throughput,
     /// 4 IMUs at 10 kHz, with and without a recorder
     Record,
+    /// Processor time of a reader that waits, beside one that polls and a bare eventfd
+    Readers,
 }
 
 /// How much is measured.
@@ -144,6 +147,7 @@ fn bench(arguments: &LatencyArguments) -> BenchResult<()> {
         Some(LatencyCommand::Scale) => scale::measure(effort)?,
         Some(LatencyCommand::Throughput) => throughput::measure(effort)?,
         Some(LatencyCommand::Record) => record::measure(effort)?,
+        Some(LatencyCommand::Readers) => readers::measure(effort)?,
     };
     document["machine"] = machine;
     document["seconds"] = Value::from(started.elapsed().as_secs_f64());
@@ -151,6 +155,8 @@ fn bench(arguments: &LatencyArguments) -> BenchResult<()> {
         println!("{document:#}");
     } else if document["record"].is_object() {
         record::print(&document);
+    } else if document["readers"].is_object() {
+        readers::print(&document);
     } else {
         report::print(&document);
     }

@@ -309,6 +309,11 @@ class IncrementReader:
     @property
     def repeats(self) -> int:
         """Increments that came again after a resend and were not returned."""
+    def fileno(self) -> int:
+        """A descriptor for `select`, `selectors` and `asyncio`: readable when increments may have come. Then call `receive` until it returns
+        None, or `read_available`. Wait for at most some 0.1 s at once. Raises NoService while the reader is not connected."""
+    def heartbeat_age(self) -> float | None:
+        """How long ago the service was last seen at work for this IMU [s]: under 0.3 while it lives. None if no service was seen yet."""
     @property
     def closed(self) -> bool:
         """Whether it has been closed."""

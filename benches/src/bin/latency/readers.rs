@@ -1,0 +1,156 @@
+//! What a reader of increments costs that waits at the rate of an IMU: processor time of its thread beside one that polls and beside one
+//! that does nothing but wait for an eventfd, all three woken by the same samples.
+
+use crate::Effort;
+use isotherm_benches::statistics::{median, pooled_ratio};
+use isotherm_benches::{BenchDomain, BenchResult, IMU, TIMEOUT, sample};
+use isotherm_client::{Acquisition, IncrementReader, Options, RawSample, monotonic_ns};
+use rustix::event::{EventfdFlags, eventfd};
+use rustix::fd::OwnedFd;
+use rustix::time::{ClockId, clock_gettime};
+use serde_json::{Value, json};
+use std::thread;
+use std::time::Duration;
+
+/// Rate of the samples \[Hz\].
+const RATE: u64 = 400;
+/// Samples of a block.
+const BLOCK: usize = 50;
+/// Samples before the first block: the service sees that somebody waits, and learns the rate.
+const WARM_UP: usize = 400;
+
+/// Processor time of a thread, block by block \[ns\].
+type Blocks = Vec<u32>;
+
+pub fn measure(effort: Effort) -> BenchResult<Value> {
+    let blocks = effort.of(1, 160);
+    let samples = WARM_UP + blocks * BLOCK;
+    let domain = BenchDomain::new()?;
+    let _service = domain.serve("")?;
+    let mut acquisition = Acquisition::connect(&IMU.parse()?, &domain.options())?;
+    let event = eventfd(0, EventfdFlags::CLOEXEC)?;
+    let [waiting, polling, bare] = thread::scope(|scope| {
+        let options = domain.options();
+        let (waits, polls) = (options.clone(), options);
+        let readers = [
+            scope.spawn(move || read(&waits, samples, IncrementReader::receive_timeout)),
+            scope.spawn(move || read(&polls, samples, poll)),
+            scope.spawn(|| wait_for_event(&event, samples)),
+        ];
+        // Readers see what is published after they have connected.
+        let connected = || domain.readers().is_ok_and(|readers| readers >= 3);
+        let deadline = monotonic_ns() + TIMEOUT.as_nanos() as u64;
+        while !connected() && monotonic_ns() < deadline {
+            thread::sleep(Duration::from_millis(10));
+        }
+        let sent = send(&mut acquisition, &event, samples);
+        if sent.is_err() {
+            // Lets the reader of the eventfd end.
+            rustix::io::write(&event, &(samples as u64).to_ne_bytes())?;
+        }
+        sent?;
+        let blocks = readers.map(|reader| reader.join().map_err(|_| "a reader panicked".to_owned()).and_then(|it| it));
+        let [waiting, polling, bare] = blocks;
+        Ok::<_, Box<dyn std::error::Error>>([waiting?, polling?, bare?])
+    })?;
+    let figures = |blocks: &Blocks| {
+        let per_sample = median(blocks.iter().map(|ns| f64::from(*ns) / BLOCK as f64).collect());
+        json!({"ns_a_sample_p50": per_sample, "percent_of_a_core": per_sample.map(|ns| ns * RATE as f64 / 1e7)})
+    };
+    let ratio = |upper: &Blocks, lower: &Blocks| {
+        let turns = |blocks: &Blocks| blocks.iter().map(|ns| vec![*ns]).collect::<Vec<_>>();
+        pooled_ratio(&turns(upper), &turns(lower), 0.5)
+    };
+    let ratios = json!({"waiting/eventfd": ratio(&waiting, &bare), "polling/eventfd": ratio(&polling, &bare)});
+    let readers = json!({"waiting": figures(&waiting), "polling": figures(&polling), "eventfd": figures(&bare)});
+    Ok(json!({"readers": readers, "ratios": ratios, "rate_hz": RATE, "blocks": blocks}))
+}
+
+/// Prints the document as a table.
+pub fn print(document: &Value) {
+    let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
+    println!("Readers at {} Hz, processor time of the thread", document["rate_hz"]);
+    for name in ["waiting", "polling", "eventfd"] {
+        let figures = &document["readers"][name];
+        let us = figures["ns_a_sample_p50"].as_f64().map_or("-".to_owned(), |ns| format!("{:.2}", ns / 1e3));
+        println!("{name:<10} {us:>8} us a sample, {:>6} % of a core", number(&figures["percent_of_a_core"]));
+    }
+    for name in ["waiting/eventfd", "polling/eventfd"] {
+        let ratio = &document["ratios"][name];
+        println!("{name:<16} {} ({} {})", number(&ratio["ratio"]), number(&ratio["low"]), number(&ratio["high"]));
+    }
+}
+
+/// Sends at the rate of the samples, and writes the eventfd with each of them.
+fn send(acquisition: &mut Acquisition, event: &OwnedFd, samples: usize) -> BenchResult<()> {
+    let period = 1_000_000_000 / RATE;
+    let beginning = monotonic_ns() + period;
+    for turn in 0..samples as u64 {
+        let due = beginning + turn * period;
+        thread::sleep(Duration::from_nanos(due.saturating_sub(monotonic_ns())));
+        let mut loan = acquisition.loan()?;
+        *loan = RawSample { session: loan.session, sequence: loan.sequence, ..sample() };
+        acquisition.send(loan)?;
+        rustix::io::write(event, &1_u64.to_ne_bytes())?;
+        acquisition.receive_timeout(TIMEOUT)?.ok_or("the service does not answer")?;
+    }
+    Ok(())
+}
+
+/// Reads all samples, each by `receive`.
+fn read<E: ToString>(
+    options: &Options,
+    samples: usize,
+    receive: fn(&mut IncrementReader, Duration) -> Result<Option<isotherm_client::CompensatedIncrement>, E>,
+) -> Result<Blocks, String> {
+    let imu = IMU.parse().map_err(|error: isotherm_shared::stream::InvalidName| error.to_string())?;
+    let mut reader = IncrementReader::connect(imu, options).map_err(|error| error.to_string())?;
+    blocks(samples, || {
+        let received = receive(&mut reader, TIMEOUT).map_err(|error| error.to_string())?;
+        received.map(drop).ok_or_else(|| "an increment is missing".to_owned())
+    })
+}
+
+/// As a reader does that cannot wait.
+fn poll(
+    reader: &mut IncrementReader,
+    timeout: Duration,
+) -> Result<Option<isotherm_client::CompensatedIncrement>, isotherm_client::ConnectError> {
+    let deadline = monotonic_ns() + timeout.as_nanos() as u64;
+    loop {
+        let received = reader.receive()?;
+        if received.is_some() || monotonic_ns() >= deadline {
+            return Ok(received);
+        }
+        thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn wait_for_event(event: &OwnedFd, samples: usize) -> Result<Blocks, String> {
+    let mut read = 0;
+    blocks(samples, || {
+        // One read can take several: then the next calls have nothing to wait for.
+        if read == 0 {
+            let mut count = [0; 8];
+            rustix::io::read(event, &mut count).map_err(|error| error.to_string())?;
+            read = u64::from_ne_bytes(count);
+        }
+        read -= 1;
+        Ok(())
+    })
+}
+
+/// The processor time of this thread for each block of calls.
+fn blocks(samples: usize, mut call: impl FnMut() -> Result<(), String>) -> Result<Blocks, String> {
+    let now = || {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    };
+    (0..WARM_UP).try_for_each(|_| call())?;
+    let block = |_| {
+        let before = now();
+        (0..BLOCK).try_for_each(|_| call())?;
+        Ok(u32::try_from(now() - before).unwrap_or(u32::MAX))
+    };
+    (0..(samples - WARM_UP) / BLOCK).map(block).collect()
+}
