@@ -22,7 +22,7 @@ const ROOM_OF_AN_IMU: u64 = 1664 << 10;
 /// Descriptors that a client or a service without IMUs needs, in addition to those that it has open.
 const DESCRIPTORS: usize = 36;
 /// Descriptors that a service needs for each IMU and its clients.
-const DESCRIPTORS_OF_AN_IMU: usize = 40;
+const DESCRIPTORS_OF_AN_IMU: usize = 36;
 
 /// Checks that there is enough shared memory, and enough descriptors, for a service of `imus` IMUs, or for a client (0).
 ///

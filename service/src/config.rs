@@ -55,9 +55,9 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// An IMU with the default depth, worker and limits.
-    pub fn new(id: ImuId, table: PathBuf) -> Self {
-        Self { id, table, depth: RAW_DEPTH, worker: 0, max_change: MaxChange::default() }
+    /// An IMU with the default depth and worker.
+    pub const fn new(id: ImuId, table: PathBuf, max_change: MaxChange) -> Self {
+        Self { id, table, depth: RAW_DEPTH, worker: 0, max_change }
     }
 }
 
@@ -74,6 +74,8 @@ pub struct Config {
     pub realtime: WorkerRealtime,
     /// The address on which metrics are served; `None` for no metrics.
     pub metrics: Option<SocketAddr>,
+    /// By how much a new table may differ from the one before, for an IMU without limits of its own.
+    pub max_change: MaxChange,
 }
 
 /// Real-time settings. By default there is no core, no priority and no locked memory, and the timer slack is 1 ns.
@@ -106,6 +108,7 @@ impl Default for Config {
             budget_us: BUDGET_US,
             realtime: WorkerRealtime::default(),
             metrics: None,
+            max_change: MaxChange::default(),
         }
     }
 }
@@ -176,9 +179,8 @@ fn max_change(section: &Section<'_, '_>, others: MaxChange) -> MaxChange {
 
 fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
     let mut config = Config::default();
-    let mut limits = MaxChange::default();
     if let Some(reload) = root.optional_section("reload") {
-        limits = max_change(&reload, limits);
+        config.max_change = max_change(&reload, config.max_change);
         reload.finish();
     }
     let sections = root.list("imu");
@@ -200,7 +202,7 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         }
         let depth = section.optional_integer("depth", 1..=RAW_DEPTH as i64).map_or(RAW_DEPTH, |depth| depth as usize);
         let worker = section.optional_integer("worker", 0..=MAX_IMUS as i64 - 1).map_or(0, |worker| worker as usize);
-        let max_change = max_change(&section, limits);
+        let max_change = max_change(&section, config.max_change);
         section.finish();
         let imu = |(id, table)| Imu { id, table: folder.join(table), depth, worker, max_change };
         config.imus.extend(id.zip(table).map(imu));
@@ -286,7 +288,7 @@ mod tests {
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!(config.metrics.unwrap().port(), 9464);
         let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
-        assert_eq!(config.imus[0].max_change, all);
+        assert_eq!([config.imus[0].max_change, config.max_change], [all; 2]);
         assert_eq!(config.imus[1].max_change, MaxChange { scale: 2.0 * 1e-2, rate: 5.0, ..all });
     }
 

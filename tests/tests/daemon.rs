@@ -71,7 +71,8 @@ fn iceoryx2_joins_a_running_domain_with_the_configuration_that_status_prints() {
     .unwrap();
     names.sort_unstable();
     let rehearsals = names.extract_if(.., |name| name.contains("/rehearsal/")).count();
-    assert_eq!(names, ["isotherm/imu-a/increment", "isotherm/imu-a/raw", "isotherm/imu-a/wake", "isotherm/status"]);
+    let of_imu = ["arrival", "increment", "raw", "wake"].map(|stream| format!("isotherm/imu-a/{stream}"));
+    assert_eq!(names, [&of_imu[..], &["isotherm/status".to_owned()]].concat());
     assert_eq!(rehearsals, 4, "two for the worker, and two for the acquisition");
 
     let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();

@@ -136,24 +136,32 @@ fn what_a_calibration_changes_is_taken_and_told_for_each_curve() {
 fn limits_are_those_of_the_configuration_and_of_each_imu() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", TABLE);
-    let imu_b = |text: &str| text.replace("\"imu-a\"", "\"imu-b\"");
-    domain.write("imu-b.toml", &imu_b(TABLE));
+    domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
     let config = "[reload]\nmax_change = { bias = \"50ug0\", scale = \"40ppm\" }\n[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n\
                   [[imu]]\nid = \"imu-b\"\ntable = \"imu-b.toml\"\nmax_change = { bias = \"200ug0\" }\n";
     domain.write("service.toml", config);
     domain.run_ok(&["check", "--strict", "service.toml"]);
-    let service = domain.serve(&["--config", "service.toml"]);
+    // Those of the configuration hold for an IMU of the command line, too.
+    let of = |imu: &str, text: &str| text.replace("\"imu-a\"", &format!("\"{imu}\""));
+    domain.write("imu-c.toml", &of("imu-c", TABLE));
+    let service = domain.serve(&["--config", "service.toml", "--imu", "imu-c=imu-c.toml"]);
     let next = TABLE.replace("c0 = 793.55", "c0 = 893.55");
     let reason = refuse(&domain, &service, &next);
     assert!(
         reason.contains("A1 bias changes by 99.9475 ug0") && reason.contains("at most 0.05 mg0 is taken"),
         "{reason}"
     );
-    domain.replace("imu-b.toml", &imu_b(&next));
-    wait_until("the table of imu-b", || domain.status()["imus"][1]["table"].as_str() == Some(&digest(&imu_b(&next))));
-    domain.replace("imu-b.toml", &imu_b(&next.replace("91733.0", "91738.0")));
-    service.wait_for_log_lines("table refused", 2);
-    assert!(domain.status()["imus"][1]["last_reload_error"].as_str().unwrap().contains("at most 0.004 % is taken"));
+    domain.replace("imu-b.toml", &of("imu-b", &next));
+    wait_until("the table of imu-b", || {
+        domain.status()["imus"][1]["table"].as_str() == Some(&digest(&of("imu-b", &next)))
+    });
+    domain.replace("imu-b.toml", &of("imu-b", &next.replace("91733.0", "91738.0")));
+    domain.replace("imu-c.toml", &of("imu-c", &next));
+    service.wait_for_log_lines("table refused", 3);
+    let status = domain.status();
+    let reason = |imu: usize| status["imus"][imu]["last_reload_error"].as_str().unwrap();
+    assert!(reason(1).contains("at most 0.004 % is taken"), "{status}");
+    assert!(reason(2).contains("at most 0.05 mg0 is taken"), "{status}");
     service.terminate();
 }
 

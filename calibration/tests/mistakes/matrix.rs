@@ -4,9 +4,10 @@
 //!
 //! Over 400 lines: the list of the mistakes is long.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::gravity::normal_gravity;
+use isotherm_calibration::gyroscopes::{Measurements, calibrate};
 use isotherm_calibration::positions::{Position, Scheme, specific_force};
 use isotherm_calibration::simulate::{
     CampaignSchedule, Chain, Noise, RandomGenerator, SimulatedRow, Truth, campaign, campaign_toml, worst_errors,
@@ -92,7 +93,9 @@ pub fn calibrated(case: &Case, options: CalibrationOptions) -> Result<Calibratio
     });
     let dwells = read(&case.file, rows);
     let dwells = dwells.map_err(|error| (None, error.failure(Path::new("samples.csv")).to_string()))?;
-    calibrate(&case.file, dwells, options).map_err(|error| {
+    // As the command does.
+    let measurements = Measurements { dwells, ..Measurements::default() };
+    calibrate(&case.file, measurements, options).map_err(|error| {
         let failure = error.failure(Path::new("campaign.toml"), Path::new("samples.csv"), locate);
         (Some(error), failure.to_string())
     })

@@ -22,7 +22,7 @@ pub struct Serve {
     config: Option<PathBuf>,
     /// An IMU and its coefficient table; may be repeated, and adds to the configuration
     #[arg(long, value_name = "ID=TABLE", value_parser = imu)]
-    imu: Vec<Imu>,
+    imu: Vec<(ImuId, PathBuf)>,
     /// Serve an IMU whose table file does not exist yet: NaN until it appears
     #[arg(long)]
     allow_uncalibrated: bool,
@@ -46,11 +46,11 @@ impl Serve {
             Some(path) => Config::load(path, world_writable)?,
             None => Config::default(),
         };
-        for imu in self.imu {
-            if config.imus.iter().any(|known| known.id == imu.id) {
-                return Err(Failure::new(Exit::Usage, format!("IMU {} is given twice; give every IMU once", imu.id)));
+        for (id, table) in self.imu {
+            if config.imus.iter().any(|known| known.id == id) {
+                return Err(Failure::new(Exit::Usage, format!("IMU {id} is given twice; give every IMU once")));
             }
-            config.imus.push(imu);
+            config.imus.push(Imu::new(id, table, config.max_change));
         }
         if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
             let message = format!(
@@ -63,11 +63,11 @@ impl Serve {
     }
 }
 
-fn imu(text: &str) -> Result<Imu, String> {
+fn imu(text: &str) -> Result<(ImuId, PathBuf), String> {
     let (id, table) = text.split_once('=').ok_or("give ID=TABLE, for example imu-a=tables/imu-a.toml")?;
     let id: ImuId = id.parse().map_err(|error| format!("{error}"))?;
     if table.is_empty() {
         return Err("the path of the table is missing".to_owned());
     }
-    Ok(Imu::new(id, table.into()))
+    Ok((id, table.into()))
 }

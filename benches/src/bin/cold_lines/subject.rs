@@ -8,6 +8,7 @@ use isotherm_service::worker::channel::{Channel, ChannelLink};
 use isotherm_service::worker::counters::counters;
 use isotherm_service::worker::rehearse::Rehearsals;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::difference::MaxChange;
 use std::fs;
 use std::hint::black_box;
 use std::io::{Write as _, stderr};
@@ -51,7 +52,7 @@ pub fn run(depth: usize) -> BenchResult<()> {
     let node = join(domain)?;
     let (mut send_table, tables) = rtrb::RingBuffer::new(1);
     send_table.push(Arc::new(CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?))?;
-    let imu = Imu { depth, ..Imu::new(IMU.parse()?, PathBuf::new()) };
+    let imu = Imu { depth, ..Imu::new(IMU.parse()?, PathBuf::new(), MaxChange::default()) };
     let link = ChannelLink { imu, tables, counters: counters().0 };
     let (mut channel, _listener) = Channel::open(&node, domain, link, 50_000).map_err(|failure| failure.to_string())?;
     channel.take_table();
