@@ -15,6 +15,7 @@ use crate::reduce::reduce;
 use core::fmt;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
+pub(crate) use scale::unlike_scale_factors;
 
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.

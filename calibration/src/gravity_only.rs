@@ -31,7 +31,7 @@ use checks::{
 use choice::Chosen;
 use dilution::Dilution;
 use isotherm_failure::{Exit, Failure};
-use isotherm_recording::{CampaignRow, Continuity, RecordingError};
+use isotherm_recording::{CampaignRow, Continuity, Losses, RecordingError};
 use isotherm_shared::table::{CoefficientTable, Refusal};
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::{Matrix3, Vector3};
@@ -90,6 +90,8 @@ pub struct GravityOnlyCalibration {
     pub forces: Vec<[f64; AXES]>,
     /// What the user must know.
     pub warnings: Vec<String>,
+    /// Rows that are missing within the recordings by their sequences, and steps of time.
+    pub losses: Losses,
 }
 
 /// Why no table can be made.
@@ -253,10 +255,10 @@ pub fn calibrate(
             "the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost"
         ));
     }
-    warnings.extend(recordings.iter().filter_map(|recording| {
-        let fault = recording.rows.iter().collect::<Continuity>().fault()?;
-        Some(format!("{}: {fault}", recording.name))
-    }));
+    let continuity: Vec<Continuity> = recordings.iter().map(|recording| recording.rows.iter().collect()).collect();
+    let faults =
+        recordings.iter().zip(&continuity).filter_map(|(recording, found)| Some((&recording.name, found.fault()?)));
+    warnings.extend(faults.map(|(name, fault)| format!("{name}: {fault}")));
     warnings.extend(turned(&readings, &errors, |reading, net| model.force_of_net(&fit.unknown, net, reading)));
     warnings.extend(outliers(&readings, &fit, freedom));
     Ok(GravityOnlyCalibration {
@@ -275,6 +277,7 @@ pub fn calibrate(
         misalignment,
         misalignment_error: covariance.as_ref().and_then(|covariance| model.misalignment_errors(covariance)),
         forces: forces.into_iter().map(Into::into).collect(),
+        losses: continuity.iter().map(Continuity::losses).fold(Losses::default(), Losses::and),
         warnings,
         readings,
     })

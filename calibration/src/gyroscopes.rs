@@ -30,7 +30,7 @@ use crate::calibrate::{
     calibrate as calibrate_accelerometers, observable as accelerometers_observable,
 };
 use crate::campaign::{Campaign, Dwell, range};
-use crate::checks::{Finding, Severity, name};
+use crate::checks::{Finding, Severity, name, unlike_scale_factors};
 use crate::curve::Curve;
 use crate::noise;
 use crate::one_stage::{OneStageError, SetPointValues};
@@ -89,10 +89,8 @@ pub fn calibrate(
         add_transients(campaign, &mut calibration, &ramps)?;
     }
     let Calibration { options, accepted, findings, table, .. } = &mut calibration;
-    let unlike = table.content().unlike_scale_factors().into_iter();
-    let unlike = unlike.map(|message| Finding::whole(Severity::Warning, name::AXES_DIFFER, message)).collect();
     // It causes others, and they do not cause it.
-    findings.splice(0..0, admit(unlike, options, accepted)?);
+    findings.splice(0..0, admit(unlike_scale_factors(table), options, accepted)?);
     Ok(calibration)
 }
 

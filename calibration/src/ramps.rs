@@ -9,7 +9,7 @@
 use crate::alignment::AlignmentChoice;
 use crate::calibrate::{Calibration, CalibrationError, CalibrationOptions, Method, admit};
 use crate::campaign::Campaign;
-use crate::checks::{Finding, Severity, name};
+use crate::checks::{Finding, Severity, name, unlike_scale_factors};
 use crate::transients::{CurveSource, LagChoice, RampRecording, TransientOptions, Transients, TransientsError, fit};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
@@ -150,6 +150,7 @@ pub fn calibrate(
     content.axes.iter_mut().chain(of_gyroscopes).for_each(|axis| axis.transient = 0.0);
     transients.apply(&mut content);
     findings.extend(admit(warnings(ramps, curves, &transients), &options, &mut accepted)?);
+    findings.extend(admit(unlike_scale_factors(curves), &options, &mut accepted)?);
     let table = CoefficientTable::new(content).map_err(CalibrationError::Table)?;
     Ok(RampCalibration {
         table: table.measured_at(Some(campaign.gravity_local)),
@@ -295,8 +296,6 @@ fn warnings(ramps: &[RampRecording], table: &CoefficientTable, found: &Transient
         let (losses, fault) = (ramp.continuity().losses(), ramp.continuity().fault()?);
         Some(warning(name::TIME_STEP, format!("{}: {fault}; in all {losses}", ramp.name())))
     }));
-    let unlike = table.content().unlike_scale_factors().into_iter();
-    all.extend(unlike.map(|message| warning(name::AXES_DIFFER, message)));
     let without = ramps.iter().find(|ramp| !ramp.has_gyroscopes());
     let message = match (&table.content().gyroscopes, without) {
         (Some(_), Some(ramp)) => {

@@ -35,6 +35,7 @@ pub use result::{BiasTransient, Condition, Prediction, TimeConstant, TransientVe
 use crate::hysteresis::LoopPoint;
 use blocks::{Bias, Column, Ramps};
 use equations::Coefficients;
+use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
@@ -152,6 +153,7 @@ pub fn fit(
         conditions: fit.conditions,
         biases: fit.biases,
         warnings,
+        losses: recordings.iter().map(|ramp| ramp.continuity().losses()).fold(Losses::default(), Losses::and),
     })
 }
 

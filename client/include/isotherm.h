@@ -300,7 +300,7 @@
  * Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
  * `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
  */
-#define ISOTHERM_MASK_DEGRADED 1002750325526527
+#define ISOTHERM_MASK_DEGRADED (1002750317137919 | ISOTHERM_FLAG_G_UNKNOWN)
 
 /**
  * Mask: time is missing before this increment. gap, time-step.

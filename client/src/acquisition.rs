@@ -431,9 +431,13 @@ impl Acquisition {
         timeout: Duration,
     ) -> Result<Option<CompensatedIncrement>, TransportError> {
         let session = self.session();
+        let is_wanted = |answer: &CompensatedIncrement| (answer.session, answer.sequence) == (session, sequence);
+        if let Some(answer) = self.state.take_aside(is_wanted) {
+            return Ok(Some(answer));
+        }
         self.wait(timeout, |this| {
             while let Some(answer) = this.receive_next()? {
-                if (answer.session, answer.sequence) == (session, sequence) {
+                if is_wanted(&answer) {
                     return Ok(Some(answer));
                 }
                 this.state.keep_aside(answer);

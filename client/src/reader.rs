@@ -21,6 +21,8 @@ use std::time::{Duration, Instant};
 const RETRY: Duration = Duration::from_millis(20);
 /// Pause between two polls of a stream without an event.
 const POLL: Duration = Duration::from_micros(200);
+/// Pause between two attempts to find the event.
+const EVENT_RETRY: Duration = Duration::from_secs(1);
 
 /// The payload of a stream: [`RawSample`] or [`CompensatedIncrement`].
 pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
@@ -78,6 +80,8 @@ pub struct Reader<T: Streamed> {
     imu: ImuId,
     state: ReaderState,
     next_attempt: Instant,
+    /// When the event is looked for again.
+    next_event_attempt: Instant,
     /// `CLOCK_MONOTONIC` when the service's worker was last seen at work, as far as is known \[ns\].
     heartbeat_ns: Option<u64>,
     /// Whether the caller polls the event by itself.
@@ -98,6 +102,7 @@ impl<T: Streamed> Reader<T> {
             imu,
             state: ReaderState::new(),
             next_attempt: Instant::now(),
+            next_event_attempt: Instant::now(),
             heartbeat_ns: None,
             has_descriptor: false,
             status: None,
@@ -168,7 +173,7 @@ impl<T: Streamed> Reader<T> {
     /// tells it, for raw samples and in the domain of a relay, it polls every 0.2 ms. For the least delay call `receive` in a loop.
     ///
     /// # Errors
-    /// As [`receive`](Self::receive), and if the process cannot wait.
+    /// As [`receive`](Self::receive).
     pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<T>, ConnectError> {
         let started = Instant::now();
         loop {
@@ -181,21 +186,28 @@ impl<T: Streamed> Reader<T> {
             }
             if !self.is_connected() {
                 thread::sleep(left.min(RETRY));
-            } else if let Some(arrival) = self.arrival()? {
-                arrival.wait(left);
-            } else {
-                thread::sleep(left.min(POLL));
+                continue;
+            }
+            if self.arrival.is_none() && Instant::now() >= self.next_event_attempt {
+                self.next_event_attempt = Instant::now() + EVENT_RETRY;
+                // Without it the reader polls, which costs more and loses nothing.
+                let _ = self.listen();
+            }
+            match &self.arrival {
+                Some(arrival) => arrival.wait(left),
+                None => thread::sleep(left.min(POLL)),
             }
         }
     }
 
-    /// The event of a connected reader, if its stream has one.
-    fn arrival(&mut self) -> Result<Option<&Arrival>, ConnectError> {
-        let Self { arrival, node: Some(node), imu, .. } = self else { return Ok(None) };
+    /// Opens the event of a connected reader, if its stream has one.
+    fn listen(&mut self) -> Result<(), ConnectError> {
+        let Self { arrival, node: Some(node), imu, domain, .. } = self else { return Ok(()) };
         if arrival.is_none() && T::HAS_EVENT {
             *arrival = Arrival::open(node, imu)?;
+            reserve(domain)?;
         }
-        Ok(arrival.as_ref())
+        Ok(())
     }
 
     /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is on time. `None` if
@@ -214,7 +226,10 @@ impl<T: Streamed> Reader<T> {
         let status = match &self.status {
             Some(status) => status,
             None => match StatusReader::with(node, &self.domain).map_err(unread) {
-                Ok(status) => self.status.insert(status),
+                Ok(status) => {
+                    reserve(&self.domain)?;
+                    self.status.insert(status)
+                }
                 Err(ConnectError::NoService(_)) => return Ok(None),
                 Err(error) => return Err(error),
             },
@@ -222,7 +237,8 @@ impl<T: Streamed> Reader<T> {
         if let Some(status) = status.latest().map_err(unread)? {
             let serves = |imus: &[String]| imus.iter().any(|imu| *imu == self.imu.as_str());
             let worker = status.workers.iter().find(|worker| serves(&worker.imus));
-            self.heartbeat_ns = worker.map(|worker| worker.heartbeat_ns).or(self.heartbeat_ns);
+            let beat = worker.map(|worker| worker.heartbeat_ns).filter(|ns| *ns != 0);
+            self.heartbeat_ns = beat.or(self.heartbeat_ns);
         }
         Ok(self.heartbeat_ns.map(|beat| Duration::from_nanos(monotonic_ns().saturating_sub(beat))))
     }
@@ -271,7 +287,8 @@ impl Reader<CompensatedIncrement> {
     /// the process cannot wait.
     pub fn descriptor(&mut self) -> Result<BorrowedFd<'_>, ConnectError> {
         self.has_descriptor = true;
-        let no_service = ConnectError::NoService(self.domain.name().to_owned());
-        self.arrival()?.map(Arrival::descriptor).ok_or(no_service)
+        self.listen()?;
+        let no_service = || ConnectError::NoService(self.domain.name().to_owned());
+        self.arrival.as_ref().map(Arrival::descriptor).ok_or_else(no_service)
     }
 }

@@ -95,8 +95,9 @@ impl Realtime {
     pub fn refusals(&self) -> Vec<RealtimeError> {
         let [mut core, mut priority, mut slack] = [Self::default(); 3];
         (core.core, priority.priority, slack.timer_slack_ns) = (self.core, self.priority, self.timer_slack_ns);
-        let tried = [core, priority, slack].map(|setting| thread::spawn(move || setting.apply()).join());
-        let refused = tried.into_iter().filter_map(|result| result.ok()?.err());
+        let tried = [core, priority, slack].map(|setting| thread::Builder::new().spawn(move || setting.apply()));
+        // Without a thread nothing is tried; the service will say so.
+        let refused = tried.into_iter().filter_map(|thread| thread.ok()?.join().ok()?.err());
         let lock =
             (self.lock_memory && !may_lock_memory()).then(|| lock_refused("neither capability nor limit allow it"));
         refused.chain(lock).collect()

@@ -86,7 +86,6 @@ pub fn run(
         links[imu.worker].push(link);
         pending.push(pending_imu);
     }
-    guard::tell_if_not_kept(&state);
     let stopped = || matches!(inbox.try_recv(), Ok(ControlEvent::Signal(SIGTERM | SIGINT)));
     let Some(workers) = start_workers(domain, config, links, stopped)? else {
         info!("stopped while starting");
@@ -94,6 +93,7 @@ pub fn run(
     };
     let states: Result<Vec<_>, _> = pending.into_iter().map(|imu| imu.open_streams(&node)).collect();
     let mut imus = states?;
+    guard::tell_if_not_kept(&state);
     reserve(domain)?;
     let paths: Vec<_> = config.imus.iter().map(|imu| imu.table.clone()).collect();
     let (_watcher, failures) = reload::watch(&paths, move |name| {
@@ -180,7 +180,7 @@ impl Service<'_> {
                 next_tick = now + TICK;
                 poll_tables(imus);
                 for (index, worker) in self.workers.iter().enumerate() {
-                    worker.announce(imus.iter().any(|imu| imu.imu.worker == index && imu.is_awaited()));
+                    worker.announce(imus.iter().filter(|imu| imu.imu.worker == index).map(ImuState::is_awaited));
                 }
                 self.check_heartbeats(now);
             }

@@ -46,11 +46,13 @@ pub fn acceptance(domain: &Domain, imu: &ImuId) -> Note {
 
 /// The table that was kept; `None` if there is none.
 fn read_kept(path: &Path, imu: &ImuId) -> Result<Option<CoefficientTable>, String> {
-    if !path.exists() {
+    let failed = |error: io::Error| format!("{}: {error}", path.display());
+    if !path.try_exists().map_err(failed)? {
         return Ok(None);
     }
-    check_owner(path.parent().unwrap_or(Path::new("/"))).map_err(|error| format!("{}: {error}", path.display()))?;
-    load_table(path, Some(imu), WorldWritable::Refuse).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
+    // Nobody else can write in this folder, whatever the permissions of the file are.
+    check_owner(path.parent().unwrap_or(Path::new("/"))).map_err(failed)?;
+    load_table(path, Some(imu), WorldWritable::Allow).map(|(table, _)| Some(table)).map_err(|error| error.to_string())
 }
 
 impl Guard {
@@ -90,9 +92,6 @@ impl Guard {
         if reference.digest() == table.digest() {
             return Ok(Admission { changes: self.changes.clone(), words: "the same as before".to_owned() });
         }
-        if reference.is_nominal() {
-            return alone("the one before is no calibration, so it is compared with none");
-        }
         let difference = TableDifference::of(reference, table);
         let refusals = self.limits.refusals(&difference);
         let accepted = !refusals.is_empty() && self.is_accepted(&table.digest().to_string());
@@ -104,20 +103,25 @@ impl Guard {
     }
 
     fn refusal(&self, refusals: &[String], from: &Digest, to: &Digest) -> String {
+        /// So many lines leave room for the remedy.
+        const MOST: usize = 8;
         let imu = &self.imu;
+        let mut lines: Vec<_> = refusals.iter().take(MOST).cloned().collect();
+        if let Some(more) = refusals.len().checked_sub(MOST).filter(|more| *more > 0) {
+            lines.push(format!("and {more} more changes are too large"));
+        }
         format!(
             "{}\nthis is too much for another calibration of the same IMU, compared with the table that was in force last, {from}; correct \
              the file, bring that table back, or accept this one with the command `reload --imu {imu} --accept {to}`",
-            refusals.join("\n")
+            lines.join("\n")
         )
     }
 
-    /// Notes that an admitted table is in force now: keeps it, and uses up its acceptance.
+    /// Notes that an admitted table is in force now: keeps it, and uses up any acceptance.
     pub fn taken(&mut self, table: &CoefficientTable, admission: Admission) {
         self.changes = admission.changes;
-        if self.is_accepted(&table.digest().to_string()) {
-            self.acceptance.remove();
-        }
+        // An acceptance that was not needed does not wait for a later table.
+        self.acceptance.remove();
         // A table that was kept without its provenance could not be told from one that is no calibration.
         let provenance = if table.is_nominal() { "" } else { "\n[provenance]\ntool = \"isothermd\"\n" };
         let text = format!("# The table that was in force last.\n{}{provenance}", table.to_toml());
@@ -164,7 +168,7 @@ fn keep(path: &Path, text: &str) -> io::Result<()> {
 fn check_owner(folder: &Path) -> io::Result<()> {
     let found = folder.metadata()?;
     let own = found.uid() == rustix::process::geteuid().as_raw() && found.mode() & 0o022 == 0;
-    if own { Ok(()) } else { Err(io::Error::other("others may write its folder")) }
+    if own { Ok(()) } else { Err(io::Error::other("its folder belongs to another user, or others may write it")) }
 }
 
 /// Says so if the tables in force are not kept over a power cycle.

@@ -36,6 +36,8 @@ pub struct PendingImu {
     last_error: Option<Refused>,
     tables: TableQueue,
     guard: Guard,
+    /// The first table, which is in force when the streams are open.
+    first: Option<(Arc<CoefficientTable>, Admission)>,
 }
 
 /// What was read at the start: the file of an IMU's table, and what guards it.
@@ -51,20 +53,20 @@ pub struct FirstTable {
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
     pub fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
-        let FirstTable { file, mut guard, table } = first;
+        let FirstTable { file, guard, table } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
-        let last_error = match table {
+        let (first, last_error) = match table {
             Ok((table, admission)) => {
-                guard.taken(&table, admission);
-                tables.send(Arc::from(table), file.modified_unix_s());
-                None
+                let table = Arc::from(table);
+                tables.send(Arc::clone(&table), file.modified_unix_s());
+                (Some((table, admission)), None)
             }
-            Err(error) => Some(Refused::now(truncate(error.to_string()), None)),
+            Err(error) => (None, Some(Refused::now(truncate(error.to_string()), None))),
         };
         let (writer, counters) = counters();
         let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer };
-        (Self { imu: imu.clone(), file, counters, last_error, tables, guard }, link)
+        (Self { imu: imu.clone(), file, counters, last_error, tables, guard, first }, link)
     }
 
     /// Opens the streams, which the worker must have created before.
@@ -72,7 +74,7 @@ impl PendingImu {
     /// # Errors
     /// If they cannot be opened.
     pub fn open_streams(self, node: &IpcNode) -> Result<ImuState, Failure> {
-        let Self { imu, file, counters, last_error, tables, guard } = self;
+        let Self { imu, file, counters, last_error, tables, mut guard, first } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
@@ -80,6 +82,9 @@ impl PendingImu {
         let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let arrival = stream::arrival(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
         let rehearsal = RehearsalStreams::open(node, &imu.id.rehearsal()).map_err(|error| failed(error.to_string()))?;
+        if let Some((table, admission)) = first {
+            guard.taken(&table, admission);
+        }
         let (reloads, windows, logged) = (0, Windows::default(), LoggedLosses::default());
         let refusals = u64::from(last_error.is_some());
         Ok(ImuState {
@@ -276,7 +281,8 @@ impl ImuState {
     fn refuse(&mut self, error: String, table: Option<String>, forced: bool) {
         let error = truncate(error);
         if forced || self.last_error.as_ref().is_none_or(|refused| refused.error != error) {
-            warn!(imu = %self.imu.id, "table refused, the one in force stays: {}", error.replace('\n', "; "));
+            let stays = if self.tables.alive.is_empty() { "there is none in force" } else { "the one in force stays" };
+            warn!(imu = %self.imu.id, "table refused, {stays}: {}", error.replace('\n', "; "));
             self.refusals += 1;
             self.last_error = Some(Refused::now(error, table));
         }

@@ -49,8 +49,8 @@ struct Times {
 
 impl WorkerThread {
     /// The thread with this id, which serves these IMUs.
-    pub const fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
-        let (last_count, beat_ns, checks_without_beat) = (0, 0, 0);
+    pub fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
+        let (last_count, beat_ns, checks_without_beat) = (0, monotonic_ns(), 0);
         Self {
             id,
             imus,

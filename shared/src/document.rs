@@ -168,21 +168,31 @@ fn number_fault(text: &str, offset: usize) -> Option<(String, String)> {
     let begin = before.rfind(['\n', ' ', '\t', '=', ',', '[', '{']).map_or(0, |at| at + 1);
     let rest = text.get(begin..)?;
     let token = rest.get(..rest.find([',', ']', '}', ' ', '\t', '\r', '\n', '#']).unwrap_or(rest.len()))?;
-    let digits = token.trim_start_matches(['+', '-', '.']);
-    if !digits.starts_with(|first: char| first.is_ascii_digit()) || token.parse::<f64>().is_ok() {
+    let is_of_number = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'+' | b'-' | b'.' | b':');
+    // A value, and not a key or a header: after an equals sign, or in a list.
+    let above = before.get(..begin)?;
+    let in_list =
+        above.rfind(['[', '{', ']', '}']).is_some_and(|at| above.get(at..).is_some_and(|it| it.starts_with('[')));
+    let is_value = above.trim_end().ends_with('=') || in_list && above.trim_end().ends_with([',', '[']);
+    let has_digit = token.bytes().any(|byte| byte.is_ascii_digit());
+    if !is_value || !has_digit || !token.bytes().all(is_of_number) || token.parse::<f64>().is_ok() {
         return None;
     }
     let line = before.rfind('\n').map_or(0, |at| at + 1);
     let column = text.get(line..begin)?.chars().count() + 1;
-    Some((key_before(text, line, begin)?, format!("column {column}: {token:?} is no number")))
+    let key = key_before(text, begin)?;
+    Some((key, format!("column {column}: {token:?} is no number; if it is text, put it between quotation marks")))
 }
 
-/// The key whose value begins at `at` in the line that begins at `line`, as the text has it: section, its name, key, and key in braces.
-fn key_before(text: &str, line: usize, at: usize) -> Option<String> {
+/// The key whose value begins at `at`, as the text has it: section, its name, key, and key in braces.
+fn key_before(text: &str, at: usize) -> Option<String> {
     let mut path = Vec::new();
-    for above in text.get(..line)?.lines().rev().map(str::trim) {
-        if let Some(header) = above.strip_prefix('[') {
-            path.push(header.trim_matches(['[', ']', ' ']).to_owned());
+    let start = text.get(..at)?;
+    // A list may begin lines above its value.
+    let (first, last) = (start.get(..own_line(start)?)?, start.get(own_line(start)?..)?);
+    for above in first.lines().rev().map(str::trim) {
+        if let Some(header) = header(above) {
+            path.push(header.to_owned());
             break;
         }
         if let Some(name) = above.strip_prefix("name") {
@@ -191,13 +201,27 @@ fn key_before(text: &str, line: usize, at: usize) -> Option<String> {
     }
     path.reverse();
     let keys = |part: &str| part.rsplit(['{', ',', '[', ' ']).find(|word| !word.is_empty()).map(str::to_owned);
-    let own = text.get(line..at)?;
-    let (first, last) = (own.split_once('=')?.0, own.rsplit_once('=')?.0);
-    path.extend(keys(first.trim()));
-    if first.len() != last.len() {
-        path.extend(keys(last.trim()));
+    let (outer, inner) = (last.split_once('=')?.0, last.rsplit_once('=')?.0);
+    path.extend(keys(outer.trim()));
+    if outer.len() != inner.len() {
+        path.extend(keys(inner.trim()));
     }
     Some(path.join("."))
+}
+
+/// Where the last line begins that has a key.
+fn own_line(text: &str) -> Option<usize> {
+    let equals = text.rfind('=')?;
+    Some(text.get(..equals)?.rfind('\n').map_or(0, |at| at + 1))
+}
+
+/// The name in a section's header, as in `[imu]` or `[[axis]]`.
+fn header(line: &str) -> Option<&str> {
+    let line = line.split('#').next()?.trim();
+    let name = line.strip_prefix('[')?.strip_suffix(']')?.trim_matches(['[', ']', ' ']);
+    let is_key = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b'.');
+    // A row of a matrix begins with a number.
+    (name.starts_with(|first: char| first.is_ascii_alphabetic()) && name.bytes().all(is_key)).then_some(name)
 }
 
 fn newlines(text: &str, range: Range<usize>) -> usize {

@@ -132,7 +132,7 @@ pub struct ImuStatus {
     pub refused_table: Option<String>,
     /// Since when the table file has not been in force, Unix time \[s\]; null if it is in force.
     pub refused_unix_s: Option<f64>,
-    /// The largest change of each curve by the table in force; empty if there was none before to compare it with.
+    /// The largest change of each curve by the table in force; empty if it was compared with none, or is the one from before the start.
     #[serde(default)]
     pub table_changes: Vec<TableChange>,
     /// Latency since the start; null before the first sample.

@@ -53,7 +53,11 @@ fn every_part_of_a_table_has_a_limit() {
 
 /// Changes of [`WHOLE`] beyond a limit, and how the refusal begins.
 const WHOLE_CHANGES: [(&str, &str, &str); 7] = [
-    ("transient = -35.0", "transient = -31000.0", "A1 transient changes by 102131 ug0, from -35 to -31000 a unit"),
+    (
+        "transient = -35.0",
+        "transient = -31000.0",
+        "A1 transient changes by 102131 ug0, from -34.9816 to -30983.7 ug0 a unit",
+    ),
     ("c0 = 6.213", "c0 = 3606.5", "G1 bias changes by 3600.29 deg/h, from "),
     ("c0 = 1.05214", "c0 = 1.1575", "G1 positive_scale_factor changes by 100"),
     ("transient = 0.83", "transient = 1092.0", "G1 transient changes by 3600.86 deg/h"),

@@ -89,7 +89,10 @@ static void wrong_names(void)
         CHECK(none == NULL && no_reader == NULL);
     }
     isotherm_options elsewhere = {.domain = "nobody-here"};
+    /* A time-out of 0 is the default, 5 s. */
+    uint64_t begun = isotherm_monotonic_ns();
     GIVES(isotherm_acquisition_connect(imu, &elsewhere, &none), ISOTHERM_ERROR_NO_SERVICE, "isotherm serve");
+    CHECK(isotherm_monotonic_ns() - begun >= 5000000000);
     GIVES(isotherm_acquisition_connect("imu-x", &impatient, &none), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
     GIVES(isotherm_reader_connect("imu-x", NULL, ISOTHERM_NO_WAIT, &no_reader), ISOTHERM_ERROR_NO_SUCH_IMU, "isotherm status");
     GIVES(isotherm_acquisition_connect(imu, &impatient, &none), ISOTHERM_ERROR_OCCUPIED, "pid");

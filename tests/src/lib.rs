@@ -132,7 +132,9 @@ impl TestDomain {
         let mut command = Command::new(binary(name));
         command.args(arguments).stdin(Stdio::null()).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());
-        command.env_remove("ISOTHERM_LOG");
+        for variable in ["ISOTHERM_LOG", "ISOTHERM_STATE", "STATE_DIRECTORY"] {
+            command.env_remove(variable);
+        }
         command
     }
 

@@ -4,6 +4,7 @@
 use isotherm_tests::{
     Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, table, text, variant, wait_until,
 };
+use rustix::process::Signal;
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 
@@ -52,7 +53,7 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
     let (good, bad) = (digest(TABLE), digest(&lost_digit()));
     let reason = refuse(&domain, &service, &lost_digit());
     for part in [
-        "A1 positive_scale_factor changes by 911470 ppm, from 90578.9 to 8018.93 at 4.2; at most 10 % is taken (max_change.scale)",
+        "A1 positive_scale_factor changes by 911470 ppm, from 90578.9 to 8018.93 pulse/(s*g0) at 4.2; at most 10 % is taken (max_change.scale)",
         &format!("in force last, {good}"),
         &format!("`reload --imu imu-a --accept {bad}`"),
     ] {
@@ -97,6 +98,42 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
     refuse(&domain, &service, &lost_digit());
     service.terminate();
     refused_start(&domain);
+}
+
+#[test]
+fn a_refusal_lasts_as_long_as_the_file_and_an_acceptance_is_for_the_next_table_only() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let bad = digest(&lost_digit());
+    refuse(&domain, &service, &lost_digit());
+    // SIGHUP loads it again and changes nothing.
+    service.signal(Signal::HUP);
+    service.wait_for_log_lines("table refused", 2);
+    assert_eq!((in_force(&domain), &domain.imu_status()["refused_table"]), (digest(TABLE), &bad.clone().into()));
+    // The file that is in force again is good.
+    domain.replace("imu-a.toml", TABLE);
+    service.wait_for_log("table file is good again");
+    assert_eq!(domain.imu_status()["refused_table"], serde_json::Value::Null);
+    // A second service is refused before it touches what the first one keeps.
+    domain.write("other.toml", &variant(1));
+    let output = domain.run(&["serve", "--imu", "imu-a=other.toml"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    service.terminate();
+    // Accepted for the next start; but another table is taken then, and the acceptance does not wait for later.
+    domain.write("imu-a.toml", &variant(2));
+    reload(&domain, "isotherm", &bad, 0);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    refuse(&domain, &service, &lost_digit());
+    service.terminate();
+    // Compared is with the table that was in force, also where the service starts without one.
+    fs::remove_file(domain.path("imu-a.toml")).unwrap();
+    let service = domain.serve(&["--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"]);
+    let reason = refuse(&domain, &service, &lost_digit());
+    assert!(reason.contains(&format!("in force last, {}", digest(&variant(2)))), "{reason}");
+    assert!(service.log().contains("table refused, there is none in force: "), "{}", service.log());
+    domain.replace("imu-a.toml", &variant(3));
+    wait_until("the table", || domain.imu_status()["table"].as_str() == Some(&digest(&variant(3))));
+    service.terminate();
 }
 
 #[test]
@@ -246,7 +283,7 @@ fn what_cannot_be_kept_or_read_is_told_and_the_service_runs() {
     assert_eq!(digest(&fs::read_to_string(&kept).unwrap()), digest(TABLE));
     fs::set_permissions(&inner, fs::Permissions::from_mode(0o777)).unwrap();
     let service = state(&folder);
-    assert!(service.log().contains("cannot be read: ") && service.log().contains("others may write its folder"));
+    assert!(service.log().contains("cannot be read: ") && service.log().contains("or others may write it"));
     service.terminate();
     fs::set_permissions(&inner, fs::Permissions::from_mode(0o700)).unwrap();
     fs::write(&kept, "format = 1\n").unwrap();
@@ -275,4 +312,23 @@ fn check_compares_with_a_table_as_the_service_does() {
         "bad.toml: warning: K+ and K- of A1 differ by more than a factor 2: 8282.47 and -90717.9 pulse/(s*g0)";
     assert!(output.status.success() && text(&output.stderr).contains(warning), "{}", text(&output.stderr));
     assert_eq!(domain.run(&["check", "--strict", "bad.toml"]).status.code(), Some(78));
+    // Refused, a table is not sealed either.
+    let output = domain.run(&["check", "--seal", "--against", "old.toml", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(78));
+    assert_eq!(fs::read_to_string(domain.path("bad.toml")).unwrap(), lost_digit());
+    // A table that is no calibration is no reference, and one of another IMU none for this one.
+    let constant = |line: &str| line.find(", c1 = ").map_or(line.to_owned(), |end| format!("{} }}", &line[..end]));
+    let nominal: Vec<_> = TABLE.lines().map(constant).collect();
+    domain.write("nominal.toml", &nominal.join("\n").replace("91733.0", "60000.0"));
+    let words = domain.run_ok(&["check", "--against", "nominal.toml", "old.toml"]);
+    assert!(
+        words.ends_with("not sealed\n  the one before is no calibration, so it is compared with none\n"),
+        "{words}"
+    );
+    domain.write("other.toml", &TABLE.replace("imu-a", "imu-b"));
+    let output = domain.run(&["check", "--against", "old.toml", "other.toml"]);
+    assert!(text(&output.stderr).contains("imu.id: the table before is of imu-a, this one of imu-b"));
+    domain.write("service.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"old.toml\"\n");
+    let output = domain.run(&["check", "--against", "old.toml", "service.toml"]);
+    assert!(text(&output.stderr).contains("only tables are compared"), "{}", text(&output.stderr));
 }

@@ -70,6 +70,11 @@ fn a_reader_that_waits_is_told_of_increments_and_of_nothing_else() {
         drain(&mut one);
         told
     });
+    wait_until("that the last notification is seen", || {
+        let is_quiet = !is_readable(&mut one, Duration::from_millis(50));
+        drain(&mut one);
+        is_quiet
+    });
     for _ in 0..50 {
         assert!(one.receive().unwrap().is_none() && !is_readable(&mut one, Duration::ZERO), "nothing has come");
         let sequence = round_trip(&mut acquisition, &sample).sequence;
@@ -95,6 +100,42 @@ fn a_reader_that_waits_is_told_of_increments_and_of_nothing_else() {
     let sequence = round_trip(&mut acquisition, &sample).sequence;
     assert_eq!(one.receive_timeout(TIMEOUT).unwrap().map(|increment| increment.sequence), Some(sequence));
     assert_eq!(one.receive_timeout(Duration::from_millis(50)).unwrap(), None);
+    // When they have left, others who come are told again.
+    drop((one, two));
+    let mut third = domain.reader("imu-a");
+    wait_until("the notification of the third", || {
+        round_trip(&mut acquisition, &sample);
+        is_readable(&mut third, Duration::from_millis(1))
+    });
+    service.terminate();
+}
+
+#[test]
+fn of_several_imus_each_reader_is_told_of_its_own() {
+    let domain = TestDomain::new();
+    let names = ["imu-a", "imu-b", "imu-c"];
+    let of =
+        |imu: &str| format!("{imu}={}", domain.write(&format!("{imu}.toml"), &TABLE.replace("imu-a", imu)).display());
+    let served: Vec<_> = names.iter().map(|imu| of(imu)).collect();
+    let service = domain.serve(&served.iter().flat_map(|served| ["--imu", served]).collect::<Vec<_>>());
+    let mut acquisitions = names.map(|imu| domain.acquisition(imu));
+    let mut reader = domain.reader("imu-b");
+    let sample = recording()[0];
+    wait_until("the notification of imu-b", || {
+        round_trip(&mut acquisitions[1], &sample);
+        is_readable(&mut reader, Duration::from_millis(1))
+    });
+    wait_until("that the last notification is seen", || {
+        drain(&mut reader);
+        !is_readable(&mut reader, Duration::from_millis(50))
+    });
+    for other in [0, 2] {
+        round_trip(&mut acquisitions[other], &sample);
+    }
+    assert!(!is_readable(&mut reader, Duration::from_millis(50)));
+    let sequence = round_trip(&mut acquisitions[1], &sample).sequence;
+    assert!(is_readable(&mut reader, TIMEOUT));
+    assert_eq!(drain(&mut reader).iter().map(|increment| increment.sequence).collect::<Vec<_>>(), [sequence]);
     service.terminate();
 }
 

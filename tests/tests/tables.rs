@@ -345,7 +345,7 @@ fn a_number_that_is_none_is_named_and_a_digest_is_told_beside_other_faults() {
         checked.replace("isotherm: ", "")
     };
     let found = refused("letters.toml", &TABLE.replace("420.81", "42O.81").replace("9.8015", "9,8015"));
-    assert!(found.contains("letters.toml:10: axis.A1.bias.c2: column 77: \"42O.81\" is no number\n"), "{found}");
+    assert!(found.contains("letters.toml:10: axis.A1.bias.c2: column 77: \"42O.81\" is no number; "), "{found}");
     assert!(found.starts_with("letters.toml:4: "), "{found}");
     // The digest of a text that cannot be read cannot be checked; that of other faults can.
     domain.write("sealed.toml", TABLE);
@@ -355,8 +355,15 @@ fn a_number_that_is_none_is_named_and_a_digest_is_told_beside_other_faults() {
     assert_eq!(
         found,
         "unread.toml:2: digest: cannot be checked until these are right\n\
-         unread.toml:12: axis.A1.positive_scale_factor.c0: column 75: \"9l733.0\" is no number\n"
+         unread.toml:12: axis.A1.positive_scale_factor.c0: column 75: \"9l733.0\" is no number; if it is text, put it \
+         between quotation marks\n"
     );
+    // A letter in front, a row of a matrix that begins lines above, and a header with a comment.
+    let matrix =
+        "[alignment] # of the body\nmatrix = [\n  [1.0, 0.0, 0.0],\n  [0.0, l.0, 0.0],\n  [0.0, 0.0, 1.0],\n]\n";
+    let found = refused("matrix.toml", &format!("{}{matrix}", TABLE.replace("420.81", "O420.81")));
+    assert!(found.starts_with("matrix.toml:10: axis.A1.bias.c2: column 77: \"O420.81\" is no number"), "{found}");
+    assert!(found.contains("alignment.matrix: column 9: \"l.0\" is no number") || found.contains("l.0"), "{found}");
     let found = refused("both.toml", &sealed.replace("91733.0", "-91733.0"));
     let lines: Vec<_> = found.lines().collect();
     assert_eq!(lines.len(), 2, "{found}");

@@ -2,7 +2,7 @@
 
 use super::{Checker, Column, Finding, Severity, name};
 use crate::diagnostics::median;
-use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::AXES;
 
 /// Telemetry in degC or K does not rise faster than this with the chamber \[degC/degC\]. Fahrenheit has 1.8.
@@ -130,6 +130,12 @@ impl Checker<'_> {
             }
         }
     }
+}
+
+/// Scale factors of a table that a lost digit may have made.
+pub(crate) fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
+    let unlike = table.content().unlike_scale_factors().into_iter();
+    unlike.map(|message| Finding::whole(Severity::Warning, name::AXES_DIFFER, message)).collect()
 }
 
 /// 0 degC in the unit of the telemetry, if that is degC or K. Anything else in the label is another unit, such as kΩ, mK or K/100. So is a

@@ -1,7 +1,9 @@
 //! A calibration without a turntable as text, JSON and page.
 
+use super::json::losses;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
+use super::text::within;
 use crate::accuracy::largest_interval;
 use crate::campaign::Campaign;
 use crate::curve::{CONFIDENCE, student_quantile};
@@ -34,6 +36,7 @@ pub fn text(calibration: &GravityOnlyCalibration) -> String {
         if unknowns.split { "K+ and K-" } else { "one K, K- = -K+" },
         reasons[1],
     );
+    text.extend(within(calibration.losses, "the recordings"));
     // Writing to a String cannot fail.
     let _ = writeln!(
         text,
@@ -187,6 +190,7 @@ pub fn json(calibration: &GravityOnlyCalibration) -> Value {
         "method": GRAVITY_ONLY,
         "standstills": calibration.readings.len(),
         "too_short": calibration.too_short,
+        "losses": losses(calibration.losses),
         "temperatures": calibration.levels,
         "unit": content.temperature_unit,
         "order": calibration.unknowns.order,

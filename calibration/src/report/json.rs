@@ -4,6 +4,7 @@
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::alignment::is_needed;
 use crate::calibrate::{Calibration, CalibrationError};
+use crate::campaign::Dwell;
 use crate::checks::{Finding, RunNumber, Severity};
 use crate::curve::CONFIDENCE;
 use crate::gyroscopes::observability::TriadObservability;
@@ -55,6 +56,7 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
         "alignment_needed": is_needed(solution),
         "left_without_alignment_g0": calibration.left_without_alignment(),
         "accepted": calibration.accepted,
+        "losses": losses(calibration.dwells.iter().map(Dwell::losses).fold(Losses::default(), Losses::and)),
         "findings": calibration.findings.iter().map(|each| finding(each, &locate)).collect::<Vec<_>>(),
     });
     if let Some(found) = &calibration.gyroscopes {
@@ -123,6 +125,7 @@ fn transients(found: &Transients) -> Value {
     };
     json!({
         "verdict": found.verdict.name(),
+        "losses": losses(found.losses),
         "words": found.words,
         "time_constant": {
             "value_s": tau.value_s,

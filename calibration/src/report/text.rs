@@ -53,6 +53,7 @@ pub fn calibration(calibration: &Calibration) -> String {
     text += &alignment(calibration);
     if let Some(found) = &calibration.transients {
         text.push('\n');
+        text.extend(within(found.losses, "the ramps"));
         text += &transients(found, &calibration.table.content().temperature_unit);
     }
     text.push('\n');
@@ -69,7 +70,7 @@ pub fn calibration(calibration: &Calibration) -> String {
 }
 
 /// The line of what is missing within a recording or its parts, if anything is.
-fn within(losses: Losses, parts: &str) -> Option<String> {
+pub(super) fn within(losses: Losses, parts: &str) -> Option<String> {
     (!losses.is_none()).then(|| format!("  within {parts}: {losses}\n"))
 }
 
@@ -87,6 +88,7 @@ pub fn ramps(calibration: &RampCalibration) -> String {
         text += &format!("  {sentence}\n");
     }
     text.push('\n');
+    text.extend(within(calibration.transients.losses, "the ramps"));
     text += &transients(&calibration.transients, &content.temperature_unit);
     text + "\n" + &calibration.accuracy() + "\n"
 }

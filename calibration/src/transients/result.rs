@@ -2,6 +2,7 @@
 
 use super::{CurveSource, TransientOptions};
 use crate::hysteresis::LoopPoint;
+use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
@@ -127,6 +128,8 @@ pub struct Transients {
     pub biases: Vec<BiasTransient>,
     /// Warnings: a carried specific force, conditions that a given time constant did not meet.
     pub warnings: Vec<String>,
+    /// Rows that are missing within the ramps by their sequences, and steps of time.
+    pub losses: Losses,
 }
 
 impl BiasTransient {

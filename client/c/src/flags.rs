@@ -104,7 +104,7 @@ pub const ISOTHERM_MASK_INVALID: u64 = ISOTHERM_FLAG_INTERVAL
     | ISOTHERM_FLAG_G3_NOT_FINITE;
 /// Mask: computed, outside of what the calibration covers or without a part of it; the ranges give NaN where the table's policy is
 /// `reject`. Ranges, rate, telemetry-stale, lag-unknown, other-device, g-unknown.
-pub const ISOTHERM_MASK_DEGRADED: u64 = 0x00038fff00f38fff;
+pub const ISOTHERM_MASK_DEGRADED: u64 = 0x00038fff00738fff | ISOTHERM_FLAG_G_UNKNOWN;
 /// Mask: time is missing before this increment. gap, time-step.
 pub const ISOTHERM_MASK_LOST: u64 = ISOTHERM_FLAG_GAP | ISOTHERM_FLAG_TIME_STEP;
 /// Mask: says nothing against the increment. late.

@@ -175,7 +175,8 @@ def domain(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> I
     DOMAINS.append(domain)
     monkeypatch.setenv("ISOTHERM_ROOT", str(folder))
     monkeypatch.setenv("ISOTHERM_DOMAIN", domain.name)
-    monkeypatch.delenv("ISOTHERM_LOG", raising=False)
+    for variable in ("ISOTHERM_LOG", "ISOTHERM_STATE", "STATE_DIRECTORY"):
+        monkeypatch.delenv(variable, raising=False)
     try:
         yield domain
     finally:
@@ -234,7 +235,7 @@ def same(got: isotherm.Records, right: isotherm.Records) -> bool:
     for name in ("velocity_increment", "angle_increment"):
         if not (got[name].view(np.uint64) == right[name].view(np.uint64)).all():
             return False
-    delivery = np.uint64(isotherm.Flags.GAP | isotherm.Flags.LATE)
+    delivery = np.uint64(isotherm.Flags.LOST | isotherm.Flags.LATE)
     return bool((got["flags"] & ~delivery == right["flags"] & ~delivery).all())
 
 

@@ -48,6 +48,17 @@ def test_records_and_flags_are_those_of_the_wire() -> None:
     assert [(int(flag).bit_length() - 1, name) for flag in isotherm.Flags for name in isotherm.flag_names(flag)] == _isotherm.FLAGS
     assert isotherm.flag_names(0) == [] and isotherm.flag_names(1 << 27) == []
     assert isotherm.flag_names(1 << 26) == ["time-step"]
+    # Every flag is in one mask, by its name.
+    flags = isotherm.Flags
+    masks = {"INVALID": flags.INVALID, "DEGRADED": flags.DEGRADED, "LOST": flags.LOST, "INFORMATION": flags.INFORMATION}
+
+    def mask_of(name: str) -> str:
+        if name in ("interval", "no-table") or name.endswith("-not-finite"):
+            return "INVALID"
+        return {"gap": "LOST", "time-step": "LOST", "late": "INFORMATION"}.get(name, "DEGRADED")
+
+    for bit, name in _isotherm.FLAGS:
+        assert [mask for mask, flags in masks.items() if flags & (1 << bit)] == [mask_of(name)], name
     assert isotherm.flag_names(isotherm.Flags.GAP | isotherm.Flags.A3_RATE | isotherm.Flags.G1_RATE) == ["a3-rate", "gap", "g1-rate"]
     # They go with arrays of every integer type.
     for dtype in (np.uint64, np.int64, object):

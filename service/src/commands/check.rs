@@ -2,7 +2,7 @@
 
 use crate::config::{Config, WorkerRealtime};
 use clap::Args;
-use isotherm_client::Realtime;
+use isotherm_client::{Realtime, check_room};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{LoadError, WorldWritable, load_table, print, read_text, remove_unfinished_on_signals, replace};
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
@@ -13,6 +13,7 @@ use isotherm_shared::table::{Axis, CoefficientTable, Content, Seal, with_uncheck
 use isotherm_shared::units::SensorKind;
 use std::fmt::Write as _;
 use std::io::{self, Read as _};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans and mappings. The content of a file
 /// tells what it is. All faults of all files are reported, each with line and key. A warning tells of scale factors
 /// that look like a lost digit, and of a service configuration what serve would refuse on this machine and as this
-/// user: a core, a priority, locked memory.
+/// user: a core, a priority, locked memory, an address, too little shared memory.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml\n  isotherm check --against tables/imu-a.toml new.toml"
@@ -85,13 +86,17 @@ impl Checker<'_> {
             FileKind::Table if seal && path == Path::new("-") => {
                 Err(Failure::new(Exit::Usage, "only a file can be sealed; name it instead of -"))
             }
-            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Configuration) if seal => {
-                let message = format!("{}: {}; only tables are sealed", path.display(), kind.name());
+            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Configuration)
+                if seal || self.against.is_some() =>
+            {
+                let what = if seal { "sealed" } else { "compared" };
+                let message = format!("{}: {}; only tables are {what}", path.display(), kind.name());
                 Err(Failure::new(Exit::Config, message))
             }
             FileKind::Table => {
                 let policy = if seal { Seal::Renewed } else { Seal::Checked };
                 let table = CoefficientTable::from_toml_with(&text, None, policy).map_err(refuse)?;
+                let changes = self.compare(path, &table)?;
                 let sealed = if seal {
                     write_digest(path, &text, &table)?;
                     "sealed"
@@ -101,7 +106,6 @@ impl Checker<'_> {
                     "not sealed"
                 };
                 let content = table.content();
-                let changes = self.compare(path, &table)?;
                 self.warn(path, content.unlike_scale_factors())?;
                 Ok(format!("table of {}, {}, {sealed}{}{changes}", content.imu, table.digest(), format_2(content)))
             }
@@ -110,7 +114,7 @@ impl Checker<'_> {
                 let config = Config::from_toml(&text, path.parent().unwrap_or(Path::new(""))).map_err(refuse)?;
                 let loaded = config.imus.iter().map(|imu| load_table(&imu.table, Some(&imu.id), world_writable));
                 let mut failures = Vec::new();
-                let mut warnings = refused_here(&config.realtime);
+                let mut warnings = refused_here(&config);
                 for (imu, loaded) in config.imus.iter().zip(loaded) {
                     match loaded {
                         Ok((table, _)) => {
@@ -152,14 +156,21 @@ impl Checker<'_> {
     }
 }
 
-/// What `serve` would refuse of these settings on this machine, with the rights of this process.
-fn refused_here(settings: &WorkerRealtime) -> Vec<String> {
-    let WorkerRealtime { cores, priority, lock_memory, timer_slack_ns } = settings;
+/// What `serve` would refuse of a configuration on this machine, with the rights of this process. That a running service has the port of the
+/// metrics is no reason.
+fn refused_here(config: &Config) -> Vec<String> {
+    let WorkerRealtime { cores, priority, lock_memory, timer_slack_ns } = &config.realtime;
     let (priority, lock_memory, timer_slack_ns) = (*priority, *lock_memory, Some(*timer_slack_ns));
     let once = Realtime { core: cores.first().copied(), priority, lock_memory, timer_slack_ns };
     let others = cores.iter().skip(1).map(|core| Realtime { core: Some(*core), ..Realtime::default() });
     let refusals = [once].into_iter().chain(others).flat_map(|setting| setting.refusals());
-    refusals.map(|error| format!("serve would refuse it here: realtime.{error}")).collect()
+    let refusals = refusals.map(|error| format!("realtime.{error}"));
+    let metrics = config.metrics.and_then(|address| {
+        let error = TcpListener::bind(address).err().filter(|error| error.kind() != io::ErrorKind::AddrInUse)?;
+        Some(format!("metrics.listen: {address}: {error}"))
+    });
+    let room = check_room(config.imus.len()).err().map(|error| error.to_string());
+    refusals.chain(metrics).chain(room).map(|refusal| format!("serve would refuse it here: {refusal}")).collect()
 }
 
 /// What only tables of format 2 have, in lines of their own.

@@ -1,7 +1,7 @@
 //! A worker thread: receives, compensates and publishes for its IMUs.
 //!
 //! # Contract
-//! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin`, makes no system call
+//! While samples flow the loop takes no lock, allocates nothing, logs nothing and, with `spin` and no reader that waits, makes no system call
 //! (tests/hot_loop.rs counts them). The other strategies only make the system calls that sleeping and its events need.
 //!
 //! The worker never blocks on a peer: a reader that does not read loses its own increments. It takes one sample at a time from
@@ -13,7 +13,7 @@
 //! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all sensors of
 //! an increment come from one table.
 //!
-//! Readers that wait are notified after each turn that has answered ([`HotLoop::serve`]), which takes a system call for each reader that
+//! Readers that wait are notified after each turn that has answered (`HotLoop::serve`), which takes a system call for each reader that
 //! sleeps. While nobody waits, nothing is done for it.
 //!
 //! A wait is at most [`wait::BOUND_NS`] long, with every strategy and even if every notification is lost.
@@ -36,7 +36,7 @@ use isotherm_shared::stream::{Domain, RAW_DEPTH};
 use listeners::{WakeListeners, WakePorts};
 use rehearse::Rehearsals;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -51,20 +51,14 @@ pub struct Worker {
     pub thread_id: i32,
     /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
-    /// One of [`order`]; only the control thread writes it.
-    order: Arc<AtomicU8>,
+    /// What the worker is to do besides serving: a bit for each of its IMUs whose readers are to be notified, or [`STOP`]. Only the control
+    /// thread writes it.
+    order: Arc<AtomicU64>,
     thread: JoinHandle<()>,
 }
 
-/// What a worker is to do besides serving.
-mod order {
-    /// Nothing.
-    pub const SERVE: u8 = 0;
-    /// Notify readers that wait.
-    pub const ANNOUNCE: u8 = 1;
-    /// Answer what has arrived, and end.
-    pub const STOP: u8 = 2;
-}
+/// The order to answer what has arrived, and to end.
+const STOP: u64 = 1 << 63;
 
 impl Worker {
     /// Starts worker `index` and waits until its streams exist. Returns `None` if `give_up` returns true before that.
@@ -78,7 +72,7 @@ impl Worker {
         links: Vec<ChannelLink>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let order = Arc::new(AtomicU8::new(order::SERVE));
+        let order = Arc::<AtomicU64>::default();
         let (beat, heartbeat) = heartbeat();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
@@ -96,7 +90,7 @@ impl Worker {
                     return Err(Failure::new(Exit::Failed, "the worker thread died while it started"));
                 }
                 Err(RecvTimeoutError::Timeout) if give_up() => {
-                    order.store(order::STOP, Relaxed);
+                    order.store(STOP, Relaxed);
                     // It ends before the process does, so that what it has created is removed. If it hangs, the next service removes it.
                     let _ = Self { thread_id: 0, heartbeat, order, thread }.join();
                     return Ok(None);
@@ -113,12 +107,14 @@ impl Worker {
 
     /// Requests that the worker answers the samples that have arrived, then ends.
     pub fn request_stop(&self) {
-        self.order.store(order::STOP, Relaxed);
+        self.order.store(STOP, Relaxed);
     }
 
-    /// Orders whether the worker notifies readers that wait, before [`request_stop`](Self::request_stop).
-    pub fn announce(&self, announce: bool) {
-        self.order.store(if announce { order::ANNOUNCE } else { order::SERVE }, Relaxed);
+    /// Orders for which of its IMUs the worker notifies readers that wait, in the order of its links; before
+    /// [`request_stop`](Self::request_stop).
+    pub fn announce(&self, awaited: impl Iterator<Item = bool>) {
+        let bit = |(index, awaited): (u32, bool)| u64::from(awaited) << index;
+        self.order.store((0..).zip(awaited).map(bit).sum(), Relaxed);
     }
 
     /// Waits until the thread has ended, after [`request_stop`](Self::request_stop).
@@ -152,7 +148,7 @@ fn run(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    (order, beat): (&AtomicU8, HeartbeatWriter),
+    (order, beat): (&AtomicU64, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
     let (mut channels, ports, rehearsals) = match open(domain, config, index, links, order) {
@@ -171,7 +167,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    order: &AtomicU8,
+    order: &AtomicU64,
 ) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -185,7 +181,7 @@ fn open(
     // Before the channels: when these are open, clients take the service for ready.
     let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
-    for link in links.into_iter().take_while(|_| order.load(Relaxed) != order::STOP) {
+    for link in links.into_iter().take_while(|_| order.load(Relaxed) != STOP) {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;
         channel.take_table();
         channels.push(channel);
@@ -221,16 +217,16 @@ impl<'a> HotLoop<'a> {
     }
 
     /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it costs no instruction.
-    fn run(&mut self, order: &AtomicU8) {
+    fn run(&mut self, order: &AtomicU64) {
         loop {
             match order.load(Relaxed) {
-                order::SERVE => self.serve::<{ order::SERVE }>(order),
-                order::ANNOUNCE => {
+                STOP => break,
+                0 => self.serve::<false>(order, 0),
+                awaited => {
                     // What came before this order was told to nobody.
                     self.channels.iter().for_each(Channel::announce);
-                    self.serve::<{ order::ANNOUNCE }>(order);
+                    self.serve::<true>(order, awaited);
                 }
-                _ => break,
             }
         }
         // Answer what has arrived, at most one queue for each IMU: a sender that keeps sending must not delay the end.
@@ -241,8 +237,8 @@ impl<'a> HotLoop<'a> {
         }
     }
 
-    /// Serves as long as the order is `ORDER`.
-    fn serve<const ORDER: u8>(&mut self, order: &AtomicU8) {
+    /// Serves as long as the order is `current`. With `ANNOUNCE` it tells the readers of the IMUs whose bits are set.
+    fn serve<const ANNOUNCE: bool>(&mut self, order: &AtomicU64, current: u64) {
         let Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news } = self;
         // The channel that was served last, whether its queue has been seen empty since, and how many polls of others have found nothing since.
         let (mut latest, mut emptied, mut idle_polls) = (0, false, 0);
@@ -259,8 +255,8 @@ impl<'a> HotLoop<'a> {
                     waiter.arrived(turn, now);
                     rehearsals.served(turn);
                     (latest, emptied, idle_polls, served) = (turn, false, 0, true);
-                    if ORDER == order::ANNOUNCE {
-                        news[turn] = true;
+                    if ANNOUNCE {
+                        news[turn] = current >> turn & 1 == 1;
                     }
                     continue;
                 }
@@ -278,16 +274,16 @@ impl<'a> HotLoop<'a> {
                     waiter.arrived(latest, now);
                     rehearsals.served(latest);
                     (emptied, idle_polls, served) = (false, 0, true);
-                    if ORDER == order::ANNOUNCE {
-                        news[latest] = true;
+                    if ANNOUNCE {
+                        news[latest] = current >> latest & 1 == 1;
                     }
                 }
             }
-            if order.load(Relaxed) != ORDER {
+            if order.load(Relaxed) != current {
                 return;
             }
             if served {
-                if ORDER == order::ANNOUNCE {
+                if ANNOUNCE {
                     let told = channels.iter().zip(news.iter_mut());
                     told.filter_map(|(channel, news)| core::mem::take(news).then_some(channel))
                         .for_each(Channel::announce);
@@ -338,8 +334,8 @@ impl<'a> HotLoop<'a> {
 mod tests {
     use super::*;
 
-    fn worker(body: impl FnOnce(&AtomicU8) + Send + 'static) -> Worker {
-        let order = Arc::<AtomicU8>::default();
+    fn worker(body: impl FnOnce(&AtomicU64) + Send + 'static) -> Worker {
+        let order = Arc::<AtomicU64>::default();
         let thread = {
             let order = Arc::clone(&order);
             thread::spawn(move || body(&order))
@@ -362,7 +358,7 @@ mod tests {
         assert!(stuck.join().unwrap_err().message.contains("does not end within"));
         drop(release);
         let obedient = worker(|order| {
-            while order.load(Relaxed) != order::STOP {
+            while order.load(Relaxed) != STOP {
                 thread::yield_now();
             }
         });

@@ -250,6 +250,12 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.aside.pop_front()
     }
 
+    /// Takes the answer that is kept aside and fits, if there is one.
+    pub fn take_aside(&mut self, fits: impl Fn(&A) -> bool) -> Option<A> {
+        let place = self.aside.iter().position(fits)?;
+        self.aside.remove(place)
+    }
+
     /// Answers that are kept aside.
     #[must_use]
     pub fn aside(&self) -> usize {
@@ -434,6 +440,7 @@ mod tests {
         let mut state = state();
         (1..=5).for_each(|answer| state.keep_aside(answer));
         assert_eq!((state.aside(), state.aside_dropped(), state.in_flight(), state.is_full()), (2, 3, 0, false));
-        assert_eq!([state.next_aside(), state.next_aside(), state.next_aside()], [Some(4), Some(5), None]);
+        assert_eq!([state.take_aside(|answer| *answer == 5), state.take_aside(|answer| *answer == 3)], [Some(5), None]);
+        assert_eq!([state.next_aside(), state.next_aside()], [Some(4), None]);
     }
 }

@@ -260,11 +260,16 @@ pub struct TableDifference {
     pub incomparable: Vec<String>,
     /// All else that changes, in words.
     pub others: Vec<String>,
+    /// The old table is no calibration ([`CoefficientTable::is_nominal`]): nothing is compared with it.
+    pub has_no_reference: bool,
 }
 
 /// `A1 bias changes by 12.3 ug0, A1 positive_scale_factor by 45.6 ppm, ..; besides: lag none -> 240`
 impl fmt::Display for TableDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.has_no_reference {
+            return f.write_str("the one before is no calibration, so it is compared with none");
+        }
         let changed = self.changes.iter().filter(|change| change.size != 0.0).enumerate();
         let changed = changed.map(|(index, change)| {
             let Change { name, size, unit, .. } = change;
@@ -280,8 +285,15 @@ impl TableDifference {
     /// From `old` to `new`.
     #[must_use]
     pub fn of(old: &CoefficientTable, new: &CoefficientTable) -> Self {
+        if old.is_nominal() {
+            return Self { has_no_reference: true, ..Self::default() };
+        }
         let (old, new) = (old.content(), new.content());
         let mut found = Self { others: others(old, new), ..Self::default() };
+        if old.imu != new.imu {
+            found.incomparable.push(format!("imu.id: the table before is of {}, this one of {}", old.imu, new.imu));
+            return found;
+        }
         if old.temperature_unit != new.temperature_unit {
             let (from, to) = (&old.temperature_unit, &new.temperature_unit);
             found.incomparable.push(format!("temperature.unit: the telemetry was in {from:?}, now it is in {to:?}"));
@@ -320,13 +332,18 @@ impl TableDifference {
         };
         let difference = CurveDifference::of(place, pair, range);
         let (size, telemetry) = difference.largest();
-        let values = pair.map(|curve| rounded(curve.polynomial().at(telemetry)));
+        // Biases in the unit of their difference, since tables may have several; scale factors have one unit.
+        let (value, of_values): (&dyn Fn(&Curve) -> f64, _) = match quantity {
+            0 => (&|curve: &Curve| curve.at(telemetry) * unit_factor(kind, 0, 1.0), difference.unit),
+            _ => (&|curve: &Curve| curve.polynomial().at(telemetry), kind.scale_factor_unit()),
+        };
+        let values = pair.map(|curve| rounded(value(curve)));
         let limit = match (kind, quantity) {
             (SensorKind::Accelerometer, 0) => Limit::Bias,
             (SensorKind::Gyroscope, 0) => Limit::Rate,
             _ => Limit::Scale,
         };
-        let values = format!("from {} to {} at {}", values[0], values[1], rounded(telemetry));
+        let values = format!("from {} to {} {of_values} at {}", values[0], values[1], rounded(telemetry));
         self.changes.push(Change { name, limit, size, unit: difference.unit, values });
     }
 
@@ -341,9 +358,12 @@ impl TableDifference {
             SensorKind::Accelerometer => (Limit::Bias, unit(kind, 0)),
             SensorKind::Gyroscope => (Limit::Rate, unit(kind, 0)),
         };
-        let values = format!("from {} to {} a unit of telemetry, times the range", old.transient, new.transient);
+        let factor = unit_factor(kind, 0, 1.0);
+        let [from, to] =
+            [(old, factors[0]), (new, factors[1])].map(|(axis, own)| rounded(axis.transient * own * factor));
+        let values = format!("from {from} to {to} {unit} a unit of telemetry, times the range");
         let name = format!("{} transient", kind.names()[axis]);
-        self.changes.push(Change { name, limit, size: size * unit_factor(kind, 0, 1.0), unit, values });
+        self.changes.push(Change { name, limit, size: size * factor, unit, values });
     }
 
     /// A g-sensitivity counts as rate, at 1 g0.

@@ -299,6 +299,8 @@ fn an_installation_that_the_service_refuses_is_reported() {
     let installed = table(&complete.read("imu-a.toml")).digest().to_string();
     for part in [
         "the table is installed, but the service does not have it in force: A1 bias changes by ",
+        // Both in one unit: a thousandth of it is a bias of this IMU.
+        " ug0 at ",
         &format!("`reload --imu imu-a --accept {installed}`"),
     ] {
         assert!(said.contains(part), "no {part:?} in {said}");
