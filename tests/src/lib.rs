@@ -239,8 +239,17 @@ impl TestDomain {
 
 impl Drop for TestDomain {
     fn drop(&mut self) {
-        for pid in self.pids.lock().unwrap().drain(..) {
-            kill(pid, Signal::KILL);
+        let pids: Vec<_> = self.pids.lock().unwrap().drain(..).collect();
+        pids.iter().for_each(|pid| kill(*pid, Signal::KILL));
+        // A process that is still ending could write into the folder while it is removed: also one that a process of the test has started.
+        let deadline = Instant::now() + TIMEOUT;
+        loop {
+            let left = users_of(self.folder.path());
+            if left.is_empty() || Instant::now() > deadline {
+                break;
+            }
+            left.into_iter().for_each(|pid| kill(pid, Signal::KILL));
+            thread::sleep(Duration::from_millis(1));
         }
         remove_shared_memory(&self.domain.prefix());
     }
@@ -354,6 +363,16 @@ pub fn kill(pid: u32, signal: Signal) {
     let pid = Pid::from_raw(pid.cast_signed()).unwrap();
     // Fails if the process has ended already.
     let _ = kill_process(pid, signal);
+}
+
+/// The processes that live and have a test's folder in their environment.
+fn users_of(folder: &Path) -> Vec<u32> {
+    let variable = format!("ISOTHERM_ROOT={}\0", folder.display());
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    // That of a process that has ended is empty.
+    let environment = |pid: u32| fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+    pids.filter(|pid| environment(*pid).windows(variable.len()).any(|part| part == variable.as_bytes())).collect()
 }
 
 fn remove_shared_memory(prefix: &str) {
