@@ -6,7 +6,7 @@
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
 pub mod name;
-mod scale;
+pub(crate) mod scale;
 pub(crate) mod time;
 
 use crate::campaign::{Block, Campaign, Dwell, range};
@@ -15,7 +15,6 @@ use crate::reduce::reduce;
 use core::fmt;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-pub(crate) use scale::unlike_scale_factors;
 
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.

@@ -30,7 +30,8 @@ use crate::calibrate::{
     calibrate as calibrate_accelerometers, observable as accelerometers_observable,
 };
 use crate::campaign::{Campaign, Dwell, range};
-use crate::checks::{Finding, Severity, name, unlike_scale_factors};
+use crate::checks::scale::unlike_scale_factors;
+use crate::checks::{Finding, Severity, name};
 use crate::curve::Curve;
 use crate::noise;
 use crate::one_stage::{OneStageError, SetPointValues};

@@ -9,7 +9,8 @@
 use crate::alignment::AlignmentChoice;
 use crate::calibrate::{Calibration, CalibrationError, CalibrationOptions, Method, admit};
 use crate::campaign::Campaign;
-use crate::checks::{Finding, Severity, name, unlike_scale_factors};
+use crate::checks::scale::unlike_scale_factors;
+use crate::checks::{Finding, Severity, name};
 use crate::transients::{CurveSource, LagChoice, RampRecording, TransientOptions, Transients, TransientsError, fit};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
