@@ -163,7 +163,11 @@ impl BenchDomain {
         self.spawn_program(&std::env::current_exe()?, words)
     }
 
-    fn spawn_program(&self, program: &Path, words: &[&str]) -> BenchResult<BenchProcess> {
+    /// Starts a program as another process of the domain, in its folder.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn spawn_program(&self, program: &Path, words: &[&str]) -> BenchResult<BenchProcess> {
         let mut command = Command::new(program);
         command.args(words).current_dir(self.folder.path());
         command.env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", self.folder.path());

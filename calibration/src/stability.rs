@@ -47,11 +47,11 @@ pub use crate::window::{MIN_WINDOWS, Window};
 use core::fmt;
 use figures::{MAX_UNJUDGED, figures, median};
 use isotherm_recording::{Continuity, Losses, TimeFault};
-use isotherm_shared::compensate::{Compensation, compensate};
+use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Gyroscopes};
 use isotherm_shared::units::{ARCSEC, SensorKind};
-use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
+use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, Triad};
 use nalgebra::{Matrix3, Vector3};
 use stillness::{ACCELEROMETERS, PARTS, mark};
 
@@ -557,11 +557,12 @@ impl<'a> Collector<'a> {
     /// Adds the next sample. A sample with an invalid interval has no velocity and is left out.
     pub fn add(&mut self, raw: &RawSample) {
         self.continuity.add(raw);
-        let compensation = compensate(self.table, raw);
-        self.other_device += u64::from(compensation.flags.intersects(Flags::OTHER_DEVICE));
+        let increment = answer(Some(self.table), raw);
+        let flags = Flags(increment.flags);
+        self.other_device += u64::from(flags.intersects(Flags::OTHER_DEVICE));
         self.has_gyroscopes |= raw.gyroscopes != Triad::default();
         let unsettled = self.is_unsettled(raw);
-        if compensation.flags.intersects(Flags::INTERVAL) {
+        if flags.intersects(Flags::INTERVAL) {
             self.left_out += 1;
             return;
         }
@@ -583,9 +584,9 @@ impl<'a> Collector<'a> {
             open.steps[0] += seconds;
             open.steps[1] += raw.timestamp_ns.saturating_sub(timestamp_ns) as f64 / 1e9;
         }
-        let spoiled = |flags: Flags| compensation.flags.0 & flags.0 & !HARMLESS.0 != 0;
-        let of_static = self.static_table.as_ref().map_or(compensation, |table| compensate(table, raw));
-        let Compensation { velocity_increment, angle_increment, .. } = compensation;
+        let spoiled = |some: Flags| flags.0 & some.0 & !HARMLESS.0 != 0;
+        let of_static = self.static_table.as_ref().map_or(increment, |table| answer(Some(table), raw));
+        let CompensatedIncrement { velocity_increment, angle_increment, .. } = increment;
         let (velocity, angle) = (of_static.velocity_increment, of_static.angle_increment);
         let of_accelerometers = spoiled(Flags(!OF_GYROSCOPES.0));
         open.accelerometers.add(&raw.accelerometers, seconds, velocity_increment, velocity, of_accelerometers);

@@ -10,7 +10,7 @@ use isotherm_calibration::transients::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
 use isotherm_recording::RawCsvReader;
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::SensorKind;
 use std::fs::{self, File};
@@ -196,7 +196,7 @@ fn a_run_both_ways_is_behind_while_it_heats_and_ahead_while_it_cools() {
     for (index, raw) in rows.iter().enumerate() {
         let direction = usize::from(index >= rows.len() / 2);
         if (raw.accelerometers.head_temperature[0] - 2.5).abs() < 0.2 {
-            let increment = compensate(&truth, raw);
+            let increment = answer(Some(&truth), raw);
             counts[direction] += 1.0;
             for i in 0..3 {
                 rates[direction][i] += increment.velocity_increment[i] / 9.8015 - specific_force[i];

@@ -19,10 +19,9 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
-use iceoryx2::service::port_factory::publish_subscribe;
 use isotherm_shared::lag::Lag;
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
-use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
+use isotherm_shared::stream::{self, Domain, ImuId, Ipc, IpcNode, Stream};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
 use std::hash::{BuildHasher as _, RandomState};
 use std::thread;
@@ -60,7 +59,7 @@ pub struct Acquisition {
     publisher: Publisher<Ipc, RawSample, ()>,
     subscriber: Subscriber<Ipc, CompensatedIncrement, ()>,
     notifier: Notifier<Ipc>,
-    increments: publish_subscribe::PortFactory<Ipc, CompensatedIncrement, ()>,
+    increments: Stream<CompensatedIncrement>,
     node: IpcNode,
 }
 
@@ -90,13 +89,9 @@ impl Acquisition {
         refuse_foreign(&options.domain)?;
         let failed = |stream| move |error| unopened(node, &options.domain, imu, stream, error);
         let (raw, increments) = (&imu.raw(), &imu.increment());
-        let raw = node.service_builder(raw).publish_subscribe::<RawSample>().open().map_err(failed(raw))?;
-        let increments = node
-            .service_builder(increments)
-            .publish_subscribe::<CompensatedIncrement>()
-            .open()
-            .map_err(failed(increments))?;
-        let wake = node.service_builder(&imu.wake()).event().open();
+        let raw = stream::open_raw(node, raw).map_err(failed(raw))?;
+        let increments = stream::open_increment(node, increments).map_err(failed(increments))?;
+        let wake = stream::open_event(node, &imu.wake());
         let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
         // The service creates its increment publisher last. When it exists, the service is ready.
         let service = publisher_of(&increments).ok_or_else(|| absent(node, &options.domain, imu))?.0;
@@ -314,6 +309,8 @@ impl Acquisition {
     /// [`SendError`], which contains the sample if it can still be used.
     #[inline]
     pub fn send(&mut self, mut sample: Loan) -> Result<(), SendError> {
+        // Read first: the processor goes on with the rest meanwhile.
+        let now = self.clock.now();
         // Shared memory: read once.
         let sequence = sample.sequence;
         match self.state.may_send(sequence) {
@@ -321,13 +318,16 @@ impl Acquisition {
             Err(Refusal::Full) => return Err(SendError::Full(sample)),
             Err(Refusal::Sequence) => return Err(SendError::Sequence(sample)),
         }
-        sample.session = self.state.session();
-        if sample.device == 0 {
+        // Each is written only where it differs: the copy below would wait until what has just been written is in the cache.
+        if sample.session != self.state.session() {
+            sample.session = self.state.session();
+        }
+        if sample.device == 0 && self.device != 0 {
             sample.device = self.device;
         }
         self.lag.fill(&mut sample);
-        sample.sent_ns = self.clock.now();
-        self.state.send(sequence, &sample, sample.sent_ns);
+        let kept = self.state.send(sequence, &sample, now);
+        (kept.sent_ns, sample.sent_ns) = (now, now);
         if let Err(error) = publish(sample.sample) {
             self.state.send_failed();
             return Err(SendError::Transport(error.to_string()));

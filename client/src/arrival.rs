@@ -9,7 +9,7 @@ use crate::error::ConnectError;
 use iceoryx2::port::listener::{Listener, ListenerCreateError};
 use iceoryx2::prelude::FileDescriptorBased as _;
 use iceoryx2::service::builder::event::EventOpenError;
-use isotherm_shared::stream::{INCREMENT_SUBSCRIBERS, ImuId, Ipc, IpcNode};
+use isotherm_shared::stream::{INCREMENT_SUBSCRIBERS, ImuId, Ipc, IpcNode, open_event};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
@@ -27,7 +27,7 @@ impl Arrival {
     /// Begins to listen. `None` if there is no event, as in the domain of a relay, where no service is.
     pub(crate) fn open(node: &IpcNode, imu: &ImuId) -> Result<Option<Self>, ConnectError> {
         let failed = |error: String| ConnectError::transport("opening the event of the increments", error);
-        let event = match node.service_builder(&imu.arrival()).event().open() {
+        let event = match open_event(node, &imu.arrival()) {
             Ok(event) => event,
             Err(EventOpenError::DoesNotExist) => return Ok(None),
             Err(error) => return Err(failed(error.to_string())),

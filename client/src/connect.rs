@@ -213,7 +213,7 @@ pub(crate) fn unopened(
 
 /// The error for a stream of `imu` that does not exist: the service does not serve the IMU, or no service is running.
 pub(crate) fn absent(node: &IpcNode, domain: &Domain, imu: &ImuId) -> ConnectError {
-    let serving = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
+    let serving = stream::open_status(node);
     match serving {
         Ok(status) if publisher_of(&status).is_some() => {
             ConnectError::NoSuchImu { imu: imu.clone(), domain: domain.name().to_owned() }

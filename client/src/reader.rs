@@ -11,7 +11,7 @@ use core::fmt;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{ServiceName, ZeroCopySend};
 use isotherm_shared::protocol::ReaderState;
-use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode};
+use isotherm_shared::stream::{Domain, ImuId, Ipc, IpcNode, OpenedStream, open_increment, open_raw};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::os::fd::BorrowedFd;
 use std::thread;
@@ -28,6 +28,11 @@ const EVENT_RETRY: Duration = Duration::from_secs(1);
 pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
     /// Name of the IMU's stream that carries this payload.
     fn stream(imu: &ImuId) -> ServiceName;
+    /// Opens a stream with this payload.
+    ///
+    /// # Errors
+    /// Those of the transport.
+    fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self>;
     /// Session and sequence.
     fn key(&self) -> (u64, u64);
     /// Whether the service notifies an event when it has published.
@@ -39,6 +44,9 @@ impl Streamed for RawSample {
     fn stream(imu: &ImuId) -> ServiceName {
         imu.raw()
     }
+    fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
+        open_raw(node, name)
+    }
     fn key(&self) -> (u64, u64) {
         (self.session, self.sequence)
     }
@@ -48,6 +56,9 @@ impl Streamed for CompensatedIncrement {
     const HAS_EVENT: bool = true;
     fn stream(imu: &ImuId) -> ServiceName {
         imu.increment()
+    }
+    fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
+        open_increment(node, name)
     }
     fn key(&self) -> (u64, u64) {
         (self.session, self.sequence)
@@ -261,7 +272,7 @@ impl<T: Streamed> Reader<T> {
         };
         refuse_foreign(&self.domain)?;
         let name = T::stream(&self.imu);
-        let stream = node.service_builder(&name).publish_subscribe::<T>().open();
+        let stream = T::open(node, &name);
         let stream = stream.map_err(|error| unopened(node, &self.domain, &self.imu, &name, error))?;
         let subscriber = stream.subscriber_builder().create().map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {

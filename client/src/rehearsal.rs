@@ -17,7 +17,7 @@ use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use isotherm_shared::stream::{ImuId, Ipc, IpcNode, RehearsalNames};
+use isotherm_shared::stream::{self, ImuId, Ipc, IpcNode, RehearsalNames};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -66,8 +66,8 @@ impl RehearsalStreams {
     /// Those of the transport.
     pub fn open(node: &IpcNode, names: &RehearsalNames) -> Result<Self, PublishSubscribeOpenError> {
         Ok(Self {
-            raw: node.service_builder(&names.raw).publish_subscribe::<RawSample>().open()?,
-            increments: node.service_builder(&names.increment).publish_subscribe::<CompensatedIncrement>().open()?,
+            raw: stream::open_raw(node, &names.raw)?,
+            increments: stream::open_increment(node, &names.increment)?,
         })
     }
 }

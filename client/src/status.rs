@@ -89,7 +89,7 @@ impl StatusReader {
 
     /// A reader with the node of its owner, which the owner drops after the reader.
     pub(crate) fn with(node: &IpcNode, domain: &Domain) -> Result<Self, StatusError> {
-        let stream = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open();
+        let stream = stream::open_status(node);
         let stream = stream.map_err(|error| match error {
             PublishSubscribeOpenError::DoesNotExist => absent(domain),
             other => StatusError::Transport { phase: "opening", cause: other.to_string() },

@@ -77,10 +77,11 @@ impl PendingImu {
         let Self { imu, file, counters, last_error, tables, mut guard, first } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
-        let raw = stream::raw(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
-        let increments = stream::increment(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
-        let wake = stream::wake(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
-        let arrival = stream::arrival(node, &imu.id).open().map_err(|error| failed(error.to_string()))?;
+        let raw = stream::open_raw(node, &imu.id.raw()).map_err(|error| failed(error.to_string()))?;
+        let increments =
+            stream::open_increment(node, &imu.id.increment()).map_err(|error| failed(error.to_string()))?;
+        let wake = stream::open_event(node, &imu.id.wake()).map_err(|error| failed(error.to_string()))?;
+        let arrival = stream::open_event(node, &imu.id.arrival()).map_err(|error| failed(error.to_string()))?;
         let rehearsal = RehearsalStreams::open(node, &imu.id.rehearsal()).map_err(|error| failed(error.to_string()))?;
         if let Some((table, admission)) = first {
             guard.taken(&table, admission);

@@ -86,8 +86,8 @@ fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
     match Flags(1 << bit) {
         Flags::LAG_UNKNOWN => table.is_some_and(|table| table.lag_ns() != 0),
         Flags::OTHER_DEVICE => table.is_some_and(|table| table.device() != 0),
-        Flags::G_UNKNOWN => table.is_some_and(|table| table.gyroscopes().is_some()),
-        _ => bit < G1 || table.is_some_and(|table| table.gyroscopes().is_some()),
+        Flags::G_UNKNOWN => table.is_some_and(|table| table.content().gyroscopes.is_some()),
+        _ => bit < G1 || table.is_some_and(|table| table.content().gyroscopes.is_some()),
     }
 }
 
@@ -104,7 +104,7 @@ impl StatusPublisher {
     /// If another service has the place, or the stream cannot be created.
     pub fn create(node: &IpcNode, domain: &Domain) -> Result<Self, Failure> {
         let (name, creator) = ("the status stream", Creator::new(node, domain));
-        let service = creator.stream(name, &stream::status_name(), || Ok(stream::status(node).open_or_create()?))?;
+        let service = creator.stream(name, &stream::status_name(), || Ok(stream::create_status(node)?))?;
         let taken = || {
             let pid = publisher_of(&service).and_then(|(_, pid)| pid);
             let pid = pid.map(|pid| format!(", pid {pid}")).unwrap_or_default();

@@ -23,63 +23,63 @@
 //! filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN; only an
 //! extrapolation far outside a range can give one.
 
-use crate::lanes::Lanes;
 use crate::polynomial::{Polynomial, Side};
-use crate::table::{Axis, CoefficientTable, Gyroscopes, OutOfRange};
+use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{ARCSEC, Bias, NegativeScaleFactor, PositiveScaleFactor};
 use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 use nalgebra::Matrix3;
 
-/// The result of the kernel for one raw sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Compensation {
-    /// Velocity increment over Ts \[m/s\], NaN where it could not be computed.
-    pub velocity_increment: [f64; AXES],
-    /// Angle increment over Ts \[rad\], NaN where it could not be computed.
-    pub angle_increment: [f64; AXES],
-    /// Sample flags.
-    pub flags: Flags,
+/// The answer to a raw sample, without the delivery part: `latency_ns` is 0 and no delivery flag is set.
+#[must_use]
+#[inline]
+pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {
+    let mut increment = CompensatedIncrement::default();
+    answer_into(table, raw, &mut increment);
+    increment
 }
 
-/// Compensates one sample; equation (17).
-#[must_use]
-#[inline(always)]
-pub fn compensate(table: &CoefficientTable, raw: &RawSample) -> Compensation {
-    let content = table.content();
+/// Writes the [`answer`] to a raw sample; equation (17). Without a table all increments are NaN, flagged [`Flags::NO_TABLE`].
+///
+/// It is compiled here, once, and not again in each crate that calls it. It writes each field once, to where the answer has to be: a copy
+/// would wait for these writes.
+#[inline(never)]
+pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment: &mut CompensatedIncrement) {
+    increment.session = raw.session;
+    increment.sequence = raw.sequence;
+    increment.timestamp_ns = raw.timestamp_ns;
+    increment.interval_ns = raw.interval_ns;
+    increment.latency_ns = 0;
+    increment.table = table.map_or(0, CoefficientTable::id);
+    let Some(table) = table else {
+        (increment.velocity_increment, increment.angle_increment) = ([f64::NAN; AXES], [f64::NAN; AXES]);
+        increment.flags = uncompensated(raw).0;
+        return;
+    };
+    let kernel = table.kernel();
     let period = Period {
         ts: raw.interval_ns as f64 / 1e9,
         valid: has_valid_interval(raw),
-        lagged: raw.lag_ns != 0 && raw.lag_ns == table.lag_ns(),
-        out_of_range: content.out_of_range,
+        lagged: raw.lag_ns != 0 && raw.lag_ns == kernel.lag_ns,
     };
-    let (indicated, mut flags) = indicated(&content.axes, table.lanes(), &raw.accelerometers, &period);
-    let mut dv = indicated.map(|value| finite(content.gravity * value));
-    if let Some(matrix) = &content.alignment {
-        dv = aligned(matrix, dv);
-    }
-    let mut da = [f64::NAN; AXES];
-    if let Some((gyroscopes, lanes)) = table.gyroscopes() {
-        let (angles, more) = angles(gyroscopes, lanes, &raw.gyroscopes, &period, dv.map(|dv| dv / content.gravity));
-        da = angles;
-        flags |= more;
-    }
-    if !period.valid {
-        flags |= Flags::INTERVAL;
+    let mut flags;
+    let usual = if period.valid { kernel.usual(raw, period.lagged, period.ts) } else { None };
+    if let Some((dv, da)) = usual {
+        (increment.velocity_increment, increment.angle_increment) = (dv, da);
+        flags = if kernel.has_transients && !period.lagged { Flags::LAG_UNKNOWN } else { Flags::default() };
+    } else {
+        (increment.velocity_increment, increment.angle_increment, flags) = any(table.content(), raw, &period);
     }
     let age_ns = raw.timestamp_ns.saturating_sub(raw.telemetry_ns);
-    if let Some(limit) = content.max_age_s
-        && raw.telemetry_ns != 0
-        && age_ns as f64 / 1e9 > limit
-    {
+    if raw.telemetry_ns != 0 && age_ns as f64 / 1e9 > kernel.max_age_s {
         flags |= Flags::TELEMETRY_STALE;
     }
-    if raw.device != 0 && table.device() != 0 && raw.device != table.device() {
+    if raw.device != 0 && kernel.device != 0 && raw.device != kernel.device {
         flags |= Flags::OTHER_DEVICE;
     }
-    Compensation { velocity_increment: dv, angle_increment: da, flags }
+    increment.flags = flags.0;
 }
 
-/// What both triads of a sample have in common.
+/// What all sensors of a sample have in common.
 struct Period {
     /// Control period \[s\].
     ts: f64,
@@ -87,124 +87,76 @@ struct Period {
     valid: bool,
     /// Whether the lagged telemetry has the table's time constant.
     lagged: bool,
-    out_of_range: OutOfRange,
 }
 
-/// Angle increments \[rad\] and their flags, for the published velocity increments \[g0*s\].
-#[inline(always)]
-fn angles(
-    gyroscopes: &Gyroscopes,
-    lanes: &Lanes,
-    triad: &Triad,
-    period: &Period,
-    q: [f64; AXES],
-) -> ([f64; AXES], Flags) {
-    let (indicated, flags) = indicated(&gyroscopes.axes, lanes, triad, period);
-    let mut flags = Flags(flags.0 & Flags::LAG_UNKNOWN.0) | Flags(flags.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
-    let mut angles = indicated.map(finite);
+/// Velocity increments \[m/s\], angle increments \[rad\] and flags of any sample, one sensor after the other, with what the policy allows.
+#[cold]
+#[inline(never)]
+fn any(content: &Content, raw: &RawSample, period: &Period) -> ([f64; AXES], [f64; AXES], Flags) {
+    let (indicated, mut flags) = triad(content, &content.axes, &raw.accelerometers, period);
+    if !period.valid {
+        flags |= Flags::INTERVAL;
+    }
+    let dv = aligned(content.alignment.as_ref(), indicated.map(|value| finite(content.gravity * value)));
+    let Some(gyroscopes) = &content.gyroscopes else { return (dv, [f64::NAN; AXES], flags) };
+    let (mut angles, own) = triad(content, &gyroscopes.axes, &raw.gyroscopes, period);
+    flags |= own.only(Flags::LAG_UNKNOWN) | Flags(own.0 & !Flags::LAG_UNKNOWN.0).of_gyroscopes();
+    let q = dv.map(|dv| dv / content.gravity);
     let q_known = q.iter().all(|q| q.is_finite());
     for (angle, g_sensitivity) in angles.iter_mut().zip(&gyroscopes.g_sensitivity) {
-        match g_sensitivity {
-            Some([s1, s2, s3]) if q_known => *angle = finite(*angle - ((s1 * q[0] + s2 * q[1]) + s3 * q[2])),
-            Some(_) => flags |= Flags::G_UNKNOWN,
-            None => {}
-        }
+        *angle = finite(match g_sensitivity {
+            Some([s1, s2, s3]) if q_known => finite(*angle) - ((s1 * q[0] + s2 * q[1]) + s3 * q[2]),
+            Some(_) => {
+                flags |= Flags::G_UNKNOWN;
+                *angle
+            }
+            None => *angle,
+        });
     }
-    if let Some(matrix) = &gyroscopes.alignment {
-        angles = aligned(matrix, angles);
-    }
-    (angles.map(|angle| angle * ARCSEC), flags)
+    (dv, aligned(gyroscopes.alignment.as_ref(), angles).map(|angle| angle * ARCSEC), flags)
 }
 
-/// `matrix` times the increments of the sensors.
-#[inline(always)]
-fn aligned(m: &Matrix3<f64>, sensor: [f64; AXES]) -> [f64; AXES] {
-    let mut out = [0.0; AXES];
-    for (i, out) in out.iter_mut().enumerate() {
-        *out = finite((m[(i, 0)] * sensor[0] + m[(i, 1)] * sensor[1]) + m[(i, 2)] * sensor[2]);
-    }
-    out
+/// `matrix`, if there is one, times the increments of the sensors.
+fn aligned(matrix: Option<&Matrix3<f64>>, sensor: [f64; AXES]) -> [f64; AXES] {
+    let Some(m) = matrix else { return sensor };
+    [0, 1, 2].map(|i| finite((m[(i, 0)] * sensor[0] + m[(i, 1)] * sensor[1]) + m[(i, 2)] * sensor[2]))
 }
 
-/// What the sensors of a triad indicate over Ts, less the bias: `(N+/K+ + N-/K-) - bias * Ts`, in g0*s or arcsec. NaN where it cannot be
-/// computed; it may be infinite. The flags are those of accelerometers, bits 0 to 17, and [`Flags::LAG_UNKNOWN`].
-#[inline(always)]
-fn indicated(axes: &[Axis; AXES], lanes: &Lanes, triad: &Triad, period: &Period) -> ([f64; AXES], Flags) {
-    let mut flags = Flags::default();
-    // The term of a bias without one is -0: adding it changes no number, not even the sign of a zero.
-    let mut transients = [-0.0; AXES];
-    for (index, axis) in axes.iter().enumerate() {
+/// What the sensors of a triad indicate, NaN where it cannot be computed, and the flags, as those of accelerometers.
+fn triad(content: &Content, axes: &[Axis; AXES], triad: &Triad, period: &Period) -> ([f64; AXES], Flags) {
+    let (mut indicated, mut flags) = ([f64::NAN; AXES], not_finite_flags(triad));
+    for (index, (axis, indicated)) in axes.iter().zip(&mut indicated).enumerate() {
+        let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
+        let (positive, negative) = (triad.positive_pulses[index], triad.negative_pulses[index]);
+        // The term of a bias without one is -0: adding it changes no number, not even the sign of a zero.
+        let mut transient = -0.0;
         if axis.transient != 0.0 {
             match lag_difference(axis, triad, index).filter(|_| period.lagged) {
-                Some(difference) => transients[index] = axis.transient * difference,
+                Some(difference) => transient = axis.transient * difference,
                 None => flags |= Flags::LAG_UNKNOWN,
             }
         }
-    }
-    let values = match lanes.evaluate_inside(triad) {
-        Some(values) if period.valid && values.are_finite() => {
-            // All six divisions in one pass: the compiler does two at a time, and divisions take most of the kernel's time.
-            let ([p1, p2, p3], [n1, n2, n3]) = (triad.positive_pulses, triad.negative_pulses);
-            let mut inputs = [p1, p2, p3, n1, n2, n3].map(f64::from);
-            for (input, k) in inputs.iter_mut().zip(&values.scale_factors) {
-                *input /= k;
-            }
-            let mut indicated = [0.0; AXES];
-            for (index, indicated) in indicated.iter_mut().enumerate() {
-                let bias = (values.bias[index] + transients[index]) * axes[index].bias_unit.factor();
-                *indicated = (inputs[index] + inputs[AXES + index]) - bias * period.ts;
-            }
-            indicated
-        }
-        _ => {
-            let (values, outside) = slow_path(axes, *triad, period, transients);
-            flags |= outside;
-            values
-        }
-    };
-    for (index, axis) in axes.iter().enumerate() {
         if let Some(limit) = axis.max_rate
             && period.valid
-            && (f64::from(triad.positive_pulses[index]) + f64::from(triad.negative_pulses[index])) / period.ts > limit
+            && (f64::from(positive) + f64::from(negative)) / period.ts > limit
         {
             flags |= Flags::rate(index);
         }
-    }
-    (values, flags)
-}
-
-/// Lagged minus present head telemetry; `None` if it is not finite, or larger than the width of the bias's range.
-#[inline(always)]
-fn lag_difference(axis: &Axis, triad: &Triad, index: usize) -> Option<f64> {
-    let [low, high] = axis.bias.range();
-    let difference = triad.head_lagged[index] - triad.head_temperature[index];
-    // NaN and infinity are not at most the width.
-    (difference.abs() <= high - low).then_some(difference)
-}
-
-/// All samples that are not inside all ranges: what the policy allows, and the flags that say why the sample took this path.
-#[cold]
-#[inline(never)]
-fn slow_path(axes: &[Axis; AXES], triad: Triad, period: &Period, transients: [f64; AXES]) -> ([f64; AXES], Flags) {
-    let mut flags = not_finite_flags(&triad);
-    let mut indicated = [f64::NAN; AXES];
-    for (index, axis) in axes.iter().enumerate() {
-        let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
         let outside = range_flags(index, axis, head, board);
-        let rejected = outside != Flags::default() && period.out_of_range == OutOfRange::Reject;
+        let rejected = outside != Flags::default() && content.out_of_range == OutOfRange::Reject;
         let unusable = rejected || !period.valid || flags.intersects(Flags::not_finite(index));
         flags |= outside;
         if unusable {
             continue;
         }
-        let used = |polynomial: &Polynomial, telemetry: f64| match period.out_of_range {
+        let used = |polynomial: &Polynomial, telemetry: f64| match content.out_of_range {
             OutOfRange::Clamp => polynomial.clamp(telemetry),
             OutOfRange::Extrapolate | OutOfRange::Reject => telemetry,
         };
-        let bias = axis.bias.at(used(&axis.bias, head)) + transients[index];
-        indicated[index] = input(
-            (triad.positive_pulses[index], axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board))),
-            (triad.negative_pulses[index], axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board))),
+        let bias = axis.bias.at(used(&axis.bias, head)) + transient;
+        *indicated = input(
+            (positive, axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board))),
+            (negative, axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board))),
             Bias(bias * axis.bias_unit.factor()),
             period.ts,
         );
@@ -212,17 +164,22 @@ fn slow_path(axes: &[Axis; AXES], triad: Triad, period: &Period, transients: [f6
     (indicated, flags)
 }
 
-/// The result for a sample whose IMU has no table: NaN, flagged [`Flags::NO_TABLE`].
-#[must_use]
+/// Lagged minus present head telemetry; `None` if it is not finite, or larger than the width of the bias's range.
+fn lag_difference(axis: &Axis, triad: &Triad, index: usize) -> Option<f64> {
+    let [low, high] = axis.bias.range();
+    let difference = triad.head_lagged[index] - triad.head_temperature[index];
+    // NaN and infinity are not at most the width.
+    (difference.abs() <= high - low).then_some(difference)
+}
+
+/// The flags of a sample whose IMU has no table.
 #[cold]
-pub fn uncompensated(raw: &RawSample) -> Compensation {
+fn uncompensated(raw: &RawSample) -> Flags {
     let interval = if has_valid_interval(raw) { Flags::default() } else { Flags::INTERVAL };
-    let flags = not_finite_flags(&raw.accelerometers) | interval | Flags::NO_TABLE;
-    Compensation { velocity_increment: [f64::NAN; AXES], angle_increment: [f64::NAN; AXES], flags }
+    not_finite_flags(&raw.accelerometers) | interval | Flags::NO_TABLE
 }
 
 /// The input of one sensor over Ts \[g0*s or arcsec\]; NaN if a scale factor is not finite.
-#[inline(always)]
 fn input(
     (positive, k_plus): (u32, PositiveScaleFactor),
     (negative, k_minus): (u32, NegativeScaleFactor),
@@ -236,7 +193,6 @@ fn input(
 }
 
 /// Replaces infinity by NaN.
-#[inline(always)]
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::NAN }
 }
@@ -277,25 +233,4 @@ fn range_flags(index: usize, axis: &Axis, head: f64, board: f64) -> Flags {
         }
     }
     flags
-}
-
-/// The answer to a raw sample without the delivery part: `latency_ns` is 0 and no delivery flag is set.
-#[must_use]
-#[inline(always)]
-pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedIncrement {
-    let (compensation, id) = match table {
-        Some(table) => (compensate(table, raw), table.id()),
-        None => (uncompensated(raw), 0),
-    };
-    CompensatedIncrement {
-        session: raw.session,
-        sequence: raw.sequence,
-        timestamp_ns: raw.timestamp_ns,
-        interval_ns: raw.interval_ns,
-        velocity_increment: compensation.velocity_increment,
-        angle_increment: compensation.angle_increment,
-        table: id,
-        flags: compensation.flags.0,
-        latency_ns: 0,
-    }
 }

@@ -22,9 +22,9 @@
 pub mod bounds;
 pub mod compensate;
 pub mod document;
+mod kernel;
 pub mod kind;
 pub mod lag;
-pub mod lanes;
 pub mod own_storage;
 pub mod polynomial;
 pub mod protocol;

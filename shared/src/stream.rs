@@ -25,8 +25,12 @@ use core::fmt;
 use core::time::Duration;
 use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ZeroCopySend, ipc};
 use iceoryx2::service::Service;
-use iceoryx2::service::builder::{event, publish_subscribe};
+use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    self, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
 use iceoryx2::service::internal::ServiceInternal;
+use iceoryx2::service::port_factory;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_bb_lock_free::mpmc::counting_bit_set::RelocatableCountingBitSet;
 use iceoryx2_cal::dynamic_storage::file;
@@ -109,51 +113,70 @@ impl ServiceInternal<Self> for Ipc {}
 pub type IpcNode = Node<Ipc>;
 type PublishSubscribe<T> = publish_subscribe::Builder<T, (), Ipc>;
 
-/// The raw stream with its full settings, for `open_or_create` by the service.
-#[must_use]
-pub fn raw(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<RawSample> {
-    node.service_builder(&imu.raw())
-        .publish_subscribe()
-        .max_publishers(1)
+/// A stream, for making ports of it.
+pub type Stream<T> = port_factory::publish_subscribe::PortFactory<Ipc, T, ()>;
+/// An event, for making ports of it.
+pub type Event = port_factory::event::PortFactory<Ipc>;
+/// A stream that was opened, or created if it did not exist.
+pub type CreatedStream<T> = Result<Stream<T>, PublishSubscribeOpenOrCreateError>;
+/// A stream that was opened.
+pub type OpenedStream<T> = Result<Stream<T>, PublishSubscribeOpenError>;
+/// An event that was opened, or created if it did not exist.
+pub type CreatedEvent = Result<Event, EventOpenOrCreateError>;
+
+// The service calls the functions `create_..`, all others `open_..`. None is generic, so that the transport's code for it, which writes and
+// reads TOML, is compiled here and not again in each crate that calls it.
+
+/// Creates the raw stream.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_raw(node: &IpcNode, imu: &ImuId) -> CreatedStream<RawSample> {
+    let builder = node.service_builder(&imu.raw()).publish_subscribe::<RawSample>().max_publishers(1);
+    builder
         .max_subscribers(RAW_SUBSCRIBERS)
         .max_nodes(NODES)
         .subscriber_max_buffer_size(RECORDER_DEPTH)
         .subscriber_max_borrowed_samples(BORROWED)
         .history_size(0)
         .enable_safe_overflow(false)
+        .open_or_create()
 }
 
-/// The increment stream with its full settings, for `open_or_create` by the service.
-#[must_use]
-pub fn increment(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
-    node.service_builder(&imu.increment())
-        .publish_subscribe()
-        .max_publishers(1)
+/// Creates the increment stream. In a domain that a relay copies increments into it has two publishers, the relay and the tunnel to
+/// another machine: a tunnel registers as publisher, subscriber and node on each stream that it carries, whatever the direction.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_increment(node: &IpcNode, imu: &ImuId, relayed: bool) -> CreatedStream<CompensatedIncrement> {
+    let builder = node.service_builder(&imu.increment()).publish_subscribe::<CompensatedIncrement>();
+    builder
+        .max_publishers(if relayed { 2 } else { 1 })
         .max_subscribers(INCREMENT_SUBSCRIBERS)
         .max_nodes(NODES)
         .subscriber_max_buffer_size(INCREMENT_DEPTH)
         .subscriber_max_borrowed_samples(BORROWED)
         .history_size(0)
         .enable_safe_overflow(true)
+        .open_or_create()
 }
 
-/// The increment stream in a domain that a relay copies increments into. It has two publishers, the relay and the tunnel to
-/// another machine: a tunnel registers as publisher, subscriber and node on each stream that it carries, whatever the direction.
-#[must_use]
-pub fn relayed(node: &IpcNode, imu: &ImuId) -> PublishSubscribe<CompensatedIncrement> {
-    increment(node, imu).max_publishers(2)
+/// Creates a stream for rehearsals of raw samples.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_raw_rehearsal(node: &IpcNode, name: &RehearsalNames) -> CreatedStream<RawSample> {
+    alone(node.service_builder(&name.raw).publish_subscribe::<RawSample>()).enable_safe_overflow(false).open_or_create()
 }
 
-/// A stream for rehearsals of raw samples, for `open_or_create` by the service.
-#[must_use]
-pub fn raw_rehearsal(node: &IpcNode, name: &RehearsalNames) -> PublishSubscribe<RawSample> {
-    alone(node.service_builder(&name.raw).publish_subscribe()).enable_safe_overflow(false)
-}
-
-/// A stream for rehearsals of increments, for `open_or_create` by the service.
-#[must_use]
-pub fn increment_rehearsal(node: &IpcNode, name: &RehearsalNames) -> PublishSubscribe<CompensatedIncrement> {
-    alone(node.service_builder(&name.increment).publish_subscribe()).enable_safe_overflow(true)
+/// Creates a stream for rehearsals of increments.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_increment_rehearsal(node: &IpcNode, name: &RehearsalNames) -> CreatedStream<CompensatedIncrement> {
+    alone(node.service_builder(&name.increment).publish_subscribe::<CompensatedIncrement>())
+        .enable_safe_overflow(true)
+        .open_or_create()
 }
 
 /// The settings of a stream that one process uses to send to itself.
@@ -167,31 +190,70 @@ fn alone<T: fmt::Debug + ZeroCopySend>(builder: PublishSubscribe<T>) -> PublishS
         .history_size(0)
 }
 
-/// The wake-up event with its full settings, for `open_or_create` by the service.
-#[must_use]
-pub fn wake(node: &IpcNode, imu: &ImuId) -> event::Builder<Ipc> {
-    node.service_builder(&imu.wake()).event().max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES)
+/// Creates the wake-up event.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_wake(node: &IpcNode, imu: &ImuId) -> CreatedEvent {
+    let event = node.service_builder(&imu.wake()).event();
+    event.max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES).open_or_create()
 }
 
-/// The event of published increments with its full settings, for `open_or_create` by the service.
-#[must_use]
-pub fn arrival(node: &IpcNode, imu: &ImuId) -> event::Builder<Ipc> {
+/// Creates the event of published increments.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_arrival(node: &IpcNode, imu: &ImuId) -> CreatedEvent {
     let event = node.service_builder(&imu.arrival()).event();
-    event.max_listeners(INCREMENT_SUBSCRIBERS).max_notifiers(1).max_nodes(NODES)
+    event.max_listeners(INCREMENT_SUBSCRIBERS).max_notifiers(1).max_nodes(NODES).open_or_create()
 }
 
-/// The status stream with its full settings, for `open_or_create` by the service.
-#[must_use]
-pub fn status(node: &IpcNode) -> PublishSubscribe<[u8]> {
-    node.service_builder(&service_name(STATUS))
-        .publish_subscribe()
-        .max_publishers(1)
+/// Creates the status stream.
+///
+/// # Errors
+/// Those of the transport.
+pub fn create_status(node: &IpcNode) -> CreatedStream<[u8]> {
+    let builder = node.service_builder(&service_name(STATUS)).publish_subscribe::<[u8]>().max_publishers(1);
+    builder
         .max_subscribers(STATUS_SUBSCRIBERS)
         .max_nodes(NODES)
         .subscriber_max_buffer_size(1)
         .subscriber_max_borrowed_samples(BORROWED)
         .history_size(1)
         .enable_safe_overflow(true)
+        .open_or_create()
+}
+
+/// Opens a stream of raw samples: the IMU's or one for rehearsals.
+///
+/// # Errors
+/// Those of the transport.
+pub fn open_raw(node: &IpcNode, name: &ServiceName) -> OpenedStream<RawSample> {
+    node.service_builder(name).publish_subscribe::<RawSample>().open()
+}
+
+/// Opens a stream of increments: the IMU's or one for rehearsals.
+///
+/// # Errors
+/// Those of the transport.
+pub fn open_increment(node: &IpcNode, name: &ServiceName) -> OpenedStream<CompensatedIncrement> {
+    node.service_builder(name).publish_subscribe::<CompensatedIncrement>().open()
+}
+
+/// Opens the status stream.
+///
+/// # Errors
+/// Those of the transport.
+pub fn open_status(node: &IpcNode) -> OpenedStream<[u8]> {
+    node.service_builder(&status_name()).publish_subscribe::<[u8]>().open()
+}
+
+/// Opens an event.
+///
+/// # Errors
+/// Those of the transport.
+pub fn open_event(node: &IpcNode, name: &ServiceName) -> Result<Event, EventOpenError> {
+    node.service_builder(name).event().open()
 }
 
 /// One of an IMU's two streams of samples.

@@ -73,7 +73,7 @@ pub fn run(domain: &TestDomain, program: &Path, arguments: &[&str], out: &str) {
 /// Asserts that the output of an example has the increment of every sample once, in order and exact to the bit.
 pub fn assert_exact(printed: &str, text: &str, samples: &[RawSample]) {
     let exact = table(text);
-    let increments = if exact.gyroscopes().is_some() { 6 } else { 3 };
+    let increments = if exact.content().gyroscopes.is_some() { 6 } else { 3 };
     let rows: Vec<Vec<&str>> = printed.lines().map(|line| line.split(',').collect()).collect();
     let sequences: Vec<_> = rows.iter().map(|row| row[0].to_owned()).collect();
     assert_eq!(sequences, samples.iter().map(|sample| sample.sequence.to_string()).collect::<Vec<_>>());

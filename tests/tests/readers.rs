@@ -324,9 +324,9 @@ fn survives_any_bit_pattern(text: &str) {
     let raw = node.service_builder(&id("imu-a").raw()).publish_subscribe::<RawSample>().open().unwrap();
     let publisher = raw.publisher_builder().create().unwrap();
     // A plain subscriber: these sessions and sequences repeat, and the client's reader drops repeats.
-    let increments = stream::increment(&node, &id("imu-a")).open().unwrap();
+    let increments = stream::open_increment(&node, &id("imu-a").increment()).unwrap();
     let subscriber = increments.subscriber_builder().create().unwrap();
-    let notifier = stream::wake(&node, &id("imu-a")).open().unwrap().notifier_builder().create().unwrap();
+    let notifier = stream::open_event(&node, &id("imu-a").wake()).unwrap().notifier_builder().create().unwrap();
     let (exact, mut state) = (table(text), 42u64);
     let mut next = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -383,7 +383,7 @@ fn a_stream_created_by_another_process_is_named() {
     drop(foreign);
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     // The service's stream has its documented settings.
-    let ours = stream::raw(&node, &id("imu-a")).open().unwrap();
+    let ours = stream::open_raw(&node, &id("imu-a").raw()).unwrap();
     assert_eq!(iceoryx2::prelude::PortFactory::static_config(&ours).subscriber_max_buffer_size(), RECORDER_DEPTH);
     service.terminate();
 }

@@ -8,7 +8,7 @@ use crate::standstill::{self, StandstillError};
 use core::ops::Range;
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{Continuity, Losses};
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
@@ -292,7 +292,7 @@ struct Sensor {
 impl Outputs {
     fn of(rows: &[RawSample], table: Option<&CoefficientTable>) -> Self {
         let recorded = rows.iter().any(|row| has_values(&row.gyroscopes));
-        let in_table = table.map(|table| table.gyroscopes().is_some());
+        let in_table = table.map(|table| table.content().gyroscopes.is_some());
         let mut notes = Vec::new();
         match in_table {
             Some(true) if !recorded => notes.push("the recording has no gyroscopes, but the table has".to_owned()),
@@ -319,8 +319,9 @@ impl Outputs {
             .collect();
         for row in rows {
             let seconds = row.interval_ns as f64 / 1e9;
-            let compensated = table.map(|table| (compensate(table, row), table.content().gravity));
-            other_device += usize::from(compensated.is_some_and(|(it, _)| it.flags.intersects(Flags::OTHER_DEVICE)));
+            let compensated = table.map(|table| (answer(Some(table), row), table.content().gravity));
+            other_device +=
+                usize::from(compensated.is_some_and(|(it, _)| Flags(it.flags).intersects(Flags::OTHER_DEVICE)));
             for sensor in &mut sensors {
                 let increment = match (compensated, sensor.kind) {
                     (None, kind) => net_counts(triad(row, kind), sensor.axis),

@@ -9,7 +9,7 @@ use crate::requirement::{Judgement, Requirement, all_met};
 use crate::stability::LocalGravity;
 use crate::standstill::{self, StandstillError};
 use crate::verdict::Estimate;
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
@@ -110,7 +110,7 @@ impl Lengths {
         for (reading, errors) in readings.into_iter().zip(noise) {
             let mut sum = Vector3::zeros();
             for row in &rows[reading.rows.clone()] {
-                sum += Vector3::from(compensate(table, row).velocity_increment);
+                sum += Vector3::from(answer(Some(table), row).velocity_increment);
             }
             let force = sum / reading.seconds / unit;
             if !force.norm().is_finite() {

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
     use crate::simulate::typical_gyroscopes;
     use core::f64::consts::TAU;
-    use isotherm_shared::compensate::compensate;
+    use isotherm_shared::compensate::answer;
     use isotherm_shared::polynomial::Polynomial;
     use isotherm_shared::table::{CoefficientTable, FORMAT};
     use isotherm_shared::units::ARCSEC;
@@ -129,11 +129,11 @@ mod tests {
 
     /// Rate \[g0, deg/h\] that the truth makes of a sample along each axis of the IMU.
     fn rates(truth: &Truth, raw: &RawSample) -> [[f64; AXES]; 2] {
-        let compensation = compensate(&truth.table, raw);
+        let increment = answer(Some(&truth.table), raw);
         let seconds = raw.interval_ns as f64 / 1e9;
         [
-            compensation.velocity_increment.map(|dv| dv / truth.table.content().gravity / seconds),
-            compensation.angle_increment.map(|angle| angle / ARCSEC / seconds),
+            increment.velocity_increment.map(|dv| dv / truth.table.content().gravity / seconds),
+            increment.angle_increment.map(|angle| angle / ARCSEC / seconds),
         ]
     }
 

@@ -11,7 +11,7 @@ use isotherm_calibration::reduce::reduce;
 use isotherm_calibration::simulate::{
     CampaignSchedule, InertialMotion, MISALIGNMENT, SimulatedRow, TILT_RAD, Truth, campaign,
 };
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
 use nalgebra::{Matrix3, Vector3};
@@ -276,7 +276,7 @@ fn the_alignment_undoes_the_misalignment() {
     let rows: Vec<SimulatedRow> =
         campaign(&truth, &schedule, 1).filter(|row| row.set_point_c == 10.0 && row.position == 1).collect();
     for row in &rows {
-        let out = compensate(&calibration.table, &row.raw).velocity_increment;
+        let out = answer(Some(&calibration.table), &row.raw).velocity_increment;
         (0..3).for_each(|axis| sums[axis] += out[axis] / (9.8015 * 300.0));
     }
     for (got, right) in sums.into_iter().zip([-TILT_RAD[1], TILT_RAD[0], 1.0]) {

@@ -2,7 +2,7 @@
 
 use crate::common::{calibrated, campaign, json, recording, samples};
 use isotherm_calibration::gravity_only::{GravityOnlyCalibration, GravityOnlyOptions, ScaleFactorChoice, calibrate};
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use nalgebra::Vector3;
 use serde_json::Value;
 
@@ -143,7 +143,7 @@ fn the_table_gives_the_residuals_of_the_fit() {
     for (reading, residual) in found.readings.iter().zip(&found.residuals) {
         let mut sum = Vector3::zeros();
         for row in &rows[reading.rows.clone()] {
-            sum += Vector3::from(compensate(&found.table, row).velocity_increment);
+            sum += Vector3::from(answer(Some(&found.table), row).velocity_increment);
         }
         let length = sum.norm() / reading.seconds / 9.81;
         assert!((length - 1.0 - residual).abs() < 1e-11, "{} {residual}", length - 1.0);

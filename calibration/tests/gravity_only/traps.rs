@@ -8,7 +8,7 @@ use isotherm_calibration::gravity_only::{
 };
 use isotherm_calibration::stability::LocalGravity;
 use isotherm_calibration::standstill;
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::RawSample;
 use nalgebra::{Rotation3, Vector3};
 
@@ -50,7 +50,7 @@ fn noise_does_not_lengthen_gravity() {
         assert!(off.abs() < bound, "A{}: {off}", axis + 1);
     }
     // The mean of the lengths would be too long by the square of the noise, and every scale factor with it.
-    let length = |row: &RawSample| Vector3::from(compensate(&found.table, row).velocity_increment).norm();
+    let length = |row: &RawSample| Vector3::from(answer(Some(&found.table), row).velocity_increment).norm();
     let seconds = imu.rows.len() as f64 * INTERVAL_S;
     let lengthened = imu.rows.iter().map(length).sum::<f64>() / seconds / 9.81 - 1.0;
     assert!(lengthened > 1.5 * bound, "{lengthened}");

@@ -23,7 +23,7 @@ use isotherm_calibration::simulate::{
     InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force,
 };
 use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability, StabilityError};
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use std::collections::BTreeSet;
 
@@ -196,7 +196,7 @@ pub fn true_error(case: &Case, table: &CoefficientTable) -> f64 {
             let mut imu = SimulatedImu::new(truth, &chain, &Noise::NONE, celsius, 1);
             let mut raw = imu.step(&InertialMotion::of_force(force), (INTERVAL_S * 1e9) as u64);
             (case.in_use)(&mut raw);
-            let velocity = compensate(table, &raw).velocity_increment;
+            let velocity = answer(Some(table), &raw).velocity_increment;
             for axis in 0..3 {
                 let error = (velocity[axis] / INTERVAL_S - attitude[axis] * truth.gravity_local).abs();
                 worst = if error.is_nan() { f64::INFINITY } else { worst.max(error / truth.table.content().gravity) };

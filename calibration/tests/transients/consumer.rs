@@ -4,7 +4,7 @@ use isotherm_calibration::transients::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
 use isotherm_recording::RawCsvReader;
-use isotherm_shared::compensate::compensate;
+use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::ARCSEC;
@@ -71,10 +71,10 @@ fn left_over(found: &Transients, rows: &[RawSample]) -> [f64; 6] {
         let mut raw = *raw;
         lag.follow(&raw);
         lag.fill(&mut raw);
-        let compensation = compensate(&table, &raw);
+        let increment = answer(Some(&table), &raw);
         let seconds = raw.interval_ns as f64 / 1e9;
-        let [x, y, z] = compensation.velocity_increment.map(|dv| dv / table.content().gravity / seconds);
-        let [p, q, r] = compensation.angle_increment.map(|angle| angle / ARCSEC / seconds);
+        let [x, y, z] = increment.velocity_increment.map(|dv| dv / table.content().gravity / seconds);
+        let [p, q, r] = increment.angle_increment.map(|angle| angle / ARCSEC / seconds);
         [x, y, z, p, q, r]
     });
     let rates: Vec<_> = rates.collect();

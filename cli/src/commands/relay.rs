@@ -8,7 +8,7 @@ use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join
 use isotherm_failure::{Exit, Failure};
 use isotherm_service::create::{CreateError, Creator};
 use isotherm_service::logging::{self, LogFormat};
-use isotherm_shared::stream::{INCREMENT_DEPTH, Ipc, IpcNode, relayed};
+use isotherm_shared::stream::{INCREMENT_DEPTH, Ipc, IpcNode, create_increment};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::fmt::Display;
 use std::sync::Arc;
@@ -107,8 +107,8 @@ impl RelayedImu {
     fn open(imu: ImuId, from: &Domain, to: &Domain, node: &IpcNode) -> Result<Self, Failure> {
         let name = |what: &str| format!("the {what} of IMU {imu} in domain {}", to.name());
         let creator = Creator::new(node, to);
-        let stream = creator
-            .stream(&name("increment stream"), &imu.increment(), || Ok(relayed(node, &imu).open_or_create()?))?;
+        let stream =
+            creator.stream(&name("increment stream"), &imu.increment(), || Ok(create_increment(node, &imu, true)?))?;
         let publisher = creator.port(
             &name("increment publisher"),
             || taken(to),

@@ -58,7 +58,7 @@ impl Replay {
             super::common::refuse_other_imu(&samples, &self.recording, (&table, &self.table), self.other_imu)?;
         }
         let path = self.output.as_deref();
-        let layout = IncrementLayout { gyroscopes: table.gyroscopes().is_some(), delivery: false };
+        let layout = IncrementLayout { gyroscopes: table.content().gyroscopes.is_some(), delivery: false };
         let ros = RosTable::new(&table, &self.table);
         let mut writer = match Output::create(path).and_then(|sink| Writer::new(sink, path, layout, &ros)) {
             Ok(writer) => writer,

@@ -149,7 +149,7 @@ impl Table {
 
     #[getter]
     fn gyroscopes(&self) -> Option<(Axis, Axis, Axis)> {
-        let (gyroscopes, _) = self.0.gyroscopes()?;
+        let gyroscopes = self.0.content().gyroscopes.as_ref()?;
         Some(axes(SensorKind::Gyroscope, &gyroscopes.axes, gyroscopes.g_sensitivity))
     }
 

@@ -295,7 +295,7 @@ mod tests {
     use crate::{ChamberProtocol, TurntableProtocol};
     use isotherm_calibration::gyroscopes::earth::EARTH_RATE;
     use isotherm_calibration::simulate::{Chain, Noise, Play};
-    use isotherm_shared::compensate::compensate;
+    use isotherm_shared::compensate::answer;
     use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::units::ARCSEC;
 
@@ -345,7 +345,7 @@ mod tests {
     fn compensated(imu: &mut MountedImu<'_>, seconds: f64) -> [[f64; 3]; 2] {
         let [mut angle, mut velocity] = [[0.0; 3]; 2];
         for _ in 0..(seconds * 1e9 / imu.interval_ns as f64).round() as u64 {
-            let compensation = compensate(&imu.truth.table, &imu.step());
+            let compensation = answer(Some(&imu.truth.table), &imu.step());
             let [angles, velocities] = [compensation.angle_increment, compensation.velocity_increment];
             angle.iter_mut().zip(angles).for_each(|(sum, increment)| *sum += increment / ARCSEC);
             velocity.iter_mut().zip(velocities).for_each(|(sum, increment)| *sum += increment / 9.8015);

@@ -15,7 +15,7 @@ use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::port_factory::event;
 use isotherm_client::{Clock, Rehearsal, RehearsalStreams, publish, receive, subscribers_of};
 use isotherm_failure::Failure;
-use isotherm_shared::compensate::answer;
+use isotherm_shared::compensate::answer_into;
 use isotherm_shared::protocol::{Arrival, SequenceTracker, queue_depth};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::stream::{self, Domain, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
@@ -87,19 +87,16 @@ impl Channel {
         let (id, depth) = (link.imu.id, link.imu.depth);
         let creator = Creator::new(node, domain);
         let name = |stream: &str| format!("the {stream} of IMU {id}");
-        let raw = creator.stream(&name("raw stream"), &id.raw(), || Ok(stream::raw(node, &id).open_or_create()?))?;
-        let increments = creator.stream(&name("increment stream"), &id.increment(), || {
-            Ok(stream::increment(node, &id).open_or_create()?)
-        })?;
-        let wake =
-            creator.stream(&name("wake-up event"), &id.wake(), || Ok(stream::wake(node, &id).open_or_create()?))?;
+        let raw = creator.stream(&name("raw stream"), &id.raw(), || Ok(stream::create_raw(node, &id)?))?;
+        let increments = creator
+            .stream(&name("increment stream"), &id.increment(), || Ok(stream::create_increment(node, &id, false)?))?;
+        let wake = creator.stream(&name("wake-up event"), &id.wake(), || Ok(stream::create_wake(node, &id)?))?;
         let served = || {
             let domain = domain.name();
             format!("IMU {id} is already served in domain {domain:?}; stop the other service or use another --domain")
         };
-        let arrival = creator.stream(&name("event of the increments"), &id.arrival(), || {
-            Ok(stream::arrival(node, &id).open_or_create()?)
-        })?;
+        let arrival = creator
+            .stream(&name("event of the increments"), &id.arrival(), || Ok(stream::create_arrival(node, &id)?))?;
         let announcer = creator.port(&name("event of the increments"), served, || notifier(&arrival))?;
         let listener = creator.port(&name("listener"), served, || {
             wake.listener_builder().create().map_err(|error| match error {
@@ -190,7 +187,7 @@ impl Channel {
         let arrival = self.sequence.note(Period::from(&self.raw));
 
         let increment = loan.payload_mut();
-        compute(self.table.as_deref(), &self.raw, increment);
+        answer_into(self.table.as_deref(), &self.raw, increment);
         let now = clock.now_in_order();
         let latency_ns = now.saturating_sub(since);
         let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);
@@ -229,7 +226,7 @@ impl Channel {
     /// connected on this occasion, and not when the next sample is on its way.
     pub fn rehearse(&mut self, rehearsal: &mut Rehearsal<RawSample, CompensatedIncrement>, clock: &mut Clock) {
         rehearsal.go(&self.raw, |raw, increment| {
-            compute(self.table.as_deref(), raw, increment);
+            answer_into(self.table.as_deref(), raw, increment);
             increment.latency_ns = clock.now_in_order();
         });
         if let Some(spare) = &mut self.spare {
@@ -253,12 +250,6 @@ impl Channel {
     }
 }
 
-/// The kernel: the one place where real and rehearsed samples are compensated, so that both run the same instructions.
-#[inline(never)]
-fn compute(table: Option<&CoefficientTable>, raw: &RawSample, increment: &mut CompensatedIncrement) {
-    *increment = answer(table, raw);
-}
-
 fn notifier(event: &event::PortFactory<Ipc>) -> Result<Notifier<Ipc>, CreateError> {
     event.notifier_builder().create().map_err(|error| match error {
         NotifierCreateError::ExceedsMaxSupportedNotifiers => CreateError::Taken(ports_of_event(event)),
@@ -276,8 +267,7 @@ pub fn create_rehearsal(
     name: &str,
     names: &RehearsalNames,
 ) -> Result<RehearsalStreams, Failure> {
-    let raw = creator.stream(name, &names.raw, || Ok(stream::raw_rehearsal(node, names).open_or_create()?))?;
-    let increments =
-        creator.stream(name, &names.increment, || Ok(stream::increment_rehearsal(node, names).open_or_create()?))?;
+    let raw = creator.stream(name, &names.raw, || Ok(stream::create_raw_rehearsal(node, names)?))?;
+    let increments = creator.stream(name, &names.increment, || Ok(stream::create_increment_rehearsal(node, names)?))?;
     Ok(RehearsalStreams { raw, increments })
 }

@@ -208,9 +208,9 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// Keeps a copy of a sample that is sent now, after [`may_send`](Self::may_send).
+    /// Keeps a copy of a sample that is sent now, after [`may_send`](Self::may_send). Returns the copy.
     #[inline]
-    pub fn send(&mut self, sequence: u64, sample: &S, now: u64) {
+    pub fn send(&mut self, sequence: u64, sample: &S, now: u64) -> &mut S {
         if self.pending.len() == 0 {
             self.silent_since_ns = now;
             self.resend_after_ns = SILENCE_NS;
@@ -224,7 +224,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.lost = self.lost.saturating_add(left_out);
         self.last_sequence = Some(sequence);
         self.highest = self.highest.max(Some(sequence));
-        self.pending.push(sequence, self.surplus, sample);
+        self.pending.push(sequence, self.surplus, sample)
     }
 
     /// Takes the last [`send`](Self::send) back: the transport failed, and the caller tells its user. Some receivers may have got

@@ -56,14 +56,16 @@ impl<S: Copy + Default, A: Copy + Default> Pending<S, A> {
         if slot < self.keys.len() { slot } else { slot - self.keys.len() }
     }
 
-    /// Keeps a copy of a sample, and a mark that comes back with its answer. Its sequence must be above all that are kept, and the caller must have checked
-    /// [`is_full`](Self::is_full).
+    /// Keeps a copy of a sample, and a mark that comes back with its answer; returns the copy. Its sequence must be above all that are kept,
+    /// and the caller must have checked [`is_full`](Self::is_full).
     #[inline]
-    pub(super) fn push(&mut self, sequence: u64, mark: u64, sample: &S) {
+    pub(super) fn push(&mut self, sequence: u64, mark: u64, sample: &S) -> &mut S {
         let slot = self.slot(self.len);
         self.keys[slot] = Key { sequence, mark, answered: false };
-        self.samples[slot] = *sample;
         self.len += 1;
+        let kept = &mut self.samples[slot];
+        *kept = *sample;
+        kept
     }
 
     /// Removes the newest sample.

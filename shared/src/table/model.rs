@@ -7,7 +7,7 @@ use super::checks::{
     negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
 };
 use super::turntable::Turntable;
-use crate::lanes::Lanes;
+use crate::kernel::Kernel;
 use crate::polynomial::Polynomial;
 use crate::stream::ImuId;
 use crate::units::{Bias, BiasUnit, NegativeScaleFactor, PositiveScaleFactor, SensorKind};
@@ -137,10 +137,7 @@ pub struct Content {
 #[derive(Clone, Debug)]
 pub struct CoefficientTable {
     content: Content,
-    lanes: Lanes,
-    gyroscope_lanes: Option<Lanes>,
-    lag_ns: u64,
-    device: u64,
+    kernel: Kernel,
     digest: Digest,
     id: u64,
     gravity_local: Option<f64>,
@@ -179,11 +176,10 @@ impl CoefficientTable {
         let refusals = content.refusals();
         if refusals.is_empty() {
             let digest = content.digest();
+            let lag_ns = content.lag_s.map_or(0, |lag_s| (lag_s * 1e9).round() as u64);
+            let device = content.serial.as_deref().map_or(0, device);
             Ok(Self {
-                lanes: Lanes::new(&content.axes),
-                gyroscope_lanes: content.gyroscopes.as_ref().map(|gyroscopes| Lanes::new(&gyroscopes.axes)),
-                lag_ns: content.lag_s.map_or(0, |lag_s| (lag_s * 1e9).round() as u64),
-                device: content.serial.as_deref().map_or(0, device),
+                kernel: Kernel::new(&content, lag_ns, device),
                 content,
                 id: digest.id(),
                 digest,
@@ -263,32 +259,24 @@ impl CoefficientTable {
         !self.has_provenance && content.axes.iter().chain(gyroscopes).all(is_constant)
     }
 
-    /// The polynomials of the accelerometers, for evaluating them in one pass.
-    #[must_use]
-    #[inline]
-    pub const fn lanes(&self) -> &Lanes {
-        &self.lanes
-    }
-
-    /// The gyroscopes with their polynomials, for evaluating them in one pass.
-    #[must_use]
-    #[inline]
-    pub fn gyroscopes(&self) -> Option<(&Gyroscopes, &Lanes)> {
-        self.content.gyroscopes.as_ref().zip(self.gyroscope_lanes.as_ref())
+    /// The table as the kernel reads it.
+    #[inline(always)]
+    pub(crate) const fn kernel(&self) -> &Kernel {
+        &self.kernel
     }
 
     /// Time constant of the lagged telemetry \[ns\], to the nearest one; 0 without lag.
     #[must_use]
     #[inline]
     pub const fn lag_ns(&self) -> u64 {
-        self.lag_ns
+        self.kernel.lag_ns
     }
 
     /// The number of the unit that the table belongs to: [`device`] of its serial number; 0 = unknown.
     #[must_use]
     #[inline]
     pub const fn device(&self) -> u64 {
-        self.device
+        self.kernel.device
     }
 
     /// SHA-256 over everything that affects the numbers or names their IMU; see [`Content::canonical`].
