@@ -1,23 +1,16 @@
 //! Positions of the two-axis turntable: the specific force in each, and the parameters that a list of positions determines.
 //!
-//! # Convention
-//! The outer axis is horizontal (laboratory X), the inner axis is carried by it and points up at outer = 0. At
-//! outer = inner = 0 the input axes of A1, A2, A3 lie along the laboratory's X, Y, Z. Angles are right-handed, so that
-//! body to laboratory is `R = Rx(outer) Rz(inner)`, and at rest, in units of the local gravity,
-//!
-//! ```text
-//! f = R' (0, 0, 1)' = ( sin(outer) sin(inner),  sin(outer) cos(inner),  cos(outer) )
-//! ```
-//! An input axis that points up reads +1. If the base is tilted by the small angles (tx, ty) about the laboratory's X and Y,
-//! `(0, 0, 1)` becomes `(-ty, tx, 1)`.
+//! [`isotherm_simulation::geometry`] has the convention of the angles.
 
 mod mount;
 
 pub use mount::{contradiction, mount, mounting, nearest_rotation, other_zero};
 
+pub use isotherm_simulation::geometry::{base_axes, laboratory_axes, specific_force};
+
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::DMatrix;
 
 /// One position of the turntable.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,40 +48,6 @@ impl Position {
 
 /// Two directions are the same if all components agree within this: a few digits are enough to state a direction.
 pub const SAME_DIRECTION: f64 = 2e-3;
-
-/// Specific force along A1, A2, A3 at the angles \[deg\], in units of the local gravity.
-#[must_use]
-pub fn specific_force(outer: f64, inner: f64) -> [f64; AXES] {
-    let [_, _, z] = laboratory_axes(outer, inner);
-    // Adding 0 turns -0 into 0, which matters where it is printed.
-    z.map(|f| f + 0.0)
-}
-
-/// The laboratory's X, Y and Z along A1, A2, A3 at the angles \[deg\]: the columns of R'.
-#[must_use]
-pub fn laboratory_axes(outer: f64, inner: f64) -> [[f64; AXES]; 3] {
-    let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
-    [[ci, -si, 0.0], [si * co, ci * co, -so], [so * si, so * ci, co]]
-}
-
-/// The base's X, Y and Z in IMU coordinates at the angles \[deg\], as columns: R' of the module's convention.
-#[must_use]
-pub fn base_axes(outer: f64, inner: f64) -> Matrix3<f64> {
-    let ((so, co), (si, ci)) = (sin_cos(outer), sin_cos(inner));
-    Matrix3::new(ci, si * co, so * si, -si, ci * co, so * ci, 0.0, -so, co)
-}
-
-/// Sine and cosine of an angle in degrees, exact at multiples of 90.
-fn sin_cos(degrees: f64) -> (f64, f64) {
-    let quarter = (degrees / 90.0).round();
-    let (s, c) = (degrees - quarter * 90.0).to_radians().sin_cos();
-    match quarter.rem_euclid(4.0) as u8 {
-        0 => (s, c),
-        1 => (c, -s),
-        2 => (-s, -c),
-        _ => (-c, s),
-    }
-}
 
 /// Lists of twelve positions that laboratories use.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]

@@ -1,51 +1,18 @@
-//! Simulated data from a known truth, computed along the physical chain.
-//!
-//! # Chain
-//! ```text
-//! chamber   -> head, board          first-order lags; the board is warmer by its own heat                   [degC]
-//! head      -> sensing element L    a first-order lag, if the truth has a time constant                     [degC]
-//!           -> telemetry            U = U0 + s T, plus noise, quantised, read at an interval                [V]
-//! turntable -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
-//!           -> angle                its motion, and Earth's rate along the input axes                       [arcsec]
-//!           -> indicated x          accelerometers: M f + A(U_head); gyroscopes: M angle + D(U_head) T + s f T; plus transients t (L - U),
-//!                                   plays, an offset for each visit of a set point and noise                [g0, arcsec]
-//!           -> pulses N+, N-        charge balance with K+(U_board), K-(U_board); the remainder is kept     [pulse]
-//! ```
-//! The truth is a [`CoefficientTable`] with misalignments M, in a laboratory with a latitude. Compensation with this table gives specific force
-//! and angle, except for noise and the charge that has not made a pulse yet. [`SimulatedImu`] is heads, boards and converters; it feels a
-//! [`InertialMotion`]. [`campaign`], [`run`] and [`ramp`] drive it through a schedule. [`SimulatedChamber`] and [`SimulatedTurntable`] are the chamber and the
-//! turntable alone. The same seed gives the same data, on the same machine to the byte.
-//!
-//! [`CoefficientTable`]: isotherm_shared::table::CoefficientTable
+//! Simulated campaigns, runs and ramps of the [simulated IMU](isotherm_simulation): [`campaign`], [`run`] and [`ramp`] drive it through a
+//! schedule. The same seed gives the same data, on the same machine to the byte.
 
 mod campaign;
-mod chain;
-mod chamber;
-mod hysteresis;
-mod imu;
-mod model;
-mod motion;
 mod ramp;
-mod random;
 mod run;
-mod triad;
-mod turntable;
 
 pub use campaign::{CampaignSchedule, SimulatedCampaign, SimulatedRow, TurnSchedule, campaign, campaign_toml};
-pub use chain::{Chain, Noise};
-pub use chamber::SimulatedChamber;
-pub use hysteresis::Play;
-pub use imu::SimulatedImu;
-pub use model::{
-    GYROSCOPE_MISALIGNMENT, HEADING_DEG, LATITUDE_DEG, MISALIGNMENT, TILT_RAD, Truth, typical_gyroscopes, worst_errors,
-    worst_gyroscope_errors,
+pub use isotherm_simulation::{
+    Chain, GYROSCOPE_MISALIGNMENT, HEADING_DEG, InertialMotion, LATITUDE_DEG, MISALIGNMENT, Noise, Play,
+    RandomGenerator, SimulatedChamber, SimulatedGyroscopes, SimulatedImu, SimulatedTriad, SimulatedTurntable, TILT_RAD,
+    Truth, specific_force, typical_gyroscopes, worst_errors, worst_gyroscope_errors,
 };
-pub use motion::InertialMotion;
 pub use ramp::{RampSchedule, ramp, ramp_seed, ramps_toml};
-pub use random::RandomGenerator;
 pub use run::{RunSamples, RunSchedule, run};
-pub use triad::{SimulatedGyroscopes, SimulatedTriad};
-pub use turntable::{SimulatedTurntable, specific_force};
 
 #[cfg(test)]
 mod tests;

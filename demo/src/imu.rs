@@ -1,8 +1,8 @@
 //! The demonstration's IMU: simulated, at rest, with the errors of a coefficient table plus noise.
 
-use isotherm_calibration::simulate::{self, InertialMotion, Noise, Truth};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_simulation::{Chain, InertialMotion, Noise, SimulatedImu, Truth};
 
 /// Control period \[ns\]: 10 samples a second.
 pub const INTERVAL_NS: u64 = 100_000_000;
@@ -30,7 +30,7 @@ pub enum RampPhase {
 
 /// The simulated IMU in its chamber.
 pub struct DemoImu {
-    imu: simulate::SimulatedImu,
+    imu: SimulatedImu,
     /// What it feels in a control period.
     motion: InertialMotion,
 }
@@ -42,7 +42,7 @@ impl DemoImu {
         let noise = Noise { sensor_g0: 10e-6 * 0.1_f64.sqrt(), ..Noise::default() };
         let truth = Truth::of(truth.clone());
         let motion = InertialMotion::at_rest(&truth, ANGLES_DEG, INTERVAL_NS as f64 / 1e9);
-        Self { imu: simulate::SimulatedImu::new(&truth, &chain(), &noise, COLD, seed), motion }
+        Self { imu: SimulatedImu::new(&truth, &chain(), &noise, COLD, seed), motion }
     }
 
     /// What the IMU feels in a control period: gravity and Earth's rate.
@@ -74,8 +74,8 @@ impl DemoImu {
 
 /// Hardware with shorter time constants than the default, without temperature offsets of heads and boards. The telemetry is
 /// read once a second.
-fn chain() -> simulate::Chain {
-    simulate::Chain {
+fn chain() -> Chain {
+    Chain {
         head_lag_s: 120.0,
         board_lag_s: 240.0,
         head_offset_c: [0.0; AXES],
@@ -84,7 +84,7 @@ fn chain() -> simulate::Chain {
         gyroscope_board_offset_c: [0.0; AXES],
         oscillation_c: 0.0,
         telemetry_s: 1.0,
-        ..simulate::Chain::default()
+        ..Chain::default()
     }
 }
 

@@ -5,31 +5,17 @@ use super::runs::{FittedRun, Place};
 use crate::campaign::Campaign;
 use crate::checks::{Finding, Severity, name};
 use crate::positions::{Position, SAME_DIRECTION};
-use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
+use isotherm_simulation::geometry::{EARTH_RATE, horizontal, vertical};
 use nalgebra::{Matrix3x2, Vector2, Vector3};
 use std::collections::BTreeMap;
 
-/// Earth's rate \[deg/h\]: 7.292115e-5 rad/s.
-pub const EARTH_RATE: f64 = 7.292_115e-5 / ARCSEC;
 /// The horizontal rate may differ by this from that of the latitude \[deg/h\].
 const HORIZONTAL_TOLERANCE: f64 = 0.02;
 /// And by this many of its standard errors.
 const HORIZONTAL_ERRORS: f64 = 5.0;
 /// g-sensitivities this near to -2 w_Z, as a part of it, look like the wrong hemisphere.
 const HEMISPHERE: f64 = 0.2;
-
-/// The rate about the vertical at the latitude \[deg\], in deg/h; positive in the north.
-#[must_use]
-pub fn vertical(latitude_deg: f64) -> f64 {
-    EARTH_RATE * latitude_deg.to_radians().sin()
-}
-
-/// The horizontal rate at the latitude \[deg\], in deg/h.
-#[must_use]
-pub fn horizontal(latitude_deg: f64) -> f64 {
-    EARTH_RATE * latitude_deg.to_radians().cos()
-}
 
 /// Specific force and Earth's rate at a position, in IMU coordinates.
 pub(super) struct Start {

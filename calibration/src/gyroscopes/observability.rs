@@ -7,11 +7,12 @@
 use super::earth::{Start, eliminate_horizontal};
 use super::fit::{PARAMETERS, Run, RunTurn, design};
 use super::runs::{FittedRun, Place, TurnBlock};
-use super::turn::{LEAST_TURN, Turn, list, outer_axis};
+use super::turn::{LEAST_TURN, Turn, list};
 use crate::campaign::Campaign;
 use crate::positions::{MAX_CONDITION, Position, specific_force};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
+use isotherm_simulation::geometry::outer_axis;
 use nalgebra::{DMatrix, Vector3};
 
 /// Length of a dwell \[s\].

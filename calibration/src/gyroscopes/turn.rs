@@ -1,8 +1,9 @@
 //! The turns of a campaign file: `[[turn]]`, from rest to rest about one axis of the turntable.
 
-use crate::positions::{Position, SAME_DIRECTION, laboratory_axes, specific_force};
+use crate::positions::{Position, SAME_DIRECTION, specific_force};
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
+use isotherm_simulation::geometry::outer_axis;
 use nalgebra::{Matrix3, Vector3};
 
 /// The axis of the turntable that a turn goes about.
@@ -198,14 +199,6 @@ fn on_the_table(
         return None;
     };
     Some((exact.map(|component| component + 0.0), force.map(|component| component + 0.0), Some(about)))
-}
-
-/// Direction of the outer axis at the inner angle \[deg\], along the turntable's table: (cos, -sin, 0).
-#[must_use]
-pub fn outer_axis(inner: f64) -> Vector3<f64> {
-    let [x, _, _] = laboratory_axes(0.0, inner);
-    // Adding 0 turns -0 into 0, which matters where it is printed.
-    Vector3::from(x).map(|component| component + 0.0)
 }
 
 /// A vector as in a campaign file.

@@ -4,16 +4,12 @@
 //! ramp. Each position then takes `move_s` for the motion and `dwell_s` at rest. Only the rest gives rows, as many whole
 //! periods as fit into it. Each angle of each dwell has a random error. The turns follow, each after another `move_s`, in rows from rest to rest.
 
-use super::chain::{Chain, Noise};
-use super::imu::SimulatedImu;
-use super::model::Truth;
-use super::motion::InertialMotion;
-use super::random::RandomGenerator;
-use super::turntable::SimulatedTurntable;
-use crate::gyroscopes::turn::{TableAxis, Turn, outer_axis};
+use crate::gyroscopes::turn::{TableAxis, Turn};
 use crate::positions::{Position, Scheme};
 use core::fmt::Write as _;
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation::geometry::outer_axis;
+use isotherm_simulation::{Chain, InertialMotion, Noise, RandomGenerator, SimulatedImu, SimulatedTurntable, Truth};
 use nalgebra::Vector3;
 use serde::Serialize;
 

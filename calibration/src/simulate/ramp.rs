@@ -1,10 +1,9 @@
 //! The schedule of a ramp recording: one stay of an IMU at rest, warming and cooling.
 
 use super::campaign::heading_toml;
-use super::chain::is_zero;
-use super::model::Truth;
 use super::run::{RunSamples, RunSchedule, run};
 use crate::campaign::Ramp;
+use isotherm_simulation::{Truth, is_zero};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -75,11 +74,9 @@ pub fn ramp<'a>(truth: &Truth, schedule: &'a RampSchedule, seed: u64) -> RunSamp
 
 #[cfg(test)]
 mod tests {
-    use super::super::chain::{Chain, Noise};
-    use super::super::hysteresis::Play;
     use super::super::tests::truth;
     use super::*;
-    use crate::simulate::typical_gyroscopes;
+    use crate::simulate::{Chain, Noise, Play, RandomGenerator, typical_gyroscopes};
     use core::f64::consts::TAU;
     use isotherm_shared::compensate::answer;
     use isotherm_shared::polynomial::Polynomial;
@@ -217,7 +214,7 @@ mod tests {
     #[test]
     fn a_ramp_obeys_the_differential_equation_in_the_mean_of_each_row() {
         let chain = Chain { telemetry_lsb_micro: 0, oscillation_c: 0.5, ..Chain::default() };
-        let phase = super::super::random::RandomGenerator::new(5, 1).between(0.0, TAU);
+        let phase = RandomGenerator::new(5, 1).between(0.0, TAU);
         for interval_s in [60_u32, 300] {
             let run = RunSchedule {
                 from_c: -20.0,

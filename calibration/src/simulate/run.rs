@@ -1,12 +1,8 @@
 //! The schedule of a temperature run at rest: hold, ramp, hold; and back again.
 
 use super::campaign::nanoseconds;
-use super::chain::{Chain, Noise};
-use super::imu::SimulatedImu;
-use super::model::Truth;
-use super::motion::InertialMotion;
-use super::turntable::specific_force;
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_simulation::{Chain, InertialMotion, Noise, SimulatedImu, Truth, specific_force};
 use nalgebra::Vector3;
 use serde::Serialize;
 

@@ -8,7 +8,7 @@
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::gyroscopes::{self, turn::outer_axis};
+use isotherm_calibration::gyroscopes;
 use isotherm_calibration::simulate::{
     InertialMotion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors,
 };
@@ -17,6 +17,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_simulation::geometry::outer_axis;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt::Write as _;
 

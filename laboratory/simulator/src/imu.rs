@@ -293,11 +293,11 @@ impl SampleSender {
 mod tests {
     use super::*;
     use crate::{ChamberProtocol, TurntableProtocol};
-    use isotherm_calibration::gyroscopes::earth::EARTH_RATE;
     use isotherm_calibration::simulate::{Chain, Noise, Play};
     use isotherm_shared::compensate::answer;
     use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::units::ARCSEC;
+    use isotherm_simulation::geometry::EARTH_RATE;
 
     /// 5 s of rest, 37 s of turning by 360 degrees at 10 deg/s with 10 deg/s2, 5 s of rest.
     const REST_S: f64 = 5.0;

@@ -3,9 +3,10 @@
 use super::model::{PlannedTurn, TurnPlan};
 use super::number::at_most;
 use crate::limits::Limits;
-use isotherm_calibration::gyroscopes::turn::{TableAxis, Turn, outer_axis, turns as listed_turns};
+use isotherm_calibration::gyroscopes::turn::{TableAxis, Turn, turns as listed_turns};
 use isotherm_calibration::positions::{Position, specific_force};
 use isotherm_shared::document::Section;
+use isotherm_simulation::geometry::outer_axis;
 use nalgebra::{Matrix3, Vector3};
 
 /// Angles of the turns that a plan has if it lists none \[deg\]: the first that the limits allow. A longer turn halves the error of K.

@@ -3,7 +3,7 @@
 use super::chain::Chain;
 use super::hysteresis::Play;
 use super::random::RandomGenerator;
-use crate::gyroscopes::earth::{horizontal, vertical};
+use crate::geometry::{horizontal, vertical};
 use isotherm_shared::polynomial::{Polynomial, Side};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, Refusal};
 use isotherm_shared::units::{BiasUnit, SensorKind};
@@ -192,8 +192,7 @@ impl Truth {
 
     /// The sealed text of the table, followed by a `[provenance]` section. The section has the other values of the truth (with gyroscopes
     /// also their misalignment, latitude, heading and Earth's rate along the base's X, Y and Z; plays), the `tool`, the `seed`, and all parameters of
-    /// the schedule, a [`CampaignSchedule`](super::CampaignSchedule), a [`RunSchedule`](super::RunSchedule) or
-    /// [`RampSchedule`](super::RampSchedule)s.
+    /// the schedule.
     ///
     /// # Errors
     /// If the seed is over 2^63 - 1, the largest integer of TOML.

@@ -18,7 +18,7 @@
 //! ```
 
 use super::model::Truth;
-use crate::positions::laboratory_axes;
+use crate::geometry::laboratory_axes;
 use core::f64::consts::TAU;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;

@@ -112,7 +112,7 @@ pub struct Noise {
 }
 
 /// Whether a value says nothing, as those of the gyroscopes do where there are none.
-pub(super) fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+pub fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 

@@ -13,8 +13,7 @@
 
 use super::model::Truth;
 use super::turntable::specific_force;
-use crate::gyroscopes::turn::outer_axis;
-use crate::positions::laboratory_axes;
+use crate::geometry::{laboratory_axes, outer_axis};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
 
@@ -101,9 +100,15 @@ fn earth_rate(truth: &Truth, [outer, inner]: [f64; 2]) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gyroscopes::earth::EARTH_RATE;
-    use crate::simulate::SimulatedTurntable;
-    use crate::simulate::tests::truth;
+    use crate::geometry::EARTH_RATE;
+    use crate::{MISALIGNMENT, SimulatedTurntable, TILT_RAD};
+    use isotherm_shared::table::CoefficientTable;
+
+    fn truth() -> Truth {
+        let table = include_str!("../../examples/tables/imu-paper.toml");
+        let table = CoefficientTable::from_toml(table, None).unwrap();
+        Truth::new(table.content().clone(), MISALIGNMENT, TILT_RAD, 9.81).unwrap()
+    }
 
     /// The motion over a whole movement of the turntable, in periods of `period_s`, and the time that it takes \[s\].
     fn moved(truth: &Truth, targets: &[(usize, f64)], start: [f64; 2], period_s: f64, periods: u32) -> InertialMotion {
