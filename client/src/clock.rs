@@ -77,20 +77,12 @@ impl Clock {
         clock
     }
 
-    /// Now \[ns\]. The processor may read the counter some tens of nanoseconds before it has completed earlier instructions.
+    /// Now \[ns\]. The processor may read the counter some tens of nanoseconds before it has completed earlier instructions: to wait for them
+    /// would cost a sample as much.
     #[inline]
     pub fn now(&mut self) -> u64 {
         match self.anchor {
             Some(anchor) => self.at(ticks(), anchor),
-            None => monotonic_ns(),
-        }
-    }
-
-    /// Now \[ns\], after all earlier instructions are complete.
-    #[inline]
-    pub fn now_in_order(&mut self) -> u64 {
-        match self.anchor {
-            Some(anchor) => self.at(ticks_in_order(), anchor),
             None => monotonic_ns(),
         }
     }
@@ -137,17 +129,6 @@ fn ticks() -> u64 {
     0
 }
 
-/// Reads the counter after all earlier instructions are complete.
-#[inline]
-fn ticks_in_order() -> u64 {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: a fence has no precondition.
-    unsafe {
-        core::arch::x86_64::_mm_lfence();
-    }
-    ticks()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -161,11 +142,9 @@ mod tests {
         // A reading lies between two readings of the kernel's clock. The margin of 1 us covers rounding and the rate (0.1 us).
         while started.elapsed() < Duration::from_millis(50) {
             let before = monotonic_ns();
-            let (a, b) = (clock.now(), clock.now_in_order());
+            let now = clock.now();
             let after = monotonic_ns();
-            for now in [a, b] {
-                assert!(now + 1_000 > before && now < after + 1_000, "{before} {now} {after}");
-            }
+            assert!(now + 1_000 > before && now < after + 1_000, "{before} {now} {after}");
             readings += 1;
         }
         assert!(readings > 1_000);

@@ -1,11 +1,11 @@
 //! A table as the kernel reads it: arrays over all sensors of the IMU, 3 without gyroscopes and 6 with them.
 //!
-//! A compensation needs bias, K+ and K- of every sensor. Here they are computed two sensors at once, which every 64-bit processor of today
-//! can, and their coefficients are in few cache lines. Every value comes from the same operations in the same order as [`Polynomial::at`],
+//! A compensation needs bias, K+ and K- of every sensor. Here they are computed two sensors at once (SSE2, NEON), and their coefficients are
+//! in few cache lines. Every value comes from the same operations in the same order as [`Polynomial::at`],
 //! so it is the same to the last bit: a polynomial of lower order has zeros as its highest coefficients, and `0 * x + c` is `c` for the
 //! finite `x` inside a range. (The sign of a bias that is 0 may differ; this does not change any increment.)
 //!
-//! All functions are inlined into [`answer`](crate::compensate::answer), and all loops are over indices: a generic function of the standard
+//! All functions are inlined into [`answer_into`](crate::compensate::answer_into), and all loops are over indices: a generic function of the standard
 //! library that is not marked for inlining would be a call, for each number, where the compiler splits this crate.
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
@@ -268,7 +268,7 @@ impl<const P: usize> Lanes<P> {
         let board: Pairs<P> = all_sensors(&a.board_temperature, &g.board_temperature);
         let (a, g) = if lagged { (&a.head_lagged, &g.head_lagged) } else { (&a.head_temperature, &g.head_temperature) };
         let mut difference: Pairs<P> = all_sensors(a, g);
-        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign; it makes a result NaN.
+        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign: the sum below tells.
         let mut signs = f64x2::ZERO;
         for i in 0..P {
             difference[i] -= head[i];
@@ -299,7 +299,7 @@ impl<const P: usize> Lanes<P> {
         for i in 0..P {
             let bias = (bias[i] + self.transient[i] * difference[i]) * self.bias_unit[i];
             indicated[i] = (positive[i] / k_plus[i] + negative[i] / k_minus[i]) - bias * ts;
-            sum += k_plus[i] - k_minus[i];
+            sum += (k_plus[i] - k_minus[i]) + (head[i] + board[i]);
         }
         (indicated, Check { signs, sum })
     }

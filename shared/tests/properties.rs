@@ -413,6 +413,44 @@ fn stale_telemetry_and_high_rates_are_flagged() {
     }
 }
 
+/// Constants do not depend on the telemetry. It must be finite and in range all the same.
+#[test]
+fn telemetry_is_checked_under_constants_too() {
+    let text = include_str!("../../examples/tables/imu-whole.toml");
+    let mut content = CoefficientTable::from_toml(text, None).unwrap().content().clone();
+    let axes = content.axes.iter_mut().chain(content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes));
+    for axis in axes {
+        axis.transient = 0.0;
+        for polynomial in [&mut axis.bias, &mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
+            *polynomial = Polynomial::new(&polynomial.coefficients()[..1], 0.0, 1.0, polynomial.range()).unwrap();
+        }
+    }
+    let triad = Triad { head_temperature: [2.0; AXES], board_temperature: [2.0; AXES], ..Triad::default() };
+    let usual = RawSample { interval_ns: 2_500_000, accelerometers: triad, gyroscopes: triad, ..RawSample::default() };
+    let tables = [content.clone(), Content { gyroscopes: None, ..content }]
+        .map(|content| CoefficientTable::new(content).unwrap());
+    for table in tables {
+        let whole = table.content().gyroscopes.is_some();
+        let flags = |raw: &RawSample| Flags(answer(Some(&table), raw).flags);
+        assert_eq!(flags(&usual), Flags::default());
+        let not_numbers = [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+        for (index, value) in (0..AXES).flat_map(|index| not_numbers.map(|value| (index, value))) {
+            let mut raws = [usual; 4];
+            raws[0].accelerometers.head_temperature[index] = value;
+            raws[1].accelerometers.board_temperature[index] = value;
+            raws[2].gyroscopes.head_temperature[index] = value;
+            raws[3].gyroscopes.board_temperature[index] = value;
+            for (raw, of_gyroscopes) in raws.iter().zip([false, false, true, true]) {
+                let own = Flags::not_finite(index);
+                let own = if of_gyroscopes { own.of_gyroscopes() } else { own };
+                let g_unknown = if of_gyroscopes || !whole { Flags::default() } else { Flags::G_UNKNOWN };
+                let expected = if of_gyroscopes && !whole { Flags::default() } else { own | g_unknown };
+                assert_eq!(flags(raw), expected, "{value} at {index}");
+            }
+        }
+    }
+}
+
 /// A scale factor of the wrong sign, as an extrapolation can give, makes the indicated input of no pulses -0. The increment is
 /// -0 - (-0) = 0 then: a bias without a transient term adds nothing, not even +0.
 #[test]

@@ -188,7 +188,7 @@ impl Channel {
 
         let increment = loan.payload_mut();
         answer_into(self.table.as_deref(), &self.raw, increment);
-        let now = clock.now_in_order();
+        let now = clock.now();
         let latency_ns = now.saturating_sub(since);
         let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);
         increment.latency_ns = latency_ns;
@@ -227,7 +227,7 @@ impl Channel {
     pub fn rehearse(&mut self, rehearsal: &mut Rehearsal<RawSample, CompensatedIncrement>, clock: &mut Clock) {
         rehearsal.go(&self.raw, |raw, increment| {
             answer_into(self.table.as_deref(), raw, increment);
-            increment.latency_ns = clock.now_in_order();
+            increment.latency_ns = clock.now();
         });
         if let Some(spare) = &mut self.spare {
             *spare.payload_mut() = CompensatedIncrement::default();
