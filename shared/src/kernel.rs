@@ -7,6 +7,7 @@
 //!
 //! All functions are inlined into [`answer_into`](crate::compensate::answer_into), and all loops are over indices: a generic function of the standard
 //! library that is not marked for inlining would be a call, for each number, where the compiler splits this crate.
+#![expect(clippy::needless_range_loop, reason = "loops over indices are inlined by every profile")]
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
 use crate::table::{Axis, Content, Gyroscopes};
@@ -50,6 +51,7 @@ pub struct Kernel {
 }
 
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a table has one; a pointer would be a line more on a sample's way")]
 enum Sensors {
     Accelerometers(Lanes<ACCELEROMETERS>),
     Whole(Lanes<WHOLE>, GyroscopeTerms),

@@ -41,7 +41,7 @@ const COUNTS: [Count; 5] = [
 const PYTHON: [Count; 3] = [
     Count("Python module: loan", Program::Python, "Acquisition::__pymethod_loan__", 610.0),
     Count("Python module: send", Program::Python, "Acquisition::__pymethod_send__", 2780.0),
-    Count("Python module: receive", Program::Python, "Acquisition::__pymethod_receive__", 2000.0),
+    Count("Python module: receive", Program::Python, "Acquisition::__pymethod_receive__", 1570.0),
 ];
 
 /// Counts the instructions of a sample
