@@ -20,8 +20,8 @@
 //! # Arithmetic
 //! The kernel is one expression in IEEE double, evaluated in the order written below without fused multiply-add, so that
 //! the service, the replay and any other implementation agree bit for bit. It is a pure function of sample and table: no
-//! filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN; only an
-//! extrapolation far outside a range can give one.
+//! filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN; the
+//! coefficients of no real IMU give one inside the ranges.
 
 use crate::polynomial::{Polynomial, Side};
 use crate::table::{Axis, CoefficientTable, Content, OutOfRange};

@@ -1,12 +1,14 @@
-//! A table as the kernel reads it: arrays over all sensors of the IMU, 3 without gyroscopes and 6 with them.
+//! A table as the kernel reads it: arrays over all sensors of the IMU.
 //!
-//! A compensation needs bias, K+ and K- of every sensor. Here they are computed two sensors at once (SSE2, NEON), and their coefficients are
-//! in few cache lines. Every value comes from the same operations in the same order as [`Polynomial::at`],
-//! so it is the same to the last bit: a polynomial of lower order has zeros as its highest coefficients, and `0 * x + c` is `c` for the
-//! finite `x` inside a range. (The sign of a bias that is 0 may differ; this does not change any increment.)
+//! A compensation needs bias, K+ and K- of every sensor. Here they are computed two sensors at once (SSE2, NEON), and their
+//! coefficients are in few cache lines. Every value comes from the same operations in the same order as [`Polynomial::at`], so it
+//! is the same to the last bit: a polynomial of lower order has zeros as its highest coefficients, and `0 * x + c` is `c` for the
+//! finite `x` inside a range. (The sign of a bias that is 0 may differ. It changes no increment while K+ is positive, which is
+//! checked for each sample.)
 //!
-//! All functions are inlined into [`answer_into`](crate::compensate::answer_into), and all loops are over indices: a generic function of the standard
-//! library that is not marked for inlining would be a call, for each number, where the compiler splits this crate.
+//! All functions of a sample's way are inlined into [`answer_into`](crate::compensate::answer_into), and all their loops are over
+//! indices: a generic function of the standard library that is not marked for inlining would be a call, for each number, where the
+//! compiler splits this crate.
 #![expect(clippy::needless_range_loop, reason = "loops over indices are inlined by every profile")]
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
@@ -270,7 +272,8 @@ impl<const P: usize> Lanes<P> {
         let board: Pairs<P> = all_sensors(&a.board_temperature, &g.board_temperature);
         let (a, g) = if lagged { (&a.head_lagged, &g.head_lagged) } else { (&a.head_temperature, &g.head_temperature) };
         let mut difference: Pairs<P> = all_sensors(a, g);
-        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign: the sum below tells.
+        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign: the sum below or the
+        // results tell.
         let mut signs = f64x2::ZERO;
         for i in 0..P {
             difference[i] -= head[i];
@@ -301,6 +304,7 @@ impl<const P: usize> Lanes<P> {
         for i in 0..P {
             let bias = (bias[i] + self.transient[i] * difference[i]) * self.bias_unit[i];
             indicated[i] = (positive[i] / k_plus[i] + negative[i] / k_minus[i]) - bias * ts;
+            signs |= k_plus[i];
             sum += (k_plus[i] - k_minus[i]) + (head[i] + board[i]);
         }
         (indicated, Check { signs, sum })

@@ -451,6 +451,25 @@ fn telemetry_is_checked_under_constants_too() {
     }
 }
 
+/// A polynomial is checked to rounding: this K+ is at least 1 for the check, and -16 at the end of its range.
+#[test]
+fn a_scale_factor_that_rounds_to_the_wrong_sign_keeps_the_sign_of_zero() {
+    let text = include_str!("../../examples/tables/imu-paper.toml");
+    let mut content = CoefficientTable::from_toml(text, None).unwrap().content().clone();
+    let range = [14.0, 18_014_398_509_482_024.0];
+    for axis in &mut content.axes {
+        axis.bias = Polynomial::new(&[-0.0], 0.0, 1.0, [-1.0, 1.0]).unwrap();
+        axis.positive_scale_factor = Polynomial::new(&[126_100_789_566_374_160.0, -7.0], 0.0, 1.0, range).unwrap();
+        axis.negative_scale_factor = Polynomial::new(&[-1000.0], 0.0, 1.0, range).unwrap();
+    }
+    assert_eq!(content.axes[0].positive_scale_factor.at(range[1]), -16.0);
+    let table = CoefficientTable::new(content).unwrap();
+    let accelerometers =
+        Triad { head_temperature: [-0.5; AXES], board_temperature: [range[1]; AXES], ..Triad::default() };
+    let raw = RawSample { interval_ns: 1_000_000_000, accelerometers, ..RawSample::default() };
+    assert_eq!(answer(Some(&table), &raw).velocity_increment.map(f64::to_bits), [0; AXES]);
+}
+
 /// A scale factor of the wrong sign, as an extrapolation can give, makes the indicated input of no pulses -0. The increment is
 /// -0 - (-0) = 0 then: a bias without a transient term adds nothing, not even +0.
 #[test]
