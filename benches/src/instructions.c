@@ -1,21 +1,11 @@
 /* The acquisition of the bench `instructions`: sends samples one by one, and receives each answer when it is certainly there. */
 #define _POSIX_C_SOURCE 200809L
-#include <isotherm.h>
+#include "at_rest.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
 #define TIMEOUT_NS 20000000000ull
-
-#define TELEMETRY \
-    .head_temperature = {2.4, 2.41, 2.42}, .board_temperature = {2.5, 2.51, 2.52}, .head_lagged = {2.38, 2.39, 2.4}
-
-static const isotherm_raw_sample at_rest = {
-    .interval_ns = 2500000,
-    .lag_ns = 240000000000,
-    .accelerometers = {.positive_pulses = {140, 0, 150}, .negative_pulses = {0, 110, 0}, TELEMETRY},
-    .gyroscopes = {.positive_pulses = {20, 0, 3}, .negative_pulses = {0, 17, 4}, TELEMETRY},
-};
 
 int main(int count, char **words)
 {
@@ -38,11 +28,14 @@ int main(int count, char **words)
         sample->sequence = sequence;
         if (isotherm_send(acquisition, sample) != ISOTHERM_OK)
             break;
-        /* When the reader has it, the service has sent it, or is just sending it, to all. */
+        /* When the reader has it, the service has sent it, or is just sending it, to all: one receive is enough, or nearly always. */
         if (isotherm_reader_receive_timeout(reader, TIMEOUT_NS, &increment) != ISOTHERM_OK)
             break;
-        nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
-        if (isotherm_receive(acquisition, &increment) != ISOTHERM_OK)
+        isotherm_code code;
+        do
+            nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+        while ((code = isotherm_receive(acquisition, &increment)) == ISOTHERM_NONE);
+        if (code != ISOTHERM_OK)
             break;
         if (left == 1) {
             isotherm_reader_close(reader);

@@ -16,5 +16,6 @@ with isotherm.Acquisition(imu, timeout=20.0) as acquisition, isotherm.IncrementR
         acquisition.send(sample)
         # When the reader has it, the service has sent it, or is just sending it, to all.
         assert reader.receive(timeout=20.0) is not None
-        time.sleep(0.02)
-        assert acquisition.receive() is not None
+        time.sleep(0.001)
+        while acquisition.receive() is None:
+            time.sleep(0.001)

@@ -129,13 +129,40 @@ impl BenchDomain {
         self.serve_by(None, settings)
     }
 
+    /// Writes `table.toml` and `service.toml` for [`IMU`], as for [`serve`](Self::serve).
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn configure(&self, settings: &str) -> BenchResult<()> {
+        fs::write(self.path("table.toml"), TABLE)?;
+        let service = format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n{settings}");
+        Ok(fs::write(self.path("service.toml"), service)?)
+    }
+
+    /// Compiles a C program of this crate with `cc` against the shared library in the folder `libraries`. Returns its path.
+    ///
+    /// # Errors
+    /// If there is no library, or `cc` cannot compile it.
+    pub fn compiled(&self, source: &str, libraries: &Path) -> BenchResult<PathBuf> {
+        const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
+        let (program, folder) = (self.path("acquisition"), libraries.display());
+        if !libraries.join("libisotherm_client.so.0").exists() {
+            return Err(format!("{folder} has no libisotherm_client.so; `cargo build [--release]` makes it").into());
+        }
+        let mut compiler = Command::new("cc");
+        compiler.args(["-std=c11", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]);
+        compiler.arg(format!("-I{FOLDER}/../client/include")).arg(format!("{FOLDER}/src/{source}"));
+        compiler.arg(format!("-L{folder}")).arg(format!("-Wl,-rpath,{folder}")).arg("-lisotherm_client");
+        let status = compiler.arg("-o").arg(&program).status()?;
+        if status.success() { Ok(program) } else { Err(format!("cc cannot compile {source}").into()) }
+    }
+
     /// As [`serve`](Self::serve), with another program if one is given. It must have the command `serve`.
     ///
     /// # Errors
     /// As [`serve`](Self::serve).
     pub fn serve_by(&self, program: Option<&Path>, settings: &str) -> BenchResult<BenchProcess> {
-        fs::write(self.path("table.toml"), TABLE)?;
-        fs::write(self.path("service.toml"), format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n{settings}"))?;
+        self.configure(settings)?;
         let own = std::env::current_exe()?;
         self.spawn_program(program.unwrap_or(&own), &["serve", "--config", "service.toml"])
     }

@@ -1,6 +1,6 @@
 /* The acquisition in C of the bench `languages`. The header of bin/languages.rs describes the protocol. */
 #define _POSIX_C_SOURCE 200809L
-#include <isotherm.h>
+#include "at_rest.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,16 +14,6 @@ static uint64_t now(void)
     clock_gettime(CLOCK_MONOTONIC, &time);
     return (uint64_t)time.tv_sec * 1000000000u + (uint64_t)time.tv_nsec;
 }
-
-#define TELEMETRY \
-    .head_temperature = {2.4, 2.41, 2.42}, .board_temperature = {2.5, 2.51, 2.52}, .head_lagged = {2.38, 2.39, 2.4}
-
-static const isotherm_raw_sample at_rest = {
-    .interval_ns = 2500000,
-    .lag_ns = 240000000000,
-    .accelerometers = {.positive_pulses = {140, 0, 150}, .negative_pulses = {0, 110, 0}, TELEMETRY},
-    .gyroscopes = {.positive_pulses = {20, 0, 3}, .negative_pulses = {0, 17, 4}, TELEMETRY},
-};
 
 /* The duration of one round trip [ns]; 0 if it failed. */
 static uint64_t round_trip(isotherm_acquisition *acquisition)

@@ -13,11 +13,11 @@
 #![allow(clippy::print_stdout, reason = "the table is the product")]
 
 use clap::Parser;
-use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, IMU, TABLE};
+use isotherm_benches::{BenchDomain, BenchProcess, BenchResult, IMU};
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 use std::time::Duration;
 
 const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
@@ -135,10 +135,11 @@ impl Count {
             Program::Python => calls(&profiles.python, function),
         };
         let ((few, little), (many, much)) = (profile(shorter), profile(longer));
-        if many - few < longer.samples - shorter.samples {
-            return Err(format!("{name}: {} calls of {function} in {} samples", many - few, longer.samples).into());
+        let (more, samples) = (many.saturating_sub(few), longer.samples - shorter.samples);
+        if more < samples {
+            return Err(format!("{name}: {more} calls of {function} in {samples} samples").into());
         }
-        Ok((much - little) as f64 / (many - few) as f64)
+        Ok(much.saturating_sub(little) as f64 / more as f64)
     }
 }
 
@@ -146,11 +147,9 @@ impl Count {
 fn run(folder: &Path, samples: u64, python: Option<&Path>) -> BenchResult<Profiles> {
     let folder = fs::canonicalize(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let domain = BenchDomain::new()?;
-    let acquisition = compiled(&domain, &folder)?;
-    fs::write(domain.path("table.toml"), TABLE)?;
+    let acquisition = domain.compiled("instructions.c", &folder)?;
     // A worker that blocks has no rehearsals, whose number would depend on the time.
-    let config = format!("[[imu]]\nid = \"{IMU}\"\ntable = \"table.toml\"\n[wait]\nstrategy = \"block\"\n");
-    fs::write(domain.path("service.toml"), config)?;
+    domain.configure("[wait]\nstrategy = \"block\"\n")?;
     let count = samples.to_string();
     let mut daemon = start(&domain, "daemon", &folder.join("isothermd"), &["serve", "--config", "service.toml"])?;
     ends(&mut start(&domain, "acquisition", &acquisition, &[IMU, &count])?, &domain)?;
@@ -204,15 +203,4 @@ fn is(name: &str, function: &str) -> bool {
         .rfind(function)
         .map(|at| (name[..at].is_empty() || name[..at].ends_with("::"), &name[at + function.len()..]));
     end.is_some_and(|(begins, rest)| begins && (rest.is_empty() || rest.starts_with("::h")))
-}
-
-/// Compiles the acquisition against the library of a folder. Returns the path of its program.
-fn compiled(domain: &BenchDomain, libraries: &Path) -> BenchResult<PathBuf> {
-    let (program, libraries) = (domain.path("acquisition"), libraries.display());
-    let mut compiler = Command::new("cc");
-    compiler.args(["-std=c11", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]);
-    compiler.arg(format!("-I{FOLDER}/../client/include")).arg(format!("{FOLDER}/src/instructions.c"));
-    compiler.arg(format!("-L{libraries}")).arg(format!("-Wl,-rpath,{libraries}")).arg("-lisotherm_client");
-    let status = compiler.arg("-o").arg(&program).status()?;
-    if status.success() { Ok(program) } else { Err("cc cannot compile instructions.c".into()) }
 }

@@ -108,7 +108,7 @@ fn bench(arguments: &LanguagesArguments) -> BenchResult<()> {
     let mut languages = vec![
         language("rust", own.clone()),
         language("rust_again", own.clone()),
-        language("c", compiled(&folder, &own)?),
+        language("c", folder.compiled("round_trip.c", own.parent().ok_or("this program is in no folder")?)?),
     ];
     if let Some(python) = &arguments.python {
         let script = Some(Path::new(FOLDER).join("src/round_trip.py"));
@@ -145,25 +145,6 @@ fn bench(arguments: &LanguagesArguments) -> BenchResult<()> {
     }
     print(&languages, &series, rounds);
     Ok(())
-}
-
-/// Compiles the acquisition in C. Returns the path of its program.
-fn compiled(folder: &BenchDomain, own: &Path) -> BenchResult<PathBuf> {
-    let libraries = own.parent().ok_or("this program is in no folder")?;
-    if !libraries.join("libisotherm_client.so.0").exists() {
-        return Err(format!(
-            "{} has no libisotherm_client.so; `cargo build [--release]` makes it",
-            libraries.display()
-        )
-        .into());
-    }
-    let (program, libraries) = (folder.path("round_trip"), libraries.display());
-    let mut compiler = Command::new("cc");
-    compiler.args(["-std=c11", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]);
-    compiler.arg(format!("-I{FOLDER}/../client/include")).arg(format!("{FOLDER}/src/round_trip.c"));
-    compiler.arg(format!("-L{libraries}")).arg(format!("-Wl,-rpath,{libraries}")).arg("-lisotherm_client");
-    let status = compiler.arg("-o").arg(&program).status()?;
-    if status.success() { Ok(program) } else { Err("cc cannot compile round_trip.c".into()) }
 }
 
 /// The process of an acquisition. It waits for the next `go N`.
