@@ -6,13 +6,13 @@
 //! wrong local gravity, an angle that every turn misses) is not in it; where a warning shows one, the line says that it is left out.
 
 use crate::calibrate::Calibration;
-use crate::campaign::range;
 use crate::checks::{Finding, name};
-use crate::curve::{CONFIDENCE, Curve, student_quantile};
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::triad::{CalibratedTriad, TriadUnits};
 use core::fmt;
+use isotherm_campaign::campaign::range;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::{CONFIDENCE, Curve, student_quantile};
 
 /// The intervals are evaluated at the ends of this many equal steps over the range.
 const STEPS: u32 = 64;
@@ -84,7 +84,8 @@ impl Accuracy {
         Some(Self::of_triad(calibration, &CalibratedTriad::gyroscopes(calibration, found)))
     }
 
-    pub(crate) fn of_triad(calibration: &Calibration, triad: &CalibratedTriad<'_>) -> Self {
+    /// The accuracy of one triad of `calibration`.
+    pub fn of_triad(calibration: &Calibration, triad: &CalibratedTriad<'_>) -> Self {
         let half_width =
             |axis: usize, quantity: usize, relative| largest_interval(&triad.curves[axis][quantity], relative);
         let scale_factor = |axis: usize| Some(half_width(axis, 1, true)?.max(half_width(axis, 2, true)?));

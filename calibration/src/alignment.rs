@@ -36,7 +36,7 @@ impl AlignmentChoice {
     }
 
     /// The alignment matrix, inverse of the misalignment matrix: indicated = M * specific force.
-    pub(crate) fn matrix(self, solution: &Solution) -> Option<Matrix3<f64>> {
+    pub fn matrix(self, solution: &Solution) -> Option<Matrix3<f64>> {
         let wanted = match self {
             Self::IfNeeded => is_needed(solution),
             Self::With => true,

@@ -3,30 +3,30 @@
 //! Over 400 lines: the steps in their order, with the errors that each can end in.
 
 use crate::alignment::{AlignmentChoice, is_needed, misalignment};
-use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::{Finding, RunNumber, SetPoint, Severity, check, name, set_points};
-use crate::curve::Curve;
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::gyroscopes::result::GyroscopeCalibration;
 use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_point_values, solve};
-use crate::order::{BIAS_EFFECT, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT};
-use crate::positions::{Observability, Position, specific_force};
 use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
 use crate::reduce::{Reduced, reduce};
-use crate::regression::RegressionError;
 use crate::transients::{LagChoice, Transients, TransientsError};
+use isotherm_campaign::campaign::{Campaign, Dwell, range};
+use isotherm_campaign::positions::{Observability, Position, specific_force};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::Curve;
+use isotherm_statistics::order::{BIAS_EFFECT, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT};
+use isotherm_statistics::regression::RegressionError;
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
 /// Most findings that are listed without being asked for.
 const SHOWN: usize = 10;
 /// Highest order that is considered if none is requested.
-pub(crate) const MAX_AUTO_ORDER: usize = 6;
+pub const MAX_AUTO_ORDER: usize = 6;
 
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -321,7 +321,7 @@ fn lines(
 }
 
 /// Turns accepted faults into warnings, and adds their names to `accepted`. With `strict` every warning was a fault before.
-pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
+pub fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
     for finding in findings.iter_mut() {
         if (finding.severity == Severity::Fault || options.strict) && options.accept.contains(&finding.name) {
             finding.severity = Severity::Warning;
@@ -335,7 +335,7 @@ pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, acc
 
 /// The findings as the options judge them: accepted faults are warnings, and with `strict` every other warning is a fault. Adds the names of
 /// those that are accepted to `accepted`; an error if a fault is left.
-pub(crate) fn admit(
+pub fn admit(
     mut findings: Vec<Finding>,
     options: &CalibrationOptions,
     accepted: &mut Vec<&'static str>,
@@ -354,7 +354,7 @@ pub(crate) fn admit(
 }
 
 /// Whether one of the findings is a fault.
-pub(crate) fn any_fault(findings: &[Finding]) -> bool {
+pub fn any_fault(findings: &[Finding]) -> bool {
     findings.iter().any(|finding| finding.severity == Severity::Fault)
 }
 
@@ -568,7 +568,7 @@ fn two_stage(
 }
 
 /// The table of the curves A, K+ and K- of each axis, with what the campaign gives it unchanged.
-pub(crate) fn table_of(
+pub fn table_of(
     campaign: &Campaign,
     curves: [&[Curve; 3]; AXES],
     alignment: Option<Matrix3<f64>>,

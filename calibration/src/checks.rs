@@ -6,15 +6,15 @@
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
 pub mod name;
-pub(crate) mod scale;
-pub(crate) mod time;
+pub mod scale;
+pub mod time;
 
-use crate::campaign::{Block, Campaign, Dwell, range};
-use crate::diagnostics::{median, robust_sd};
 use crate::reduce::reduce;
 use core::fmt;
+use isotherm_campaign::campaign::{Block, Campaign, Dwell, range};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::diagnostics::{median, robust_sd};
 
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.

@@ -20,9 +20,9 @@
 
 mod words;
 
-use crate::campaign::{Campaign, Dwell};
 use crate::checks::{Finding, RunNumber, SetPoint, Severity, name};
-use crate::positions::{Observability, PARAMETERS, Position, specific_force};
+use isotherm_campaign::campaign::{Campaign, Dwell};
+use isotherm_campaign::positions::{Observability, PARAMETERS, Position, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};

@@ -11,7 +11,6 @@
 mod checks;
 mod choice;
 pub mod dilution;
-pub mod lengths;
 mod model;
 mod provenance;
 pub mod reading;
@@ -21,19 +20,20 @@ pub use model::Unknowns;
 pub use provenance::sealed_table;
 
 use crate::calibrate::table_of;
-use crate::campaign::{Campaign, implausible, range};
-use crate::curve::Curve;
-use crate::diagnostics::median;
-use crate::standstill::{self, StandstillError};
 use checks::{
     kelvin, outliers, refuse_interval, refuse_offset, refuse_other_device, refuse_silent, refuse_twice, turned,
 };
 use choice::Chosen;
 use dilution::Dilution;
+use isotherm_campaign::campaign::{Campaign, implausible, range};
+use isotherm_campaign::standstill;
+use isotherm_campaign::standstill::StandstillError;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::{CampaignRow, Continuity, Losses, RecordingError};
 use isotherm_shared::table::{CoefficientTable, Refusal};
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_statistics::curve::Curve;
+use isotherm_statistics::diagnostics::median;
 use nalgebra::{Matrix3, Vector3};
 use reading::Reading;
 
@@ -393,7 +393,7 @@ fn table_ranges(
 }
 
 /// The standard error of a specific force's length \[g0\], from those of its net rates \[pulse/s\].
-fn error_of_length(force: &Vector3<f64>, errors: [f64; AXES], scale_factor: impl Fn(usize) -> f64) -> f64 {
+pub fn error_of_length(force: &Vector3<f64>, errors: [f64; AXES], scale_factor: impl Fn(usize) -> f64) -> f64 {
     let part = |axis: usize| force[axis] / force.norm() * errors[axis] / scale_factor(axis);
     (0..AXES).map(|axis| part(axis).powi(2)).sum::<f64>().sqrt()
 }
@@ -401,7 +401,7 @@ fn error_of_length(force: &Vector3<f64>, errors: [f64; AXES], scale_factor: impl
 /// The standard errors of the net rates of each standstill \[pulse/s\]. The rows of a counter that keeps what is left over vary, but their sum does
 /// not: over n rows, noise w of each row and what is left over q give the mean a variance of (w + q/n)/n. Half the difference between the halves has
 /// (w + 3 q/n)/n, and a row w + q. The median over the standstills, because the IMU may have turned in some.
-fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
+pub fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
     let parts = [0, 1, 2].map(|axis| {
         let of_halves = |reading: &Reading| {
             let [first, last] = reading.halves;

@@ -19,7 +19,6 @@ pub mod observability;
 mod quality;
 pub mod result;
 pub mod runs;
-pub mod turn;
 
 pub use result::{GyroscopeCalibration, is_alignment_needed};
 pub use runs::{FittedRun, Measurements, OtherDevice, Place, read};
@@ -29,20 +28,20 @@ use crate::calibrate::{
     Calibration, CalibrationError, CalibrationOptions, MAX_AUTO_ORDER, Method, admit,
     calibrate as calibrate_accelerometers, observable as accelerometers_observable,
 };
-use crate::campaign::{Campaign, Dwell, range};
 use crate::checks::scale::unlike_scale_factors;
 use crate::checks::{Finding, Severity, name};
-use crate::curve::Curve;
 use crate::noise;
 use crate::one_stage::{OneStageError, SetPointValues};
-use crate::order::{OrderTable, QUANTITIES, Rule};
 use crate::ramps::{add_transients, refuse_options};
 use earth::{EarthCheck, LeftOver};
 use fit::{GyroscopeCurves, ReducedSetPoint, Run, RunTurn, TriadSolution, corrected_values, reduce, solve};
+use isotherm_campaign::campaign::{Campaign, Dwell, range};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, GYROSCOPE_NAMES, Gyroscopes, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::Curve;
+use isotherm_statistics::order::{OrderTable, QUANTITIES, Rule};
 use nalgebra::{DVector, Matrix3, Vector3};
 use observability::TriadObservability;
 use runs::{GyroscopeRuns, TurnRun};

@@ -26,12 +26,13 @@
 //!
 //! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
-use crate::campaign::{Campaign, Dwell};
 use crate::checks::SetPoint;
-use crate::curve::{Curve, student_quantile};
-use crate::least_squares::{self, LeastSquares};
-use crate::positions::PARAMETERS;
+use isotherm_campaign::campaign::{Campaign, Dwell};
+use isotherm_campaign::positions::PARAMETERS;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::{Curve, student_quantile};
+use isotherm_statistics::least_squares;
+use isotherm_statistics::least_squares::LeastSquares;
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.
@@ -129,7 +130,7 @@ pub fn solve(
 
 /// A solution without a fit: only the residuals are computed. `misalignment(axis, k)` gives each misalignment with its
 /// standard error.
-pub(crate) fn fixed_solution(
+pub fn fixed_solution(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],

@@ -11,14 +11,14 @@ pub use origin::{CurveErrors, Origin, TableFile};
 
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::calibrate::Calibration;
-use crate::campaign::Campaign;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::earth::{EarthCheck, LeftOver};
-use crate::order::QUANTITIES;
 use crate::ramps::RampCalibration;
 use crate::triad::{CalibratedTriad, beside_diagonal};
+use isotherm_campaign::campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::order::QUANTITIES;
 use nalgebra::Matrix3;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
@@ -75,7 +75,8 @@ pub fn sealed_ramp_table(
     sealed(campaign, &calibration.table, transients::of_ramps(campaign, calibration, source))
 }
 
-pub(crate) fn sealed(
+/// The text of `table` with digest and `provenance`, read back.
+pub fn sealed(
     campaign: &Campaign,
     table: &CoefficientTable,
     provenance: Result<String, toml::ser::Error>,
@@ -291,7 +292,7 @@ struct GyroscopeSetPointRecord {
 }
 
 /// The rows of a matrix.
-pub(crate) fn matrix_rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+pub fn matrix_rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
 }
 

@@ -1,14 +1,14 @@
 //! The quality of a calibration beyond its standard errors: level errors, lack of fit, outlying dwells.
 
-use crate::campaign::{Campaign, Dwell};
 use crate::checks::{Finding, SetPoint, Severity, name};
-use crate::diagnostics::{median, robust_sd};
 use crate::one_stage::{Solution, solve};
-use crate::order::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
-use crate::positions::{SAME_DIRECTION, other_zero};
 use crate::reduce::Reduced;
+use isotherm_campaign::campaign::{Campaign, Dwell};
+use isotherm_campaign::positions::{SAME_DIRECTION, other_zero};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::diagnostics::{median, robust_sd};
+use isotherm_statistics::order::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
 use nalgebra::{DMatrix, DVector};
 
 /// Limit of a dwell's residual, in robust standard deviations of the residuals; a dwell over it is an outlier.

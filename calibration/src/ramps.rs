@@ -8,10 +8,10 @@
 
 use crate::alignment::AlignmentChoice;
 use crate::calibrate::{Calibration, CalibrationError, CalibrationOptions, Method, admit};
-use crate::campaign::Campaign;
 use crate::checks::scale::unlike_scale_factors;
 use crate::checks::{Finding, Severity, name};
 use crate::transients::{CurveSource, LagChoice, RampRecording, TransientOptions, Transients, TransientsError, fit};
+use isotherm_campaign::campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::device;
@@ -165,7 +165,7 @@ pub fn calibrate(
 }
 
 /// Writes what the ramps beside the positions show into the table of a calibration.
-pub(crate) fn add_transients(
+pub fn add_transients(
     campaign: &Campaign,
     calibration: &mut Calibration,
     ramps: &[RampRecording],
@@ -189,7 +189,7 @@ pub(crate) fn add_transients(
 
 /// # Errors
 /// If an option is for ramps and there are none, or for positions and there are ramps alone.
-pub(crate) fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
+pub fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
     let message = if campaign.ramps.is_empty() && options.lag != LagChoice::Search {
         "a time constant of the lag is for ramps, and the campaign file has none; give [[ramp]], or leave the time constant out"
     } else if campaign.has_ramps_alone()

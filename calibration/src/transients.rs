@@ -32,13 +32,13 @@ mod search;
 pub use recording::RampRecording;
 pub use result::{BiasTransient, Condition, Prediction, TimeConstant, TransientVerdict, Transients};
 
-use crate::hysteresis::LoopPoint;
 use blocks::{Bias, Column, Ramps};
 use equations::Coefficients;
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
+use isotherm_statistics::hysteresis::LoopPoint;
 use search::{Grid, total};
 
 /// Residuals are shown, and sweeps judged, after this many time constants since a recording began: the start may not have been soaked.

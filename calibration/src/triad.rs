@@ -3,17 +3,17 @@
 
 use crate::calibrate::Calibration;
 use crate::checks::Finding;
-use crate::curve::{CONFIDENCE, Curve};
 use crate::gyroscopes::GyroscopeCalibration;
-use crate::order::OrderTable;
-use crate::positions::PARAMETERS;
+use isotherm_campaign::positions::PARAMETERS;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::{CONFIDENCE, Curve};
+use isotherm_statistics::order::OrderTable;
 
 /// What the figures of a triad are shown in.
 #[derive(Debug)]
-pub(crate) struct TriadUnits {
+pub struct TriadUnits {
     /// One of its sensors.
     pub sensor: &'static str,
     /// Unit of the bias in the table and in texts.
@@ -64,7 +64,7 @@ const GYROSCOPES: TriadUnits = TriadUnits {
 
 impl TriadUnits {
     /// Those of a kind of sensors.
-    pub(crate) const fn of(kind: SensorKind) -> &'static Self {
+    pub const fn of(kind: SensorKind) -> &'static Self {
         match kind {
             SensorKind::Accelerometer => &ACCELEROMETERS,
             SensorKind::Gyroscope => &GYROSCOPES,
@@ -72,29 +72,29 @@ impl TriadUnits {
     }
 
     /// Unit of a quantity in the table: of the bias, then of K+ and K-.
-    pub(crate) const fn in_table(&self, quantity: usize) -> &'static str {
+    pub const fn in_table(&self, quantity: usize) -> &'static str {
         if quantity == 0 { self.bias } else { self.scale_factor }
     }
 
     /// Unit of a quantity in the fit.
-    pub(crate) const fn in_fit(&self, quantity: usize) -> &'static str {
+    pub const fn in_fit(&self, quantity: usize) -> &'static str {
         if quantity == 0 { self.fitted_bias } else { self.scale_factor }
     }
 
     /// Unit of a quantity on a page.
-    pub(crate) const fn on_page(&self, quantity: usize) -> &'static str {
+    pub const fn on_page(&self, quantity: usize) -> &'static str {
         if quantity == 0 { self.bias_on_page } else { self.scale_factor_on_page }
     }
 
     /// Factor from a value of the fit to the units of the table and of a page.
-    pub(crate) const fn factor(&self, quantity: usize) -> f64 {
+    pub const fn factor(&self, quantity: usize) -> f64 {
         if quantity == 0 { self.bias_factor } else { 1.0 }
     }
 }
 
 /// A sensor at one set point, reduced by itself.
 #[derive(Debug)]
-pub(crate) struct ReducedSensor<'a> {
+pub struct ReducedSensor<'a> {
     /// Effective telemetry of bias, K+ and K-.
     pub telemetry: [f64; 3],
     /// Bias, K+, K-, the misalignments \[rad\], and whatever comes after them.
@@ -107,9 +107,10 @@ pub(crate) struct ReducedSensor<'a> {
 
 /// A triad of a calibration.
 #[derive(Debug)]
-pub(crate) struct CalibratedTriad<'a> {
+pub struct CalibratedTriad<'a> {
     /// Its sensors.
     pub names: [&'static str; AXES],
+    /// How its quantities are shown.
     pub units: &'static TriadUnits,
     /// Bias, K+ and K- of each sensor.
     pub curves: [&'a [Curve; 3]; AXES],
@@ -131,12 +132,13 @@ pub(crate) struct CalibratedTriad<'a> {
 
 impl<'a> CalibratedTriad<'a> {
     /// The triads of a calibration: the accelerometers, and the gyroscopes if there are any.
-    pub(crate) fn all(calibration: &'a Calibration) -> impl Iterator<Item = Self> {
+    pub fn all(calibration: &'a Calibration) -> impl Iterator<Item = Self> {
         let gyroscopes = calibration.gyroscopes.as_ref().map(|found| Self::gyroscopes(calibration, found));
         core::iter::once(Self::accelerometers(calibration)).chain(gyroscopes)
     }
 
-    pub(crate) fn accelerometers(calibration: &'a Calibration) -> Self {
+    /// The accelerometers of a calibration.
+    pub fn accelerometers(calibration: &'a Calibration) -> Self {
         let axes = &calibration.solution.axes;
         let all = calibration.findings.len();
         let first_of_gyroscopes = calibration.gyroscopes.as_ref().map_or(all, |found| found.first_finding);
@@ -165,7 +167,8 @@ impl<'a> CalibratedTriad<'a> {
         }
     }
 
-    pub(crate) fn gyroscopes(calibration: &'a Calibration, found: &'a GyroscopeCalibration) -> Self {
+    /// The gyroscopes of a calibration.
+    pub fn gyroscopes(calibration: &'a Calibration, found: &'a GyroscopeCalibration) -> Self {
         let axes = &found.solution.gyroscopes;
         let set_points = calibration.set_points.iter().zip(&found.reduced);
         let reduced = set_points.map(|(stay, sensors)| {
@@ -193,7 +196,7 @@ impl<'a> CalibratedTriad<'a> {
 }
 
 /// The matrix with these values beside the diagonal: row i has the value onto the next axis and the one onto the axis after it.
-pub(crate) fn beside_diagonal(diagonal: f64, pairs: [[f64; 2]; AXES]) -> [[f64; AXES]; AXES] {
+pub fn beside_diagonal(diagonal: f64, pairs: [[f64; 2]; AXES]) -> [[f64; AXES]; AXES] {
     let mut rows = [[diagonal; AXES]; AXES];
     for (axis, pair) in pairs.into_iter().enumerate() {
         for (k, value) in pair.into_iter().enumerate() {

@@ -441,7 +441,10 @@ fn json_is_one_document_also_of_a_failure() {
 #[test]
 fn regress_writes_what_scripts_rely_on() {
     let folder = folder();
-    let set: Value = serde_json::from_str(&fs::read_to_string(format!("{DATA}/nist/Filip.json")).unwrap()).unwrap();
+    let set: Value = serde_json::from_str(
+        &fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../statistics/tests/data/nist/Filip.json")).unwrap(),
+    )
+    .unwrap();
     let column = |name: &str| set["text"][name].as_array().unwrap().iter().map(|v| v.as_str().unwrap());
     let rows: String = column("x").zip(column("y")).map(|(x, y)| format!("{y},{x},2\n")).collect();
     fs::write(folder.path().join("filip.csv"), format!("y,x,w\n{rows}")).unwrap();

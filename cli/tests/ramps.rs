@@ -206,7 +206,7 @@ fn thermal_run() -> String {
     const NOISE: [f64; 6] = [8e-5, 8e-5, 8e-5, 8.0, 8.0, 8.0];
     // Pulses a second of 1 g0 and of 1 deg/h.
     const RATES: [f64; 6] = [1e6, 1e6, 1e6, 500.0, 500.0, 500.0];
-    let mut random = isotherm_calibration::simulate::RandomGenerator::new(7, 0);
+    let mut random = isotherm_simulation::RandomGenerator::new(7, 0);
     let mut text = "sequence,timestamp_ns,interval_ns".to_owned();
     for sensor in ["a1", "a2", "a3", "g1", "g2", "g3"] {
         let _ = write!(text, ",{sensor}_positive,{sensor}_negative,{sensor}_head,{sensor}_board");

@@ -2,14 +2,14 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_calibration::calibrate::CalibrationOptions;
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gyroscopes;
-use isotherm_calibration::positions::laboratory_axes;
-use isotherm_calibration::simulate::worst_gyroscope_errors;
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::positions::laboratory_axes;
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::ARCSEC;
+use isotherm_simulation::worst_gyroscope_errors;
 use std::fs::{self, File};
 use std::path::Path;
 use std::process::Command;

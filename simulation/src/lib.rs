@@ -18,17 +18,20 @@
 //!
 //! [`CoefficientTable`]: isotherm_shared::table::CoefficientTable
 
+mod campaign;
 mod chain;
 mod chamber;
-pub mod geometry;
 mod hysteresis;
 mod imu;
 mod model;
 mod motion;
+mod ramp;
 mod random;
+mod run;
 mod triad;
 mod turntable;
 
+pub use campaign::{CampaignSchedule, SimulatedCampaign, SimulatedRow, TurnSchedule, campaign, campaign_toml};
 pub use chain::{Chain, Noise, is_zero};
 pub use chamber::SimulatedChamber;
 pub use hysteresis::Play;
@@ -38,6 +41,11 @@ pub use model::{
     worst_gyroscope_errors,
 };
 pub use motion::InertialMotion;
+pub use ramp::{RampSchedule, ramp, ramp_seed, ramps_toml};
 pub use random::RandomGenerator;
+pub use run::{RunSamples, RunSchedule, run};
 pub use triad::{SimulatedGyroscopes, SimulatedTriad};
 pub use turntable::{SimulatedTurntable, specific_force};
+
+#[cfg(test)]
+mod schedule_tests;

@@ -3,7 +3,7 @@
 use super::chain::Chain;
 use super::hysteresis::Play;
 use super::random::RandomGenerator;
-use crate::geometry::{horizontal, vertical};
+use isotherm_campaign::geometry::{horizontal, vertical};
 use isotherm_shared::polynomial::{Polynomial, Side};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, Refusal};
 use isotherm_shared::units::{BiasUnit, SensorKind};

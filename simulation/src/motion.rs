@@ -13,7 +13,7 @@
 
 use super::model::Truth;
 use super::turntable::specific_force;
-use crate::geometry::{laboratory_axes, outer_axis};
+use isotherm_campaign::geometry::{laboratory_axes, outer_axis};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
 
@@ -100,8 +100,8 @@ fn earth_rate(truth: &Truth, [outer, inner]: [f64; 2]) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::EARTH_RATE;
     use crate::{MISALIGNMENT, SimulatedTurntable, TILT_RAD};
+    use isotherm_campaign::geometry::EARTH_RATE;
     use isotherm_shared::table::CoefficientTable;
 
     fn truth() -> Truth {

@@ -18,8 +18,8 @@
 //! ```
 
 use super::model::Truth;
-use crate::geometry::laboratory_axes;
 use core::f64::consts::TAU;
+use isotherm_campaign::geometry::laboratory_axes;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 

@@ -5,10 +5,10 @@
 
 use isotherm_benches::BenchResult;
 use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::{Campaign, read};
-use isotherm_calibration::simulate::{CampaignSchedule, Truth, campaign, campaign_toml};
+use isotherm_campaign::campaign::{Campaign, read};
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, BufWriter};
 use std::path::Path;

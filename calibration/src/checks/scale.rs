@@ -1,9 +1,9 @@
 //! The checks of scale: telemetry against the set points, scale factors against each other.
 
 use super::{Checker, Column, Finding, Severity, name};
-use crate::diagnostics::median;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::diagnostics::median;
 
 /// Telemetry in degC or K does not rise faster than this with the chamber \[degC/degC\]. Fahrenheit has 1.8.
 const STEEP: f64 = 1.5;
@@ -133,7 +133,7 @@ impl Checker<'_> {
 }
 
 /// Scale factors of a table that a lost digit may have made.
-pub(crate) fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
+pub fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
     let unlike = table.content().unlike_scale_factors().into_iter();
     unlike.map(|message| Finding::whole(Severity::Warning, name::AXES_DIFFER, message)).collect()
 }
@@ -170,7 +170,7 @@ fn list(columns: &[String]) -> String {
 }
 
 fn span(means: &[(f64, f64)]) -> f64 {
-    let [low, high] = crate::campaign::range(means.iter().map(|(set_point, _)| [*set_point; 2]));
+    let [low, high] = isotherm_campaign::campaign::range(means.iter().map(|(set_point, _)| [*set_point; 2]));
     high - low
 }
 

@@ -2,7 +2,7 @@
 
 use super::{EXPLAINS, Hypothesis, PositionMistake, Trials};
 use crate::checks::name;
-use crate::positions::{Position, SAME_DIRECTION, specific_force};
+use isotherm_campaign::positions::{Position, SAME_DIRECTION, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};

@@ -3,12 +3,12 @@
 use super::model::{Ellipsoid, GravityFit, ellipsoid};
 use super::reading::Reading;
 use super::{GravityOnlyError, TumbleRecording};
-use crate::campaign::Campaign;
 use crate::checks::time::CLOCK_TOLERANCE;
-use crate::curve::student_quantile;
-use crate::diagnostics::median;
+use isotherm_campaign::campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
+use isotherm_statistics::curve::student_quantile;
+use isotherm_statistics::diagnostics::median;
 use nalgebra::Vector3;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].

@@ -4,11 +4,11 @@ use super::GravityOnlyError;
 use super::dilution::{Dilution, MOST, WARNED};
 use super::model::{GravityFit, GravityModel, Unknowns};
 use super::reading::Reading;
-use crate::order::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
-use crate::regression::f_tail;
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::order::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
+use isotherm_statistics::regression::f_tail;
 
 /// Highest order that is considered if none is requested.
 const MAX_AUTO_ORDER: usize = 3;

@@ -8,10 +8,11 @@
 //! factors relative to those of the start, misalignments in rad.
 
 use super::reading::Reading;
-use crate::campaign::range;
-use crate::curve::Curve;
-use crate::least_squares::{self, LeastSquares};
+use isotherm_campaign::campaign::range;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::Curve;
+use isotherm_statistics::least_squares;
+use isotherm_statistics::least_squares::LeastSquares;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Most steps of the fit; ten are usual.

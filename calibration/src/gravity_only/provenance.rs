@@ -2,10 +2,10 @@
 
 use super::GravityOnlyCalibration;
 use crate::accuracy::largest_interval;
-use crate::campaign::Campaign;
-use crate::order::QUANTITIES;
 use crate::provenance::{CampaignSource, matrix_rows, sealed};
+use isotherm_campaign::campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY};
+use isotherm_statistics::order::QUANTITIES;
 use serde::Serialize;
 
 #[derive(Serialize)]

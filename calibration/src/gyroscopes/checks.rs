@@ -2,12 +2,12 @@
 
 use super::Data;
 use super::runs::{AT_REST, TurnBlock, TurnRun};
-use super::turn::LEAST_TURN;
-use crate::campaign::Dwell;
 use crate::checks::{Finding, RunNumber, Severity, name};
-use crate::diagnostics::median;
+use isotherm_campaign::campaign::Dwell;
+use isotherm_campaign::turn::LEAST_TURN;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::diagnostics::median;
 
 /// Largest relative difference between the pulses for an angle in a turn and in the gyroscope's other turns.
 const ANGLE_TOLERANCE: f64 = 0.02;

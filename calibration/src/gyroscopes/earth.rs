@@ -2,11 +2,11 @@
 
 use super::fit::{RateInput, Run, TriadSolution, effects};
 use super::runs::{FittedRun, Place};
-use crate::campaign::Campaign;
 use crate::checks::{Finding, Severity, name};
-use crate::positions::{Position, SAME_DIRECTION};
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::geometry::{EARTH_RATE, horizontal, vertical};
+use isotherm_campaign::positions::{Position, SAME_DIRECTION};
 use isotherm_shared::wire::AXES;
-use isotherm_simulation::geometry::{EARTH_RATE, horizontal, vertical};
 use nalgebra::{Matrix3x2, Vector2, Vector3};
 use std::collections::BTreeMap;
 

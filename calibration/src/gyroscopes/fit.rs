@@ -22,11 +22,12 @@
 //! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
 use super::runs::{AT_REST, TurnBlock};
-use crate::curve::{Curve, student_quantile};
-use crate::least_squares::{self, LeastSquares, MAX_SVD_STEPS};
 use crate::one_stage::{OneStageError, SetPointValues};
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::{Curve, student_quantile};
+use isotherm_statistics::least_squares;
+use isotherm_statistics::least_squares::{LeastSquares, MAX_SVD_STEPS};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 

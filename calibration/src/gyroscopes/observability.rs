@@ -7,12 +7,12 @@
 use super::earth::{Start, eliminate_horizontal};
 use super::fit::{PARAMETERS, Run, RunTurn, design};
 use super::runs::{FittedRun, Place, TurnBlock};
-use super::turn::{LEAST_TURN, Turn, list};
-use crate::campaign::Campaign;
-use crate::positions::{MAX_CONDITION, Position, specific_force};
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::geometry::outer_axis;
+use isotherm_campaign::positions::{MAX_CONDITION, Position, specific_force};
+use isotherm_campaign::turn::{LEAST_TURN, Turn, list};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_simulation::geometry::outer_axis;
 use nalgebra::{DMatrix, Vector3};
 
 /// Length of a dwell \[s\].

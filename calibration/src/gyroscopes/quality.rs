@@ -3,12 +3,12 @@
 use super::fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, solve};
 use super::runs::FittedRun;
 use super::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
-use crate::campaign::Campaign;
 use crate::checks::{Finding, Severity, name};
-use crate::diagnostics::{median, robust_sd};
-use crate::order::{OrderTable, QUANTITIES};
+use isotherm_campaign::campaign::Campaign;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::diagnostics::{median, robust_sd};
+use isotherm_statistics::order::{OrderTable, QUANTITIES};
 
 /// Limit of a run's residual, in robust standard deviations; a run over it is an outlier.
 const OUTLIER: f64 = 6.0;

@@ -4,10 +4,10 @@ use super::earth::{EarthCheck, LeftOver};
 use super::fit::{ReducedSetPoint, TriadSolution};
 use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
-use crate::curve::student_quantile;
-use crate::order::OrderTable;
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::student_quantile;
+use isotherm_statistics::order::OrderTable;
 use nalgebra::Matrix3;
 
 /// A smaller misalignment does not matter \[rad\].

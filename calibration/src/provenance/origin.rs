@@ -1,11 +1,11 @@
 //! What programs read of a table's `[provenance]`: when the table was made, and its errors.
 
-use crate::order::QUANTITIES;
 use isotherm_shared::document::Faults;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::order::QUANTITIES;
 use nalgebra::{DMatrix, Matrix3};
 use toml::{Table, Value};
 
@@ -63,7 +63,7 @@ impl TableFile {
     }
 
     /// The sensors with their kind and errors: A1, A2, A3, and the gyroscopes if the table has them.
-    pub(crate) fn sensors(&self) -> impl Iterator<Item = (SensorKind, usize, &Axis)> {
+    pub fn sensors(&self) -> impl Iterator<Item = (SensorKind, usize, &Axis)> {
         let content = self.table.content();
         let gyroscopes = content.gyroscopes.iter().flat_map(|gyroscopes| &gyroscopes.axes);
         let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];

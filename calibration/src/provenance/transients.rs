@@ -1,11 +1,11 @@
 //! The provenance of ramps: what was decided about lag and transients, and why. Transients and prediction errors are in the bias's unit.
 
 use super::CampaignSource;
-use crate::campaign::Campaign;
-use crate::hysteresis::band;
 use crate::ramps::RampCalibration;
 use crate::transients::{BiasTransient, Condition, Transients};
 use crate::triad::TriadUnits;
+use isotherm_campaign::campaign::Campaign;
+use isotherm_statistics::hysteresis::band;
 use serde::Serialize;
 
 #[derive(Serialize)]

@@ -5,13 +5,13 @@
 use super::equations::NormalEquations;
 use super::recording::{RampRecording, Reading, behind, interpolated};
 use super::{CurveSource, TransientsError};
-use crate::hysteresis::{Sweep, sweeps};
 use core::ops::Range;
 use isotherm_shared::lag::SENSORS;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::hysteresis::{Sweep, sweeps};
 
 /// Most blocks of a recording.
 const BLOCKS: usize = 400;

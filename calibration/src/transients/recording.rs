@@ -1,6 +1,6 @@
 //! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
 
-use crate::campaign::implausible;
+use isotherm_campaign::campaign::implausible;
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};
@@ -120,7 +120,7 @@ impl RampRecording {
     }
 
     /// What is missing in it.
-    pub(crate) const fn continuity(&self) -> &Continuity {
+    pub const fn continuity(&self) -> &Continuity {
         &self.continuity
     }
 
@@ -182,12 +182,12 @@ impl RampRecording {
     }
 
     /// Whether both have the same rows.
-    pub(crate) fn has_rows_of(&self, other: &Self) -> bool {
+    pub fn has_rows_of(&self, other: &Self) -> bool {
         self.bins == other.bins && self.heads == other.heads
     }
 
     /// Mean of what an accelerometer indicates \[g0\], its bias included, with the scale factors at mean board telemetry; NaN without rows.
-    pub(crate) fn mean_force(&self, axis: usize, coefficients: &Axis) -> f64 {
+    pub fn mean_force(&self, axis: usize, coefficients: &Axis) -> f64 {
         let boards = self.boards(axis);
         let board = boards.iter().map(|reading| reading.telemetry).sum::<f64>() / boards.len() as f64;
         let seconds: f64 = self.bins.iter().map(Bin::seconds).sum();
@@ -197,12 +197,12 @@ impl RampRecording {
     }
 
     /// The units that took the samples, the first two; 0 is none.
-    pub(crate) const fn devices(&self) -> [u64; 2] {
+    pub const fn devices(&self) -> [u64; 2] {
         self.devices
     }
 
     /// Whether any sample has pulses or telemetry of a gyroscope.
-    pub(crate) const fn has_gyroscopes(&self) -> bool {
+    pub const fn has_gyroscopes(&self) -> bool {
         self.has_gyroscopes
     }
 

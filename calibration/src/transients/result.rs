@@ -1,11 +1,11 @@
 //! What the ramps of a campaign show about lag and transients.
 
 use super::{CurveSource, TransientOptions};
-use crate::hysteresis::LoopPoint;
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
+use isotherm_statistics::hysteresis::LoopPoint;
 
 /// What the ramps show.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]

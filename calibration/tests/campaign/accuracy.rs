@@ -5,15 +5,13 @@
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, paper_truth as truth, quiet, worst};
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method, calibrate};
-use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::positions::{Position, Scheme};
 use isotherm_calibration::reduce::reduce;
-use isotherm_calibration::simulate::{
-    CampaignSchedule, InertialMotion, MISALIGNMENT, SimulatedRow, TILT_RAD, Truth, campaign,
-};
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::positions::{Position, Scheme};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation::{CampaignSchedule, InertialMotion, MISALIGNMENT, SimulatedRow, TILT_RAD, Truth, campaign};
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 use std::fs;
@@ -130,8 +128,7 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
 fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> Vec<SimulatedRow> {
     let gravity = truth.gravity_local / truth.table.content().gravity;
     let chain = &schedule.chain;
-    let mut imu =
-        isotherm_calibration::simulate::SimulatedImu::new(truth, chain, &schedule.noise, schedule.set_points_c[0], 1);
+    let mut imu = isotherm_simulation::SimulatedImu::new(truth, chain, &schedule.noise, schedule.set_points_c[0], 1);
     let mut rows = Vec::new();
     for &set_point_c in &schedule.set_points_c {
         imu.go_to(set_point_c, schedule.ramp_c_per_s);
@@ -139,7 +136,7 @@ fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> 
         imu.wait(4_200_000_000_000);
         for position in &schedule.positions {
             let [outer, inner] = position.angles.unwrap();
-            let level = Vector3::from(isotherm_calibration::positions::specific_force(outer, inner));
+            let level = Vector3::from(isotherm_campaign::positions::specific_force(outer, inner));
             let by_tilt = position.by_tilt().unwrap();
             let [tx, ty] = truth.tilt_rad;
             let change = Vector3::from([0, 1, 2].map(|i: usize| by_tilt[i][0] * tx + by_tilt[i][1] * ty));
@@ -160,7 +157,7 @@ fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> 
 /// The text of a campaign file with the positions of `file`.
 fn campaign_toml(file: &Campaign) -> String {
     let unit = &file.temperature_unit;
-    isotherm_calibration::simulate::campaign_toml(
+    isotherm_simulation::campaign_toml(
         file.imu.as_str(),
         "samples.csv",
         file.gravity_reference,

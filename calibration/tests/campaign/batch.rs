@@ -1,6 +1,6 @@
 //! Campaign files of several IMUs.
 
-use isotherm_calibration::campaign::{Campaign, MOST_IMUS, Member, select};
+use isotherm_campaign::campaign::{Campaign, MOST_IMUS, Member, select};
 use isotherm_shared::stream::ImuId;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 

@@ -4,13 +4,13 @@ use crate::checks::with_rows;
 use crate::common::{calibrated, campaign_file, csv, dwells, paper, paper_truth, quiet};
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::checks::{name, set_points};
-use isotherm_calibration::curve::Curve;
 use isotherm_calibration::one_stage::{OneStageError, solve};
-use isotherm_calibration::positions::Position;
-use isotherm_calibration::simulate::{CampaignSchedule, Noise, SimulatedRow, TILT_RAD, Truth, campaign, campaign_toml};
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::positions::Position;
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation::{CampaignSchedule, Noise, SimulatedRow, TILT_RAD, Truth, campaign, campaign_toml};
+use isotherm_statistics::curve::Curve;
 use nalgebra::DVector;
 use std::sync::mpsc;
 use std::thread;
@@ -87,7 +87,7 @@ fn without_degrees_of_freedom_nothing_is_known() {
     assert_eq!(warnings, [name::NO_FREEDOM]);
     let unknown = "bias not known (no degrees of freedom), scale factor not known (no degrees of freedom) over ";
     assert!(line.starts_with(unknown), "{line}");
-    let text = isotherm_calibration::report::text::calibration(&calibration);
+    let text = isotherm_report::text::calibration(&calibration);
     assert!(!text.contains("NaN") && text.contains("not known"), "{text}");
     // With one degree of freedom the caution says why intervals are so wide.
     let (_, calibration) = calibrated(&truth, &schedule(3), 1, order(1)).unwrap();

@@ -4,11 +4,11 @@
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::checks::{Finding, Severity, name};
-use isotherm_calibration::positions::Scheme;
-use isotherm_calibration::simulate::{CampaignSchedule, SimulatedRow, TILT_RAD, campaign};
+use isotherm_campaign::campaign::{Campaign, read};
+use isotherm_campaign::positions::Scheme;
 use isotherm_recording::CampaignRow;
+use isotherm_simulation::{CampaignSchedule, SimulatedRow, TILT_RAD, campaign};
 use std::fs;
 
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");

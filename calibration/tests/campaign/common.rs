@@ -1,14 +1,12 @@
 //! Functions that the tests share: simulated campaigns with known truth, as files like those of a laboratory.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::{Campaign, Dwell, read};
-use isotherm_calibration::positions::Position;
-pub use isotherm_calibration::simulate::worst_errors as worst;
-use isotherm_calibration::simulate::{
-    CampaignSchedule, MISALIGNMENT, Noise, SimulatedRow, Truth, campaign, campaign_toml,
-};
+use isotherm_campaign::campaign::{Campaign, Dwell, read};
+use isotherm_campaign::positions::Position;
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
+pub use isotherm_simulation::worst_errors as worst;
+use isotherm_simulation::{CampaignSchedule, MISALIGNMENT, Noise, SimulatedRow, Truth, campaign, campaign_toml};
 
 /// The published tables of the source paper.
 pub fn paper() -> CoefficientTable {

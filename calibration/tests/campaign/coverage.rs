@@ -2,8 +2,8 @@
 
 use crate::common::{calibrated, paper};
 use isotherm_calibration::calibrate::CalibrationOptions;
-use isotherm_calibration::simulate::{CampaignSchedule, Truth};
 use isotherm_shared::table::AXIS_NAMES;
+use isotherm_simulation::{CampaignSchedule, Truth};
 
 const CAMPAIGNS: u64 = 200;
 const LEVEL: f64 = 0.95;

@@ -2,14 +2,14 @@
 
 use crate::common::{campaign_file, paper};
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::read;
 use isotherm_calibration::checks::name;
-use isotherm_calibration::simulate::{
-    CampaignSchedule, Chain, MISALIGNMENT, Noise, RandomGenerator, SimulatedRow, TILT_RAD, Truth, campaign,
-};
+use isotherm_campaign::campaign::read;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation::{
+    CampaignSchedule, Chain, MISALIGNMENT, Noise, RandomGenerator, SimulatedRow, TILT_RAD, Truth, campaign,
+};
 use nalgebra::Matrix3;
 
 /// The paper's IMU with `factor` times its scale factors.

@@ -3,8 +3,8 @@
 use crate::common::{calibrated, paper_truth};
 use isotherm_calibration::calibrate::CalibrationOptions;
 use isotherm_calibration::provenance::CampaignSource;
-use isotherm_calibration::report::calibration::html;
-use isotherm_calibration::simulate::{CampaignSchedule, TILT_RAD};
+use isotherm_report::calibration::html;
+use isotherm_simulation::{CampaignSchedule, TILT_RAD};
 
 fn report(set_points_c: Vec<f64>) -> String {
     let truth = paper_truth(TILT_RAD, 9.8);

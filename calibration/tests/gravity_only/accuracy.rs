@@ -2,7 +2,7 @@
 
 use crate::common::{STANDARD, Simulated, Truth, campaign, cube, off, recording};
 use isotherm_calibration::gravity_only::{GravityOnlyOptions, calibrate};
-use isotherm_calibration::simulate::RandomGenerator;
+use isotherm_simulation::RandomGenerator;
 
 #[test]
 fn errors_are_as_large_as_their_standard_errors_in_28_campaigns() {

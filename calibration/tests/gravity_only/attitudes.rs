@@ -2,7 +2,7 @@
 
 use crate::common::{calibrated, cube, off, put_down};
 use isotherm_calibration::gravity_only::{GravityOnlyError, ScaleFactorChoice};
-use isotherm_calibration::simulate::RandomGenerator;
+use isotherm_simulation::RandomGenerator;
 use nalgebra::Vector3;
 
 /// D sqrt(n) with one K or with two; infinite or over 100 as the refusal says it.

@@ -1,13 +1,13 @@
 //! Recordings from files, and of a simulated IMU that is put down by hand.
 
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gravity_only::{
     GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, TumbleRecording, calibrate,
 };
-use isotherm_calibration::simulate::RandomGenerator;
+use isotherm_campaign::campaign::Campaign;
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation::RandomGenerator;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use serde_json::Value;
 use std::fs::File;

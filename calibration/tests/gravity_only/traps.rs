@@ -1,15 +1,15 @@
 //! What goes wrong with recordings of people's desks.
 
 use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, put_down, recording, samples};
-use isotherm_calibration::campaign::Campaign;
-use isotherm_calibration::gravity_only::lengths::{Lengths, LengthsError};
 use isotherm_calibration::gravity_only::{
     GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate,
 };
-use isotherm_calibration::stability::LocalGravity;
-use isotherm_calibration::standstill;
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::standstill;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::RawSample;
+use isotherm_verification::lengths::{Lengths, LengthsError};
+use isotherm_verification::stability::LocalGravity;
 use nalgebra::{Rotation3, Vector3};
 
 #[test]

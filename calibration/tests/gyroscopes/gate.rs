@@ -3,12 +3,12 @@
 use crate::station::Station;
 use crate::verification::{changed, off, verified};
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
-use isotherm_calibration::gate::exercised::Exercised;
-use isotherm_calibration::gate::{Gate, Refusal};
-use isotherm_calibration::requirement::Requirement;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_verification::gate::exercised::Exercised;
+use isotherm_verification::gate::{Gate, Refusal};
+use isotherm_verification::requirement::Requirement;
 use nalgebra::{Matrix3, Rotation3};
 use std::collections::BTreeSet;
 

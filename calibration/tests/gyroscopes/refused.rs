@@ -3,9 +3,10 @@
 use crate::data::text;
 use crate::station::{Station, Turned};
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::checks::name;
-use isotherm_calibration::gyroscopes::{self, observability::TriadObservability};
+use isotherm_calibration::gyroscopes;
+use isotherm_calibration::gyroscopes::observability::TriadObservability;
+use isotherm_campaign::campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::Triad;
 use nalgebra::{Rotation3, Unit, Vector3};

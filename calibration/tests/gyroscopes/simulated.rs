@@ -1,17 +1,17 @@
-//! Simulated campaigns of a whole IMU against their truth: `isotherm_calibration::simulate`, as `isotherm simulate campaign --gyroscopes` drives it.
+//! Simulated campaigns of a whole IMU against their truth: `isotherm_simulation`, as `isotherm simulate campaign --gyroscopes` drives it.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gyroscopes;
-use isotherm_calibration::simulate::{
-    CampaignSchedule, Chain, InertialMotion, MISALIGNMENT, Noise, RunSchedule, SimulatedImu, TILT_RAD, Truth,
-    TurnSchedule, campaign, run, typical_gyroscopes, worst_gyroscope_errors,
-};
+use isotherm_campaign::campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::{CoefficientTable, Content, FORMAT};
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_simulation::{
+    CampaignSchedule, Chain, InertialMotion, MISALIGNMENT, Noise, RunSchedule, SimulatedImu, TILT_RAD, Truth,
+    TurnSchedule, campaign, run, typical_gyroscopes, worst_gyroscope_errors,
+};
 use nalgebra::Vector3;
 
 const PAPER: &str = include_str!("../../../examples/tables/imu-paper.toml");

@@ -1,23 +1,21 @@
 //! A station with a known truth: the rows that an IMU would give in dwells and turns.
 //!
-//! The physics is that of `isotherm_calibration::simulate`: Earth's rate, the integral of the motion, the charge balance. It shares nothing with
+//! The physics is that of `isotherm_simulation`: Earth's rate, the integral of the motion, the charge balance. It shares nothing with
 //! the fit. The station here differs from a simulated campaign: any mounting, any axis, speed profiles that are not symmetric, a drift
 //! within a set point, wrong statements in the campaign file.
 //!
 //! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gyroscopes;
-use isotherm_calibration::simulate::{
-    InertialMotion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors,
-};
+use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::geometry::outer_axis;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::{RawSample, Triad};
-use isotherm_simulation::geometry::outer_axis;
+use isotherm_simulation::{InertialMotion, SimulatedGyroscopes, SimulatedTriad, Truth, worst_gyroscope_errors};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt::Write as _;
 

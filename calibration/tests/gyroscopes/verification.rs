@@ -1,13 +1,13 @@
 //! Verification runs of a whole IMU whose truth is known.
 
 use crate::station::{Random, Station};
-use isotherm_calibration::report;
-use isotherm_calibration::requirement::Requirement;
-use isotherm_calibration::stability::{Collector, GyroscopeStability, LocalGravity, Setup, Stability};
-use isotherm_calibration::verdict::Estimate;
+use isotherm_report as report;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Turntable};
 use isotherm_shared::wire::{RawSample, Triad};
+use isotherm_verification::requirement::Requirement;
+use isotherm_verification::stability::{Collector, GyroscopeStability, LocalGravity, Setup, Stability};
+use isotherm_verification::verdict::Estimate;
 
 const ANGLES: [f64; 2] = [50.0, 130.0];
 const WINDOW_S: f64 = 10.0;

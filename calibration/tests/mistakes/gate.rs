@@ -3,7 +3,7 @@
 //! # Definition
 //! After the campaign the same IMU stays at [`ANGLES_DEG`] while the temperature runs up, and again while it runs down. What of the mistake
 //! is in the acquisition, in the turntable's angles or in the laboratory's own statements stays in these runs; wrong rows and wrong labels of
-//! the campaign do not. [`isotherm_calibration::gate`] judges the runs, as in an automatic campaign, with the bounds of the fit and a factor
+//! the campaign do not. [`isotherm_verification::gate`] judges the runs, as in an automatic campaign, with the bounds of the fit and a factor
 //! of 10.
 //!
 //! **True error** of a table: the largest error of its output against the simulated truth, without noise, over fourteen attitudes (six faces
@@ -15,16 +15,15 @@ use crate::matrix::{Case, calibrated};
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::checks::{Severity, name};
-use isotherm_calibration::gate::{self, Refusal};
-use isotherm_calibration::positions::{Position, specific_force as direction};
-use isotherm_calibration::report;
-use isotherm_calibration::requirement::Requirement;
-use isotherm_calibration::simulate::{
-    InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force,
-};
-use isotherm_calibration::stability::{Collector, LocalGravity, Setup, Stability, StabilityError};
+use isotherm_campaign::positions::{Position, specific_force as direction};
+use isotherm_report as report;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_simulation::{InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
+use isotherm_verification::gate;
+use isotherm_verification::gate::Refusal;
+use isotherm_verification::requirement::Requirement;
+use isotherm_verification::stability::{Collector, LocalGravity, Setup, Stability, StabilityError};
 use std::collections::BTreeSet;
 
 /// The turntable's angles in the runs, as a plan has them by default \[deg\].
@@ -177,8 +176,7 @@ pub fn true_error(case: &Case, table: &CoefficientTable) -> f64 {
     const TEMPERATURES: u32 = 11;
     const INTERVAL_S: f64 = 1000.0;
     let truth = &case.truth;
-    let chain =
-        isotherm_calibration::simulate::Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..case.schedule.chain };
+    let chain = isotherm_simulation::Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..case.schedule.chain };
     let corner = (1.0_f64 / 3.0).sqrt();
     let mut attitudes: Vec<[f64; 3]> =
         (0..8).map(|k| [1, 2, 4].map(|bit| if k & bit > 0 { corner } else { -corner })).collect();

@@ -5,17 +5,17 @@
 //! Over 400 lines: the list of the mistakes is long.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
-use isotherm_calibration::campaign::{Campaign, read};
-use isotherm_calibration::gravity::normal_gravity;
 use isotherm_calibration::gyroscopes::{Measurements, calibrate};
-use isotherm_calibration::positions::{Position, Scheme, specific_force};
-use isotherm_calibration::simulate::{
-    CampaignSchedule, Chain, Noise, RandomGenerator, SimulatedRow, Truth, campaign, campaign_toml, worst_errors,
-};
+use isotherm_campaign::campaign::{Campaign, read};
+use isotherm_campaign::gravity::normal_gravity;
+use isotherm_campaign::positions::{Position, Scheme, specific_force};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation::{
+    CampaignSchedule, Chain, Noise, RandomGenerator, SimulatedRow, Truth, campaign, campaign_toml, worst_errors,
+};
 use nalgebra::Matrix3;
 use std::path::Path;
 
@@ -370,14 +370,14 @@ pub fn mistakes() -> Vec<Mistake> {
                 position.specific_force = position.specific_force.map(|f| -f);
             }
             case.stated = |force| force.map(|f| -f);
-            case.file.mount = isotherm_calibration::positions::mount(&case.file.positions);
+            case.file.mount = isotherm_campaign::positions::mount(&case.file.positions);
             case
         };
         "sign of A2 in the campaign file", Refused("or the sign of A2 in every specific_force"), |seed| {
             let mut case = volts(seed);
             case.file.positions.iter_mut().for_each(|position| position.specific_force[1] *= -1.0);
             case.stated = |[a1, a2, a3]| [a1, -a2, a3];
-            case.file.mount = isotherm_calibration::positions::mount(&case.file.positions);
+            case.file.mount = isotherm_campaign::positions::mount(&case.file.positions);
             case
         };
         "position 5 at outer 180 instead of 90", Refused("as at outer_deg = 180.00"), |seed| at(seed, |angles, number| if number == 5 { angles[0] = 180.0 });

@@ -1,14 +1,15 @@
 //! Campaigns with ramps beside positions and alone: what is refused, what is warned of, and what the table says.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::checks::name;
 use isotherm_calibration::gyroscopes;
 use isotherm_calibration::provenance::{CampaignSource, sealed_ramp_table, sealed_table};
-use isotherm_calibration::ramps::{self, RampCalibration};
-use isotherm_calibration::report;
+use isotherm_calibration::ramps;
+use isotherm_calibration::ramps::RampCalibration;
 use isotherm_calibration::transients::{LagChoice, RampRecording, TransientVerdict};
+use isotherm_campaign::campaign::Campaign;
 use isotherm_recording::{CampaignCsvReader, RecordingError};
+use isotherm_report as report;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::device;
 
@@ -39,7 +40,7 @@ fn file_alone(change: impl Fn(String) -> String) -> Campaign {
 /// The table of the positions, which the ramps alone begin with.
 fn static_table() -> CoefficientTable {
     let campaign = Campaign::from_toml(FILE).unwrap();
-    let dwells = isotherm_calibration::campaign::read(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap());
+    let dwells = isotherm_campaign::campaign::read(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap());
     calibrate(&campaign, dwells.unwrap(), CalibrationOptions::default()).unwrap().table
 }
 

@@ -1,12 +1,12 @@
 //! The ramps of tests/data/ramp: made by an independent script, with a known lag.
 
 use super::simulated::truth;
-use isotherm_calibration::hysteresis::band;
 use isotherm_calibration::transients::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, TransientsError, fit,
 };
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_statistics::hysteresis::band;
 
 /// The truth of the files.
 const TAU_S: f64 = 240.0;

@@ -1,11 +1,11 @@
 //! Simulated IMUs with a lag or with hysteresis, on the ramps of one afternoon.
 
-use isotherm_calibration::simulate::{Chain, Noise, Play, RampSchedule, RandomGenerator, RunSchedule, Truth, ramp};
 use isotherm_calibration::transients::{
     BiasTransient, CurveSource, LagChoice, RampRecording, TransientOptions, Transients, fit,
 };
 use isotherm_shared::table::{CoefficientTable, FORMAT};
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_simulation::{Chain, Noise, Play, RampSchedule, RandomGenerator, RunSchedule, Truth, ramp};
 
 const PAPER: &str = include_str!("../../../examples/tables/imu-paper.toml");
 

@@ -1,14 +1,14 @@
 //! What misleads an estimator of lags, each trap with its right answer.
 
 use super::simulated::*;
-use isotherm_calibration::hysteresis::band;
-use isotherm_calibration::simulate::{Noise, Play, RampSchedule, Truth, ramp};
 use isotherm_calibration::transients::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
+use isotherm_simulation::{Noise, Play, RampSchedule, Truth, ramp};
+use isotherm_statistics::hysteresis::band;
 
 fn moving() -> Truth {
     truth(TAU_S, TRANSIENTS, Vec::new())

@@ -1,8 +1,8 @@
 //! The laboratory's kinds of files, which `check` knows besides tables and configurations.
 
-use isotherm_calibration::campaign::Campaign;
+use isotherm_automation::plan::Plan;
 use isotherm_calibration::gyroscopes::observable;
-use isotherm_campaign::plan::Plan;
+use isotherm_campaign::campaign::Campaign;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};

@@ -1,15 +1,15 @@
 //! What several commands do with their arguments.
 
 use clap::Args;
-use isotherm_calibration::report::json;
-use isotherm_calibration::requirement::Requirement;
 use isotherm_client::{Domain, ImuId, Options, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::print_data;
 use isotherm_recording::TimeFault;
 use isotherm_recording::columns::has_values;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
+use isotherm_verification::requirement::Requirement;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

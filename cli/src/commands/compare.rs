@@ -2,13 +2,13 @@
 
 use super::common::{Refused, or_document};
 use clap::Args;
-use isotherm_calibration::compare::{ComparisonRequirement, compare};
+use isotherm_analysis::compare::{ComparisonRequirement, compare};
 use isotherm_calibration::provenance::{TableFile, now, tool};
-use isotherm_calibration::report::comparison::{ComparisonSource, document, html, text};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
     LoadError, StagedText, WorldWritable, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
 };
+use isotherm_report::comparison::{ComparisonSource, document, html, text};
 use std::path::{Path, PathBuf};
 
 /// Show what has changed between tables of one IMU, by more than their errors

@@ -4,10 +4,9 @@ use super::common::{Refused, choice, inputs, joined_paths, or_document, warn_of_
 use crate::parse::from_zero;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
-use isotherm_calibration::allan::NoiseAnalysis;
-use isotherm_calibration::allan::kalibr::imu_yaml;
+use isotherm_analysis::allan::NoiseAnalysis;
+use isotherm_analysis::allan::kalibr::imu_yaml;
 use isotherm_calibration::provenance::{now, tool};
-use isotherm_calibration::report::noise::{self, NoiseSource};
 use isotherm_client::{ImuId, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
@@ -15,6 +14,8 @@ use isotherm_files::{
 };
 use isotherm_recording::Continuity;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_report::noise;
+use isotherm_report::noise::NoiseSource;
 use std::path::PathBuf;
 
 /// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk

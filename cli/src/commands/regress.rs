@@ -3,13 +3,13 @@
 use crate::parse::size;
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
-use isotherm_calibration::double_double::DoubleDouble;
-use isotherm_calibration::order::{OrderTable, Rule, default_order};
-use isotherm_calibration::regression::{DataPoint, LinearColumn, MAX_ORDER, Regression};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{check_stdout, check_written, print, print_data};
 use isotherm_recording_formats::read::{ImuChoice, NumberRow, NumberTable, read_numbers};
+use isotherm_statistics::double_double::DoubleDouble;
+use isotherm_statistics::order::{OrderTable, Rule, default_order};
+use isotherm_statistics::regression::{DataPoint, LinearColumn, MAX_ORDER, Regression};
 use serde_json::json;
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! `rollback`: brings the predecessor of an installed table back.
 
 use clap::Args;
-use isotherm_campaign::in_force::changes;
+use isotherm_automation::in_force::changes;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{Installation, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;

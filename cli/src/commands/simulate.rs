@@ -9,15 +9,14 @@ use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme
 use crate::progress::rows_bar;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
-use isotherm_calibration::positions::Scheme;
-use isotherm_calibration::simulate::{
-    self as simulation, CampaignSchedule, Chain, RampSchedule, RunSchedule, Truth, TurnSchedule,
-};
+use isotherm_campaign::positions::Scheme;
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
 use isotherm_files::{check_stdout, check_written};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_simulation as simulation;
+use isotherm_simulation::{CampaignSchedule, Chain, RampSchedule, RunSchedule, Truth, TurnSchedule};
 use options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml, usage};
 use ramp::{RATES, RampDocument, RampRecordings};
 use serde::Serialize;

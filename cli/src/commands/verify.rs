@@ -7,19 +7,20 @@ use super::common::{
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::gravity_only::lengths::{Lengths, LengthsError};
 use isotherm_calibration::provenance::{now, tool};
-use isotherm_calibration::report::{self, verification::VerificationSource};
-use isotherm_calibration::requirement::Requirement;
-use isotherm_calibration::stability::{Collector, LocalGravity, Setup};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{
     StagedText, WorldWritable, check_stdout, check_written, load_table, print, print_data, refuse_overlap,
 };
 use isotherm_recording_formats::read::Samples;
+use isotherm_report as report;
+use isotherm_report::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_verification::lengths::{Lengths, LengthsError};
+use isotherm_verification::requirement::Requirement;
+use isotherm_verification::stability::{Collector, LocalGravity, Setup};
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -7,10 +7,10 @@
 use crate::check_faults;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
-use isotherm_calibration::campaign::{Campaign, read};
 use isotherm_calibration::checks::{check, set_points};
 use isotherm_calibration::ramps;
 use isotherm_calibration::transients::RampRecording;
+use isotherm_campaign::campaign::{Campaign, read};
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::table::{CoefficientTable, Content};
 

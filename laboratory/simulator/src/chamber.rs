@@ -4,7 +4,7 @@ use super::faults::InjectedFault;
 use super::link::DeviceEvent;
 use super::server;
 use super::station::SimulatedStation;
-use isotherm_calibration::simulate::{Chain, SimulatedChamber};
+use isotherm_simulation::{Chain, SimulatedChamber};
 
 /// Time constant of the controller's own sensor \[s\].
 const SENSOR_LAG_S: f64 = 20.0;

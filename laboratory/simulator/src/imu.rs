@@ -7,11 +7,12 @@ use super::faults::FaultSchedule;
 use super::link::{Answer, DeviceEvent, LinkClient};
 use super::positioning::PositioningErrors;
 use super::station::{SimulatedStation, StationImu, StationProcess};
-use isotherm_calibration::simulate::{self, InertialMotion, SimulatedTurntable, Truth};
 use isotherm_client::{Acquisition, Domain, ImuId, Options, SendError};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{WorldWritable, load_table};
 use isotherm_shared::wire::RawSample;
+use isotherm_simulation as simulate;
+use isotherm_simulation::{InertialMotion, SimulatedTurntable, Truth};
 use nalgebra::Matrix3;
 use std::collections::VecDeque;
 use std::io;
@@ -293,11 +294,11 @@ impl SampleSender {
 mod tests {
     use super::*;
     use crate::{ChamberProtocol, TurntableProtocol};
-    use isotherm_calibration::simulate::{Chain, Noise, Play};
+    use isotherm_campaign::geometry::EARTH_RATE;
     use isotherm_shared::compensate::answer;
     use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::units::ARCSEC;
-    use isotherm_simulation::geometry::EARTH_RATE;
+    use isotherm_simulation::{Chain, Noise, Play};
 
     /// 5 s of rest, 37 s of turning by 360 degrees at 10 deg/s with 10 deg/s2, 5 s of rest.
     const REST_S: f64 = 5.0;

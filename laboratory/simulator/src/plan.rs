@@ -1,7 +1,7 @@
 //! A campaign plan for a simulated station.
 
 use crate::station::{ChamberProtocol, SimulatedStation, StationImu, TurntableProtocol};
-use isotherm_calibration::simulate::Truth;
+use isotherm_simulation::Truth;
 
 impl SimulatedStation {
     /// The text of a campaign plan with this station's instruments. `truths` are those of its IMUs; `None` without one.

@@ -4,7 +4,7 @@
 //! has the error that it had, within the repeatability of a turn: the axis meets the same marks of its scale and the same wobble of its bearing. So
 //! a turn of whole revolutions leans on the repeatability only, in one move or in several, and any other turn on the scale, too.
 
-use isotherm_calibration::simulate::{Noise, RandomGenerator};
+use isotherm_simulation::{Noise, RandomGenerator};
 
 /// Angles that differ by less than this modulo 360 are the same \[deg\].
 const SAME_DEG: f64 = 1e-6;

@@ -1,8 +1,8 @@
 //! What a station is: its description, its processes and the protocols that its devices can have.
 
-use isotherm_calibration::simulate::{Chain, Noise, Play};
 use isotherm_client::monotonic_ns;
 use isotherm_shared::wire::AXES;
+use isotherm_simulation::{Chain, Noise, Play};
 use serde::{Deserialize, Serialize};
 
 /// An IMU of a station.

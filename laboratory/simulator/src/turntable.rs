@@ -3,7 +3,7 @@
 use super::faults::InjectedFault;
 use super::link::DeviceEvent;
 use super::server;
-use isotherm_calibration::simulate::SimulatedTurntable;
+use isotherm_simulation::SimulatedTurntable;
 
 /// Acceleration of a stop \[deg/s2\].
 const STOP_DEG_S2: f64 = 50.0;

@@ -1,11 +1,11 @@
 //! Campaigns of several IMUs on one turntable: one that fails is dropped, and the others have what they would have alone.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+use isotherm_automation::journal::{Entry, Journal, Kept};
+use isotherm_automation::plan::Plan;
+use isotherm_automation::timeline::units;
 use isotherm_calibration::provenance::sha256;
-use isotherm_calibration::simulate::worst_errors;
-use isotherm_campaign::journal::{Entry, Journal, Kept};
-use isotherm_campaign::plan::Plan;
-use isotherm_campaign::timeline::units;
+use isotherm_simulation::worst_errors;
 use isotherm_tests::laboratory::{TestLaboratory, stdout_of_success};
 use isotherm_tests::{TestDomain, table, text};
 use serde_json::Value;

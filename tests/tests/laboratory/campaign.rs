@@ -4,9 +4,9 @@
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use crate::feed::{Feed, ids};
-use isotherm_calibration::simulate::worst_errors;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content};
+use isotherm_simulation::worst_errors;
 use isotherm_tests::laboratory::{TestLaboratory, station_part, stdout_of_success, wait_for_end, wait_long};
 use isotherm_tests::{Process, table, text, wait_until};
 use rustix::process::{Signal, kill_process};

@@ -2,10 +2,10 @@
 //! no instrument is needed, and the command only fits, verifies and installs.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+use isotherm_automation::journal::{Entry, Journal, Kept};
+use isotherm_automation::plan::Plan;
+use isotherm_automation::timeline::units;
 use isotherm_calibration::provenance::sha256;
-use isotherm_campaign::journal::{Entry, Journal, Kept};
-use isotherm_campaign::plan::Plan;
-use isotherm_campaign::timeline::units;
 use isotherm_tests::{Process, TestDomain, table, text, wait_until};
 use serde_json::Value;
 use std::fs;

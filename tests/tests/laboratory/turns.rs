@@ -2,8 +2,8 @@
 //! station.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_calibration::simulate::{worst_errors, worst_gyroscope_errors};
 use isotherm_client::device;
+use isotherm_simulation::{worst_errors, worst_gyroscope_errors};
 use isotherm_tests::laboratory::{
     GYROSCOPES, SERIAL, TestLaboratory, station_part, stdout_of_success, wait_for_end, wait_long,
 };

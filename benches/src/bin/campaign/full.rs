@@ -3,8 +3,8 @@
 
 use crate::laboratory::{BenchLaboratory, TIMEOUT};
 use isotherm_benches::BenchResult;
-use isotherm_calibration::simulate::{worst_errors, worst_gyroscope_errors};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_simulation::{worst_errors, worst_gyroscope_errors};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

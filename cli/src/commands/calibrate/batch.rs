@@ -2,12 +2,12 @@
 
 use super::{Calibrate, Results};
 use crate::commands::common::{Refused, inputs};
-use isotherm_calibration::batch::batch;
-use isotherm_calibration::campaign::{Campaign, IMU, select};
+use isotherm_analysis::batch::batch;
 use isotherm_calibration::provenance::{TableFile, now, tool};
-use isotherm_calibration::report::batch::{BatchSource, document, html, text};
+use isotherm_campaign::campaign::{Campaign, IMU, select};
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{StagedText, refuse_overlap};
+use isotherm_report::batch::{BatchSource, document, html, text};
 use serde_json::{Value, json};
 use std::io::{self, Write as _};
 use std::path::PathBuf;

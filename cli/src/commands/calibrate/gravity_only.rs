@@ -5,15 +5,15 @@ use crate::commands::common::Refused;
 use crate::parse::{gravity, numbers, seconds};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
-use isotherm_calibration::campaign::Campaign;
 use isotherm_calibration::gravity_only::{
     GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate, sealed_table,
 };
 use isotherm_calibration::provenance::{CampaignSource, now, sha256, tool};
-use isotherm_calibration::report;
+use isotherm_campaign::campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
+use isotherm_report as report;
 use std::path::PathBuf;
 use std::time::Duration;
 

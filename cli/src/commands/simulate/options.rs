@@ -3,12 +3,12 @@
 use super::memory::MemoryOptions;
 use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
-use isotherm_calibration::simulate::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Output, StagedText, WorldWritable, load_table, print};
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::{CoefficientTable, Content, FORMAT, Refusal};
 use isotherm_shared::wire::AXES;
+use isotherm_simulation::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
 use serde::Serialize;
 use std::io;
 use std::path::PathBuf;

@@ -4,10 +4,10 @@ use super::options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml};
 use crate::parse::{interval, size};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
-use isotherm_calibration::simulate::{Chain, Noise};
 use isotherm_client::{Domain, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::print;
+use isotherm_simulation::{Chain, Noise};
 use isotherm_simulator::{
     ChamberProtocol, Injection, SimulatedStation, StationImu, StationProcess, TurntableProtocol, end_with_parent,
     free_port,

@@ -1,0 +1,377 @@
+//! The noise of an IMU from a recording at rest.
+//!
+//! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are compensated by the kernel, in g0
+//! and deg/h; without one they are net counts (positive less negative) a second.
+
+use super::{Allan, MIN_ROWS, TemperatureLine};
+use core::ops::Range;
+use isotherm_campaign::standstill;
+use isotherm_campaign::standstill::StandstillError;
+use isotherm_recording::columns::has_values;
+use isotherm_recording::{Continuity, Losses};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::units::{ARCSEC, SensorKind};
+use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
+
+/// Length of the windows in which movement is looked for \[s\].
+const WINDOW_S: f64 = 1.0;
+/// The time from row to row, and the interval of the row over that of the row before, lie within these parts of the interval.
+const REGULAR: [f64; 2] = [0.5, 1.5];
+/// A mean interval that differs from the time from row to row by more than this part gives a warning.
+const INTERVAL_TOLERANCE: f64 = 0.01;
+/// White noise of fewer counts a row gives a warning: the counts then repeat a pattern.
+const LEAST_WHITE_COUNTS: f64 = 0.3;
+
+/// What a rate is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RateKind {
+    /// Net counts \[pulse/s\].
+    Counts,
+    /// Compensated specific force \[g0\].
+    SpecificForce,
+    /// Compensated angular rate \[deg/h\].
+    AngularRate,
+}
+
+/// Units and names by which the noise of a rate is shown, each unit with the factor from the unit of the rate and seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseUnits {
+    /// Unit of the rate, which is that of Allan deviations.
+    pub rate: &'static str,
+    /// Units of Q, N, B, K.
+    pub coefficients: [(&'static str, f64); 4],
+    /// Unit of the spectral density N, with factor 1.
+    pub density: &'static str,
+    /// Names of Q, N, B, K.
+    pub names: [&'static str; 4],
+}
+
+const QUANTISATION: &str = "quantisation noise";
+const FLICKER: &str = "bias instability";
+
+impl RateKind {
+    /// The units and names that are usual for this rate.
+    #[must_use]
+    pub const fn units(self) -> NoiseUnits {
+        match self {
+            Self::Counts => NoiseUnits {
+                rate: "pulse/s",
+                coefficients: [("pulse", 1.0), ("pulse/sqrt(s)", 1.0), ("pulse/s", 1.0), ("pulse/(s sqrt(s))", 1.0)],
+                density: "pulse/(s sqrt(Hz))",
+                names: [QUANTISATION, "white noise", FLICKER, "random walk of the rate"],
+            },
+            Self::SpecificForce => NoiseUnits {
+                rate: "g0",
+                coefficients: [("g0 s", 1.0), ("g0/sqrt(Hz)", 1.0), ("g0", 1.0), ("g0/(s sqrt(Hz))", 1.0)],
+                density: "g0/sqrt(Hz)",
+                names: [QUANTISATION, "velocity random walk", FLICKER, "acceleration random walk"],
+            },
+            // A rate of 1 deg/h is 1/3600 deg a second; the root of an hour is 60 roots of a second.
+            Self::AngularRate => NoiseUnits {
+                rate: "deg/h",
+                coefficients: [
+                    ("deg", 1.0 / 3600.0),
+                    ("deg/sqrt(h)", 1.0 / 60.0),
+                    ("deg/h", 1.0),
+                    ("deg/(h sqrt(h))", 60.0),
+                ],
+                density: "deg/(h sqrt(Hz))",
+                names: [QUANTISATION, "angle random walk", FLICKER, "rate random walk"],
+            },
+        }
+    }
+}
+
+/// The noise of one sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorNoise {
+    /// A1 to A3, G1 to G3.
+    pub name: &'static str,
+    /// Which triad it is of.
+    pub sensor: SensorKind,
+    /// What its rate is.
+    pub kind: RateKind,
+    /// The Allan deviation; `None` if the rate never changes.
+    pub allan: Option<Allan>,
+    /// The rate against head telemetry; `None` if the telemetry never changes or is not finite.
+    pub line: Option<TemperatureLine>,
+    /// Standard deviation of the white noise of a row \[pulse\].
+    pub white_counts: Option<f64>,
+}
+
+impl SensorNoise {
+    /// The line, if the rate without it differs from the raw one by more than the intervals allow.
+    #[must_use]
+    pub fn contamination(&self) -> Option<(&TemperatureLine, f64)> {
+        self.line.as_ref().and_then(|line| Some((line, line.contaminated_from_s?)))
+    }
+
+    /// Whether the noise is smaller than a count, so that the counts repeat a pattern.
+    #[must_use]
+    pub fn has_limit_cycle(&self) -> bool {
+        self.white_counts.is_some_and(|counts| counts < LEAST_WHITE_COUNTS)
+    }
+
+    /// What is to be known before its figures are used, a sentence each, beginning with its name.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        let name = self.name;
+        let Some(allan) = &self.allan else {
+            return vec![format!("{name}: its counts never change; look at the sensor and its cable")];
+        };
+        let mut warnings = Vec::new();
+        if let Some(counts) = self.white_counts.filter(|_| self.has_limit_cycle()) {
+            warnings.push(format!(
+                "{name}: its noise is smaller than a count, {counts:.2} counts a row: the counts repeat a pattern (limit cycle), so Q and N are not \
+                 those of the sensor; record with a longer interval"
+            ));
+        }
+        match &allan.model {
+            None => warnings.push(format!("{name}: the model cannot be fitted: the counts repeat a pattern")),
+            Some(model) if !model.holds() => warnings.push(format!(
+                "{name}: the model does not hold: chi-square {:.1} for {} degrees of freedom, at most {} allowed; no ranges are given, and the intervals \
+                 of the points are approximate",
+                model.chi_square,
+                model.freedom,
+                2 * model.freedom
+            )),
+            Some(_) => {}
+        }
+        if let Some((_, from_s)) = self.contamination() {
+            warnings.push(format!(
+                "{name}: contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head telemetry is beside"
+            ));
+        }
+        warnings
+    }
+}
+
+/// The noise of an IMU.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseAnalysis {
+    /// Rows of the whole recording.
+    pub rows: usize,
+    /// The rows that are analysed.
+    pub used: Range<usize>,
+    /// Begin of the first and end of the last of them, since the begin of the recording \[s\].
+    pub used_s: [f64; 2],
+    /// Mean time from row to row \[s\].
+    pub interval_s: f64,
+    /// The sensors: accelerometers, then gyroscopes where the recording, and the table if there is one, have them.
+    pub sensors: Vec<SensorNoise>,
+    /// Rows that are missing by their sequences, and steps of time, in the part of the recording that was asked for.
+    pub losses: Losses,
+    /// What is to be known of all sensors, a sentence each.
+    pub notes: Vec<String>,
+    /// Unit of the telemetry, that of the table; "unit" without one.
+    pub temperature_unit: String,
+}
+
+/// Why the noise cannot be computed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoiseError {
+    /// There is no row in the part of the recording.
+    #[error("no row from {} s to {} s; the recording is {seconds:.1} s long", part[0], part[1])]
+    Nothing {
+        /// The part that was asked for \[s\].
+        part: [f64; 2],
+        /// Length of the recording \[s\].
+        seconds: f64,
+    },
+    /// The IMU was not at rest.
+    #[error(transparent)]
+    Standstill(#[from] StandstillError),
+    /// Too few rows.
+    #[error(
+        "the longest stretch without a gap, a movement, a new session or an output that is not a number has {} rows, {} to {}; at least {MIN_ROWS} \
+         rows are needed: record longer at rest{}",
+        rows.len(), rows.start + 1, rows.end,
+        if *not_a_number > 0 { format!("; {not_a_number} rows have an output that is not a number: look at their telemetry and the table's range") } else { String::new() }
+    )]
+    TooShort {
+        /// The rows of the stretch.
+        rows: Range<usize>,
+        /// Rows with an output that is not a number.
+        not_a_number: usize,
+    },
+}
+
+impl NoiseAnalysis {
+    /// The noise of `rows`, compensated by `table` if there is one. Only rows that begin and end within `part` count \[s since the begin of the first row\].
+    ///
+    /// # Errors
+    /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
+    pub fn of(rows: &[RawSample], table: Option<&CoefficientTable>, part: [f64; 2]) -> Result<Self, NoiseError> {
+        let begins_ns = standstill::begins_ns(rows);
+        let begin = |row: usize| begins_ns[row] as f64 / 1e9;
+        let end = |row: usize| (begins_ns[row] + rows[row].interval_ns) as f64 / 1e9;
+        // A tolerance for the rounding of times that are typed.
+        let inside = |row: &usize| begin(*row) >= part[0] - 1e-9 && end(*row) <= part[1] + 1e-9;
+        let first = (0..rows.len()).find(inside).unwrap_or(rows.len());
+        let count = (first..rows.len()).take_while(inside).count();
+        if count == 0 {
+            let seconds = rows.len().checked_sub(1).map_or(0.0, end);
+            return Err(NoiseError::Nothing { part: part.map(|end| end.min(seconds)), seconds });
+        }
+        let candidates = &rows[first..first + count];
+        let outputs = Outputs::of(candidates, table);
+        let at_rest = standstill::find(candidates, WINDOW_S, standstill::AT_REST)?.found;
+        let stretches = at_rest.into_iter().flat_map(|rest| split(rest, candidates, &outputs));
+        // Of two stretches of one length, the first.
+        let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });
+        let used = first + longest.start..first + longest.end;
+        if longest.len() < MIN_ROWS {
+            let not_a_number = (0..count).filter(|row| !outputs.is_finite(*row)).count();
+            return Err(NoiseError::TooShort { rows: used, not_a_number });
+        }
+        let stretch = &candidates[longest.clone()];
+        let steps_ns = stretch[stretch.len() - 1].timestamp_ns - stretch[0].timestamp_ns;
+        let interval_s = steps_ns as f64 / 1e9 / (stretch.len() - 1) as f64;
+        let mut notes = outputs.notes.clone();
+        let continuity: Continuity = candidates.iter().collect();
+        notes.extend(continuity.fault().map(|fault| fault.to_string()));
+        let mean_s = stretch.iter().map(|row| row.interval_ns as f64).sum::<f64>() / 1e9 / stretch.len() as f64;
+        if (mean_s / interval_s - 1.0).abs() > INTERVAL_TOLERANCE {
+            notes.push(format!(
+                "interval_ns is {mean_s:.6} s, but the time from row to row is {interval_s:.6} s: one of them is wrong, or time is lost between rows; \
+                 the noise at short tau is then another"
+            ));
+        }
+        let sensors = outputs.sensors.iter().map(|sensor| sensor.noise(candidates, longest.clone(), interval_s));
+        Ok(Self {
+            rows: rows.len(),
+            used_s: [begin(used.start), end(used.end - 1)],
+            used,
+            interval_s,
+            sensors: sensors.collect(),
+            losses: continuity.losses(),
+            notes,
+            temperature_unit: table.map_or_else(|| "unit".to_owned(), |table| table.content().temperature_unit.clone()),
+        })
+    }
+
+    /// All warnings, a sentence each.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        self.notes.iter().cloned().chain(self.sensors.iter().flat_map(SensorNoise::warnings)).collect()
+    }
+}
+
+/// Parts of a range of rows whose times are regular and whose outputs are numbers.
+fn split(rest: Range<usize>, rows: &[RawSample], outputs: &Outputs) -> Vec<Range<usize>> {
+    let [low, high] = REGULAR;
+    let within = |value: u64, of: u64| (low..=high).contains(&(value as f64 / of as f64));
+    let goes_on = |row: usize| {
+        let (before, now) = (&rows[row - 1], &rows[row]);
+        within(now.timestamp_ns.saturating_sub(before.timestamp_ns), now.interval_ns)
+            && within(now.interval_ns, before.interval_ns)
+    };
+    let mut parts: Vec<Range<usize>> = Vec::new();
+    for row in rest.filter(|row| outputs.is_finite(*row)) {
+        match parts.last_mut() {
+            Some(part) if part.end == row && goes_on(row) => part.end += 1,
+            _ => parts.push(row..row + 1),
+        }
+    }
+    parts
+}
+
+/// The rates of all sensors over all rows.
+struct Outputs {
+    sensors: Vec<Sensor>,
+    notes: Vec<String>,
+}
+
+struct Sensor {
+    kind: SensorKind,
+    axis: usize,
+    rate: RateKind,
+    rates: Vec<f64>,
+}
+
+impl Outputs {
+    fn of(rows: &[RawSample], table: Option<&CoefficientTable>) -> Self {
+        let recorded = rows.iter().any(|row| has_values(&row.gyroscopes));
+        let in_table = table.map(|table| table.content().gyroscopes.is_some());
+        let mut notes = Vec::new();
+        match in_table {
+            Some(true) if !recorded => notes.push("the recording has no gyroscopes, but the table has".to_owned()),
+            Some(false) if recorded => {
+                notes.push("the gyroscopes are left out: the table has none".to_owned());
+            }
+            _ => {}
+        }
+        let triads = if recorded && in_table != Some(false) {
+            &[SensorKind::Accelerometer, SensorKind::Gyroscope][..]
+        } else {
+            &[SensorKind::Accelerometer][..]
+        };
+        let mut other_device = 0;
+        let mut sensors: Vec<Sensor> = (triads.iter().flat_map(|kind| (0..AXES).map(|axis| (*kind, axis))))
+            .map(|(kind, axis)| {
+                let rate = match (table, kind) {
+                    (None, _) => RateKind::Counts,
+                    (Some(_), SensorKind::Accelerometer) => RateKind::SpecificForce,
+                    (Some(_), SensorKind::Gyroscope) => RateKind::AngularRate,
+                };
+                Sensor { kind, axis, rate, rates: Vec::with_capacity(rows.len()) }
+            })
+            .collect();
+        for row in rows {
+            let seconds = row.interval_ns as f64 / 1e9;
+            let compensated = table.map(|table| (answer(Some(table), row), table.content().gravity));
+            other_device +=
+                usize::from(compensated.is_some_and(|(it, _)| Flags(it.flags).intersects(Flags::OTHER_DEVICE)));
+            for sensor in &mut sensors {
+                let increment = match (compensated, sensor.kind) {
+                    (None, kind) => net_counts(triad(row, kind), sensor.axis),
+                    (Some((it, gravity)), SensorKind::Accelerometer) => it.velocity_increment[sensor.axis] / gravity,
+                    // Seconds of arc a second are deg/h.
+                    (Some((it, _)), SensorKind::Gyroscope) => it.angle_increment[sensor.axis] / ARCSEC,
+                };
+                sensor.rates.push(increment / seconds);
+            }
+        }
+        if let Some(table) = table.filter(|_| other_device > 0) {
+            let serial = table.content().serial.as_deref().unwrap_or_default().trim();
+            notes.push(format!(
+                "{other_device} rows are of another unit than the table's, which has the serial number {serial:?}"
+            ));
+        }
+        Self { sensors, notes }
+    }
+
+    fn is_finite(&self, row: usize) -> bool {
+        self.sensors.iter().all(|sensor| sensor.rates[row].is_finite())
+    }
+}
+
+impl Sensor {
+    fn noise(&self, rows: &[RawSample], used: Range<usize>, interval_s: f64) -> SensorNoise {
+        let (rates, rows) = (&self.rates[used.clone()], &rows[used]);
+        let allan = Allan::of(rates, interval_s);
+        let telemetry: Vec<_> = rows.iter().map(|row| triad(row, self.kind).head_temperature[self.axis]).collect();
+        let line = allan.as_ref().and_then(|allan| TemperatureLine::of(rates, &telemetry, interval_s, allan));
+        let white_counts = allan.as_ref().and_then(|allan| {
+            let [_, white, ..] = allan.model.as_ref()?.coefficients;
+            // Counts over the output, as the ratio of their Allan deviations over one row.
+            let counts: Vec<_> = rows.iter().map(|row| net_counts(triad(row, self.kind), self.axis)).collect();
+            let counts = super::variance(&super::phase(&counts, 1.0), 1, 1.0).sqrt();
+            Some(white.below().unwrap_or(white.value) / interval_s.sqrt() * counts / allan.points.first()?.adev)
+        });
+        let name = self.kind.names()[self.axis];
+        SensorNoise { name, sensor: self.kind, kind: self.rate, allan, line, white_counts }
+    }
+}
+
+fn triad(row: &RawSample, kind: SensorKind) -> &Triad {
+    match kind {
+        SensorKind::Accelerometer => &row.accelerometers,
+        SensorKind::Gyroscope => &row.gyroscopes,
+    }
+}
+
+fn net_counts(triad: &Triad, axis: usize) -> f64 {
+    f64::from(triad.positive_pulses[axis]) - f64::from(triad.negative_pulses[axis])
+}

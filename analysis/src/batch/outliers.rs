@@ -1,0 +1,138 @@
+//! Which unit of a batch stands out, and how far off a unit must be to be found.
+
+use isotherm_statistics::curve::student_quantile_of;
+use statrs::function::erf::erfc;
+
+/// Fewest units that anything is said of.
+pub const FEWEST_UNITS: usize = 5;
+/// Probability that any unit stands out where all are of one kind; it is shared among all units and quantities.
+const FALSE_ALARM: f64 = 0.05;
+/// Probability that a unit is found, for the size that is told.
+pub const POWER: f64 = 0.9;
+
+/// A unit that differs from the others in a quantity by more than chance makes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StandOut {
+    /// Index of the unit.
+    pub unit: usize,
+    /// Index of the quantity.
+    pub quantity: usize,
+    /// The unit's value less the mean of the others, over the standard deviation of such a difference.
+    pub t: f64,
+    /// The size of t that had to be exceeded.
+    pub limit: f64,
+}
+
+/// The size of Student's t, with `units - 2` degrees of freedom, that any of `units` times `quantities` values exceeds with 5 % at most. `None` under 5
+/// units or without quantities.
+#[must_use]
+pub fn limit(units: usize, quantities: usize) -> Option<f64> {
+    (units >= FEWEST_UNITS && quantities > 0)
+        .then(|| student_quantile_of(1.0 - FALSE_ALARM / (units * quantities) as f64, (units - 2) as f64))
+}
+
+/// For each value, how far it is from the mean of the others:
+///
+/// ```text
+/// t = (x - mean of the others) / (s of the others * sqrt(1 + 1/(n-1)))
+/// ```
+/// If all units are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and where the others are all the same.
+#[must_use]
+pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
+    let count = values.len() as f64;
+    let t = |left_out: usize| {
+        let others = || values.iter().enumerate().filter(|(index, _)| *index != left_out).map(|(_, value)| *value);
+        let n = count - 1.0;
+        let mean = others().sum::<f64>() / n;
+        let s = (others().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+        let rounding = 1e-12 * others().fold(0.0, |most: f64, value| most.max(value.abs()));
+        (n > 1.0 && s > rounding).then(|| (values[left_out] - mean) / (s * (1.0 + 1.0 / n).sqrt()))
+    };
+    (0..values.len()).map(t).collect()
+}
+
+/// The units that stand out, the farthest first. `quantities` has the values of all units for each quantity.
+///
+/// The unit with the largest t is taken out if it exceeds the [`limit`], with all quantities in which it does; then the others are looked at again. At
+/// most a quarter of the units is taken out: of more, none is the odd one. `None` under 5 units.
+#[must_use]
+pub fn stand_outs(quantities: &[Vec<f64>]) -> Option<Vec<StandOut>> {
+    let units = quantities.first().map_or(0, Vec::len);
+    limit(units, quantities.len())?;
+    let (mut kept, mut found): (Vec<usize>, _) = ((0..units).collect(), Vec::new());
+    for _ in 0..units / 4 {
+        let Some(limit) = limit(kept.len(), quantities.len()) else { break };
+        let scores = quantities.iter().enumerate().flat_map(|(quantity, values)| {
+            let values: Vec<f64> = kept.iter().map(|unit| values[*unit]).collect();
+            let scores = leave_one_out(&values).into_iter().zip(&kept);
+            let score = |(t, unit): (Option<f64>, &usize)| Some(StandOut { unit: *unit, quantity, t: t?, limit });
+            scores.filter_map(score).collect::<Vec<_>>()
+        });
+        let over: Vec<_> = scores.filter(|score| score.t.abs() > limit).collect();
+        let Some(farthest) = over.iter().max_by(|a, b| a.t.abs().total_cmp(&b.t.abs())).copied() else { break };
+        let mut of_unit: Vec<_> = over.into_iter().filter(|score| score.unit == farthest.unit).collect();
+        of_unit.sort_by(|a, b| b.t.abs().total_cmp(&a.t.abs()));
+        found.extend(of_unit);
+        kept.retain(|unit| *unit != farthest.unit);
+    }
+    Some(found)
+}
+
+/// How many standard deviations of the units a unit must be off in one quantity, so that it is found with a probability of 90 %. `None` under 5 units.
+///
+/// Then t follows the noncentral t distribution with the noncentrality `off * sqrt((n-1)/n)`.
+#[must_use]
+pub fn least_found(units: usize, quantities: usize) -> Option<f64> {
+    let limit = limit(units, quantities)?;
+    let to_mean = ((units - 1) as f64 / units as f64).sqrt();
+    let (mut low, mut high) = (0.0, 1.0);
+    while exceeds(limit, units - 2, high * to_mean) < POWER {
+        (low, high) = (high, 2.0 * high);
+    }
+    for _ in 0..60 {
+        let middle = f64::midpoint(low, high);
+        if exceeds(limit, units - 2, middle * to_mean) < POWER { low = middle } else { high = middle }
+    }
+    Some(high)
+}
+
+/// Probability that noncentral t is over `limit`: that of z + noncentrality > limit s, with z normal, and s the root of chi square over its degrees of
+/// freedom, whose density is proportional to s^(freedom - 1) exp(-freedom s^2/2).
+fn exceeds(limit: f64, freedom: usize, noncentrality: f64) -> f64 {
+    const STEPS: u32 = 2000;
+    // Beyond 5 the density is nothing, also with 3 degrees of freedom.
+    let steps = (0..STEPS).map(|i| 5.0 * (f64::from(i) + 0.5) / f64::from(STEPS));
+    let n = freedom as f64;
+    let density = |s: f64| ((n - 1.0) * s.ln() - n * s * s / 2.0 + n / 2.0).exp();
+    let normal = |z: f64| 0.5 * erfc(-z / core::f64::consts::SQRT_2);
+    let (sum, total) = steps
+        .fold((0.0, 0.0), |(sum, total), s| (sum + density(s) * normal(noncentrality - limit * s), total + density(s)));
+    sum / total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_found_is_that_of_the_noncentral_t_distribution() {
+        // From an independent computation (SciPy's nct), for 30 quantities.
+        for (units, right_limit, right) in
+            [(5, 18.708_878, 30.282_4), (8, 7.965_969, 11.617_0), (16, 5.340_838, 7.301_6), (32, 4.714_695, 6.275_3)]
+        {
+            assert!((limit(units, 30).unwrap() - right_limit).abs() < 1e-5);
+            assert!((least_found(units, 30).unwrap() - right).abs() < 1e-3, "{:?}", least_found(units, 30));
+        }
+        assert_eq!((limit(4, 30), least_found(4, 30), stand_outs(&vec![vec![0.0; 4]; 30])), (None, None, None));
+    }
+
+    #[test]
+    fn values_that_are_the_same_say_nothing() {
+        assert_eq!(leave_one_out(&[1.0, 1.0, 1.0, 1.0, 5.0])[4], None);
+        assert_eq!(leave_one_out(&[0.1 + 0.2, 0.3, 0.3, 0.3, 0.7])[4], None);
+        assert_eq!(leave_one_out(&[1.0, 2.0]), [None, None]);
+        let t = leave_one_out(&[0.0, 1.0, 2.0, 4.0]);
+        // (4 - 1)/(1 * sqrt(4/3))
+        assert!((t[3].unwrap() - 3.0 / (4.0_f64 / 3.0).sqrt()).abs() < 1e-15);
+    }
+}

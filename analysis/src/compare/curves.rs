@@ -1,0 +1,140 @@
+//! The difference of two curves, with its band.
+
+use super::requirement::Verdict;
+use super::table::FormCurve;
+use core::ops::Deref;
+use isotherm_shared::table::difference::{self, CurveDifference, unit_factor};
+use isotherm_shared::units::SensorKind;
+use isotherm_statistics::regression::f_limit;
+
+/// Probability that any curve counts as changed where none has. It is shared among all curves.
+const FALSE_ALARM: f64 = 0.05;
+
+/// The band around the difference of two curves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Band {
+    /// Standard error of the difference at each point, in its unit.
+    pub standard_errors: Vec<f64>,
+    /// Welch's degrees of freedom; the median over the points.
+    pub freedom: f64,
+    /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/n)) with k coefficients, n the number of curves: 9, or 18
+    /// with gyroscopes. So the bands hold the whole differences of all true curves, at all telemetries at once, with 95 % (Scheffe).
+    pub factor: f64,
+}
+
+/// The difference of one curve in two tables, new less old, with its band.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveComparison {
+    /// The difference itself.
+    pub plain: CurveDifference,
+    /// The band, if both tables have the errors of the curve.
+    pub band: Option<Band>,
+}
+
+/// All that the difference has, this has.
+impl Deref for CurveComparison {
+    type Target = CurveDifference;
+    fn deref(&self) -> &CurveDifference {
+        &self.plain
+    }
+}
+
+/// The common range of curves; `None` if there is none.
+pub fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) -> Option<[f64; 2]> {
+    difference::common_range(curves.into_iter().map(|curve| &curve.curve))
+}
+
+/// The median; not a number for none.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    match values.len() {
+        0 => f64::NAN,
+        odd if odd % 2 == 1 => values[middle],
+        _ => f64::midpoint(values[middle - 1], values[middle]),
+    }
+}
+
+/// Welch's degrees of freedom of the sum of two variances, each with its own.
+pub(super) fn welch(variances: [f64; 2], freedoms: [f64; 2]) -> f64 {
+    let [a, b] = variances;
+    (a + b).powi(2) / (a * a / freedoms[0] + b * b / freedoms[1])
+}
+
+impl CurveComparison {
+    /// Compares a quantity of a sensor over the range that both curves have. It is one of `count` curves.
+    pub(super) fn of(
+        (kind, axis, quantity): (SensorKind, usize, usize),
+        [old, new]: [&FormCurve; 2],
+        range: [f64; 2],
+        count: usize,
+    ) -> Self {
+        let plain = CurveDifference::of((kind, axis, quantity), [&old.curve, &new.curve], range);
+        let telemetry = &plain.telemetry;
+        let factors: Vec<f64> = telemetry.iter().map(|u| unit_factor(kind, quantity, old.at(*u))).collect();
+        let variances: Option<Vec<[f64; 2]>> =
+            telemetry.iter().map(|u| Some([old.variance(*u)?, new.variance(*u)?])).collect();
+        let band = variances.zip(old.freedom().zip(new.freedom())).map(|(variances, (a, b))| {
+            let freedom = median(variances.iter().map(|pair| welch(*pair, [a, b])).collect());
+            let k = old.coefficients().max(new.coefficients()) as f64;
+            let error = |([a, b], factor): (&[f64; 2], &f64)| (a + b).sqrt() * factor.abs();
+            Band {
+                standard_errors: variances.iter().zip(&factors).map(error).collect(),
+                freedom,
+                factor: (k * f_limit(FALSE_ALARM / count as f64, k, freedom)).sqrt(),
+            }
+        });
+        Self { plain, band }
+    }
+
+    /// Mean of the difference over the points.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.differences.iter().sum::<f64>() / self.differences.len() as f64
+    }
+
+    /// Half the width of the band at each point.
+    pub fn half_widths(&self) -> Option<impl Iterator<Item = f64> + Clone> {
+        self.band.as_ref().map(|band| band.standard_errors.iter().map(|error| error * band.factor))
+    }
+
+    /// Standard error of the difference; the median over the points.
+    #[must_use]
+    pub fn standard_error(&self) -> Option<f64> {
+        self.band.as_ref().map(|band| median(band.standard_errors.clone()))
+    }
+
+    /// The most that the difference can be anywhere, by its band.
+    #[must_use]
+    pub fn upper(&self) -> Option<f64> {
+        let halves = self.half_widths()?;
+        Some(self.differences.iter().zip(halves).map(|(d, half)| d.abs() + half).fold(0.0, f64::max))
+    }
+
+    /// What the difference is somewhere at least, by its band; 0 if it may be 0 everywhere.
+    #[must_use]
+    pub fn lower(&self) -> Option<f64> {
+        let halves = self.half_widths()?;
+        Some(self.differences.iter().zip(halves).map(|(d, half)| d.abs() - half).fold(0.0, f64::max))
+    }
+
+    /// Largest ratio of difference to standard error.
+    #[must_use]
+    pub fn worst_ratio(&self) -> Option<f64> {
+        let band = self.band.as_ref()?;
+        Some(self.differences.iter().zip(&band.standard_errors).map(|(d, error)| d.abs() / error).fold(0.0, f64::max))
+    }
+
+    /// Whether the difference is outside of its band anywhere; `None` without errors.
+    #[must_use]
+    pub fn is_changed(&self) -> Option<bool> {
+        Some(self.worst_ratio()? > self.band.as_ref()?.factor)
+    }
+
+    /// Whether the difference is within a bound, in its unit. Without errors the values decide.
+    #[must_use]
+    pub fn verdict(&self, bound: f64) -> Verdict {
+        let (largest, _) = self.largest();
+        Verdict::of(self.lower().unwrap_or(largest), self.upper().unwrap_or(largest), bound)
+    }
+}

@@ -1,0 +1,237 @@
+//! What the live page tells of a campaign's course: every start, pause, resumption, repetition and end, and what became of fit,
+//! verification and installation, from the journal.
+
+use super::journal::{Entry, JournalLine};
+use super::machine::Unit;
+use super::plan::Plan;
+use super::timeline::{duration, units};
+
+use isotherm_report::page::NoteKind;
+
+/// An event as the live page shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// Unix time \[s\].
+    pub unix_s: f64,
+    /// Whether the operator should care.
+    pub kind: NoteKind,
+    /// What has happened, in one or two words.
+    pub name: &'static str,
+    /// The cause, or what belongs to it.
+    pub text: String,
+    /// Whether readings may be missing before or after it.
+    pub interrupts: bool,
+    /// Whether it belongs to the readings. What follows them may come days later, and has no place in their curves.
+    pub marked: bool,
+}
+
+/// The events in the lines of the journal of `plan`, oldest first.
+pub fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
+    let (mut kept, mut running, mut events) = (0, false, Vec::new());
+    for line in lines {
+        let unit = Unit::of(plan, kept);
+        let place = unit.map_or_else(|| "all units are complete".to_owned(), |unit| unit.name(plan));
+        let (kind, name, text) = match &line.entry {
+            Entry::Started { .. } => {
+                let died = std::mem::replace(&mut running, true);
+                let kind = if died { NoteKind::Warning } else { NoteKind::Good };
+                let after = if died { "; the runner before ended without the safe state" } else { "" };
+                (kind, "start", format!("{place}{after}"))
+            }
+            Entry::Kept(_) => {
+                kept += 1;
+                continue;
+            }
+            Entry::Discarded { reason } => {
+                let name = match unit {
+                    Some(Unit::Run(_)) => "repeated run",
+                    Some(Unit::Ramp(_)) => "repeated ramp",
+                    Some(Unit::Turn { .. }) => "repeated turn",
+                    Some(Unit::Dwell { .. }) | None => "repeated dwell",
+                };
+                (NoteKind::Warning, name, format!("{place}: {reason}"))
+            }
+            Entry::Dropped { reason } => (NoteKind::Bad, "dropped", reason.clone()),
+            Entry::Paused { cause } => (NoteKind::Warning, "pause", format!("{place}: {cause}")),
+            Entry::Resumed { after_s } => (NoteKind::Good, "resume", format!("{place}, after {}", duration(*after_s))),
+            Entry::Safe { reason, stopped, table, chamber, certain } => {
+                running = false;
+                let (kind, name) = match stopped {
+                    _ if kept == units(plan) => (NoteKind::Good, "end"),
+                    Some(true) => (NoteKind::Warning, "stop"),
+                    Some(false) => (NoteKind::Bad, "alarm or fault"),
+                    None => (NoteKind::Warning, "safe state"),
+                };
+                (if *certain { kind } else { NoteKind::Bad }, name, format!("{reason}; {table}; {chamber}"))
+            }
+            Entry::Calibrated { digest, accuracy } if accuracy.is_empty() => (NoteKind::Good, "fit", digest.clone()),
+            Entry::Calibrated { digest, accuracy } => (NoteKind::Good, "fit", format!("{digest}; {accuracy}")),
+            Entry::NotCalibrated { reason } => (NoteKind::Bad, "no fit", reason.clone()),
+            Entry::Verified { run, largest, refused, .. } => {
+                let largest = largest.as_ref().map_or_else(String::new, |largest| format!(": largest error {largest}"));
+                match refused {
+                    None => (NoteKind::Good, "verified", format!("{run}{largest}")),
+                    Some(causes) => {
+                        let causes = causes.replace('\n', &format!("\n{run}; "));
+                        (NoteKind::Bad, "refused", format!("{run}{largest}; {causes}"))
+                    }
+                }
+            }
+            Entry::NotJudged { reasons } => (NoteKind::Warning, "not judged", reasons.join("\n")),
+            Entry::NotInstalled { reason } => (NoteKind::Warning, "not installed", reason.clone()),
+            Entry::Installed { digest, file } => {
+                (NoteKind::Good, "installed", format!("{digest} as {}", file.display()))
+            }
+            Entry::Begin { .. } | Entry::Connected { .. } | Entry::Reached { .. } | Entry::Left | Entry::FitBegun => {
+                continue;
+            }
+        };
+        let marked = !matches!(
+            line.entry,
+            Entry::Calibrated { .. }
+                | Entry::NotCalibrated { .. }
+                | Entry::Verified { .. }
+                | Entry::NotJudged { .. }
+                | Entry::NotInstalled { .. }
+                | Entry::Installed { .. }
+        );
+        let interrupts = matches!(line.entry, Entry::Started { .. } | Entry::Paused { .. });
+        let apart = matches!(line.entry, Entry::Verified { .. } | Entry::NotJudged { .. } | Entry::NotInstalled { .. });
+        let texts: Vec<_> =
+            if apart { text.lines().map(ToOwned::to_owned).collect() } else { vec![text.replace('\n', "; ")] };
+        let of_imu = |text: String| line.imu.as_ref().map_or_else(|| text.clone(), |imu| format!("{imu}: {text}"));
+        events.extend(texts.into_iter().map(|text| Event {
+            unix_s: line.unix_s,
+            kind,
+            name,
+            text: of_imu(text),
+            interrupts,
+            marked,
+        }));
+    }
+    events
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::journal::{Kept, LargestError};
+    use super::*;
+    use std::path::Path;
+
+    fn plan() -> Plan {
+        Plan::from_toml(include_str!("../../../examples/plan.toml"), Path::new("/")).unwrap()
+    }
+
+    fn safe(reason: &str, stopped: Option<bool>, certain: bool) -> Entry {
+        let [table, chamber] = ["table stopped", "chamber in standby"].map(String::from);
+        Entry::Safe { reason: reason.to_owned(), stopped, table, chamber, certain }
+    }
+
+    #[test]
+    fn every_interruption_is_an_event_with_its_place_and_cause() {
+        let plan = plan();
+        let kept = || Entry::Kept(Kept::default());
+        let started = || Entry::Started { pid: 7, speed: 1.0, unit: 0 };
+        let mut entries = vec![
+            started(),
+            Entry::Connected { chamber: "c".to_owned(), table: "t".to_owned() },
+            Entry::Reached { set_point_c: -25.0 },
+            kept(),
+            Entry::Paused { cause: "the table is\nnot connected".to_owned() },
+            Entry::Resumed { after_s: 120.0 },
+            Entry::Discarded { reason: "a gap".to_owned() },
+            safe("SIGTERM, as by campaign stop", Some(true), true),
+            started(),
+            started(),
+            safe("requested", Some(true), true),
+            safe("the chamber has an alarm: high temperature", Some(false), true),
+            safe("SIGTERM", Some(true), false),
+            // The words do not count.
+            safe("stopped by the chamber", Some(false), true),
+            safe("stopped by SIGTERM, in an older version", None, true),
+        ];
+        entries.extend((1..units(&plan)).map(|_| kept()));
+        entries.push(safe("all data are taken", Some(false), true));
+        let lines: Vec<_> =
+            (0_u32..).zip(entries).map(|(n, entry)| JournalLine { unix_s: n.into(), imu: None, entry }).collect();
+        let events = events(&plan, &lines);
+        let found: Vec<_> = events.iter().map(|event| (event.unix_s, event.kind, event.name)).collect();
+        let (good, warning, bad) = (NoteKind::Good, NoteKind::Warning, NoteKind::Bad);
+        let last = f64::from(u32::try_from(lines.len()).unwrap() - 1);
+        assert_eq!(
+            found,
+            [
+                (0.0, good, "start"),
+                (4.0, warning, "pause"),
+                (5.0, good, "resume"),
+                (6.0, warning, "repeated dwell"),
+                (7.0, warning, "stop"),
+                (8.0, good, "start"),
+                (9.0, warning, "start"),
+                (10.0, warning, "stop"),
+                (11.0, bad, "alarm or fault"),
+                (12.0, bad, "stop"),
+                (13.0, bad, "alarm or fault"),
+                (14.0, warning, "safe state"),
+                (last, good, "end"),
+            ]
+        );
+        let place = Unit::of(&plan, 1).unwrap().name(&plan);
+        assert_eq!(events[1].text, format!("{place}: the table is; not connected"));
+        assert_eq!(events[2].text, format!("{place}, after 2 min"));
+        assert_eq!(events[3].text, format!("{place}: a gap"));
+        assert!(events[6].text.ends_with("; the runner before ended without the safe state"), "{}", events[6].text);
+        assert!(events[8].text.starts_with("the chamber has an alarm: high temperature; "), "{}", events[8].text);
+        assert!(events.iter().all(|event| event.marked));
+    }
+
+    #[test]
+    fn a_repeated_turn_is_an_event_of_its_own_name() {
+        let plan = Plan::from_toml(include_str!("../../../examples/plan-whole.toml"), Path::new("/")).unwrap();
+        let kept = (0..12).map(|_| Entry::Kept(Kept::default()));
+        let discarded = Entry::Discarded { reason: "samples are missing".to_owned() };
+        let lines: Vec<_> =
+            kept.chain([discarded]).map(|entry| JournalLine { unix_s: 1.0, imu: None, entry }).collect();
+        let events = events(&plan, &lines);
+        assert_eq!(
+            (events.len(), events[0].name, events[0].text.as_str()),
+            (1, "repeated turn", "-25 degC, turn 13 (outer 0 to 720 deg): samples are missing")
+        );
+    }
+
+    #[test]
+    fn fit_verification_and_installation_are_events_without_a_place_in_the_curves() {
+        let run = || "verify-1.csv".to_owned();
+        let largest = LargestError { of: "A2".to_owned(), error_g0: 3e-6, interval_g0: 1e-7 };
+        let reason = || "one\ntwo".to_owned();
+        let entries = [
+            Entry::FitBegun,
+            Entry::Calibrated { digest: "sha256:1".to_owned(), accuracy: "bias +- 1 ug0".to_owned() },
+            Entry::Verified { run: run(), angles_deg: None, largest: Some(largest), refused: None },
+            Entry::Verified { run: run(), angles_deg: None, largest: None, refused: Some("bias\nscale".to_owned()) },
+            Entry::NotJudged { reasons: vec!["K- of A1".to_owned(), "K+ of A2".to_owned()] },
+            Entry::NotInstalled { reason: reason() },
+            Entry::NotCalibrated { reason: reason() },
+            Entry::Installed { digest: "sha256:1".to_owned(), file: "imu-a.toml".into() },
+        ];
+        let lines: Vec<_> = entries.into_iter().map(|entry| JournalLine { unix_s: 1.0, imu: None, entry }).collect();
+        let events = events(&plan(), &lines);
+        assert!(events.iter().all(|event| !event.marked && !event.interrupts));
+        let found: Vec<_> = events.iter().map(|event| (event.kind, event.name, event.text.as_str())).collect();
+        assert_eq!(
+            found,
+            [
+                (NoteKind::Good, "fit", "sha256:1; bias +- 1 ug0"),
+                (NoteKind::Good, "verified", "verify-1.csv: largest error A2 3.000 +- 0.100e-6 g0"),
+                (NoteKind::Bad, "refused", "verify-1.csv; bias"),
+                (NoteKind::Bad, "refused", "verify-1.csv; scale"),
+                (NoteKind::Warning, "not judged", "K- of A1"),
+                (NoteKind::Warning, "not judged", "K+ of A2"),
+                (NoteKind::Warning, "not installed", "one"),
+                (NoteKind::Warning, "not installed", "two"),
+                (NoteKind::Bad, "no fit", "one; two"),
+                (NoteKind::Good, "installed", "sha256:1 as imu-a.toml"),
+            ]
+        );
+    }
+}

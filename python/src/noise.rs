@@ -1,0 +1,63 @@
+//! The noise of rates and recordings.
+
+use crate::errors::NoiseError;
+use crate::offline::{tool, with_lag};
+use crate::records::{Fields, RAW, python};
+use crate::table::Table;
+use isotherm_analysis::allan::kalibr::imu_yaml;
+use isotherm_analysis::allan::{Allan, MIN_ROWS, NoiseAnalysis, TemperatureLine};
+use isotherm_report::noise::{NoiseSource, html, json};
+use isotherm_shared::wire::RawSample;
+use numpy::PyReadonlyArray1;
+use pyo3::prelude::*;
+
+/// The noise of a recording: the document of `isotherm noise --json`, the report, and with a table Kalibr's file.
+#[pyfunction]
+pub fn noise(
+    py: Python<'_>,
+    samples: PyReadonlyArray1<'_, u8>,
+    table: Option<&Table>,
+    part: [f64; 2],
+    recording: String,
+) -> PyResult<(String, String, Option<String>)> {
+    let samples = samples.as_slice()?;
+    let time = python(py, "_files", "now")?.call0()?.extract()?;
+    py.detach(|| {
+        let rows: Vec<RawSample> = match table {
+            Some(table) => with_lag(samples, &table.0).collect(),
+            None => samples.chunks_exact(RAW).map(|record| Fields(record).raw()).collect(),
+        };
+        let table = table.map(|table| &*table.0);
+        let analysis = NoiseAnalysis::of(&rows, table, part)
+            .map_err(|error| NoiseError::new_err(format!("{recording}: {error}")))?;
+        let imu = table.map_or_else(|| recording.clone(), |table| table.content().imu.to_string());
+        let of_table = table.map(|table| [imu.clone(), table.digest().to_string()]);
+        let yaml = table.and_then(|table| imu_yaml(&analysis, table.content().gravity, &recording));
+        let source = NoiseSource { tool: tool(), time, recording, table: of_table, imu };
+        Ok((json::document(&analysis).to_string(), html(&analysis, &source), yaml))
+    })
+}
+
+/// The noise of rates at one interval, as JSON.
+#[pyfunction]
+pub fn noise_of_rates(
+    py: Python<'_>,
+    rates: PyReadonlyArray1<'_, f64>,
+    interval_s: f64,
+    telemetry: Option<PyReadonlyArray1<'_, f64>>,
+) -> PyResult<String> {
+    let rates = rates.as_slice()?;
+    let telemetry = telemetry.as_ref().map(|telemetry| telemetry.as_slice()).transpose()?;
+    if rates.len() < MIN_ROWS {
+        return Err(NoiseError::new_err(format!("{} rates; at least {MIN_ROWS} are needed", rates.len())));
+    }
+    if let Some(index) = rates.iter().position(|rate| !rate.is_finite()) {
+        return Err(NoiseError::new_err(format!("rates[{index}] is {}, give finite numbers", rates[index])));
+    }
+    py.detach(|| {
+        let allan = Allan::of(rates, interval_s);
+        let allan = allan.ok_or_else(|| NoiseError::new_err("the rates never change"))?;
+        let line = telemetry.and_then(|telemetry| TemperatureLine::of(rates, telemetry, interval_s, &allan));
+        Ok(json::rates(&allan, line.as_ref()).to_string())
+    })
+}

@@ -1,0 +1,395 @@
+//! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
+
+use crate::errors::{StabilityError, file, recording};
+use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
+use crate::table::Table;
+use isotherm_statistics::double_double::DoubleDouble;
+use isotherm_statistics::order::{OrderTable, Rule, default_order};
+use isotherm_statistics::regression::{DataPoint, LinearColumn, MAX_ORDER, Regression};
+use isotherm_report::json::verification;
+use isotherm_report::verification::{VerificationSource, html};
+use isotherm_verification::requirement::Requirement;
+use isotherm_verification::stability::{Collector, LocalGravity, Setup, Stability as Figures};
+use isotherm_recording::csv::{CsvColumn, Rows};
+use isotherm_recording::{
+    ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
+    RawCsvWriter, RecordingError,
+};
+use isotherm_shared::compensate::answer;
+use isotherm_shared::lag::Lag;
+use isotherm_shared::sequence::Period;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
+use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// The increments of raw samples; samples and increments are bytes.
+#[pyfunction]
+pub fn replay<'py>(
+    py: Python<'py>,
+    table: &Table,
+    samples: PyReadonlyArray1<'py, u8>,
+) -> PyResult<Bound<'py, PyArray1<u8>>> {
+    let samples = samples.as_slice()?;
+    let out = increments(py, samples.len() / RAW);
+    let mut writable = out.readwrite();
+    let places = writable.as_slice_mut()?;
+    py.detach(|| {
+        for (sample, place) in with_lag(samples, &table.0).zip(places.chunks_exact_mut(INCREMENT)) {
+            place.copy_from_slice(&increment_bytes(&answer(Some(&table.0), &sample)));
+        }
+    });
+    drop(writable);
+    Ok(out)
+}
+
+/// What the commands warn of where time is lost in these samples; `None` if time is whole.
+#[pyfunction]
+pub fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Option<String>> {
+    let samples = samples.as_slice()?;
+    let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
+    Ok(py.detach(|| rows.collect::<Continuity>().fault()).map(|fault| fault.to_string()))
+}
+
+/// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the commands do for a recording
+/// without it; each session begins soaked.
+pub fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
+    let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
+    let follows = table.lag_ns() != 0 && all().all(|sample| sample.lag_ns == 0);
+    let (mut lag, mut session) = (Lag::new(table.lag_ns()), None);
+    all().map(move |mut sample| {
+        if follows {
+            if session.replace(sample.session).is_some_and(|session| session != sample.session) {
+                lag.reset();
+            }
+            lag.follow(&sample);
+            lag.fill(&mut sample);
+        }
+        sample
+    })
+}
+
+/// The raw samples of a recording, as bytes.
+#[pyfunction]
+pub fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
+    let read = || -> Result<Vec<u8>, RecordingError> {
+        let mut bytes = Vec::new();
+        for sample in RawCsvReader::new(File::open(&path)?)? {
+            bytes.extend_from_slice(&crate::records::raw_bytes(&sample?));
+        }
+        Ok(bytes)
+    };
+    let bytes = py.detach(read).map_err(|error| recording(&path, &error))?;
+    Ok(array(py, bytes))
+}
+
+/// The increments that `feed` or `replay` wrote, as bytes.
+#[pyfunction]
+pub fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
+    let read = || -> Result<Vec<u8>, RecordingError> {
+        let mut rows = Rows::new(File::open(&path)?);
+        rows.next_row()?;
+        let columns = rows
+            .columns(&INCREMENT_CSV_COLUMNS, "is this a comma-separated recording of increments with a header row?")?;
+        let delivery = rows.optional_column("delivery")?;
+        let angles = match rows.optional_column(ANGLE_CSV_COLUMNS[0])? {
+            Some(_) => {
+                Some(rows.columns(&ANGLE_CSV_COLUMNS, "the angle increments of all gyroscopes belong together")?)
+            }
+            None => None,
+        };
+        let (count, mut bytes) = (rows.len(), Vec::new());
+        let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
+        while rows.next_row()? {
+            rows.expect_len(count)?;
+            let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
+            let floats = |columns: &[CsvColumn]| -> Result<[f64; 3], RecordingError> {
+                Ok([rows.float(&columns[0])?, rows.float(&columns[1])?, rows.float(&columns[2])?])
+            };
+            let increment = CompensatedIncrement {
+                sequence: rows.integer(&columns[0])?,
+                timestamp_ns: rows.integer(&columns[1])?,
+                interval_ns: rows.integer(&columns[2])?,
+                velocity_increment: floats(&columns[3..6])?,
+                angle_increment: angles.as_deref().map_or(Ok([f64::NAN; 3]), floats)?,
+                table: rows.parse(&columns[6], "16 hexadecimal digits", hexadecimal)?,
+                flags: (names(&columns[7])? | delivery.as_ref().map_or(Ok(Flags::default()), names)?).0,
+                ..CompensatedIncrement::default()
+            };
+            bytes.extend_from_slice(&increment_bytes(&increment));
+        }
+        Ok(bytes)
+    };
+    let bytes = py.detach(read).map_err(|error| recording(&path, &error))?;
+    Ok(array(py, bytes))
+}
+
+fn flags(text: &str) -> Option<Flags> {
+    let bit = |name: &str| Flags::NAMES.iter().find(|(_, known)| *known == name).map(|(bit, _)| Flags(1 << bit));
+    match text {
+        "-" => Some(Flags::default()),
+        _ => text.split('|').try_fold(Flags::default(), |all, name| Some(all | bit(name)?)),
+    }
+}
+
+/// Writes raw samples as a recording.
+#[pyfunction]
+pub fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<'_, u8>) -> PyResult<()> {
+    let samples = samples.as_slice()?;
+    let write = || -> io::Result<()> {
+        let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
+        let telemetry = all().any(|raw| raw.telemetry_ns != 0);
+        let layout = all().fold(Layout::default(), |layout, raw| layout.with(Layout::of(&StreamSample::Raw(raw))));
+        let mut writer = RawCsvWriter::with_layout(BufWriter::new(File::create(&path)?), "", telemetry, layout)?;
+        all().try_for_each(|raw| writer.write("", &raw))?;
+        writer.finish().map(drop)
+    };
+    py.detach(write).map_err(|error| file(&path, &error))
+}
+
+/// Writes increments as `replay` does, or with `delivery` as `feed --delivery` does.
+#[pyfunction]
+pub fn write_increments(
+    py: Python<'_>,
+    path: PathBuf,
+    increments: PyReadonlyArray1<'_, u8>,
+    delivery: bool,
+) -> PyResult<()> {
+    let increments = increments.as_slice()?;
+    let write = || -> io::Result<()> {
+        let all = || increments.chunks_exact(INCREMENT).map(|record| Fields(record).increment());
+        let gyroscopes = all().any(|increment| Layout::of(&StreamSample::Increment(increment)).gyroscopes);
+        let layout = IncrementLayout { gyroscopes, delivery };
+        let mut writer = IncrementCsvWriter::new(BufWriter::new(File::create(&path)?), layout)?;
+        all().try_for_each(|increment| writer.write(&increment))?;
+        writer.finish().map(drop)
+    };
+    py.detach(write).map_err(|error| file(&path, &error))
+}
+
+/// One polynomial regression with its order table, as the JSON document of `isotherm regress --json`.
+#[pyfunction]
+pub fn regress(
+    py: Python<'_>,
+    x: PyReadonlyArray1<'_, f64>,
+    y: PyReadonlyArray1<'_, f64>,
+    weights: Option<PyReadonlyArray1<'_, f64>>,
+    linear: Vec<(String, PyReadonlyArray1<'_, f64>)>,
+    max_order: Option<usize>,
+    min_effect: Option<f64>,
+) -> PyResult<String> {
+    let (x, y, weights) =
+        (x.as_slice()?, y.as_slice()?, weights.as_ref().map(|weights| weights.as_slice()).transpose()?);
+    let linear = linear.iter().map(|(name, values)| Ok((name, values.as_slice()?))).collect::<PyResult<Vec<_>>>()?;
+    if x.len() != y.len() || weights.is_some_and(|weights| weights.len() != x.len()) {
+        return Err(PyValueError::new_err("x, y and weights must be of one length"));
+    }
+    if let Some(order) = max_order.filter(|order| !(1..=MAX_ORDER).contains(order)) {
+        return Err(PyValueError::new_err(format!("max_order is {order}, give 1 to {MAX_ORDER}")));
+    }
+    if let Some(effect) = min_effect.filter(|effect| !(effect.is_finite() && *effect >= 0.0)) {
+        return Err(PyValueError::new_err(format!("min_effect is {effect}, give a number from 0")));
+    }
+    let document = py.detach(|| {
+        let points =
+            (0..x.len()).map(|i| point(i, x[i], y[i], weights.map(|weights| weights[i]))).collect::<Result<_, _>>()?;
+        let column = |&(name, values): &(&String, &[f64])| {
+            let values =
+                values.iter().enumerate().map(|(i, value)| decimal(name, i, *value)).collect::<Result<_, _>>()?;
+            Ok::<_, String>(LinearColumn { name: name.clone(), values })
+        };
+        let linear: Vec<_> = linear.iter().map(column).collect::<Result<_, _>>()?;
+        let order = max_order.unwrap_or_else(|| default_order(x, linear.len()));
+        let regression = Regression::with_linear(points, "x", linear, order).map_err(|error| error.to_string())?;
+        Ok::<_, String>(OrderTable::choose(regression, &Rule { effect: min_effect, ..Rule::default() }).json())
+    });
+    document.map(|document| document.to_string()).map_err(PyValueError::new_err)
+}
+
+/// The shortest decimal number that reads back to `value`, as a file would contain it; `name[index]` stands in the error.
+fn decimal(name: &str, index: usize, value: f64) -> Result<DoubleDouble, String> {
+    DoubleDouble::parse(&format!("{value:?}"))
+        .ok_or_else(|| format!("{name}[{index}] is {value:?}, give a finite number, 0 or of size 1e-140 to 1e140"))
+}
+
+fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<DataPoint, String> {
+    let weight = weight.map_or(Ok(DoubleDouble::ONE), |weight| decimal("weights", index, weight))?;
+    if weight > DoubleDouble::ZERO {
+        Ok(DataPoint { x: decimal("x", index, x)?, y: decimal("y", index, y)?, weight })
+    } else {
+        Err(format!("weights[{index}] is not over 0"))
+    }
+}
+
+/// The stability of an output.
+#[pyclass(frozen, module = "isotherm")]
+pub struct Stability {
+    table: Arc<CoefficientTable>,
+    figures: Figures,
+    window_s: f64,
+    recording: String,
+}
+
+/// What is required: a factor of stability, or bounds as the command takes them.
+#[derive(FromPyObject)]
+enum Require {
+    Factor(f64),
+    Bounds(String),
+}
+
+impl Require {
+    fn requirement(self) -> PyResult<Requirement> {
+        let text = match self {
+            Self::Factor(factor) => factor.to_string(),
+            Self::Bounds(text) => text,
+        };
+        text.parse().map_err(|message| PyValueError::new_err(format!("require: {message}")))
+    }
+}
+
+/// Computes the stability before and after compensation.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
+pub fn verify(
+    py: Python<'_>,
+    table: &Table,
+    samples: PyReadonlyArray1<'_, u8>,
+    window: f64,
+    attitude: Option<[f64; 3]>,
+    angles: Option<[f64; 2]>,
+    gravity_local: Option<f64>,
+    other_device: bool,
+    recording: String,
+) -> PyResult<Stability> {
+    let samples = samples.as_slice()?;
+    let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
+    let setup = setup.at_angles(&table.0, angles).map_err(PyValueError::new_err)?;
+    let figures = py.detach(|| {
+        let mut collector = Collector::new(&table.0, window);
+        with_lag(samples, &table.0).for_each(|sample| collector.add(&sample));
+        collector.finish(&setup)
+    });
+    let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
+    Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
+}
+
+impl Stability {
+    fn by_axis(&self, of: impl Fn(&isotherm_verification::stability::AxisStability) -> f64) -> (f64, f64, f64) {
+        let [a1, a2, a3] = &self.figures.axes;
+        (of(a1), of(a2), of(a3))
+    }
+}
+
+#[pymethods]
+impl Stability {
+    #[getter]
+    fn sd_before(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.sd_before)
+    }
+
+    #[getter]
+    fn rms_before(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.rms_before)
+    }
+
+    #[getter]
+    fn sd_after(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.sd_after)
+    }
+
+    #[getter]
+    fn rms_after(&self) -> (f64, f64, f64) {
+        self.by_axis(|axis| axis.rms_after)
+    }
+
+    #[getter]
+    fn factor(&self) -> (f64, f64, f64) {
+        self.by_axis(isotherm_verification::stability::AxisStability::factor)
+    }
+
+    #[getter]
+    fn specific_force(&self) -> (f64, f64, f64) {
+        self.figures.specific_force.into()
+    }
+
+    #[getter]
+    fn stated(&self) -> bool {
+        self.figures.stated
+    }
+
+    #[getter]
+    fn left_out(&self) -> u64 {
+        self.figures.left_out
+    }
+
+    #[getter]
+    fn warning(&self) -> Option<String> {
+        self.figures.nothing_claimed()
+    }
+
+    #[getter]
+    fn time_warning(&self) -> Option<String> {
+        self.figures.time_fault.map(|fault| fault.to_string())
+    }
+
+    /// The document of `isotherm verify --json`.
+    #[getter]
+    fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        document(py, &verification(&self.figures, self.window_s, None))
+    }
+
+    /// For each bound: its name, whether it is met, and the judgement in words.
+    fn judge(&self, require: Require) -> PyResult<Vec<(&'static str, bool, String)>> {
+        let judgements = require.requirement()?.judge(&self.figures);
+        Ok(judgements.into_iter().map(|judgement| (judgement.bound, judgement.met, judgement.message)).collect())
+    }
+
+    /// Raises an exception where the command ends with exit code 1.
+    fn check(&self, require: Require) -> PyResult<()> {
+        let requirement = require.requirement()?;
+        let verdict = requirement.check(&self.figures);
+        verdict.map_err(|message| StabilityError::new_err(format!("{}: {message}", self.recording)))
+    }
+
+    #[getter]
+    fn windows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let mut bytes = Vec::new();
+        for window in &self.figures.windows {
+            let times = [window.time_s, window.seconds];
+            let means = [window.before, window.after, window.head, window.board];
+            let floats = times.iter().chain(means.iter().flatten());
+            floats.for_each(|value| bytes.extend_from_slice(&value.to_ne_bytes()));
+            bytes.extend([window.flagged, window.counts, window.still].map(u8::from));
+        }
+        view(array(py, bytes), "WINDOW")
+    }
+
+    #[pyo3(signature = (path, *, require = None))]
+    fn report(&self, py: Python<'_>, path: PathBuf, require: Option<Require>) -> PyResult<()> {
+        let source = VerificationSource {
+            tool: tool(),
+            time: python(py, "_files", "now")?.call0()?.extract()?,
+            table: self.table.content().imu.to_string(),
+            recording: self.recording.clone(),
+            window_s: self.window_s,
+            required: require.map(Require::requirement).transpose()?,
+        };
+        let page = html(&self.table, &self.figures, &source);
+        python(py, "_files", "write_text")?.call1((path, page)).map(drop)
+    }
+
+    fn __repr__(&self) -> String {
+        let (a1, a2, a3) = self.factor();
+        format!("Stability(factor=({a1:.2}, {a2:.2}, {a3:.2}))")
+    }
+}
+
+/// Name and version of this program, for provenance.
+pub fn tool() -> String {
+    format!("isotherm {} (Python)", env!("CARGO_PKG_VERSION"))
+}

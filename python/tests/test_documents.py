@@ -1,0 +1,190 @@
+"""Runs the examples, and the code of docs/python.md and of the README."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import isotherm
+import numpy as np
+import pytest
+from conftest import BINARY, CAMPAIGN, EXAMPLES, REPOSITORY, RUN, TABLE, TIMEOUT, DomainUnderTest
+
+DOCUMENT = REPOSITORY / "docs/python.md"
+
+
+def blocks(path: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```$", path.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def example(name: str, *arguments: str | Path) -> str:
+    done = subprocess.run([sys.executable, EXAMPLES / name, *arguments], capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_acquisition_and_reader(domain: DomainUnderTest) -> None:
+    domain.serve()
+    reader = domain.start(sys.executable, EXAMPLES / "reader.py", "--count", "60")
+    assert reader.stdout is not None and reader.stdout.readline() == "connected\n"
+    assert "60 samples, velocity [" in example("acquisition.py", "--count", "60")
+    assert reader.communicate(timeout=TIMEOUT)[0].endswith("60 increments\n")
+    assert reader.returncode == 0
+
+
+def test_an_acquisition_that_is_started_again_goes_on_with_its_lag(domain: DomainUnderTest, tmp_path: Path) -> None:
+    domain.serve()
+    state = tmp_path / "lag.json"
+    for _ in range(2):
+        example("acquisition.py", "--count", "60", "--serial", "SN 42", "--state", state)
+        # The share of an unknown start is 0: the clock goes on.
+        assert [kept and kept[1:] for kept in json.loads(state.read_text())] == [[2.5, 2.5, 0.0]] * 3 + [None] * 3
+
+
+def status(domain: DomainUnderTest) -> dict[str, int]:
+    imu: dict[str, int] = json.loads(domain.isotherm("status", "--json"))["imus"][0]
+    return imu
+
+
+def test_paced_loses_nothing_while_the_service_is_replaced(domain: DomainUnderTest) -> None:
+    service = domain.serve()
+    paced = domain.start(sys.executable, EXAMPLES / "paced.py", "--periods", "800")
+    deadline = time.monotonic() + TIMEOUT
+    while status(domain)["received"] < 20:
+        assert time.monotonic() < deadline
+    service.pause()
+    time.sleep(0.4)  # longer than 64 periods
+    service.kill()
+    domain.serve()
+    out = paced.communicate(timeout=TIMEOUT)[0]
+    counts = re.search(r"800 periods: (\d+) answered in time, (\d+) late, (\d+) merged, 0 lost", out)
+    assert paced.returncode == 0 and counts, out
+    answered, late, merged = map(int, counts.groups())
+    assert answered + late + merged == 800 and late >= 64 and merged > 0
+    assert status(domain)["missing"] == 0
+
+
+def test_round_trip(domain: DomainUnderTest) -> None:
+    domain.serve()
+    assert len(example("round_trip.py", "--blocks", "1").splitlines()) == 7
+
+
+def test_calibrate(tmp_path: Path) -> None:
+    out = example("calibrate.py", CAMPAIGN, tmp_path)
+    assert "chosen: 3" in out
+    assert isotherm.Table.load(tmp_path / "table.toml").imu
+    assert (tmp_path / "calibration.html").stat().st_size > 10_000
+
+
+def test_the_plain_way(domain: DomainUnderTest, table: isotherm.Table) -> None:
+    """The example with only iceoryx2's wheel and ctypes: an `IncrementReader` reads the same increments at the same time."""
+    domain.serve()
+    with isotherm.IncrementReader("imu-a", timeout=TIMEOUT) as reader:
+        out = example("plain_iceoryx2.py", "--isotherm", BINARY, "--count", "20", "--serial", "SN 42")
+        read = reader.read_available()
+    rows = [line.split() for line in out.splitlines()]
+    assert [int(row[0]) for row in rows] == list(range(20))
+    assert [[float(value) for value in row[1:4]] for row in rows] == read["velocity_increment"].tolist()
+    # The table has no gyroscopes.
+    assert {value for row in rows for value in row[4:7]} == {"nan"} and np.isnan(read["angle_increment"]).all()
+    assert {row[7] for row in rows} == {f"{table.id:016x}"}
+    assert read["session"][0] > 0 and read["sequence"].tolist() == list(range(20))
+
+
+def test_the_plain_peers_structures_are_the_wire() -> None:
+    spec = importlib.util.spec_from_file_location("plain", EXAMPLES / "plain_iceoryx2.py")
+    assert spec is not None and spec.loader is not None
+    plain = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(plain)
+    for structure, dtype in (
+        (plain.Triad, isotherm.TRIAD),
+        (plain.RawSample, isotherm.RAW_SAMPLE),
+        (plain.CompensatedIncrement, isotherm.INCREMENT),
+    ):
+        offsets = {name: getattr(structure, name).offset for name, _ in structure._fields_}
+        assert offsets == {name: field[1] for name, field in (dtype.fields or {}).items()}
+        assert ctypes.sizeof(structure) == dtype.itemsize
+    assert plain.device(" SN 42 ") == isotherm.device("SN 42") and plain.device(" ") == 0
+
+
+def test_the_document_shows_the_plain_example() -> None:
+    assert (EXAMPLES / "plain_iceoryx2.py").read_text() in blocks(DOCUMENT)
+
+
+@pytest.mark.parametrize("document", [DOCUMENT, REPOSITORY / "python/README.md"], ids=["docs", "readme"])
+def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs all blocks of a document, one after the other, as one program with a service."""
+    domain.serve()
+    for file in (TABLE, RUN, CAMPAIGN, CAMPAIGN.with_name("samples.csv")):
+        shutil.copy(file, domain.folder)
+    shutil.copy(REPOSITORY / "calibration/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
+    domain.isotherm("simulate", "run", "-o", domain.folder / "still", "--interval", "1")
+    monkeypatch.chdir(domain.folder)
+    plain = (EXAMPLES / "plain_iceoryx2.py").read_text()
+    program = "\n".join(block for block in blocks(document) if block != plain)
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
+    """Runs its code on the tables of four years, and on those of five IMUs."""
+    tables = REPOSITORY / "calibration/tests/data/any_lab/compare"
+    for year in ("2023", "2024", "2025", "2026"):
+        shutil.copy(tables / f"{year}.toml", tmp_path)
+    for index, name in enumerate(("imu-a", "imu-b", "imu-c", "imu-d", "imu-e")):
+        text = (tables / f"{2023 + index % 4}.toml").read_text()
+        (tmp_path / f"{name}.toml").write_text(text.replace('"imu-a"', f'"{name}"').replace("c0 = 7", f"c0 = 7{index}"))
+    program = "\n".join(blocks(REPOSITORY / "docs/compare.md"))
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    assert "'A1 bias'" in done.stdout and "No unit stands out" in done.stdout
+
+
+def test_fleet(tmp_path: Path) -> None:
+    """Campaigns on two workers: the tables are those of one by one, and one that fails does not stop the others."""
+    names = ["imu-1", "imu-2", "imu-3"]
+    for name in names:
+        shutil.copytree(CAMPAIGN.parent, tmp_path / name)
+        file = tmp_path / name / "campaign.toml"
+        file.write_text(file.read_text().replace('"imu-paper"', f'"{name}"'))
+    # The second one has lost its samples.
+    (tmp_path / "imu-2" / "samples.csv").unlink()
+    # The third one has a second campaign.
+    shutil.copytree(tmp_path / "imu-3", tmp_path / "again")
+    campaigns = [tmp_path / name / "campaign.toml" for name in [*names, "again"]]
+    arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "2"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 1, done.stderr
+    assert "2 tables, 2 campaigns failed\nbatch of 2 units\n" in done.stdout, done.stdout
+    assert f"{campaigns[1]}: failed: [Errno 2] No such file or directory" in done.stderr
+    assert f"{campaigns[3]}: failed: {campaigns[2]} is a campaign of imu-3 too; give one" in done.stderr
+    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["imu-1.html", "imu-1.toml", "imu-3.html", "imu-3.toml"]
+
+    def without_time(text: str) -> str:
+        return re.sub(r"^time = .*\n", "", text, flags=re.MULTILINE)
+
+    for name in ("imu-1", "imu-3"):
+        alone = isotherm.calibrate(tmp_path / name / "campaign.toml").text
+        assert without_time((tmp_path / "tables" / f"{name}.toml").read_text()) == without_time(alone)
+
+
+def test_fleet_without_statistics(tmp_path: Path) -> None:
+    """Tables that are no batch are kept, and the reason is told."""
+    for name, unit in (("imu-1", "V"), ("imu-2", "other")):
+        shutil.copytree(CAMPAIGN.parent, tmp_path / name)
+        file = tmp_path / name / "campaign.toml"
+        text = file.read_text().replace('"imu-paper"', f'"{name}"')
+        file.write_text(re.sub(r'temperature_unit = ".*"', f'temperature_unit = "{unit}"', text))
+    campaigns = [tmp_path / name / "campaign.toml" for name in ("imu-1", "imu-2")]
+    arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "1"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 1, done.stderr
+    assert "2 tables, 0 campaigns failed\n" in done.stdout, done.stdout
+    assert "failed: statistics of the batch: telemetry in V and other" in done.stderr

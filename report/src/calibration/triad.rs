@@ -1,0 +1,260 @@
+//! The sections of a calibration's page that are the same for accelerometers and gyroscopes.
+
+use super::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
+use crate::page::{Cell, Page};
+use crate::plot::{Plot, Style};
+use isotherm_calibration::calibrate::Method;
+use isotherm_calibration::triad::{CalibratedTriad, ReducedSensor};
+use isotherm_shared::wire::AXES;
+use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
+
+impl Report<'_> {
+    /// `accelerometers: ` if there are gyroscopes too, or else nothing: of one triad it is clear what is meant.
+    pub(super) fn whose(&self, triad: &CalibratedTriad<'_>) -> String {
+        if self.triads.len() > 1 { format!("{}s: ", triad.units.sensor) } else { String::new() }
+    }
+
+    /// Begins a section of a triad.
+    pub(super) fn heading(&self, page: &mut Page, triad: &CalibratedTriad<'_>, id: &str, title: &str) {
+        let id = if triad.gyroscopes.is_some() { format!("gyroscope-{id}") } else { id.to_owned() };
+        let sensors = if self.triads.len() > 1 { format!(", {}s", triad.units.sensor) } else { String::new() };
+        page.heading(2, &id, &format!("{title}{sensors}"));
+    }
+
+    fn telemetry(&self, quantity: usize) -> String {
+        format!("{} telemetry / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
+    }
+
+    /// A figure over the telemetry of a quantity, with the temperatures of the chamber as its second scale.
+    pub(super) fn plot_over_telemetry(
+        &self,
+        triad: &CalibratedTriad<'_>,
+        title: &str,
+        y_label: &str,
+        axis: usize,
+        quantity: usize,
+    ) -> Plot {
+        let pairs = triad.set_points.iter().map(|(set_point_c, parts)| (parts[axis].telemetry[quantity], *set_point_c));
+        Plot::new(title, &self.telemetry(quantity), y_label).second_scale("Set point / degC", pairs)
+    }
+
+    /// Figure 5 of the paper.
+    pub(super) fn curves(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
+        self.heading(page, triad, "curves", "Bias and scale factors over temperature");
+        page.paragraph(if triad.gyroscopes.is_some() {
+            "As above. The bars come from the scatter of the set point's dwells and turns."
+        } else {
+            "Points are the set points, freed of the drift within them where the one-stage fit knows it; the line is the table. Bars: 95 % \
+             of each set point's own value, by Student's t from the scatter of its dwells, drift and tilt included: where the points are freed of \
+             the drift, they scatter less than the bars say. Band: 95 % of the table's curve. What is too small to be seen here is in the \
+             residuals below. Upper scale: the chamber's set points, with straight lines between them."
+        });
+        for (quantity, name) in QUANTITY_NAMES.iter().enumerate() {
+            let figure = |axis: usize| {
+                let curve = &triad.curves[axis][quantity];
+                let (factor, unit) = (triad.units.factor(quantity), triad.units.on_page(quantity));
+                let line = grid(curve.range()).map(|u| (u, curve.at(u) * factor));
+                let band = grid(curve.range()).filter_map(|u| {
+                    let half = curve.interval(u, CONFIDENCE)?;
+                    Some((u, (curve.at(u) - half) * factor, (curve.at(u) + half) * factor))
+                });
+                let title = format!("{name} of {}", triad.names[axis]);
+                let plot = self
+                    .plot_over_telemetry(triad, &title, &format!("{name} / {unit}"), axis, quantity)
+                    .series(&format!("Table, order {}, 95 %", curve.order()), Style::Line, line)
+                    .band(band)
+                    .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, |_| 0.0, factor))
+                    .errors(errors(triad, axis, quantity).into_iter().map(|half| half * factor));
+                (plot.svg(), String::new())
+            };
+            page.figures(&[figure(0), figure(1), figure(2)]);
+        }
+    }
+
+    pub(super) fn set_point_residuals(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
+        self.heading(page, triad, "residuals", "Residuals");
+        page.heading(3, "residuals-set-points", "Set points");
+        page.paragraph(
+            "Bars: 95 % of each set point's own value, as above. Band: 95 % of the table's curve. By chance at most one bar in twenty misses the \
+             true curve; more of them are a sign of an order that is too low, or of an error that changes between set points.",
+        );
+        for (quantity, name) in QUANTITY_NAMES.iter().enumerate() {
+            let figure = |axis: usize| {
+                let curve = &triad.curves[axis][quantity];
+                let [low, high] = curve.range();
+                let (size, unit) = match quantity {
+                    0 => (triad.units.factor(0), triad.units.on_page(0)),
+                    _ => (1e6 / curve.at(0.5 * (low + high)).abs(), "ppm"),
+                };
+                let band = grid([low, high]).filter_map(|u| {
+                    let half = curve.interval(u, CONFIDENCE)? * size;
+                    Some((u, -half, half))
+                });
+                let title = format!("{name} of {}: set point less table", triad.names[axis]);
+                let plot = self
+                    .plot_over_telemetry(triad, &title, &format!("Residual / {unit}"), axis, quantity)
+                    .series("Table, 95 %", Style::Line, grid([low, high]).map(|u| (u, 0.0)))
+                    .band(band)
+                    .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, |x| curve.at(x), size))
+                    .errors(errors(triad, axis, quantity).into_iter().map(|half| half * size));
+                (plot.svg(), String::new())
+            };
+            page.figures(&[figure(0), figure(1), figure(2)]);
+        }
+    }
+
+    pub(super) fn misalignments(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
+        self.heading(page, triad, "misalignments", "Misalignments");
+        let mut rows = Vec::new();
+        for (axis, misalignment) in triad.misalignment.iter().enumerate() {
+            for (k, m) in misalignment.iter().enumerate() {
+                let error = triad.misalignment_error[axis].map_or(f64::NAN, |errors| errors[k]);
+                let interval = triad.misalignment_interval[axis].map_or(f64::NAN, |half| half[k]);
+                rows.push(vec![
+                    Cell::text(format!("{} onto {}", triad.names[axis], triad.names[(axis + 1 + k) % AXES])),
+                    Cell::number(m * 1e6, 3),
+                    Cell::number(error * 1e6, 3),
+                    Cell::number(interval * 1e6, 3),
+                ]);
+            }
+        }
+        let header = ["Misalignment", "Value", "Standard error", "95 % interval +-"];
+        page.table("Misalignments [1e-6 rad]", &header, &rows);
+        let left = match triad.gyroscopes {
+            None => self.calibration.left_without_alignment(),
+            Some(found) => found.left_without_alignment(&self.calibration.table),
+        };
+        page.paragraph(match (self.calibration.table.content().alignment, left) {
+            (Some(_), _) => {
+                "The table has the alignment matrix that undoes them. It turns the axes of the output onto those of the turntable: how the IMU sat on \
+                 the fixture is part of it."
+            }
+            (None, Some(_)) => {
+                "The table has no alignment matrix: outputs stay along the sensors' input axes, and the misalignments are part of the error. This IMU \
+                 needs one (calibrate --alignment)."
+            }
+            (None, None) => {
+                "The table has no alignment matrix, and needs none: no misalignment exceeds its 99 % interval and 1e-6 rad. Outputs stay along the \
+                 sensors' input axes."
+            }
+        });
+    }
+
+    pub(super) fn set_points(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
+        self.heading(page, triad, "set-points", "Set points reduced by themselves");
+        page.paragraph(match (self.calibration.options.method, triad.gyroscopes) {
+            (Method::OneStage, None) => {
+                "The paper's two-stage values, for comparison; the table comes from all dwells at once."
+            }
+            (Method::OneStage, Some(_)) => "For comparison; the table comes from all dwells and turns at once.",
+            (Method::TwoStage, _) => "The values that the polynomials go through.",
+        });
+        let units = triad.units;
+        let (bias, with) = match triad.gyroscopes {
+            None => ("A", "tilt"),
+            Some(_) => ("D", "Earth's rate"),
+        };
+        for (axis, name) in triad.names.into_iter().enumerate() {
+            let row = |(set_point_c, parts): &(f64, [ReducedSensor<'_>; AXES])| {
+                let part = &parts[axis];
+                let mut row = vec![Cell::text(format!("{set_point_c} degC"))];
+                row.extend(part.telemetry[..2].iter().map(|telemetry| Cell::number(*telemetry, 5)));
+                for quantity in 0..QUANTITY_NAMES.len() {
+                    let decimals = if quantity == 0 { units.bias_decimals } else { units.scale_factor_decimals };
+                    let both = [part.values[quantity], part.standard_errors[quantity]];
+                    row.extend(both.map(|value| Cell::number(value * units.factor(quantity), decimals)));
+                }
+                row.extend(part.values[3..5].iter().map(|m| Cell::number(m * 1e6, 2)));
+                row.extend(part.values[5..].iter().map(|s| Cell::number(*s, 4)));
+                row
+            };
+            let rows: Vec<_> = triad.set_points.iter().map(row).collect();
+            let (m, o) = (triad.names[(axis + 1) % AXES], triad.names[(axis + 2) % AXES]);
+            let bias = format!("{bias} / {}", units.bias_on_page);
+            let (m, o) = (format!("onto {m} / 1e-6"), format!("onto {o} / 1e-6"));
+            let mut header = vec!["Set point", "Head", "Board", &bias, "+-", "K+", "+-", "K-", "+-", &m, &o];
+            if triad.gyroscopes.is_some() {
+                header.extend(["s along A1 / deg/h/g0", "A2", "A3"]);
+            }
+            let caption = format!("{name}: errors from the scatter within the set point, {with} included");
+            page.table(&caption, &header, &rows);
+        }
+    }
+}
+
+/// Errors of a sensor: of the bias in the unit of the fit, of K+ and K- relative to them.
+pub(super) struct Budget {
+    /// Standard errors, means over the range.
+    pub standard_error: [Option<f64>; 3],
+    /// Leave-one-set-point-out, rms.
+    pub leave_one_out: [Option<f64>; 3],
+    /// What 0.001 of telemetry changes where the curve is steepest.
+    pub slope: [f64; 3],
+    /// Standard error of both misalignments together \[rad\].
+    pub misalignment: Option<f64>,
+}
+
+impl Budget {
+    pub(super) fn of(triad: &CalibratedTriad<'_>, axis: usize) -> Self {
+        let curves = triad.curves[axis];
+        let size = |quantity: usize, u: f64| if quantity == 0 { 1.0 } else { curves[quantity].at(u).abs() };
+        let mean = |quantity: usize| {
+            let curve = &curves[quantity];
+            let squares = grid(curve.range()).map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
+            squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE_INTERVALS + 1) as f64).sqrt())
+        };
+        let slope = |quantity: usize| {
+            let curve = &curves[quantity];
+            let slopes = grid(curve.range()).map(|u| curve.slope(u).abs() / size(quantity, u));
+            slopes.fold(0.0, f64::max) * 1e-3
+        };
+        let leave_one_out = |quantity: usize| {
+            let orders = &triad.orders[axis][quantity];
+            let fit = &orders.regression.fits()[orders.choice.order];
+            fit.leave_one_out_rms.map(|rms| rms / size(quantity, curves[quantity].range()[0]))
+        };
+        Self {
+            standard_error: [0, 1, 2].map(mean),
+            leave_one_out: [0, 1, 2].map(leave_one_out),
+            slope: [0, 1, 2].map(slope),
+            misalignment: triad.misalignment_error[axis].map(|errors| errors[0].hypot(errors[1])),
+        }
+    }
+}
+
+/// Telemetry of a quantity at each set point, and its value less `from` times `factor`.
+fn points<'a>(
+    triad: &CalibratedTriad<'a>,
+    axis: usize,
+    quantity: usize,
+    from: impl Fn(f64) -> f64 + 'a,
+    factor: f64,
+) -> impl Iterator<Item = (f64, f64)> + 'a {
+    let points = triad.orders[axis][quantity].regression.points().iter();
+    let points = points.map(|point| (point.x.value(), point.y.value()));
+    points.map(move |(x, y)| (x, (y - from(x)) * factor))
+}
+
+/// Half length of the error bar of each set point's own value, in the unit of the fit; NaN without degrees of freedom.
+fn errors(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> Vec<f64> {
+    let parts = triad.set_points.iter().map(|(_, parts)| &parts[axis]);
+    parts.map(|part| half_length(part.standard_errors[quantity], part.freedom)).collect()
+}
+
+/// Half length of the error bar of a value with these degrees of freedom; NaN without any.
+fn half_length(standard_error: f64, freedom: usize) -> f64 {
+    if freedom == 0 { f64::NAN } else { standard_error * student_quantile(CONFIDENCE, freedom) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_bars_widen_with_few_dwells_and_need_one_more_than_there_are_parameters() {
+        assert!(half_length(1.0, 0).is_nan() && half_length(f64::NAN, 7).is_nan());
+        // Student's t with 1 and 7 degrees of freedom.
+        assert!((half_length(2.0, 1) - 2.0 * 12.7062).abs() < 1e-3);
+        assert!((half_length(2.0, 7) - 2.0 * 2.36462).abs() < 1e-4);
+    }
+}

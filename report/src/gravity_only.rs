@@ -1,0 +1,345 @@
+//! A calibration without a turntable as text, JSON and page.
+
+use super::json::losses;
+use super::page::{Cell, NoteKind, Page};
+use super::plot::{Plot, Style};
+use super::text::within;
+use isotherm_calibration::accuracy::largest_interval;
+use isotherm_calibration::gravity_only::reading::Reading;
+use isotherm_calibration::gravity_only::{GravityOnlyCalibration, GravityOnlyError};
+use isotherm_calibration::provenance::CampaignSource;
+use isotherm_campaign::campaign::Campaign;
+use isotherm_failure::Failure;
+use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
+use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
+use isotherm_statistics::order::QUANTITIES;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+/// What no calibration without a turntable shows.
+const NOT_OBSERVABLE: &str = "not observable without a turntable: a rotation of the sensors in the housing, a reversed sign, exchanged axes; output axis 3 is along A3, output axis 2 in the \
+                              plane of A2 and A3";
+/// Intervals between the points of a drawn curve.
+const CURVE_INTERVALS: usize = 60;
+
+/// A calibration in a few lines, then a line for each standstill.
+#[must_use]
+pub fn text(calibration: &GravityOnlyCalibration) -> String {
+    let GravityOnlyCalibration { readings, too_short, levels, unknowns, reasons, freedom, .. } = calibration;
+    let mut text = format!(
+        "{} standstills at {levels} {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
+        readings.len(),
+        if *levels == 1 { "temperature" } else { "temperatures" },
+        calibration.table.digest(),
+        unknowns.order,
+        reasons[0],
+        if unknowns.split { "K+ and K-" } else { "one K, K- = -K+" },
+        reasons[1],
+    );
+    text.extend(within(calibration.losses, "the recordings"));
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        text,
+        "  at mid telemetry, 95 %    bias / 1e-6 g0           K+ / (pulse/(s*g0))          K- / (pulse/(s*g0))"
+    );
+    for (axis, name) in AXIS_NAMES.iter().enumerate() {
+        let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
+        let _ = writeln!(
+            text,
+            "  {name:<22} {:>20} {:>27} {:>28}",
+            with_interval(bias, 1e6, 2),
+            with_relative(plus),
+            with_relative(minus)
+        );
+    }
+    for (name, value, error) in misalignments(calibration) {
+        let interval = error.map(|error| error * student_quantile(CONFIDENCE, *freedom));
+        let _ = writeln!(text, "  {name} {} [1e-6 rad]", with_interval((value, interval), 1e6, 2));
+    }
+    let worst = |quantity, relative| {
+        (0..3).map(|axis| largest_interval(&calibration.curves[axis][quantity], relative)).collect()
+    };
+    let largest = |all: Vec<Option<f64>>| all.into_iter().try_fold(0.0, |most: f64, each| Some(most.max(each?)));
+    if let (Some(bias), Some(plus), Some(minus)) =
+        (largest(worst(0, false)), largest(worst(1, true)), largest(worst(2, true)))
+    {
+        let _ = writeln!(
+            text,
+            "  largest 95 % interval over the range: bias {:.2}e-6 g0, scale factors {:.2} ppm",
+            bias * 1e6,
+            plus.max(minus) * 1e6
+        );
+    }
+    let _ = writeln!(
+        text,
+        "  residuals {:.2}e-6 g0 rms, {freedom} degrees of freedom\n  D sqrt(n) {:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}",
+        calibration.residual_rms() * 1e6,
+        calibration.dilution.times_root_n,
+        calibration.dilution.times_root_n / (readings.len() as f64).sqrt()
+    );
+    if let Some(rates) = calibration.gyroscope_rates() {
+        let _ = writeln!(
+            text,
+            "  gyroscopes, mean over the standstills: {:.4} {:.4} {:.4} pulse/s; Earth's rate is in it, and nothing of them goes into the table",
+            rates[0], rates[1], rates[2]
+        );
+    }
+    let _ = writeln!(
+        text,
+        "\n  standstill    start / s   length / s   specific force A1 A2 A3 / g0   head telemetry   residual / 1e-6 g0"
+    );
+    for ((reading, force), residual) in readings.iter().zip(&calibration.forces).zip(&calibration.residuals) {
+        let _ = writeln!(
+            text,
+            "  {:>10} {:>12.2} {:>12.2}   {:>8.4} {:>8.4} {:>8.4} {:>18.3} {:>20.2}",
+            reading.number,
+            reading.start_s,
+            reading.seconds,
+            force[0],
+            force[1],
+            force[2],
+            head(reading),
+            residual * 1e6
+        );
+    }
+    text
+}
+
+/// Value at mid telemetry with the half width of its 95 % interval.
+fn mid(calibration: &GravityOnlyCalibration, axis: usize, quantity: usize) -> (f64, Option<f64>) {
+    let (curve, telemetry) = (&calibration.curves[axis][quantity], calibration.mid(axis, quantity));
+    (curve.at(telemetry), curve.interval(telemetry, CONFIDENCE))
+}
+
+fn with_interval((value, interval): (f64, Option<f64>), factor: f64, decimals: usize) -> String {
+    let interval = interval.map_or_else(|| "not known".to_owned(), |half| format!("{:.decimals$}", half * factor));
+    format!("{:.decimals$} +- {interval}", value * factor)
+}
+
+fn with_relative((value, interval): (f64, Option<f64>)) -> String {
+    let interval =
+        interval.map_or_else(|| "not known".to_owned(), |half| format!("{:.1} ppm", (half / value).abs() * 1e6));
+    format!("{value:.3} +- {interval}")
+}
+
+/// m12, m13 and m23 with their standard errors \[rad\]; none if they are not estimated.
+fn misalignments(calibration: &GravityOnlyCalibration) -> Vec<(&'static str, f64, Option<f64>)> {
+    if !calibration.unknowns.misalignment {
+        return Vec::new();
+    }
+    let errors = calibration.misalignment_error.map_or([None; 3], |errors| errors.map(Some));
+    let places = [("m12", 0, 1), ("m13", 0, 2), ("m23", 1, 2)];
+    places.iter().zip(errors).map(|(&(name, i, j), error)| (name, calibration.misalignment[(i, j)], error)).collect()
+}
+
+fn head(reading: &Reading) -> f64 {
+    reading.head.iter().sum::<f64>() / 3.0
+}
+
+/// A calibration as JSON.
+#[must_use]
+pub fn json(calibration: &GravityOnlyCalibration) -> Value {
+    let content = calibration.table.content();
+    let of = |quantity: usize, with: &dyn Fn(usize, f64) -> Value| {
+        (0..3).map(|axis| with(axis, calibration.mid(axis, quantity))).collect::<Value>()
+    };
+    let value = |quantity: usize| of(quantity, &|axis, at| json!(calibration.curves[axis][quantity].at(at)));
+    let error = |quantity: usize| {
+        let known = (0..3)
+            .all(|axis| calibration.curves[axis][quantity].standard_error(calibration.mid(axis, quantity)).is_some());
+        if !known {
+            return Value::Null;
+        }
+        of(quantity, &|axis, at| {
+            let curve = &calibration.curves[axis][quantity];
+            let relative = if quantity == 0 { 1.0 } else { 1e6 / curve.at(at).abs() };
+            json!(curve.standard_error(at).map(|error| error * relative))
+        })
+    };
+    let curve = |index: usize| {
+        let (axis, quantity) = (index / 3, index % 3);
+        let curve = &calibration.curves[axis][quantity];
+        json!({
+            "axis": AXIS_NAMES[axis],
+            "quantity": QUANTITIES[quantity],
+            "unit": if quantity == 0 { "g0" } else { "pulse/(s*g0)" },
+            "order": curve.order(),
+            "range_in_unit_of_telemetry": curve.range(),
+            "largest_interval_in_unit": largest_interval(curve, false),
+        })
+    };
+    let standstill = |index: usize| {
+        let reading = &calibration.readings[index];
+        json!({
+            "number": reading.number,
+            "recording": reading.recording + 1,
+            "start_s": reading.start_s,
+            "length_s": reading.seconds,
+            "rows": reading.rows.len(),
+            "specific_force_g0": calibration.forces[index],
+            "head_in_unit_of_telemetry": reading.head,
+            "board_in_unit_of_telemetry": reading.board,
+            "residual_g0": calibration.residuals[index],
+            "gyroscope_rate_pulse_per_s": reading.gyroscopes,
+        })
+    };
+    let m = misalignments(calibration);
+    json!({
+        "imu": content.imu.to_string(),
+        "digest": calibration.table.digest().to_string(),
+        "method": GRAVITY_ONLY,
+        "standstills": calibration.readings.len(),
+        "too_short": calibration.too_short,
+        "losses": losses(calibration.losses),
+        "temperatures": calibration.levels,
+        "unit": content.temperature_unit,
+        "order": calibration.unknowns.order,
+        "order_reason": calibration.reasons[0],
+        "scale_factor": if calibration.unknowns.split { "split" } else { "single" },
+        "scale_factor_reason": calibration.reasons[1],
+        "parameters": calibration.unknowns.count(),
+        "degrees_of_freedom": calibration.freedom,
+        "residual_rms_g0": calibration.residual_rms(),
+        "dilution_sqrt_n": calibration.dilution.times_root_n,
+        "bias_g0": value(0),
+        "bias_standard_error_g0": error(0),
+        "positive_scale_factor_pulse_per_s_g0": value(1),
+        "positive_scale_factor_standard_error_ppm": error(1),
+        "negative_scale_factor_pulse_per_s_g0": value(2),
+        "negative_scale_factor_standard_error_ppm": error(2),
+        "m12_m13_m23_rad": (!m.is_empty()).then(|| m.iter().map(|(_, value, _)| *value).collect::<Vec<_>>()),
+        "m_standard_error_rad": calibration.misalignment_error,
+        "gyroscope_rate_pulse_per_s": calibration.gyroscope_rates(),
+        "not_observable": NOT_OBSERVABLE,
+        "curves": (0..9).map(curve).collect::<Vec<_>>(),
+        "standstill": (0..calibration.readings.len()).map(standstill).collect::<Vec<_>>(),
+        "warnings": calibration.warnings,
+    })
+}
+
+/// Why there is no table: the failure, with the parameters that are not determined.
+#[must_use]
+pub fn refusal(error: &GravityOnlyError, failure: &Failure) -> Value {
+    let mut document = super::json::failure(failure);
+    let (parameters, attitude) = match error {
+        GravityOnlyError::Attitudes { parameters, attitude, .. } => (json!(parameters), json!(attitude)),
+        _ => (Value::Null, Value::Null),
+    };
+    document["parameters"] = parameters;
+    document["attitude"] = attitude;
+    document
+}
+
+/// The page as HTML.
+#[must_use]
+pub fn html(
+    campaign: &Campaign,
+    calibration: &GravityOnlyCalibration,
+    source: &CampaignSource,
+    recordings_sha256: &[String],
+) -> String {
+    let title = format!("Calibration of {} without a turntable", campaign.imu);
+    let mut page = Page::new(&title, &format!("{} · {}", source.time, source.tool));
+    page.heading(2, "result", "Result");
+    page.key_values(&[
+        ("Standstills", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
+        ("Temperatures", calibration.levels.to_string()),
+        ("Order", format!("{}: {}", calibration.unknowns.order, calibration.reasons[0])),
+        ("Scale factors", calibration.reasons[1].clone()),
+        ("Residuals", format!("{:.2}e-6 g0 rms", calibration.residual_rms() * 1e6)),
+        ("Degrees of freedom", calibration.freedom.to_string()),
+        ("D sqrt(n)", format!("{:.2}", calibration.dilution.times_root_n)),
+        ("Local gravity", format!("{} m/s2", campaign.gravity_local)),
+        ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
+    ]);
+    page.paragraph(&format!("This is {NOT_OBSERVABLE}."));
+    for warning in &calibration.warnings {
+        page.note(NoteKind::Warning, "Look at this", warning);
+    }
+    let rows: Vec<Vec<Cell>> = (0..3)
+        .map(|axis| {
+            let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
+            vec![
+                Cell::text(AXIS_NAMES[axis]),
+                Cell::text(with_interval(bias, 1e6, 2)),
+                Cell::text(with_relative(plus)),
+                Cell::text(with_relative(minus)),
+            ]
+        })
+        .collect();
+    let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
+    page.table("Values at mid telemetry with 95 % intervals", &header, &rows);
+    residuals(&mut page, calibration);
+    if calibration.unknowns.order > 0 {
+        curves(&mut page, calibration);
+    }
+    if let Some(rates) = calibration.gyroscope_rates() {
+        page.heading(2, "gyroscopes", "Gyroscopes");
+        page.paragraph("Mean rate over the standstills. Earth's rate is in it; nothing of it goes into the table.");
+        let rows: Vec<_> =
+            GYROSCOPE_NAMES.iter().zip(rates).map(|(name, rate)| (*name, format!("{rate:.4} pulse/s"))).collect();
+        page.key_values(&rows);
+    }
+    page.heading(2, "provenance", "Provenance");
+    let digest = calibration.table.digest().to_string();
+    let mut rows = vec![("Tool", source.tool.as_str()), ("Time", source.time.as_str()), ("Table", &digest)];
+    if !source.campaign.is_empty() {
+        rows.extend([("Campaign file", source.campaign.as_str()), ("its SHA-256", &source.campaign_sha256)]);
+    }
+    rows.extend(recordings_sha256.iter().map(|sha256| ("SHA-256 of a recording", sha256.as_str())));
+    page.key_values(&rows);
+    page.finish()
+}
+
+fn residuals(page: &mut Page, calibration: &GravityOnlyCalibration) {
+    page.heading(2, "standstills", "Standstills");
+    let points = calibration.readings.iter().zip(&calibration.residuals);
+    let points: Vec<(f64, f64)> = points.map(|(reading, residual)| (reading.number as f64, residual * 1e6)).collect();
+    let plot = Plot::new("Length of the output less local gravity", "Number of the standstill", "Residual / 1e-6 g0");
+    let plot = plot.series("Residual", Style::Points, points).zero_line();
+    page.figure(&plot.svg(), "");
+    let rows: Vec<Vec<Cell>> = (0..calibration.readings.len())
+        .map(|index| {
+            let (reading, force) = (&calibration.readings[index], calibration.forces[index]);
+            vec![
+                Cell::number(reading.number as f64, 0),
+                Cell::number(reading.start_s, 2),
+                Cell::number(reading.seconds, 2),
+                Cell::number(force[0], 4),
+                Cell::number(force[1], 4),
+                Cell::number(force[2], 4),
+                Cell::number(head(reading), 3),
+                Cell::number(calibration.residuals[index] * 1e6, 2),
+            ]
+        })
+        .collect();
+    let header =
+        ["Number", "Start / s", "Length / s", "A1 / g0", "A2 / g0", "A3 / g0", "Head telemetry", "Residual / 1e-6 g0"];
+    page.table("Standstills: specific force along the output axes", &header, &rows);
+}
+
+fn curves(page: &mut Page, calibration: &GravityOnlyCalibration) {
+    page.heading(2, "curves", "Curves");
+    let unit = &calibration.table.content().temperature_unit;
+    let mut figures = Vec::new();
+    for (axis, name) in AXIS_NAMES.iter().enumerate() {
+        for (quantity, label) in ["Bias / 1e-6 g0", "K+ / ppm", "K- / ppm"].into_iter().enumerate() {
+            let curve = &calibration.curves[axis][quantity];
+            let [low, high] = curve.range();
+            let middle = curve.at(calibration.mid(axis, quantity));
+            let shown = |value: f64| if quantity == 0 { value * 1e6 } else { (value / middle - 1.0) * 1e6 };
+            let points: Vec<f64> =
+                (0..=CURVE_INTERVALS).map(|i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64).collect();
+            let band = points.iter().filter_map(|&at| {
+                let half = curve.interval(at, CONFIDENCE)?;
+                let ends = [curve.at(at) - half, curve.at(at) + half].map(shown);
+                Some((at, ends[0].min(ends[1]), ends[0].max(ends[1])))
+            });
+            let telemetry = if quantity == 0 { "Head" } else { "Board" };
+            let plot = Plot::new(&format!("{name}: {label}"), &format!("{telemetry} telemetry / {unit}"), label);
+            let plot = plot.series("Curve", Style::Line, points.iter().map(|&at| (at, shown(curve.at(at))))).band(band);
+            figures.push((plot.svg(), String::new()));
+        }
+    }
+    page.figures(&figures);
+}

@@ -1,0 +1,166 @@
+//! The report of the noise of an IMU: coefficients, curves with their intervals, and the model with its parts.
+
+pub mod json;
+pub mod text;
+
+use super::page::{Cell, NoteKind, Page};
+use super::plot::{Plot, Style};
+use core::f64::consts::SQRT_2;
+use isotherm_analysis::allan::{Allan, COEFFICIENTS, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits};
+use maud::Markup;
+
+/// What the report states besides the analysis; only the caller knows it.
+#[derive(Clone, Debug)]
+pub struct NoiseSource {
+    /// Program and version.
+    pub tool: String,
+    /// Time of the analysis as RFC 3339 in UTC.
+    pub time: String,
+    /// Name of the recording.
+    pub recording: String,
+    /// Name of the table file and digest of the table, if there is one.
+    pub table: Option<[String; 2]>,
+    /// The IMU.
+    pub imu: String,
+}
+
+/// The page as HTML.
+#[must_use]
+pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
+    let title = format!("Noise of {}", source.imu);
+    let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
+    page.heading(2, "result", "Result");
+    page.paragraph(&format!("{}.", text::rows(analysis)));
+    let warnings = analysis.warnings();
+    for warning in &warnings {
+        page.note(NoteKind::Warning, "To be known before the figures are used", warning);
+    }
+    if warnings.is_empty() {
+        page.note(NoteKind::Good, "The model holds for every sensor", "");
+    }
+    for sensor in &analysis.sensors {
+        page.heading(2, sensor.name, sensor.name);
+        let Some(allan) = &sensor.allan else {
+            page.paragraph("The counts never change.");
+            continue;
+        };
+        let units = sensor.kind.units();
+        let what = |suffix: &str| format!("{}{suffix}", sensor.name);
+        coefficients(&mut page, &what(""), allan, &units);
+        let mut figures = vec![figure(&what(""), allan, &units)];
+        if let Some(line) = &sensor.line {
+            let from = line.contaminated_from_s.map_or_else(
+                || "no contamination shows".to_owned(),
+                |from_s| {
+                    format!("contaminated from tau = {from_s:.4} s: there the curve without it leaves the intervals")
+                },
+            );
+            let slope = text::slope(line, &units);
+            page.paragraph(&format!("Slope over head telemetry: {slope} per {}; {from}.", analysis.temperature_unit));
+            if line.contaminated_from_s.is_some() {
+                coefficients(&mut page, &what(" without the line in head telemetry"), &line.without, &units);
+                figures.push(figure(&what(" without the line in head telemetry"), &line.without, &units));
+            }
+        }
+        page.figures(&figures);
+        page.paragraph(&text::width(sensor.name, allan).map_or_else(String::new, |sentence| sentence + "."));
+    }
+    meaning(&mut page);
+    deviations(&mut page, analysis);
+    page.heading(2, "provenance", "Provenance");
+    let mut rows =
+        vec![("Tool", source.tool.clone()), ("Time", source.time.clone()), ("Recording", source.recording.clone())];
+    if let Some([file, digest]) = &source.table {
+        rows.extend([("Table file", file.clone()), ("Table", digest.clone())]);
+    }
+    page.key_values(&rows);
+    page.finish()
+}
+
+/// The coefficients of a sensor, what belongs to them, and whether the model holds.
+fn coefficients(page: &mut Page, what: &str, allan: &Allan, units: &NoiseUnits) {
+    let mut figures = Vec::new();
+    if let Some(model) = &allan.model {
+        let rows = model.coefficients.iter().enumerate().map(|(k, coefficient)| {
+            let (unit, factor) = units.coefficients[k];
+            let [value, range] = text::shown(coefficient, factor);
+            let name = format!("{} {}", COEFFICIENTS[k], units.names[k]);
+            vec![Cell::text(name), Cell::Number(value), Cell::Number(range), Cell::text(unit)]
+        });
+        let rows: Vec<_> = rows.collect();
+        page.table(&format!("Coefficients of {what}"), &["Coefficient", "Value", "95 % range", "Unit"], &rows);
+        let [_, white, flicker, _] = &model.coefficients;
+        let density = |factor: f64| format!("{} {}", text::either(white, factor), units.density);
+        figures.extend([
+            ("Density of N, two-sided".to_owned(), density(1.0)),
+            ("Density of N, one-sided as in data sheets".to_owned(), density(SQRT_2)),
+            ("Floor of B, 0.664 B".to_owned(), format!("{} {}", text::either(flicker, FLICKER_FLOOR), units.rate)),
+            (
+                (if model.holds() { "The model holds" } else { "The model does not hold" }).to_owned(),
+                format!("chi-square {:.1} for {} degrees of freedom", model.chi_square, model.freedom),
+            ),
+        ]);
+    }
+    if let Some(point) = allan.minimum() {
+        let end = if allan.falls_to_the_end() { ", the longest tau" } else { "" };
+        let text = format!("{:.3e} {} at tau = {:.4} s{end}", point.adev, units.rate, point.tau_s);
+        figures.push(("Minimum of the curve".to_owned(), text));
+    }
+    page.key_values(&figures);
+}
+
+/// The curve with its band, the model and its parts.
+fn figure(what: &str, allan: &Allan, units: &NoiseUnits) -> (Markup, String) {
+    let points: Vec<_> = allan.points.iter().map(|point| (point.tau_s, point.adev)).collect();
+    let band = allan.points.iter().filter_map(|point| point.interval.map(|[low, high]| (point.tau_s, low, high)));
+    let unit = if units.rate.contains('/') { format!("({})", units.rate) } else { units.rate.to_owned() };
+    let label = format!("Allan deviation / {unit}");
+    let mut plot = Plot::new(what, "tau / s", &label).series("Measured", Style::Both, points).band(band);
+    // Parts far below the curve would only make the figure higher.
+    let lowest = allan.points.iter().map(|point| point.adev).filter(|adev| *adev > 0.0).fold(f64::INFINITY, f64::min);
+    if let Some(model) = &allan.model {
+        let times = || allan.points.iter().map(|point| point.tau_s);
+        plot = plot.series("Model", Style::Line, times().map(|tau| (tau, model.deviation(tau).0)));
+        for (k, name) in COEFFICIENTS.iter().enumerate() {
+            let part: Vec<_> = times().map(|tau| (tau, model.deviation(tau).1[k])).collect();
+            let part: Vec<_> = part.into_iter().filter(|(_, value)| *value > 0.3 * lowest).collect();
+            if !part.is_empty() {
+                plot = plot.series(name, Style::Line, part);
+            }
+        }
+    }
+    (plot.logarithmic().svg(), "The band is the 95 % interval of each point.".to_owned())
+}
+
+fn meaning(page: &mut Page) {
+    page.heading(2, "meaning", "What the letters are");
+    page.paragraph("AVAR = 3 Q^2/tau^2 + N^2/tau + B^2 2 ln 2/pi + K^2 tau/3, with the letters of IEEE Std 952.");
+    page.paragraph(
+        "N is the root of a two-sided spectral density. A data sheet's density is one-sided, the root of 2 times as large. \
+         B, its floor 0.664 B and the minimum of the curve are three different figures: the minimum also has white noise and random walk in it, and \
+         data sheets often call it bias instability.",
+    );
+    page.paragraph(
+        "A coefficient whose 95 % range includes 0 is given as below the end of the range. Near the end of the curve the intervals are wide: few \
+         independent averages are as long.",
+    );
+}
+
+/// The points of all sensors.
+fn deviations(page: &mut Page, analysis: &NoiseAnalysis) {
+    page.heading(2, "points", "Allan deviations");
+    for sensor in &analysis.sensors {
+        let Some(allan) = &sensor.allan else { continue };
+        let number =
+            |value: Option<f64>| Cell::Number(value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3e}")));
+        let rows = allan.points.iter().map(|point| {
+            let [low, high] = point.interval.map_or([None; 2], |ends| ends.map(Some));
+            let freedom = point.freedom.map_or_else(|| "–".to_owned(), |freedom| format!("{freedom:.1}"));
+            let tau = Cell::Number(format!("{:.4}", point.tau_s));
+            vec![tau, number(Some(point.adev)), number(low), number(high), Cell::Number(freedom)]
+        });
+        let rows: Vec<_> = rows.collect();
+        let caption = format!("{} [{}]", sensor.name, sensor.kind.units().rate);
+        page.table(&caption, &["tau / s", "Allan deviation", "from", "to", "Degrees of freedom"], &rows);
+    }
+}

@@ -1,0 +1,412 @@
+//! The report of a verification: the paper's table 4 and figure 6 for a recording.
+//!
+//! Over 400 lines: one page, with one function for each of its parts.
+
+use super::loops::pictures;
+use super::navigation;
+use super::page::{Cell, NoteKind, Page};
+use super::plot::{Plot, Style};
+use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
+use isotherm_shared::wire::AXES;
+use isotherm_statistics::hysteresis::BINS;
+use isotherm_verification::requirement::Requirement;
+use isotherm_verification::stability::{AxisStability, Force, LoopBand, Loops, Stability, Window};
+use isotherm_verification::verdict::{Errors, Estimate};
+use maud::Markup;
+
+/// What the report states besides the table and the stability; only the caller knows it.
+#[derive(Clone, Debug)]
+pub struct VerificationSource {
+    /// Program and version.
+    pub tool: String,
+    /// Time of the verification as RFC 3339 in UTC.
+    pub time: String,
+    /// Name of the table file.
+    pub table: String,
+    /// Name of the recording.
+    pub recording: String,
+    /// Length of the windows \[s\].
+    pub window_s: f64,
+    /// What is required, if there is a requirement.
+    pub required: Option<Requirement>,
+}
+
+/// The page as HTML.
+#[must_use]
+pub fn html(table: &CoefficientTable, stability: &Stability, source: &VerificationSource) -> String {
+    let title = format!("Verification of {}", table.content().imu);
+    let mut page = Page::new(&title, &format!("{} · {} · {}", source.recording, source.time, source.tool));
+    result(&mut page, table, stability, source);
+    verdict(&mut page, stability);
+    figures(&mut page, table, stability);
+    page.heading(2, "loops", "Heating and cooling");
+    hysteresis(&mut page, AXIS_NAMES, &stability.loops, stability.unsettled_s, (MICRO_G0, "ug0"));
+    length(&mut page, table, stability);
+    budget(&mut page, table, stability);
+    gyroscopes(&mut page, table, stability, source.window_s);
+    page.heading(2, "provenance", "Provenance");
+    page.key_values(&[
+        ("Tool", source.tool.clone()),
+        ("Time", source.time.clone()),
+        ("Table file", source.table.clone()),
+        ("Table", table.digest().to_string()),
+        ("Recording", source.recording.clone()),
+        ("Windows", format!("{} s, {} in all", source.window_s, stability.windows.len())),
+    ]);
+    page.finish()
+}
+
+fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, source: &VerificationSource) {
+    page.heading(2, "result", "Stability");
+    page.paragraph(&format!("{}.", stability.judged_windows()));
+    for judgement in source.required.iter().flat_map(|required| required.judge(stability)) {
+        let (kind, word) =
+            if judgement.met { (NoteKind::Good, "Requirement met") } else { (NoteKind::Bad, "Requirement missed") };
+        let remedy = judgement.remedy.map(|remedy| format!(" ({remedy})")).unwrap_or_default();
+        page.note(kind, word, &(judgement.message + &remedy));
+    }
+    let flagged = stability.windows.iter().filter(|window| window.flagged).count();
+    if flagged > 0 {
+        let text = format!(
+            "In {flagged} windows samples are flagged: telemetry out of the table's range or not plausible, or a lag that is not the table's."
+        );
+        page.note(NoteKind::Warning, "Flagged samples", &text);
+    }
+    if let Some(reason) = stability.nothing_claimed().filter(|_| source.required.is_none()) {
+        page.note(NoteKind::Bad, "Nothing can be claimed", &format!("Look at this: {reason}."));
+    }
+    if let Some([missing, remedy]) = stability.verdict.missing() {
+        page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
+    }
+    if let Some(fault) = stability.time_fault {
+        page.note(NoteKind::Warning, "Time", &format!("{fault}; {}", stability.losses));
+    }
+    if let Some(warning) = stability.interval_warning() {
+        page.note(NoteKind::Warning, "Intervals", &warning);
+    }
+    if let Some(warning) = stability.attitude_warning() {
+        page.note(NoteKind::Warning, "Attitude", &warning);
+    }
+    if stability.stated && table.content().alignment.is_none() {
+        let text =
+            "The table has no alignment matrix: the rms about zero includes what misalignments make of this attitude.";
+        page.note(NoteKind::Warning, "Misalignments count", text);
+    }
+    let caption = format!("Means over {} s of output less specific force [1e-6 g0]", source.window_s);
+    figures_table(page, &caption, AXIS_NAMES, &stability.axes, MICRO_G0);
+    page.paragraph(
+        "Before: the coefficients frozen at the run's mid temperature. After: the full model. sd: about the mean; rms: about zero. \
+         Factor: sd before over sd after.",
+    );
+    let middle = stability.middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
+    page.key_values(&[
+        ("Specific force", Force(stability.specific_force).to_string()),
+        ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
+        ("Covered", stability.covered.to_string()),
+        ("Windows at this attitude", format!("{} of {}", counted(stability).count(), stability.windows.len())),
+    ]);
+}
+
+/// The errors with their intervals, and the largest of them in words.
+fn verdict(page: &mut Page, stability: &Stability) {
+    page.heading(2, "verdict", "Verdict");
+    let verdict = &stability.verdict;
+    let text = if stability.nothing_claimed().is_some() {
+        "Nothing can be claimed, see above.".to_owned()
+    } else {
+        verdict.conclusion()
+    };
+    page.paragraph(&text);
+    let length = verdict.length.iter().map(|errors| ("length", errors));
+    let errors = AXIS_NAMES.iter().copied().zip(&verdict.axes).chain(length).chain([("level", &verdict.level)]);
+    let rows: Vec<_> = errors.map(|(name, errors)| errors_row(name, errors, MICRO_G0)).collect();
+    let caption = format!(
+        "Errors of the full model, {} groups of {} windows [1e-6 g0, level 1e-6 rad]",
+        verdict.groups, verdict.windows
+    );
+    page.table(&caption, &ERRORS_HEADER, &rows);
+    page.paragraph(
+        "Constant: the mean over the run. Variation: of the mean of a group of windows about it. Worst: the largest mean of a group. \
+         Intervals: 95 %; that of constant from slow changes of the run too, those of variation and worst from the noise, for all groups at once.",
+    );
+    page.key_values(&[("Local gravity", stability.gravity_source.to_string())]);
+}
+
+fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
+    stability.windows.iter().filter(|window| window.counts)
+}
+
+/// Factor from a triad's base unit to that of the page, and its decimals.
+type Shown = (f64, usize);
+const MICRO_G0: Shown = (1e6, 3);
+const DEGREES_PER_HOUR: Shown = (1.0, 4);
+
+/// Table 4 of the paper for a triad.
+fn figures_table(page: &mut Page, caption: &str, names: [&str; AXES], axes: &[AxisStability; AXES], shown: Shown) {
+    let (factor, places) = shown;
+    let row = |(name, axis): (&str, &AxisStability)| {
+        let figures = [axis.sd_before, axis.sd_after, axis.rms_before, axis.rms_after];
+        let figures = figures.map(|figure| Cell::number(figure * factor, places));
+        [Cell::text(name), Cell::number(axis.factor(), 2)].into_iter().chain(figures).collect::<Vec<_>>()
+    };
+    let rows: Vec<_> = names.into_iter().zip(axes).map(row).collect();
+    page.table(caption, &["Axis", "Factor", "sd before", "sd after", "rms before", "rms after"], &rows);
+}
+
+const ERRORS_HEADER: [&str; 6] = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
+
+/// A value with its interval.
+fn estimate(it: Estimate, (factor, places): Shown) -> Cell {
+    Cell::Number(format!("{:.places$} ± {:.places$}", it.value * factor, it.interval * factor))
+}
+
+fn errors_row(name: &str, errors: &Errors, shown: Shown) -> Vec<Cell> {
+    let (factor, places) = shown;
+    vec![
+        Cell::text(name),
+        errors.constant.map_or_else(|| Cell::Number("not judged".to_owned()), |it| estimate(it, shown)),
+        estimate(errors.variation, shown),
+        estimate(errors.worst, shown),
+        Cell::number(errors.noise * factor, places),
+        Cell::number(errors.largest_window * factor, places),
+    ]
+}
+
+/// The windows of a triad, as the figures show them.
+struct TriadView<'a> {
+    names: [&'static str; AXES],
+    /// Those that count.
+    windows: Vec<&'a Window>,
+    /// What the output should be.
+    right: [f64; AXES],
+    factor: f64,
+    unit: &'static str,
+}
+
+/// The gyroscopes, if there are any.
+fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, window_s: f64) {
+    let found = match &stability.gyroscopes {
+        Some(Ok(found)) => found,
+        Some(Err(reason)) => {
+            page.heading(2, "gyroscopes", "Gyroscopes");
+            return page.note(NoteKind::Warning, "Not judged", reason);
+        }
+        None => return,
+    };
+    page.heading(2, "gyroscopes", "Gyroscopes");
+    page.paragraph(&found.conclusion());
+    if let Some([missing, remedy]) = found.missing() {
+        page.note(NoteKind::Warning, "Not all is judged", &format!("{missing}; {remedy}"));
+    }
+    if !found.aligned {
+        let text =
+            "The table has no alignment matrix of the gyroscopes: what misalignments make of Earth's rate counts.";
+        page.note(NoteKind::Warning, "Misalignments count", text);
+    }
+    let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
+    let caption = format!("Means over {window_s} s of output less {what} [deg/h]");
+    figures_table(page, &caption, GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR);
+    let rows = GYROSCOPE_NAMES.iter().zip(&found.errors).zip(found.random_walk).map(|((name, errors), walk)| {
+        let mut row = errors_row(name, errors, DEGREES_PER_HOUR);
+        row.push(estimate(walk, (1.0, 5)));
+        row
+    });
+    let caption =
+        format!("Errors of the full model, {} groups of {} windows [deg/h]", found.groups, found.windows_in_group);
+    let header: Vec<_> = ERRORS_HEADER.into_iter().chain(["random walk / (deg/sqrt(h))"]).collect();
+    page.table(&caption, &header, &rows.collect::<Vec<_>>());
+    page.paragraph(
+        "As for the accelerometers. The intervals of constant and worst contain the errors of Earth's rate. Random walk: noise of a window times the \
+         root of its length, rounding of the pulses included.",
+    );
+    let earth_rate = found.earth_rate.map_or_else(|| "not known".to_owned(), |earth_rate| earth_rate.to_string());
+    let middle = found.middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
+    let view = TriadView {
+        names: GYROSCOPE_NAMES,
+        windows: found.windows.iter().filter(|window| window.counts).collect(),
+        right: found.subtracted,
+        factor: 1.0,
+        unit: "deg/h",
+    };
+    page.key_values(&[
+        ("Earth's rate", earth_rate),
+        ("Frozen at head, board", format!("{middle} {}", table.content().temperature_unit)),
+        ("Covered", found.covered.to_string()),
+        ("Windows at rest", format!("{} of {}", view.windows.len(), found.windows.len())),
+    ]);
+    let [both, after, rates] = error_figures(&view, &table.content().temperature_unit);
+    page.figures(&both);
+    page.figures(&after);
+    page.figures(&rates);
+    page.heading(3, "gyroscope-loops", "Heating and cooling");
+    hysteresis(page, GYROSCOPE_NAMES, &found.loops, stability.unsettled_s, (DEGREES_PER_HOUR, "deg/h"));
+}
+
+/// The hysteresis bands of a triad with their loops, where the run shows them.
+fn hysteresis(
+    page: &mut Page,
+    names: [&str; AXES],
+    loops: &Loops,
+    unsettled_s: Option<f64>,
+    ((factor, places), unit): (Shown, &str),
+) {
+    let row = |(axis, name): (usize, &&str)| {
+        let figure = |it: Option<f64>, none: &str| {
+            Cell::Number(it.map_or_else(|| none.to_owned(), |it| format!("{:.places$}", it * factor)))
+        };
+        match loops.band(axis) {
+            Ok(LoopBand { static_model, full, bins }) => vec![
+                Cell::text(*name),
+                figure(static_model, "no lag"),
+                figure(Some(full), ""),
+                Cell::Number(format!("{bins} of {BINS}")),
+                Cell::text(""),
+            ],
+            Err(why) => {
+                vec![
+                    Cell::text(*name),
+                    figure(None, ""),
+                    figure(None, ""),
+                    figure(None, ""),
+                    Cell::text(format!("not judged: {why}")),
+                ]
+            }
+        }
+    };
+    let caption = format!("Hysteresis band [{unit}]");
+    let rows: Vec<_> = names.iter().enumerate().map(row).collect();
+    page.table(&caption, &["Axis", "Static model", "Full model", "Bins", ""], &rows);
+    page.paragraph(
+        "The error in heating less that in cooling, rms over those of 12 bins of telemetry that have both. The static model is the table without its \
+         transients. Lag, hysteresis and a drift with time all open the loop.",
+    );
+    if let Some(seconds) = unsettled_s {
+        page.paragraph(&format!(
+            "The first {seconds} s are left out, 3 time constants: there the lagged telemetry begins soaked, which the IMU may not have been."
+        ));
+    }
+    let figures = (0..AXES).filter(|axis| loops.band(*axis).is_ok()).flat_map(|axis| {
+        let full = &loops.full[axis];
+        let static_model = loops.static_model.as_ref().map_or(full, |points| &points[axis]);
+        pictures(names[axis], unit, factor, static_model, full)
+    });
+    let figures: Vec<_> = figures.collect();
+    if !figures.is_empty() {
+        page.figures(&figures);
+    }
+}
+
+/// Figure 6 of the paper.
+fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "output", "Output before and after");
+    let view = TriadView {
+        names: AXIS_NAMES,
+        windows: counted(stability).collect(),
+        right: stability.specific_force,
+        factor: 1e6,
+        unit: "1e-6 g0",
+    };
+    let [both, after, rates] = error_figures(&view, &table.content().temperature_unit);
+    page.figures(&both);
+    page.heading(3, "after", "What is left");
+    page.figures(&after);
+    page.heading(3, "drift", "What is left, against dU/dt");
+    page.figures(&rates);
+    page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
+}
+
+/// The errors before and after, those after alone, and those after against the drift; each over time, then over temperature, by sensor.
+fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<(Markup, String)>; 3] {
+    let head = format!("Head telemetry / {temperature_unit}");
+    let drift = format!("dU/dt of the head / ({temperature_unit} per h)");
+    let label = format!("Error / {}", view.unit);
+    let error = |value: f64, axis: usize| (value - view.right[axis]) * view.factor;
+    type WindowView<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
+    let views: [WindowView<'_>; 2] = [
+        ("over time", "Time / h", &|window, _| window.time_s / 3600.0, Style::Line),
+        ("over temperature", &head, &|window, axis| window.head[axis], Style::Points),
+    ];
+    let (mut both, mut after, mut rates) = (Vec::new(), Vec::new(), Vec::new());
+    for (title, x_label, x, style) in views {
+        for (axis, name) in view.names.iter().enumerate() {
+            let line = |of: fn(&Window) -> &[f64; 3]| -> Vec<(f64, f64)> {
+                view.windows.iter().map(|window| (x(window, axis), error(of(window)[axis], axis))).collect()
+            };
+            let plot = |title: String| Plot::new(&title, x_label, &label).zero_line();
+            let plot_both =
+                plot(format!("{name} {title}")).series("Before", Style::Line, line(|window| &window.before));
+            both.push((plot_both.series("After", Style::Line, line(|window| &window.after)).svg(), String::new()));
+            let plot_after = plot(format!("{name} after, {title}"));
+            after.push((plot_after.series("After", style, line(|window| &window.after)).svg(), String::new()));
+        }
+    }
+    for (axis, name) in view.names.iter().enumerate() {
+        let rate = |pair: &[&Window]| {
+            let seconds = pair[1].time_s - pair[0].time_s;
+            let error = error(0.5 * (pair[0].after[axis] + pair[1].after[axis]), axis);
+            ((pair[1].head[axis] - pair[0].head[axis]) / seconds * 3600.0, error)
+        };
+        // dU/dt is taken over at least a minute; over a shorter time the telemetry's noise hides it.
+        let step = (60.0 / view.windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
+        let thinned: Vec<_> = view.windows.iter().copied().step_by(step).collect();
+        let points: Vec<_> = thinned.windows(2).map(rate).collect();
+        let plot = Plot::new(&format!("{name} after, against drift"), &drift, &label).zero_line();
+        rates.push((plot.series("After", Style::Points, points).svg(), String::new()));
+    }
+    [both, after, rates]
+}
+
+fn length(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "gravity", "Length of the output against gravity");
+    let Some(Errors { constant: Some(constant), largest_window, .. }) = stability.verdict.length else {
+        page.paragraph("The IMU was never still, or local gravity is unknown: the length of the output is not judged.");
+        return;
+    };
+    let points = stability.windows.iter().filter(|window| window.still);
+    let points: Vec<_> =
+        points.map(|window| (window.time_s / 3600.0, (window.length() - stability.gravity) * 1e6)).collect();
+    let count = points.len().to_string();
+    let plot = Plot::new("Length of the output less gravity", "Time / h", "Difference / 1e-6 g0").zero_line();
+    page.figure(
+        &plot.series("Still windows", Style::Line, points).svg(),
+        "Needs no turntable: at rest the three outputs together are as long as gravity.",
+    );
+    page.key_values(&[
+        ("Still windows", count),
+        ("Constant", format!("{:.3}e-6 g0", constant.value * 1e6)),
+        ("Largest window", format!("{:.3}e-6 g0", largest_window * 1e6)),
+    ]);
+    if table.content().alignment.is_none() {
+        page.note(
+            NoteKind::Warning,
+            "Misalignments are part of it",
+            "The table has no alignment matrix: 1e-4 rad may count for as much as 1e-4 g0 here.",
+        );
+    }
+}
+
+fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "budget", "Error budget in navigation units");
+    let mut rows = Vec::new();
+    for (index, axis) in table.content().axes.iter().enumerate() {
+        let name = AXIS_NAMES[index];
+        rows.push(navigation(&format!("{name} what is left, rms about zero"), stability.axes[index].rms_after));
+        let [head, board] = stability.resolution[index];
+        // Change of a value by one step of the telemetry, where the curve is steepest in the run.
+        let steepest = |value: &dyn Fn(f64) -> f64, of: fn(&Window) -> &[f64; 3], step: f64| {
+            let change = |window: &Window| (value(of(window)[index] + step) - value(of(window)[index])).abs();
+            counted(stability).map(change).fold(0.0, f64::max)
+        };
+        if let Some(step) = head {
+            let change = steepest(&|u| axis.bias_at(u).0, |window| &window.head, step);
+            rows.push(navigation(&format!("{name} one step of head telemetry ({step:.2e}), bias"), change));
+        }
+        if let Some(step) = board {
+            let relative =
+                |u: f64| axis.positive_scale_factor_at(u).0.ln().max((-axis.negative_scale_factor_at(u).0).ln());
+            let change = steepest(&relative, |window| &window.board, step);
+            rows.push(navigation(&format!("{name} one step of board telemetry ({step:.2e}), K at 1 g0"), change));
+        }
+    }
+    page.table("Errors and what they cost", &super::NAVIGATION, &rows);
+}

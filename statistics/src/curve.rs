@@ -1,0 +1,227 @@
+//! A fitted polynomial of telemetry, with the covariance of its coefficients.
+
+use crate::double_double::DoubleDouble;
+use crate::regression::{Regression, expansion};
+use isotherm_shared::polynomial::Polynomial;
+use nalgebra::{DMatrix, DVector};
+use statrs::function::beta::inv_beta_reg;
+
+/// Largest acceptable rounding error of a table's polynomial, relative to its largest value.
+const MAX_ROUNDING: f64 = 1e-11;
+/// The rounding error is checked at the ends of this many equal steps over the range.
+const CHECK_POINTS: u32 = 64;
+
+/// A polynomial of (U - center)/scale with the covariance of its coefficients.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    center: f64,
+    scale: f64,
+    coefficients: DVector<f64>,
+    covariance: Option<DMatrix<f64>>,
+    freedom: usize,
+    range: [f64; 2],
+}
+
+impl Curve {
+    /// A curve from coefficients of the centred and scaled telemetry, ascending. Without degrees of freedom, the covariance
+    /// is dropped.
+    #[must_use]
+    pub fn new(
+        [center, scale]: [f64; 2],
+        coefficients: DVector<f64>,
+        covariance: Option<DMatrix<f64>>,
+        freedom: usize,
+        range: [f64; 2],
+    ) -> Self {
+        Self { center, scale, coefficients, covariance: covariance.filter(|_| freedom > 0), freedom, range }
+    }
+
+    /// The curve of the fit of `order`.
+    #[must_use]
+    pub fn of(regression: &Regression, order: usize, range: [f64; 2]) -> Self {
+        let (coefficients, covariance) = regression.centred(order);
+        let freedom = regression.fits()[order].df_residual;
+        Self::new([regression.center(), regression.scale()], coefficients, covariance, freedom, range)
+    }
+
+    /// Order of the polynomial.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.coefficients.len() - 1
+    }
+
+    /// Lowest and highest telemetry of the data.
+    #[must_use]
+    pub const fn range(&self) -> [f64; 2] {
+        self.range
+    }
+
+    /// Degrees of freedom of the covariance.
+    #[must_use]
+    pub const fn freedom(&self) -> usize {
+        self.freedom
+    }
+
+    /// Centre and scale of the telemetry.
+    #[must_use]
+    pub const fn basis(&self) -> [f64; 2] {
+        [self.center, self.scale]
+    }
+
+    /// Coefficients of the powers of the centred and scaled telemetry, ascending.
+    #[must_use]
+    pub const fn coefficients(&self) -> &DVector<f64> {
+        &self.coefficients
+    }
+
+    /// Powers of the centred and scaled telemetry, ascending.
+    #[must_use]
+    pub fn powers(&self, telemetry: f64) -> DVector<f64> {
+        let x = (telemetry - self.center) / self.scale;
+        DVector::from_fn(self.coefficients.len(), |k, _| x.powi(k as i32))
+    }
+
+    /// The value at `telemetry`.
+    #[must_use]
+    pub fn at(&self, telemetry: f64) -> f64 {
+        self.powers(telemetry).dot(&self.coefficients)
+    }
+
+    /// Slope at `telemetry`, in the value's unit per unit of telemetry.
+    #[must_use]
+    pub fn slope(&self, telemetry: f64) -> f64 {
+        let powers = self.powers(telemetry);
+        let terms = (1..self.coefficients.len()).map(|k| k as f64 * self.coefficients[k] * powers[k - 1]);
+        terms.sum::<f64>() / self.scale
+    }
+
+    /// Standard error of the value at `telemetry`.
+    #[must_use]
+    pub fn standard_error(&self, telemetry: f64) -> Option<f64> {
+        let powers = self.powers(telemetry);
+        self.covariance.as_ref().map(|covariance| powers.dot(&(covariance * &powers)).max(0.0).sqrt())
+    }
+
+    /// Half width of the confidence interval of the value at `telemetry`, at `confidence`, 0 to 1.
+    #[must_use]
+    pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
+        Some(self.standard_error(telemetry)? * student_quantile(confidence, self.freedom))
+    }
+
+    /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.
+    #[must_use]
+    pub fn raw(&self) -> Vec<f64> {
+        let count = self.coefficients.len();
+        let matrix = expansion(self.center.into(), self.scale.into(), count);
+        let raw = |row: &Vec<DoubleDouble>| {
+            let terms = row.iter().zip(&self.coefficients).map(|(&factor, &c)| factor * DoubleDouble::from(c));
+            terms.sum::<DoubleDouble>().value()
+        };
+        matrix.iter().map(raw).collect()
+    }
+
+    /// Covariance of the coefficients of the powers of the raw telemetry.
+    #[must_use]
+    pub fn raw_covariance(&self) -> Option<DMatrix<f64>> {
+        let count = self.coefficients.len();
+        let matrix = expansion(self.center.into(), self.scale.into(), count);
+        let matrix = DMatrix::from_fn(count, count, |i, j| matrix[i][j].value());
+        self.covariance.as_ref().map(|covariance| &matrix * covariance * matrix.transpose())
+    }
+
+    /// The polynomial for a table, multiplied by `factor`. It has powers of the raw telemetry, or of the centred and scaled
+    /// telemetry if cancellation between the raw powers would lose digits. `None` if the order is too high for a table.
+    #[must_use]
+    pub fn polynomial(&self, factor: f64) -> Option<Polynomial> {
+        let scaled = |coefficients: &[f64]| coefficients.iter().map(|c| c * factor).collect::<Vec<_>>();
+        if self.is_raw() {
+            Polynomial::new(&scaled(&self.raw()), 0.0, 1.0, self.range)
+        } else {
+            Polynomial::new(&scaled(self.coefficients.as_slice()), self.center, self.scale, self.range)
+        }
+    }
+
+    /// Whether the powers of the raw telemetry are accurate enough for the table.
+    #[must_use]
+    pub fn is_raw(&self) -> bool {
+        let Some(raw) = Polynomial::new(&self.raw(), 0.0, 1.0, self.range) else { return false };
+        let [low, high] = self.range;
+        let points = (0..=CHECK_POINTS).map(|i| low + (high - low) * f64::from(i) / f64::from(CHECK_POINTS));
+        let (mut size, mut error) = (0.0_f64, 0.0_f64);
+        for point in points {
+            size = size.max(self.at(point).abs());
+            error = error.max((raw.at(point) - self.at(point)).abs());
+        }
+        error <= MAX_ROUNDING * size
+    }
+
+    /// Covariance of the coefficients that [`polynomial`](Self::polynomial) gives, for a factor of 1.
+    #[must_use]
+    pub fn table_covariance(&self) -> Option<DMatrix<f64>> {
+        if self.is_raw() { self.raw_covariance() } else { self.covariance.clone() }
+    }
+}
+
+/// Confidence of every interval that is printed or judged.
+pub const CONFIDENCE: f64 = 0.95;
+
+/// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `confidence`.
+#[must_use]
+pub fn student_quantile(confidence: f64, freedom: usize) -> f64 {
+    student_quantile_of(confidence, freedom as f64)
+}
+
+/// The same for degrees of freedom that are not a whole number.
+pub fn student_quantile_of(confidence: f64, n: f64) -> f64 {
+    // t^2 is F with 1 and n degrees of freedom; n/(n + t^2) follows the beta distribution.
+    let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - confidence);
+    (n * (1.0 - x) / x).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::regression::DataPoint;
+
+    #[test]
+    fn student_quantile_matches_printed_tables() {
+        for (freedom, right) in [(1, 12.706_205), (11, 2.200_985), (100, 1.983_972)] {
+            assert!((student_quantile(0.95, freedom) - right).abs() < 1e-5, "{}", student_quantile(0.95, freedom));
+        }
+        assert!((student_quantile(0.682_689_492, 10) - 1.0526).abs() < 1e-3);
+    }
+
+    #[test]
+    fn tables_keep_their_digits_far_from_zero() {
+        let points = (0..15).map(|i| 8e6 + 4e3 * f64::from(i)).map(|x| DataPoint::new(x, 9e4 + (x / 7e3).sin()));
+        let regression = Regression::new(points.collect(), 7).unwrap();
+        let curve = Curve::of(&regression, 7, [8e6, 8.056e6]);
+        let table = curve.polynomial(1.0).unwrap();
+        assert_ne!(table.center(), 0.0);
+        for x in [8e6, 8.0123e6, 8.056e6] {
+            assert!((table.at(x) - curve.at(x)).abs() < 1e-9, "{}", table.at(x) - curve.at(x));
+        }
+        assert_eq!(curve.table_covariance().unwrap().nrows(), 8);
+    }
+
+    #[test]
+    fn raw_coefficients_and_errors_are_those_of_the_regression() {
+        let points =
+            (0..9).map(|i| f64::from(i) / 3.0 + 1.1).map(|x| DataPoint::new(x, 3.0 - x + 0.1 * (9.0 * x).sin()));
+        let regression = Regression::new(points.collect(), 3).unwrap();
+        let curve = Curve::of(&regression, 3, [1.1, 3.8]);
+        let fit = &regression.fits()[3];
+        for (a, b) in curve.raw().iter().zip(&fit.coefficients) {
+            assert!((a - b).abs() < 1e-14 * b.abs(), "{a} {b}");
+        }
+        let covariance = curve.raw_covariance().unwrap();
+        for (k, error) in fit.standard_errors.as_ref().unwrap().iter().enumerate() {
+            assert!((covariance[(k, k)].sqrt() / error - 1.0).abs() < 1e-9);
+        }
+        let (value, error) = regression.at(3, 2.0);
+        assert!((curve.at(2.0) - value).abs() < 1e-14);
+        assert!((curve.standard_error(2.0).unwrap() / error.unwrap() - 1.0).abs() < 1e-12);
+        assert!((curve.slope(2.0) - (curve.at(2.001) - curve.at(1.999)) / 0.002).abs() < 1e-5);
+        assert!((curve.polynomial(1e6).unwrap().at(2.0) / (1e6 * value) - 1.0).abs() < 1e-13);
+    }
+}

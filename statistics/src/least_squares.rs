@@ -1,0 +1,55 @@
+//! One Gauss-Newton step of a joint fit: linear least squares by QR, with columns scaled to length 1.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Condition number above which the rows do not determine the unknowns. Powers are not orthogonal, so high orders reach some thousands; a real
+/// deficiency is far above.
+const MAX_CONDITION: f64 = 1e7;
+/// Most steps of the search for singular values; it needs a few for each.
+pub const MAX_SVD_STEPS: usize = 10_000;
+
+/// The solution of J change = -residual.
+pub struct LeastSquares {
+    /// The change of the unknowns that makes the residuals smallest.
+    pub change: DVector<f64>,
+    /// H^-1, with H = J'J.
+    pub inverse: DMatrix<f64>,
+    /// Condition number of J with columns of length 1.
+    pub condition: f64,
+}
+
+/// Solves for the change of the unknowns; `None` if the rows do not determine them, or if a value is not finite.
+pub fn solve(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<LeastSquares> {
+    let (rows, columns) = jacobian.shape();
+    if rows < columns {
+        return None;
+    }
+    let scale = DVector::from_fn(columns, |j, _| jacobian.column(j).norm());
+    // A value that is not finite, or overflows, would keep the search for singular values from ending.
+    if !scale.iter().all(|norm| *norm > 0.0 && norm.is_finite()) || !residual.iter().all(|r| r.is_finite()) {
+        return None;
+    }
+    let mut scaled = jacobian.clone();
+    for (mut column, norm) in scaled.column_iter_mut().zip(&scale) {
+        column /= *norm;
+    }
+    let qr = scaled.qr();
+    let r = qr.r();
+    let mut right = residual.clone();
+    qr.q_tr_mul(&mut right);
+    let sizes = r.clone().try_svd_unordered(false, false, f64::EPSILON, MAX_SVD_STEPS)?.singular_values;
+    let condition = sizes.max() / sizes.min();
+    if condition.is_nan() || condition > MAX_CONDITION {
+        return None;
+    }
+    let inverse = r.try_inverse()?;
+    let mut change = -(&inverse * right.rows(0, columns));
+    change.component_div_assign(&scale);
+    let mut inverse = &inverse * inverse.transpose();
+    for i in 0..columns {
+        for j in 0..columns {
+            inverse[(i, j)] /= scale[i] * scale[j];
+        }
+    }
+    Some(LeastSquares { change, inverse, condition })
+}

@@ -1,0 +1,226 @@
+//! Verification without a turntable: over each standstill of a recording, the length of the compensated output against local gravity.
+//!
+//! It shows neither the direction of the output nor an error across the specific force.
+
+use crate::requirement::{Judgement, Requirement, all_met};
+use crate::stability::LocalGravity;
+use crate::verdict::Estimate;
+use isotherm_calibration::gravity_only::reading::Reading;
+use isotherm_calibration::gravity_only::{error_of_length, errors_of_means};
+use isotherm_campaign::standstill;
+use isotherm_campaign::standstill::StandstillError;
+use isotherm_shared::compensate::answer;
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
+use nalgebra::Vector3;
+
+/// Standstills whose specific forces are all within this angle are of one attitude \[rad\].
+const ONE_ATTITUDE: f64 = 0.1;
+/// Degrees of freedom of the noise, from so many rows that the normal quantile holds.
+const NOISE_FREEDOM: usize = 1000;
+/// Fewest standstills that a bound is judged by.
+const LEAST_STANDSTILLS: usize = 6;
+
+/// The output over one standstill.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Length {
+    /// What the IMU indicated.
+    pub reading: Reading,
+    /// Mean specific force along the output axes \[g0\].
+    pub force: [f64; AXES],
+    /// Its length less local gravity \[g0\], with the 95 % interval that the noise of the mean allows.
+    pub error: Estimate,
+    /// Whether telemetry was outside the table's range in a row.
+    pub out_of_range: bool,
+}
+
+/// The lengths over all standstills of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lengths {
+    /// Each standstill, in order of time.
+    pub standstills: Vec<Length>,
+    /// Standstills that were left out because they are too short.
+    pub too_short: usize,
+    /// Standstills without a valid output in a row; they are left out.
+    pub invalid: usize,
+    /// Samples of another unit than the table's, which were accepted.
+    pub other_device: usize,
+    /// Local gravity \[g0\].
+    pub gravity: f64,
+    /// Where local gravity comes from.
+    pub gravity_source: LocalGravity,
+    /// Mean of the errors \[g0\] with its 95 % interval from their scatter.
+    pub mean: Estimate,
+    /// Root mean square of the errors \[g0\].
+    pub rms: f64,
+}
+
+/// Why lengths cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum LengthsError {
+    /// There is no usable standstill.
+    #[error(transparent)]
+    Standstill(#[from] StandstillError),
+    /// Samples are of another unit than the table's.
+    #[error("{0} samples are of another unit than the table's; take its own table, or accept them: --other-device")]
+    OtherDevice(usize),
+    /// Nothing to compare with.
+    #[error("local gravity is unknown, so there is nothing to compare the lengths with; state --gravity-local")]
+    Gravity,
+    /// No standstill has a valid output.
+    #[error("no standstill has a valid output; is the telemetry within the table's range?")]
+    Invalid,
+}
+
+impl Lengths {
+    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the search. `other_device` says whether samples of
+    /// another unit than the table's are judged.
+    ///
+    /// # Errors
+    /// If there are no standstills, if local gravity is unknown, or if samples are of another unit.
+    pub fn of(
+        table: &CoefficientTable,
+        rows: &[RawSample],
+        window_s: f64,
+        gravity_source: LocalGravity,
+        other_device: bool,
+    ) -> Result<Self, LengthsError> {
+        let is_other = |row: &&RawSample| row.device != 0 && table.device() != 0 && row.device != table.device();
+        let others = rows.iter().filter(is_other).count();
+        if others > 0 && !other_device {
+            return Err(LengthsError::OtherDevice(others));
+        }
+        let unit = table.content().gravity;
+        let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / unit;
+        let found = standstill::find(rows, window_s, standstill::TUMBLED)?;
+        let begins_ns = standstill::begins_ns(rows);
+        let readings: Vec<Reading> = found
+            .found
+            .into_iter()
+            .enumerate()
+            .map(|(index, range)| {
+                let start_s = begins_ns[range.start] as f64 / 1e9;
+                Reading::of(index + 1, 0, rows, range, start_s, found.noise, false)
+            })
+            .collect();
+        let noise = errors_of_means(&readings);
+        let count = readings.len();
+        let mut standstills = Vec::new();
+        for (reading, errors) in readings.into_iter().zip(noise) {
+            let mut sum = Vector3::zeros();
+            for row in &rows[reading.rows.clone()] {
+                sum += Vector3::from(answer(Some(table), row).velocity_increment);
+            }
+            let force = sum / reading.seconds / unit;
+            if !force.norm().is_finite() {
+                continue;
+            }
+            let scale_factor = |axis: usize| {
+                let at = &table.content().axes[axis].positive_scale_factor;
+                at.at(at.clamp(reading.board[axis]))
+            };
+            let half = error_of_length(&force, errors, scale_factor) * student_quantile(CONFIDENCE, NOISE_FREEDOM);
+            let error = Estimate { value: force.norm() - gravity, interval: half };
+            let out_of_range = is_out_of_range(table, &reading);
+            standstills.push(Length { reading, force: force.into(), error, out_of_range });
+        }
+        if standstills.is_empty() {
+            return Err(LengthsError::Invalid);
+        }
+        let n = standstills.len() as f64;
+        let errors = || standstills.iter().map(|length| length.error.value);
+        let mean = errors().sum::<f64>() / n;
+        let scatter = (errors().map(|error| (error - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+        let interval = match standstills.len() {
+            1 => f64::INFINITY,
+            many => scatter / n.sqrt() * student_quantile(CONFIDENCE, many - 1),
+        };
+        Ok(Self {
+            invalid: count - standstills.len(),
+            too_short: found.too_short,
+            other_device: others,
+            gravity,
+            gravity_source,
+            mean: Estimate { value: mean, interval },
+            rms: (errors().map(|error| error * error).sum::<f64>() / n).sqrt(),
+            standstills,
+        })
+    }
+
+    /// Whether the standstills have more than one attitude; otherwise the recording is a run at one attitude.
+    #[must_use]
+    pub fn several_attitudes(&self) -> bool {
+        let forces: Vec<_> = self.standstills.iter().map(|length| Vector3::from(length.force)).collect();
+        forces.iter().any(|force| force.angle(&forces[0]) > ONE_ATTITUDE)
+    }
+
+    /// The standstill with the largest error, the upper end of its interval counted.
+    #[must_use]
+    pub fn largest(&self) -> &Length {
+        let most = |length: &&Length| length.error.most();
+        let all = self.standstills.iter();
+        all.max_by(|a, b| most(a).total_cmp(&most(b))).unwrap_or(&self.standstills[0])
+    }
+
+    /// Judges the bounds: `scale` by the largest error of the length relative to gravity. The others need an attitude.
+    #[must_use]
+    pub fn judge(&self, requirement: &Requirement) -> Vec<Judgement> {
+        let mut found = Vec::new();
+        if let Some(most) = requirement.scale {
+            let error = self.largest().error.times(1.0 / self.gravity);
+            let limit = format!("at most {:.3} ppm is required", most * 1e6);
+            let value = format!("the length {:.3} +- {:.3} ppm", error.value * 1e6, error.interval * 1e6);
+            let few = self.standstills.len() < LEAST_STANDSTILLS;
+            let outside = self.standstills.iter().any(|length| length.out_of_range);
+            let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
+                _ if few => ("not judged, under 6 standstills", Some("put the IMU down in more attitudes")),
+                _ if outside => {
+                    ("not judged, telemetry was outside the table's range", Some("record within the table's range"))
+                }
+                (true, _) => ("met", None),
+                (false, true) => ("the interval reaches over it", Some("rest longer at each attitude")),
+                (false, false) => ("missed", Some("calibrate anew, or look at the report")),
+            };
+            let message = format!("scale: {value}, {limit}: {word}");
+            found.push(Judgement { bound: "scale", met: remedy.is_none(), message, remedy });
+        }
+        let others = [
+            ("factor", requirement.factor.is_some()),
+            ("bias", requirement.bias.is_some()),
+            ("level", requirement.level.is_some()),
+            ("rate", requirement.rate.is_some()),
+        ];
+        for (bound, _) in others.into_iter().filter(|(_, given)| *given) {
+            found.push(Judgement {
+                bound,
+                met: false,
+                message: format!("{bound}: not judged, standstills in unknown attitudes show the length alone"),
+                remedy: Some("record at one attitude, and state it"),
+            });
+        }
+        found
+    }
+
+    /// Checks that every bound is met.
+    ///
+    /// # Errors
+    /// The bounds that are not, in words, a line each; then the remedies.
+    pub fn check(&self, requirement: &Requirement) -> Result<(), String> {
+        all_met(&self.judge(requirement))
+    }
+}
+
+/// Whether telemetry of a standstill is outside the table's ranges.
+fn is_out_of_range(table: &CoefficientTable, reading: &Reading) -> bool {
+    let beyond = |polynomial: &Polynomial, [low, high]: [f64; 2]| {
+        let [from, to] = polynomial.range();
+        low < from || high > to
+    };
+    table.content().axes.iter().enumerate().any(|(axis, coefficients)| {
+        beyond(&coefficients.bias, reading.head_range[axis])
+            || beyond(&coefficients.positive_scale_factor, reading.board_range[axis])
+            || beyond(&coefficients.negative_scale_factor, reading.board_range[axis])
+    })
+}

@@ -1,0 +1,113 @@
+//! What of a triad's part of a table a run exercises: the telemetry of its windows, and the channels that the specific force drives. At rest no
+//! channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale factor.
+
+use crate::window::Window;
+use core::fmt;
+use isotherm_shared::table::Axis;
+use isotherm_shared::units::SensorKind;
+use isotherm_shared::wire::AXES;
+
+/// Least specific force that drives a channel \[g0\]. The run shows the error of the scale factor times this: an error that a bound lets pass
+/// is at most 1/0.3 of the bound at 1 g0.
+pub const DRIVEN: f64 = 0.3;
+
+/// What of a table a run exercises: of the rest it says nothing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coverage {
+    /// The triad.
+    pub kind: SensorKind,
+    /// Lowest and highest telemetry of the windows that count, without the flagged ones: head and board, by axis.
+    pub telemetry: [[[f64; 2]; 2]; AXES],
+    /// The same in the table: that of the bias, and that of K+ and K-.
+    pub table: [[[f64; 2]; 2]; AXES],
+    /// Unit of the telemetry.
+    pub unit: String,
+    /// Whether the specific force drives the channel: + and -, by axis.
+    pub driven: [[bool; 2]; AXES],
+}
+
+/// Names of the curves over head and board telemetry.
+const CURVES: [&str; 2] = ["bias", "K"];
+
+impl Coverage {
+    /// Without channels.
+    pub(super) fn of(windows: &[Window], kind: SensorKind, axes: &[Axis; AXES], unit: &str) -> Self {
+        let good = windows.iter().any(|window| window.counts && !window.flagged);
+        let counted = || windows.iter().filter(move |window| window.counts && !(good && window.flagged));
+        let range =
+            |of: &dyn Fn(&Window) -> f64| isotherm_campaign::campaign::range(counted().map(|window| [of(window); 2]));
+        Self {
+            kind,
+            telemetry: [0, 1, 2].map(|axis| [range(&|window| window.head[axis]), range(&|window| window.board[axis])]),
+            table: axes.each_ref().map(|axis| {
+                let ([low, high], [other_low, other_high]) =
+                    (axis.positive_scale_factor.range(), axis.negative_scale_factor.range());
+                [axis.bias.range(), [low.min(other_low), high.max(other_high)]]
+            }),
+            unit: unit.to_owned(),
+            driven: [[false; 2]; AXES],
+        }
+    }
+
+    /// With the channels of the accelerometers that the specific force \[g0\] drives.
+    pub(super) fn driven_by(mut self, force: [f64; AXES]) -> Self {
+        self.driven = force.map(|f| [f >= DRIVEN, f <= -DRIVEN]);
+        self
+    }
+
+    /// The part of the table's range that the run covers: of head and board, by axis.
+    #[must_use]
+    pub fn parts(&self) -> [[f64; 2]; AXES] {
+        [0, 1, 2].map(|axis| {
+            [0, 1].map(|k| {
+                let ([low, high], [from, to]) = (self.telemetry[axis][k], self.table[axis][k]);
+                if to > from { ((high.min(to) - low.max(from)) / (to - from)).max(0.0) } else { 1.0 }
+            })
+        })
+    }
+
+    /// The curve that is covered least, by axis and index: 0 for the bias, 1 for K+ and K-. Of gyroscopes only the biases count.
+    #[must_use]
+    pub fn least(&self) -> (usize, usize) {
+        let parts = self.parts();
+        let count = if self.kind == SensorKind::Accelerometer { 2 } else { 1 };
+        let curves = (0..AXES).flat_map(|axis| [(axis, 0), (axis, 1)].into_iter().take(count));
+        curves.min_by(|a, b| parts[a.0][a.1].total_cmp(&parts[b.0][b.1])).unwrap_or_default()
+    }
+
+    /// Names of the channels that the run drives, as `K+ of A1`.
+    #[must_use]
+    pub fn channels(&self) -> Vec<String> {
+        let of = |axis: usize| ["+", "-"].into_iter().zip(self.driven[axis]).map(move |(sign, is)| (axis, sign, is));
+        let all = (0..AXES).flat_map(of).filter(|(.., is)| *is);
+        all.map(|(axis, sign, _)| format!("K{sign} of {}", self.kind.names()[axis])).collect()
+    }
+}
+
+/// The telemetry that is covered least, and the channels.
+impl fmt::Display for Coverage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (axis, k) = self.least();
+        let ([low, high], [from, to]) = (self.telemetry[axis][k], self.table[axis][k]);
+        let (name, unit, percent) = (self.kind.names()[axis], &self.unit, 100.0 * self.parts()[axis][k]);
+        let channels = self.channels();
+        let channels = if channels.is_empty() { "none".to_owned() } else { channels.join(", ") };
+        let of_kind = match self.kind {
+            SensorKind::Accelerometer => format!("channels {channels}; not judged beyond"),
+            SensorKind::Gyroscope => {
+                "at rest scale factors and misalignments are not driven, and not judged".to_owned()
+            }
+        };
+        let places = decimals(to - from);
+        write!(
+            f,
+            "{} of {name}: {low:.places$} to {high:.places$} {unit} of {from:.places$} to {to:.places$} {unit}, {percent:.0} %, the least; {of_kind}",
+            CURVES[k]
+        )
+    }
+}
+
+/// Decimals that show a hundredth of `range`, at least none.
+fn decimals(range: f64) -> usize {
+    (2.0 - range.log10().floor()).clamp(0.0, 9.0) as usize
+}
