@@ -30,7 +30,7 @@ pub mod recording;
 pub use model::{COEFFICIENTS, Coefficient, ModelFit};
 pub use recording::{NoiseAnalysis, NoiseError, NoiseUnits, RateKind, SensorNoise};
 
-use isotherm_statistics::curve::CONFIDENCE;
+use isotherm_statistics::CONFIDENCE;
 use moments::Moments;
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 

@@ -7,14 +7,14 @@ mod family;
 mod outliers;
 
 pub use family::Family;
-pub use outliers::{FEWEST_UNITS, POWER, StandOut, least_found, leave_one_out, limit, stand_outs};
+pub use outliers::{FEWEST_UNITS, StandOut, least_found, leave_one_out, limit, stand_outs};
 
 use crate::compare::{Convention, Form, FormCurve, common_range, median, points};
 use isotherm_calibration::provenance::TableFile;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::order::QUANTITIES;
+use isotherm_statistics::QUANTITIES;
 
 /// Why there are no statistics of tables.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]

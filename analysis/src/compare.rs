@@ -20,8 +20,7 @@ mod table;
 mod trend;
 
 pub use alignment::AlignmentComparison;
-pub use curves::{Band, CurveComparison};
-pub use isotherm_shared::table::difference::{POINTS, STANDARD_GRAVITY};
+pub use curves::CurveComparison;
 pub use requirement::{ComparisonRequirement, Verdict};
 pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
@@ -29,7 +28,7 @@ pub use trend::{Trend, YEAR_S};
 pub use curves::{common_range, median};
 use isotherm_calibration::provenance::TableFile;
 pub use isotherm_shared::table::difference::points;
-use isotherm_statistics::order::QUANTITIES;
+use isotherm_statistics::QUANTITIES;
 pub use table::{Form, FormCurve};
 
 use isotherm_failure::{Exit, Failure};

@@ -1,7 +1,7 @@
 //! Statistics of a batch: real units, false alarms, what is found, and units with other orders.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_analysis::batch::{Batch, batch, least_found, leave_one_out, limit, stand_outs};
+use isotherm_analysis::{Batch, batch, least_found, leave_one_out, limit, stand_outs};
 use isotherm_calibration::provenance::{Origin, TableFile};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::stream::ImuId;

@@ -1,7 +1,7 @@
 //! Comparison of tables: figures that a program without shared code has computed (`expected.json`), error rates, and what cannot be compared.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_analysis::compare::{Comparison, ComparisonRequirement, Convention, Verdict, YEAR_S, compare};
+use isotherm_analysis::{Comparison, ComparisonRequirement, Convention, Verdict, YEAR_S, compare};
 use isotherm_calibration::provenance::{CurveErrors, Origin, TableFile};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Gyroscopes};

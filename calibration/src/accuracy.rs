@@ -10,9 +10,9 @@ use crate::checks::{Finding, name};
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::triad::{CalibratedTriad, TriadUnits};
 use core::fmt;
-use isotherm_campaign::campaign::range;
+use isotherm_campaign::joint_range;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{CONFIDENCE, Curve, student_quantile};
+use isotherm_statistics::{CONFIDENCE, Curve, student_quantile};
 
 /// The intervals are evaluated at the ends of this many equal steps over the range.
 const STEPS: u32 = 64;
@@ -95,7 +95,7 @@ impl Accuracy {
             bias: [0, 1, 2].map(|axis| half_width(axis, 0, false)),
             scale_factor: [0, 1, 2].map(scale_factor),
             constants: triad.gyroscopes.map(|found| ConstantsAccuracy::of(found, triad)),
-            range: range(curves().map(|curve| curve.range())),
+            range: joint_range(curves().map(|curve| curve.range())),
             unit: calibration.table.content().temperature_unit.clone(),
             set_points: calibration.set_points.len(),
             freedom: curves().map(Curve::freedom).min().unwrap_or_default(),

@@ -10,16 +10,19 @@ use crate::one_stage::{Curves, OneStageError, SetPointValues, Solution, set_poin
 use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
 use crate::reduce::{Reduced, reduce};
 use crate::transients::{LagChoice, Transients, TransientsError};
-use isotherm_campaign::campaign::{Campaign, Dwell, range};
-use isotherm_campaign::positions::{Observability, Position, specific_force};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Observability;
+use isotherm_campaign::Position;
+use isotherm_campaign::specific_force;
+use isotherm_campaign::{Dwell, joint_range};
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, OutOfRange, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::Curve;
-use isotherm_statistics::order::{BIAS_EFFECT, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT};
-use isotherm_statistics::regression::RegressionError;
+use isotherm_statistics::Curve;
+use isotherm_statistics::RegressionError;
+use isotherm_statistics::{BIAS_EFFECT, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT};
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
@@ -528,7 +531,10 @@ fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
 /// Lowest and highest telemetry of all samples: head and board, by axis.
 fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
     [0, 1, 2].map(|axis| {
-        [range(dwells.iter().map(|d| d.head_range(axis))), range(dwells.iter().map(|d| d.board_range(axis)))]
+        [
+            joint_range(dwells.iter().map(|d| d.head_range(axis))),
+            joint_range(dwells.iter().map(|d| d.board_range(axis))),
+        ]
     })
 }
 

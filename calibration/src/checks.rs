@@ -11,10 +11,11 @@ pub mod time;
 
 use crate::reduce::reduce;
 use core::fmt;
-use isotherm_campaign::campaign::{Block, Campaign, Dwell, range};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::{Block, Dwell, joint_range};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::{median, robust_sd};
+use isotherm_statistics::{median, robust_sd};
 
 /// Largest difference between the specific force of a position and the indicated one, with mean scale factors \[g0\]. A
 /// scale factor may change by some percent over temperature; a wrong position differs by more.
@@ -312,7 +313,7 @@ impl Checker<'_> {
         let sensors: [(&str, TelemetryRanges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
         for axis in 0..AXES {
             for (sensor, of) in sensors {
-                let of_dwell = |dwell: &Dwell| range(dwell.blocks.iter().map(|block| of(block)[axis]));
+                let of_dwell = |dwell: &Dwell| joint_range(dwell.blocks.iter().map(|block| of(block)[axis]));
                 let middle = |dwell: &Dwell| {
                     median(dwell.blocks.iter().map(|block| {
                         let [low, high] = of(block)[axis];
@@ -345,7 +346,7 @@ impl Checker<'_> {
                     continue;
                 }
                 // Such a row would be in the dwell's mean and in the table's range: nothing is left to accept.
-                let [low, high] = range(means.iter().map(|mean| [*mean; 2]));
+                let [low, high] = joint_range(means.iter().map(|mean| [*mean; 2]));
                 let far = IMPOSSIBLE * (high - low).max(usual_spread).max(digit);
                 let broken = |dwell: &Dwell| {
                     let is_broken = |block: &&Block| of(block)[axis][0] < low - far || of(block)[axis][1] > high + far;
@@ -404,7 +405,8 @@ impl Checker<'_> {
                     }
                 }
                 for (set_point, mean) in set_points.iter().zip(&means) {
-                    let [low, high] = range(set_point.dwells.iter().map(|&dwell| [middle(&self.dwells[dwell]); 2]));
+                    let [low, high] =
+                        joint_range(set_point.dwells.iter().map(|&dwell| [middle(&self.dwells[dwell]); 2]));
                     let step = steps.at(set_point.set_point_c);
                     if high - low > (SET_POINT_DRIFT * step).max(FLICKER * digit) {
                         let line = set_point.dwells.first().map(|&dwell| self.dwells[dwell].lines[0]);

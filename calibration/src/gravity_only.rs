@@ -25,15 +25,17 @@ use checks::{
 };
 use choice::Chosen;
 use dilution::Dilution;
-use isotherm_campaign::campaign::{Campaign, implausible, range};
-use isotherm_campaign::standstill;
-use isotherm_campaign::standstill::StandstillError;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::StandstillError;
+use isotherm_campaign::implausible;
+use isotherm_campaign::joint_range;
+use isotherm_campaign::{TUMBLED, begins_ns, find_standstills, stretches};
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording::{CampaignRow, Continuity, Losses, RecordingError};
 use isotherm_shared::table::{CoefficientTable, Refusal};
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_statistics::curve::Curve;
-use isotherm_statistics::diagnostics::median;
+use isotherm_statistics::Curve;
+use isotherm_statistics::median;
 use nalgebra::{Matrix3, Vector3};
 use reading::Reading;
 
@@ -246,10 +248,7 @@ pub fn calibrate(
     }
     warnings.extend(kelvin(campaign, &readings));
     warnings.extend(table.content().unlike_scale_factors());
-    let gaps = recordings
-        .iter()
-        .map(|recording| standstill::stretches(&recording.rows).len().saturating_sub(1))
-        .sum::<usize>();
+    let gaps = recordings.iter().map(|recording| stretches(&recording.rows).len().saturating_sub(1)).sum::<usize>();
     if gaps > readings.len() {
         warnings.push(format!(
             "the recordings have {gaps} gaps, and each ends a standstill; look for samples that were lost"
@@ -326,8 +325,8 @@ fn readings(recordings: &[TumbleRecording], window_s: f64) -> Result<Found, Grav
     let with_gyroscopes = recordings.iter().flat_map(|recording| &recording.rows).any(has_gyroscopes);
     for (index, TumbleRecording { name, rows }) in recordings.iter().enumerate() {
         refuse_interval(name, rows)?;
-        let begins_ns = standstill::begins_ns(rows);
-        let standstills = standstill::find(rows, window_s, standstill::TUMBLED)
+        let begins_ns = begins_ns(rows);
+        let standstills = find_standstills(rows, window_s, TUMBLED)
             .map_err(|error| GravityOnlyError::Standstill { name: name.clone(), error })?;
         for range in standstills.found {
             let number = found.readings.len() + 1;
@@ -365,7 +364,7 @@ fn table_ranges(
     options: &GravityOnlyOptions,
 ) -> Result<[[[f64; 2]; AXES]; 2], GravityOnlyError> {
     let of = |ranges: fn(&Reading) -> [[f64; 2]; AXES]| {
-        [0, 1, 2].map(|axis| range(readings.iter().map(|reading| ranges(reading)[axis])))
+        [0, 1, 2].map(|axis| joint_range(readings.iter().map(|reading| ranges(reading)[axis])))
     };
     let mut measured = [of(|reading| reading.head_range), of(|reading| reading.board_range)];
     let constant = measured.iter().flatten().any(|[low, high]| low == high);

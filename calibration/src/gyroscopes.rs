@@ -35,13 +35,14 @@ use crate::one_stage::{OneStageError, SetPointValues};
 use crate::ramps::{add_transients, refuse_options};
 use earth::{EarthCheck, LeftOver};
 use fit::{GyroscopeCurves, ReducedSetPoint, Run, RunTurn, TriadSolution, corrected_values, reduce, solve};
-use isotherm_campaign::campaign::{Campaign, Dwell, range};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::{Dwell, joint_range};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::{Axis, CoefficientTable, FORMAT, GYROSCOPE_NAMES, Gyroscopes, Refusal};
 use isotherm_shared::units::BiasUnit;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::Curve;
-use isotherm_statistics::order::{OrderTable, QUANTITIES, Rule};
+use isotherm_statistics::Curve;
+use isotherm_statistics::{OrderTable, QUANTITIES, Rule};
 use nalgebra::{DVector, Matrix3, Vector3};
 use observability::TriadObservability;
 use runs::{GyroscopeRuns, TurnRun};
@@ -246,8 +247,9 @@ impl<'a> Data<'a> {
     /// Lowest and highest telemetry of all runs: head and board, by gyroscope.
     fn ranges(&self) -> [[[f64; 2]; 2]; AXES] {
         let runs = || self.dwells.iter().map(|(_, dwell)| *dwell).chain(self.turns.iter().map(|(_, turn)| &turn.run));
-        [0, 1, 2]
-            .map(|axis| [range(runs().map(|run| run.head_range(axis))), range(runs().map(|run| run.board_range(axis)))])
+        [0, 1, 2].map(|axis| {
+            [joint_range(runs().map(|run| run.head_range(axis))), joint_range(runs().map(|run| run.board_range(axis)))]
+        })
     }
 }
 

@@ -1,9 +1,9 @@
 //! The white noise of a triad's sensors, from the rows of a campaign.
 
-use isotherm_campaign::campaign::{Block, Dwell};
+use isotherm_campaign::{Block, Dwell};
 use isotherm_shared::table::Axis;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::robust_sd;
+use isotherm_statistics::robust_sd;
 
 /// The noise of each sensor in a mean over 1 s \[base unit of the triad\]; in a mean over T seconds it is that over the root of T. It comes from the
 /// differences of successive blocks of the dwells, which a wrong position or a wrong curve does not change. 0 if dwells have a single block.

@@ -27,12 +27,13 @@
 //! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
 use crate::checks::SetPoint;
-use isotherm_campaign::campaign::{Campaign, Dwell};
-use isotherm_campaign::positions::PARAMETERS;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::PARAMETERS;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{Curve, student_quantile};
+use isotherm_statistics::LeastSquares;
 use isotherm_statistics::least_squares;
-use isotherm_statistics::least_squares::LeastSquares;
+use isotherm_statistics::{Curve, student_quantile};
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.
@@ -301,7 +302,7 @@ impl<'a> JointModel<'a> {
                 }
             }
         }
-        let LeastSquares { change, inverse, condition } = least_squares::solve(&jacobian, &residual)?;
+        let LeastSquares { change, inverse, condition } = least_squares(&jacobian, &residual)?;
         Some(NewtonStep { jacobian, residual, inverse, change, condition })
     }
 

@@ -3,12 +3,14 @@
 use crate::checks::{Finding, SetPoint, Severity, name};
 use crate::one_stage::{Solution, solve};
 use crate::reduce::Reduced;
-use isotherm_campaign::campaign::{Campaign, Dwell};
-use isotherm_campaign::positions::{SAME_DIRECTION, other_zero};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::SAME_DIRECTION;
+use isotherm_campaign::other_zero;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::{median, robust_sd};
-use isotherm_statistics::order::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
+use isotherm_statistics::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
+use isotherm_statistics::{median, robust_sd};
 use nalgebra::{DMatrix, DVector};
 
 /// Limit of a dwell's residual, in robust standard deviations of the residuals; a dwell over it is an outlier.

@@ -11,7 +11,7 @@ use crate::calibrate::{Calibration, CalibrationError, CalibrationOptions, Method
 use crate::checks::scale::unlike_scale_factors;
 use crate::checks::{Finding, Severity, name};
 use crate::transients::{CurveSource, LagChoice, RampRecording, TransientOptions, Transients, TransientsError, fit};
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::device;

@@ -38,7 +38,7 @@ use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::hysteresis::LoopPoint;
+use isotherm_statistics::LoopPoint;
 use search::{Grid, total};
 
 /// Residuals are shown, and sweeps judged, after this many time constants since a recording began: the start may not have been soaked.

@@ -4,12 +4,12 @@
 use crate::calibrate::Calibration;
 use crate::checks::Finding;
 use crate::gyroscopes::GyroscopeCalibration;
-use isotherm_campaign::positions::PARAMETERS;
+use isotherm_campaign::PARAMETERS;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{CONFIDENCE, Curve};
-use isotherm_statistics::order::OrderTable;
+use isotherm_statistics::OrderTable;
+use isotherm_statistics::{CONFIDENCE, Curve};
 
 /// What the figures of a triad are shown in.
 #[derive(Debug)]

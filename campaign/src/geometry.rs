@@ -49,13 +49,13 @@ pub fn outer_axis(inner: f64) -> Vector3<f64> {
 
 /// The rate about the vertical at the latitude \[deg\], in deg/h; positive in the north.
 #[must_use]
-pub fn vertical(latitude_deg: f64) -> f64 {
+pub fn vertical_rate(latitude_deg: f64) -> f64 {
     EARTH_RATE * latitude_deg.to_radians().sin()
 }
 
 /// The horizontal rate at the latitude \[deg\], in deg/h.
 #[must_use]
-pub fn horizontal(latitude_deg: f64) -> f64 {
+pub fn horizontal_rate(latitude_deg: f64) -> f64 {
     EARTH_RATE * latitude_deg.to_radians().cos()
 }
 

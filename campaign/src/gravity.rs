@@ -20,7 +20,7 @@ pub fn normal_gravity(latitude_deg: f64, height_m: f64) -> f64 {
 
 /// What is wrong with a local gravity \[m/s2\] at this place; `None` if it is plausible.
 #[must_use]
-pub fn fault(gravity_local: f64, latitude_deg: f64, height_m: f64) -> Option<String> {
+pub fn gravity_fault(gravity_local: f64, latitude_deg: f64, height_m: f64) -> Option<String> {
     let normal = normal_gravity(latitude_deg, height_m);
     ((gravity_local - normal).abs() > ANOMALY).then(|| {
         format!(
@@ -48,8 +48,8 @@ mod tests {
 
     #[test]
     fn a_gravity_of_another_place_is_noticed() {
-        assert_eq!(fault(9.8015, 39.9, 50.0), None);
-        assert!(fault(9.80665, 39.9, 50.0).unwrap().contains("9.80"));
-        assert!(fault(9.8015, 39.9, 1500.0).is_some());
+        assert_eq!(gravity_fault(9.8015, 39.9, 50.0), None);
+        assert!(gravity_fault(9.80665, 39.9, 50.0).unwrap().contains("9.80"));
+        assert!(gravity_fault(9.8015, 39.9, 1500.0).is_some());
     }
 }

@@ -3,9 +3,32 @@
 //!
 //! This crate opens no file: a caller gives texts and rows.
 
-pub mod campaign;
-pub mod geometry;
-pub mod gravity;
-pub mod positions;
-pub mod standstill;
-pub mod turn;
+mod direction;
+mod dwell;
+mod file;
+mod geometry;
+mod gravity;
+mod members;
+mod model;
+mod mount;
+mod position;
+mod positions;
+mod ramp;
+mod rows;
+mod standstill;
+mod turn;
+
+pub use dwell::{Block, Dwell, joint_range};
+pub use geometry::{
+    EARTH_RATE, base_axes, horizontal_rate, laboratory_axes, outer_axis, specific_force, vertical_rate,
+};
+pub use gravity::normal_gravity;
+pub use members::{IMU, MOST_IMUS, Member, members, select_imu};
+pub use model::Campaign;
+pub use mount::{mount, mounting, nearest_rotation, other_zero};
+pub use position::{Position, SAME_DIRECTION};
+pub use positions::{MAX_CONDITION, Observability, PARAMETERS, Scheme};
+pub use ramp::Ramp;
+pub use rows::{UNIT_FACTORS, UNIT_TOLERANCE, implausible, read_dwells};
+pub use standstill::{AT_REST, StandstillError, TUMBLED, begins_ns, find_standstills, stretches};
+pub use turn::{LEAST_TURN, TableAxis, Turn, turns, vector_words};

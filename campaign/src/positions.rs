@@ -2,52 +2,11 @@
 //!
 //! [`crate::geometry`] has the convention of the angles.
 
-mod mount;
-
-pub use mount::{contradiction, mount, mounting, nearest_rotation, other_zero};
-
-pub use crate::geometry::{base_axes, laboratory_axes, specific_force};
+use crate::position::Position;
 
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use nalgebra::DMatrix;
-
-/// One position of the turntable.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Position {
-    /// Its number in the samples.
-    pub number: u32,
-    /// Its name for the user; may be empty.
-    pub label: String,
-    /// Outer and inner angle \[deg\], if stated.
-    pub angles: Option<[f64; 2]>,
-    /// Direction of the specific force along A1, A2, A3; a unit vector.
-    pub specific_force: [f64; AXES],
-}
-
-impl Position {
-    /// The position at the angles `outer` and `inner` \[deg\].
-    #[must_use]
-    pub fn at(number: u32, outer: f64, inner: f64) -> Self {
-        let specific_force = specific_force(outer, inner);
-        let label = match specific_force.iter().position(|f| f.abs() == 1.0) {
-            Some(axis) => format!("{}{}", if specific_force[axis] > 0.0 { '+' } else { '-' }, ["x", "y", "z"][axis]),
-            None => format!("{outer}/{inner}"),
-        };
-        Self { number, label, angles: Some([outer, inner]), specific_force }
-    }
-
-    /// Derivative of the specific force along A1, A2, A3 by the base's tilt (tx, ty) \[1/rad\]; `None` without angles.
-    #[must_use]
-    pub fn by_tilt(&self) -> Option<[[f64; 2]; AXES]> {
-        let [outer, inner] = self.angles?;
-        let [x, y, _] = laboratory_axes(outer, inner);
-        Some(core::array::from_fn(|i| [y[i], -x[i]]))
-    }
-}
-
-/// Two directions are the same if all components agree within this: a few digits are enough to state a direction.
-pub const SAME_DIRECTION: f64 = 2e-3;
 
 /// Lists of twelve positions that laboratories use.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -221,6 +180,7 @@ fn deficiency(axis: usize, parameters: &[usize], positions: &[Position]) -> Stri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{base_axes, specific_force};
 
     #[test]
     fn angles_give_the_specific_force() {

@@ -28,7 +28,7 @@ const SAME_MEAN: f64 = 5.0;
 /// Least normal quantile, for recordings of a few windows.
 const LEAST_QUANTILE: f64 = 1.0;
 
-/// What [`find`] found.
+/// What [`find_standstills`] found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standstills {
     /// Rows of a window, W.
@@ -107,7 +107,7 @@ pub fn begins_ns(rows: &[RawSample]) -> Vec<u64> {
 ///
 /// # Errors
 /// If no stretch is as long as a window, or if the IMU was never at rest.
-pub fn find(rows: &[RawSample], window_s: f64, false_alarms: f64) -> Result<Standstills, StandstillError> {
+pub fn find_standstills(rows: &[RawSample], window_s: f64, false_alarms: f64) -> Result<Standstills, StandstillError> {
     if rows.is_empty() {
         return Err(StandstillError::Empty);
     }

@@ -1,7 +1,8 @@
 //! The turns of a campaign file: `[[turn]]`, from rest to rest about one axis of the turntable.
 
 use crate::geometry::outer_axis;
-use crate::positions::{Position, SAME_DIRECTION, specific_force};
+use crate::geometry::specific_force;
+use crate::position::{Position, SAME_DIRECTION};
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
@@ -177,7 +178,7 @@ fn on_the_table(
     };
     let force = mount * Vector3::from(specific_force(outer, inner));
     if stated.is_some_and(|stated| (stated - force).amax() > SAME_DIRECTION) {
-        let message = format!("contradicts outer_deg and inner_deg, at which it is {}", list(force));
+        let message = format!("contradicts outer_deg and inner_deg, at which it is {}", vector_words(force));
         section.fault("specific_force", message);
         return None;
     }
@@ -191,9 +192,9 @@ fn on_the_table(
     let Some((exact, about)) = found else {
         let message = format!(
             "is {}, which is no axis of the turntable there; give the outer axis, {}, or the inner one, {}, or the opposite of one",
-            list(axis),
-            list(outer_axis),
-            list(inner_axis)
+            vector_words(axis),
+            vector_words(outer_axis),
+            vector_words(inner_axis)
         );
         section.fault("axis", message);
         return None;
@@ -202,7 +203,7 @@ fn on_the_table(
 }
 
 /// A vector as in a campaign file.
-pub fn list(vector: Vector3<f64>) -> String {
+pub fn vector_words(vector: Vector3<f64>) -> String {
     let number = |component: &f64| {
         let text = format!("{:.4}", component + 0.0);
         let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -1,6 +1,6 @@
 //! Parsers of option values. clap shows their errors as usage errors.
 
-use isotherm_campaign::positions::Scheme;
+use isotherm_campaign::Scheme;
 use isotherm_client::TimeConstant;
 use isotherm_shared::table::GRAVITY_RANGE;
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS};

@@ -3,8 +3,8 @@
 
 use isotherm_calibration::calibrate::CalibrationOptions;
 use isotherm_calibration::gyroscopes;
-use isotherm_campaign::campaign::Campaign;
-use isotherm_campaign::positions::laboratory_axes;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::laboratory_axes;
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;

@@ -8,7 +8,7 @@ use common::{folder, run};
 use isotherm_calibration::transients::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
@@ -133,7 +133,7 @@ fn a_play_is_hysteresis_and_no_lag() {
     assert_ne!(found.verdict, TransientVerdict::Lag, "{:?}", found.words);
     assert!(found.biases.iter().all(|bias| bias.transient == 0.0));
     // Cooling less heating is 2 h w of each play, where both have gone over: 2 (60 * 0.2 + 20 * 0.6) = 48 ug0.
-    let band = isotherm_statistics::hysteresis::band(&found.biases[0].before).unwrap() * 1e6;
+    let band = isotherm_statistics::band(&found.biases[0].before).unwrap() * 1e6;
     assert!((40.0..52.0).contains(&band), "{band}");
 }
 

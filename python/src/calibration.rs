@@ -7,10 +7,12 @@ use crate::table::Table;
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration as Figures, CalibrationOptions, Method};
-use isotherm_campaign::campaign::{Campaign, Dwell, select};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::select_imu;
 use isotherm_calibration::checks::{Finding, Severity, name};
 use isotherm_calibration::gyroscopes::{FittedRun, Measurements, calibrate as fit, observable, read};
-use isotherm_statistics::order::OrderTable;
+use isotherm_statistics::OrderTable;
 use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
 use isotherm_calibration::ramps::{RampCalibration, calibrate as fit_ramps};
 use isotherm_report::{calibration, json, ramps};
@@ -57,7 +59,7 @@ pub fn samples_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Option<
 /// The campaign of `imu`, or the only one.
 pub fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
     let campaigns = Campaign::batch_from_toml(text).map_err(|all| faults(name, &all))?;
-    select(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
+    select_imu(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
 }
 
 /// Text of a campaign file.

@@ -4,10 +4,8 @@ use crate::errors::{ComparisonError, faults};
 use crate::offline::tool;
 use crate::records::{document, python};
 use crate::table::Table;
-use isotherm_analysis::batch as statistics;
-use isotherm_analysis::batch::Batch as Statistics;
-use isotherm_analysis::compare as tables;
-use isotherm_analysis::compare::{Comparison as Differences, ComparisonRequirement};
+use isotherm_analysis::Batch as Statistics;
+use isotherm_analysis::{Comparison as Differences, ComparisonRequirement};
 use isotherm_calibration::provenance::TableFile;
 use isotherm_report::batch as batch_report;
 use isotherm_report::batch::BatchSource;
@@ -38,7 +36,7 @@ fn files(named: &[(String, PyRef<'_, Table>)]) -> PyResult<Vec<TableFile>> {
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub fn compare(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>, other_unit: bool) -> PyResult<Comparison> {
     let files = files(&named)?;
-    let found = py.detach(|| tables::compare(files, other_unit));
+    let found = py.detach(|| isotherm_analysis::compare(files, other_unit));
     found.map(Comparison).map_err(|error| ComparisonError::new_err(error.to_string()))
 }
 
@@ -47,7 +45,7 @@ pub fn compare(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>, other_uni
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub fn batch(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>) -> PyResult<Batch> {
     let files = files(&named)?;
-    let found = py.detach(|| statistics::batch(&files));
+    let found = py.detach(|| isotherm_analysis::batch(&files));
     found.map(Batch).map_err(|error| ComparisonError::new_err(error.to_string()))
 }
 

@@ -5,15 +5,15 @@ use crate::errors::{CalibrationError, StabilityError, recording};
 use crate::offline::{tool, with_lag};
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_campaign::campaign::Campaign;
-use isotherm_verification::lengths::Lengths;
+use isotherm_campaign::Campaign;
+use isotherm_verification::Lengths;
 use isotherm_calibration::gravity_only::{
     GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate, sealed_table,
 };
 use isotherm_calibration::provenance::{CampaignSource, Hashed, sha256};
 use isotherm_report::{gravity_only as report, lengths as lengths_report};
-use isotherm_verification::requirement::Requirement;
-use isotherm_verification::stability::LocalGravity;
+use isotherm_verification::Requirement;
+use isotherm_verification::LocalGravity;
 use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;

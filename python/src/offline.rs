@@ -3,13 +3,13 @@
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
-use isotherm_statistics::double_double::DoubleDouble;
-use isotherm_statistics::order::{OrderTable, Rule, default_order};
-use isotherm_statistics::regression::{DataPoint, LinearColumn, MAX_ORDER, Regression};
+use isotherm_statistics::DoubleDouble;
+use isotherm_statistics::{OrderTable, Rule, default_order};
+use isotherm_statistics::{DataPoint, LinearColumn, MAX_ORDER, Regression};
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html};
-use isotherm_verification::requirement::Requirement;
-use isotherm_verification::stability::{Collector, LocalGravity, Setup, Stability as Figures};
+use isotherm_verification::Requirement;
+use isotherm_verification::{Collector, LocalGravity, Setup, Stability as Figures};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
@@ -279,7 +279,7 @@ pub fn verify(
 }
 
 impl Stability {
-    fn by_axis(&self, of: impl Fn(&isotherm_verification::stability::AxisStability) -> f64) -> (f64, f64, f64) {
+    fn by_axis(&self, of: impl Fn(&isotherm_verification::AxisStability) -> f64) -> (f64, f64, f64) {
         let [a1, a2, a3] = &self.figures.axes;
         (of(a1), of(a2), of(a3))
     }
@@ -309,7 +309,7 @@ impl Stability {
 
     #[getter]
     fn factor(&self) -> (f64, f64, f64) {
-        self.by_axis(isotherm_verification::stability::AxisStability::factor)
+        self.by_axis(isotherm_verification::AxisStability::factor)
     }
 
     #[getter]

@@ -2,7 +2,7 @@
 
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_analysis::batch::{Batch, BatchCurve, Family, Quantity};
+use isotherm_analysis::{Batch, BatchCurve, Family, Quantity};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -179,7 +179,7 @@ pub fn document(batch: &Batch) -> Value {
         })
     };
     let stand_outs = batch.stand_outs.as_ref().map(|found| {
-        let one = |it: &isotherm_analysis::batch::StandOut| {
+        let one = |it: &isotherm_analysis::StandOut| {
             json!({ "unit": batch.units[it.unit], "quantity": batch.quantities[it.quantity].name, "t": it.t, "limit_t": it.limit })
         };
         found.iter().map(one).collect::<Vec<_>>()

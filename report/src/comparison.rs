@@ -8,12 +8,12 @@ pub use text::text;
 
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_analysis::compare::{
+use isotherm_analysis::{
     AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend, Verdict,
 };
 use isotherm_calibration::provenance::TableFile;
 use isotherm_shared::table::AXIS_NAMES;
-use isotherm_statistics::regression::f_limit;
+use isotherm_statistics::f_limit;
 
 /// What the page states besides the comparison; only the caller knows it.
 #[derive(Clone, Debug)]

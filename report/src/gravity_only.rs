@@ -8,11 +8,11 @@ use isotherm_calibration::accuracy::largest_interval;
 use isotherm_calibration::gravity_only::reading::Reading;
 use isotherm_calibration::gravity_only::{GravityOnlyCalibration, GravityOnlyError};
 use isotherm_calibration::provenance::CampaignSource;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_failure::Failure;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
-use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
-use isotherm_statistics::order::QUANTITIES;
+use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::{CONFIDENCE, student_quantile};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 

@@ -10,16 +10,16 @@ use isotherm_calibration::gyroscopes::{GyroscopeCalibration, is_alignment_needed
 use isotherm_calibration::ramps::RampCalibration;
 use isotherm_calibration::transients::{BiasTransient, Condition, Transients};
 use isotherm_calibration::triad::{CalibratedTriad, TriadUnits};
-use isotherm_campaign::campaign::Dwell;
+use isotherm_campaign::Dwell;
 use isotherm_failure::Failure;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
-use isotherm_statistics::curve::CONFIDENCE;
-use isotherm_statistics::hysteresis::band;
-use isotherm_statistics::order::QUANTITIES;
-use isotherm_verification::requirement::Requirement;
-use isotherm_verification::stability::{Coverage, GyroscopeStability, LeftOut, Loops, Stability};
-use isotherm_verification::verdict::Errors;
+use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::band;
+use isotherm_verification::Errors;
+use isotherm_verification::Requirement;
+use isotherm_verification::{Coverage, GyroscopeStability, LeftOut, Loops, Stability};
 use serde_json::{Value, json};
 
 /// A calibration: digest, bottom line, curves, misalignments and findings; of an IMU with gyroscopes also theirs. `locate` gives file and line

@@ -4,8 +4,8 @@ use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use super::verification::VerificationSource;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_verification::lengths::{Length, Lengths};
-use isotherm_verification::requirement::Requirement;
+use isotherm_verification::Requirement;
+use isotherm_verification::{Length, Lengths};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 

@@ -22,7 +22,7 @@ mod transients;
 pub mod verification;
 
 use isotherm_calibration::provenance::CampaignSource;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_shared::table::CoefficientTable;
 use page::{Cell, Page};
 

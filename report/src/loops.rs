@@ -1,7 +1,7 @@
 //! Pictures of the loop between heating and cooling: the residual of a bias against its telemetry, coloured by direction.
 
 use super::plot::{Plot, Style};
-use isotherm_statistics::hysteresis::{LoopPoint, band};
+use isotherm_statistics::{LoopPoint, band};
 use maud::Markup;
 
 /// The loop of the sensor `name` without its transient and with it, as two figures on one scale, each with a caption that gives the hysteresis

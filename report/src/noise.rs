@@ -6,7 +6,7 @@ pub mod text;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use core::f64::consts::SQRT_2;
-use isotherm_analysis::allan::{Allan, COEFFICIENTS, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits};
+use isotherm_analysis::{Allan, COEFFICIENTS, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits};
 use maud::Markup;
 
 /// What the report states besides the analysis; only the caller knows it.

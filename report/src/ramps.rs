@@ -5,7 +5,7 @@ use super::plot::{Plot, Style};
 use isotherm_calibration::provenance::CampaignSource;
 use isotherm_calibration::ramps::RampCalibration;
 use isotherm_calibration::triad::TriadUnits;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 

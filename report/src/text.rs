@@ -8,16 +8,16 @@ use isotherm_calibration::gyroscopes::GyroscopeCalibration;
 use isotherm_calibration::ramps::RampCalibration;
 use isotherm_calibration::transients::Transients;
 use isotherm_calibration::triad::{CalibratedTriad, TriadUnits};
-use isotherm_campaign::campaign::Dwell;
+use isotherm_campaign::Dwell;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::CONFIDENCE;
-use isotherm_statistics::hysteresis::{BINS, band};
-use isotherm_statistics::order::QUANTITIES;
-use isotherm_verification::requirement::Judgement;
-use isotherm_verification::stability::{AxisStability, Force, GyroscopeStability, LoopBand, Loops, Stability};
-use isotherm_verification::verdict::{Errors, Estimate};
+use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::QUANTITIES;
+use isotherm_statistics::{BINS, band};
+use isotherm_verification::Judgement;
+use isotherm_verification::{AxisStability, Force, GyroscopeStability, LoopBand, Loops, Stability};
+use isotherm_verification::{Errors, Estimate};
 use std::fmt::Write as _;
 
 /// A calibration in a few lines: orders, errors, misalignments, tilt; of gyroscopes also g-sensitivities and Earth's rate.

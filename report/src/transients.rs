@@ -5,7 +5,7 @@ use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use isotherm_calibration::transients::{BiasTransient, Condition, TransientVerdict, Transients};
 use isotherm_calibration::triad::TriadUnits;
-use isotherm_statistics::hysteresis::band;
+use isotherm_statistics::band;
 
 /// The sections. `unit` is that of the telemetry.
 pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {

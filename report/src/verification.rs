@@ -8,10 +8,10 @@ use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::hysteresis::BINS;
-use isotherm_verification::requirement::Requirement;
-use isotherm_verification::stability::{AxisStability, Force, LoopBand, Loops, Stability, Window};
-use isotherm_verification::verdict::{Errors, Estimate};
+use isotherm_statistics::BINS;
+use isotherm_verification::Requirement;
+use isotherm_verification::{AxisStability, Force, LoopBand, Loops, Stability, Window};
+use isotherm_verification::{Errors, Estimate};
 use maud::Markup;
 
 /// What the report states besides the table and the stability; only the caller knows it.

@@ -6,9 +6,10 @@
 
 use crate::{Chain, InertialMotion, Noise, RandomGenerator, SimulatedImu, SimulatedTurntable, Truth};
 use core::fmt::Write as _;
-use isotherm_campaign::geometry::outer_axis;
-use isotherm_campaign::positions::{Position, Scheme};
-use isotherm_campaign::turn::{TableAxis, Turn};
+use isotherm_campaign::Position;
+use isotherm_campaign::Scheme;
+use isotherm_campaign::outer_axis;
+use isotherm_campaign::{TableAxis, Turn};
 use isotherm_shared::wire::RawSample;
 use nalgebra::Vector3;
 use serde::Serialize;

@@ -3,7 +3,7 @@
 use super::chain::Chain;
 use super::hysteresis::Play;
 use super::random::RandomGenerator;
-use isotherm_campaign::geometry::{horizontal, vertical};
+use isotherm_campaign::{horizontal_rate, vertical_rate};
 use isotherm_shared::polynomial::{Polynomial, Side};
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, Refusal};
 use isotherm_shared::units::{BiasUnit, SensorKind};
@@ -124,7 +124,7 @@ impl Truth {
         let (sine, cosine) = self.heading_deg.to_radians().sin_cos();
         let north = Vector3::new(cosine, sine, 0.0);
         let north = (north - up * up.dot(&north)).normalize();
-        (north * horizontal(self.latitude_deg) + up * vertical(self.latitude_deg)).into()
+        (north * horizontal_rate(self.latitude_deg) + up * vertical_rate(self.latitude_deg)).into()
     }
 
     /// Another IMU of the same kind as `content`, in another laboratory, drawn from `seed`. Bias constants differ by up to

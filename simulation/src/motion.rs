@@ -13,7 +13,7 @@
 
 use super::model::Truth;
 use super::turntable::specific_force;
-use isotherm_campaign::geometry::{laboratory_axes, outer_axis};
+use isotherm_campaign::{laboratory_axes, outer_axis};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
 
@@ -101,7 +101,7 @@ fn earth_rate(truth: &Truth, [outer, inner]: [f64; 2]) -> Vector3<f64> {
 mod tests {
     use super::*;
     use crate::{MISALIGNMENT, SimulatedTurntable, TILT_RAD};
-    use isotherm_campaign::geometry::EARTH_RATE;
+    use isotherm_campaign::EARTH_RATE;
     use isotherm_shared::table::CoefficientTable;
 
     fn truth() -> Truth {

@@ -3,7 +3,7 @@
 use super::campaign::heading_toml;
 use super::run::{RunSamples, RunSchedule, run};
 use crate::{Truth, is_zero};
-use isotherm_campaign::campaign::Ramp;
+use isotherm_campaign::Ramp;
 use nalgebra::Vector3;
 use serde::Serialize;
 

@@ -1,5 +1,5 @@
 use super::*;
-use isotherm_campaign::positions::Scheme;
+use isotherm_campaign::Scheme;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::{CoefficientTable, Content};
 use isotherm_shared::wire::{AXES, RawSample};

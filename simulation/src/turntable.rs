@@ -19,7 +19,7 @@
 
 use super::model::Truth;
 use core::f64::consts::TAU;
-use isotherm_campaign::geometry::laboratory_axes;
+use isotherm_campaign::laboratory_axes;
 use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 

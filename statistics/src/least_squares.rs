@@ -19,7 +19,7 @@ pub struct LeastSquares {
 }
 
 /// Solves for the change of the unknowns; `None` if the rows do not determine them, or if a value is not finite.
-pub fn solve(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<LeastSquares> {
+pub fn least_squares(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<LeastSquares> {
     let (rows, columns) = jacobian.shape();
     if rows < columns {
         return None;

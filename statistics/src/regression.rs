@@ -27,86 +27,17 @@
 
 use crate::double_double::DoubleDouble;
 use core::cmp::Ordering;
-use linear::CentredColumn;
+use linear::{CentredColumn, check_rank, resolution};
 use nalgebra::{DMatrix, DVector};
+use points::center_and_scale;
 use serde::Serialize;
 use statrs::function::beta::beta_reg;
 
 mod linear;
+mod points;
 
 pub use linear::{LinearColumn, LinearTerm};
-
-/// Highest order of a regression.
-pub const MAX_ORDER: usize = 15;
-
-/// One point of the data.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DataPoint {
-    /// The independent variable.
-    pub x: DoubleDouble,
-    /// The dependent variable.
-    pub y: DoubleDouble,
-    /// Inverse variance, up to a common factor; over 0.
-    pub weight: DoubleDouble,
-}
-
-impl DataPoint {
-    /// A point of weight 1.
-    #[must_use]
-    pub fn new(x: f64, y: f64) -> Self {
-        Self { x: x.into(), y: y.into(), weight: DoubleDouble::ONE }
-    }
-}
-
-/// Why there is no regression.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum RegressionError {
-    /// More coefficients than distinct x.
-    #[error("order {order} needs {} different values of x, there are {distinct}", order + 1)]
-    TooFewPoints {
-        /// The requested order.
-        order: usize,
-        /// Number of distinct x.
-        distinct: usize,
-    },
-    /// More coefficients than points.
-    #[error("order {order} beside {linear} linear columns needs {} points, there are {points}", order + linear + 1)]
-    TooFewRows {
-        /// The requested order.
-        order: usize,
-        /// Number of linear columns.
-        linear: usize,
-        /// Number of points.
-        points: usize,
-    },
-    /// A linear column that has not one value for each point.
-    #[error("the column {column} has {values} values for {points} points")]
-    Length {
-        /// Its name.
-        column: String,
-        /// Number of its values.
-        values: usize,
-        /// Number of points.
-        points: usize,
-    },
-    /// A linear column without variation.
-    #[error("the column {0} has the same value in every row: it cannot be told from the constant; leave it out")]
-    Constant(String),
-    /// Columns of which each follows from the others to within its last digit.
-    #[error("{}", linear::dependent(columns, *power))]
-    Dependent {
-        /// The columns and powers of x.
-        columns: Vec<String>,
-        /// The highest power of x among them.
-        power: usize,
-    },
-    /// An order over [`MAX_ORDER`].
-    #[error("order {0} is over {MAX_ORDER}")]
-    OrderTooHigh(usize),
-    /// A sum or power is out of the range of doubles.
-    #[error("the numbers are too large or too small: a sum or power of them is out of range")]
-    OutOfRange,
-}
+pub use points::{DataPoint, MAX_ORDER, RegressionError};
 
 /// The partial sum of squares of one term, and its test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -233,7 +164,8 @@ impl Regression {
             row.push(point.y);
             rotate_in(&mut triangle, row.into_iter().map(|value| value * weight).collect());
         }
-        linear::check_rank(&regression, x, &triangle, max_order)?;
+        let resolution = resolution(regression.points.iter().map(|point| point.x.value())) / scale.value();
+        check_rank(&regression.linear, x, resolution, &triangle, max_order)?;
         regression.rotated = triangle.iter().map(|row| row[count]).collect();
         regression.inverse = invert(&triangle, count);
         regression.fits = regression.all_fits(max_order);
@@ -548,14 +480,6 @@ fn distinct(points: &[DataPoint]) -> usize {
     x.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
     x.dedup();
     x.len()
-}
-
-/// Middle and half width of the range. Both are rounded to doubles, so that a user can repeat the centring.
-fn center_and_scale(values: impl Iterator<Item = DoubleDouble> + Clone) -> (DoubleDouble, DoubleDouble) {
-    let values = || values.clone().map(DoubleDouble::value);
-    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-    let half = (high - low) / 2.0;
-    (DoubleDouble::from(low + half), DoubleDouble::from(if half > 0.0 { half } else { 1.0 }))
 }
 
 fn powers(x: DoubleDouble, order: usize) -> Vec<DoubleDouble> {

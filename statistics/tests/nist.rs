@@ -1,9 +1,9 @@
 //! The regression compared with NIST's reference sets and with a cubic; all their figures are known to 30 digits.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_statistics::double_double::DoubleDouble;
-use isotherm_statistics::order::{Rule, choose};
-use isotherm_statistics::regression::{DataPoint, Fit, Partial, Regression, f_limit};
+use isotherm_statistics::DoubleDouble;
+use isotherm_statistics::{DataPoint, Fit, Partial, Regression, f_limit};
+use isotherm_statistics::{Rule, choose};
 use serde_json::Value;
 
 fn load(name: &str) -> Value {

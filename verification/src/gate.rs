@@ -28,7 +28,7 @@ use isotherm_calibration::calibrate::Calibration;
 use isotherm_calibration::noise;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::CONFIDENCE;
+use isotherm_statistics::CONFIDENCE;
 
 /// A range may end earlier than that of the table in force by this part of it: no two campaigns have the same ends.
 const RANGE_TOLERANCE: f64 = 0.05;

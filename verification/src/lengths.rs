@@ -7,13 +7,13 @@ use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
 use isotherm_calibration::gravity_only::reading::Reading;
 use isotherm_calibration::gravity_only::{error_of_length, errors_of_means};
-use isotherm_campaign::standstill;
-use isotherm_campaign::standstill::StandstillError;
+use isotherm_campaign::StandstillError;
+use isotherm_campaign::{TUMBLED, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
+use isotherm_statistics::{CONFIDENCE, student_quantile};
 use nalgebra::Vector3;
 
 /// Standstills whose specific forces are all within this angle are of one attitude \[rad\].
@@ -94,8 +94,8 @@ impl Lengths {
         }
         let unit = table.content().gravity;
         let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / unit;
-        let found = standstill::find(rows, window_s, standstill::TUMBLED)?;
-        let begins_ns = standstill::begins_ns(rows);
+        let found = find_standstills(rows, window_s, TUMBLED)?;
+        let begins_ns = begins_ns(rows);
         let readings: Vec<Reading> = found
             .found
             .into_iter()

@@ -3,9 +3,21 @@
 //!
 //! This crate opens no file: a caller gives rows and tables.
 
-pub mod gate;
-pub mod lengths;
-pub mod requirement;
-pub mod stability;
-pub mod verdict;
-pub mod window;
+mod gate;
+mod lengths;
+mod requirement;
+mod stability;
+mod verdict;
+mod window;
+
+pub use gate::exercised::DRIVEN;
+pub use gate::exercised::{Exercised, undriven};
+pub use gate::{GATE_FLOOR, Gate, Refusal};
+pub use lengths::{Length, Lengths, LengthsError};
+pub use requirement::{Judgement, Requirement};
+pub use stability::Window;
+pub use stability::{
+    AxisStability, Collector, Coverage, EarthRate, Force, GyroscopeStability, LeftOut, LocalGravity, LoopBand, Loops,
+    Setup, Stability, StabilityError,
+};
+pub use verdict::{Errors, Estimate, arcsec};

@@ -44,8 +44,8 @@ pub use crate::window::{MIN_WINDOWS, Window};
 use core::fmt;
 use figures::{MAX_UNJUDGED, figures, median};
 use isotherm_calibration::checks::time::{CLOCK_TOLERANCE, cause, part};
-use isotherm_campaign::campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
-use isotherm_campaign::positions::SAME_DIRECTION;
+use isotherm_campaign::SAME_DIRECTION;
+use isotherm_campaign::{UNIT_FACTORS, UNIT_TOLERANCE};
 use isotherm_recording::{Continuity, Losses, TimeFault};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
@@ -263,7 +263,7 @@ impl Stability {
         let off: Vec<f64> = off.map(Window::length).collect();
         let windows = self.windows.len();
         (off.len() as f64 > MAX_UNJUDGED * windows as f64).then(|| {
-            let (count, length) = (off.len(), isotherm_statistics::diagnostics::median(off));
+            let (count, length) = (off.len(), isotherm_statistics::median(off));
             let of = if count == windows { String::new() } else { format!(" in {count} of {windows} windows") };
             format!(
                 "the output is {length:.4} g0 long{of}, gravity is {gravity:.4}: {}",
@@ -650,7 +650,7 @@ impl<'a> Collector<'a> {
         }
         // A window without consecutive sequences has 0/0, which the median leaves out.
         let windows = self.windows.iter().chain([&self.open]);
-        let ratio = isotherm_statistics::diagnostics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
+        let ratio = isotherm_statistics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
         if (ratio - 1.0).abs() > CLOCK_TOLERANCE {
             return Err(StabilityError::Interval { ratio });
         }
@@ -696,8 +696,7 @@ impl<'a> Collector<'a> {
             });
         }
         // The windows that do not count are those of another output.
-        let output = [0, 1, 2]
-            .map(|axis| isotherm_statistics::diagnostics::median(counted.iter().map(|window| window.after[axis])));
+        let output = [0, 1, 2].map(|axis| isotherm_statistics::median(counted.iter().map(|window| window.after[axis])));
         let (specific_force, gravity) = (force(output), gravity(output));
         let axes = figures(&counted, specific_force);
         let resolution = self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite())));

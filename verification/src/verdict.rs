@@ -28,7 +28,7 @@
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{CONFIDENCE, student_quantile, student_quantile_of};
+use isotherm_statistics::{CONFIDENCE, student_quantile, student_quantile_of};
 use serde::Serialize;
 
 /// Fewest windows of a group, if there are as many.

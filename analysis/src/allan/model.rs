@@ -8,7 +8,7 @@
 
 use super::FLICKER_FLOOR;
 use super::moments::{Moments, autocovariance};
-use isotherm_statistics::curve::CONFIDENCE;
+use isotherm_statistics::CONFIDENCE;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 use statrs::distribution::{ContinuousCDF as _, Normal};
 

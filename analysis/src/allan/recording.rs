@@ -5,8 +5,8 @@
 
 use super::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
-use isotherm_campaign::standstill;
-use isotherm_campaign::standstill::StandstillError;
+use isotherm_campaign::StandstillError;
+use isotherm_campaign::{AT_REST, begins_ns, find_standstills};
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::compensate::answer;
@@ -203,7 +203,7 @@ impl NoiseAnalysis {
     /// # Errors
     /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
     pub fn of(rows: &[RawSample], table: Option<&CoefficientTable>, part: [f64; 2]) -> Result<Self, NoiseError> {
-        let begins_ns = standstill::begins_ns(rows);
+        let begins_ns = begins_ns(rows);
         let begin = |row: usize| begins_ns[row] as f64 / 1e9;
         let end = |row: usize| (begins_ns[row] + rows[row].interval_ns) as f64 / 1e9;
         // A tolerance for the rounding of times that are typed.
@@ -216,7 +216,7 @@ impl NoiseAnalysis {
         }
         let candidates = &rows[first..first + count];
         let outputs = Outputs::of(candidates, table);
-        let at_rest = standstill::find(candidates, WINDOW_S, standstill::AT_REST)?.found;
+        let at_rest = find_standstills(candidates, WINDOW_S, AT_REST)?.found;
         let stretches = at_rest.into_iter().flat_map(|rest| split(rest, candidates, &outputs));
         // Of two stretches of one length, the first.
         let longest = stretches.fold(0..0, |a, b| if b.len() > a.len() { b } else { a });

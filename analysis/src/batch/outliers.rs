@@ -1,6 +1,6 @@
 //! Which unit of a batch stands out, and how far off a unit must be to be found.
 
-use isotherm_statistics::curve::student_quantile_of;
+use isotherm_statistics::student_quantile_of;
 use statrs::function::erf::erfc;
 
 /// Fewest units that anything is said of.

@@ -5,7 +5,7 @@ use super::requirement::Verdict;
 use super::table::Form;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::regression::f_limit;
+use isotherm_statistics::f_limit;
 
 /// Probability that any misalignment counts as changed where none has. It is shared among those of both triads.
 const FALSE_ALARM: f64 = 0.05;

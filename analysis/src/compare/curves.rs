@@ -5,7 +5,7 @@ use super::table::FormCurve;
 use core::ops::Deref;
 use isotherm_shared::table::difference::{self, CurveDifference, unit_factor};
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::regression::f_limit;
+use isotherm_statistics::f_limit;
 
 /// Probability that any curve counts as changed where none has. It is shared among all curves.
 const FALSE_ALARM: f64 = 0.05;

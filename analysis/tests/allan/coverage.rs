@@ -1,7 +1,7 @@
 //! How often the 95 % ranges of the coefficients hold the truth.
 
 use crate::simulated::{Truth, rates};
-use isotherm_analysis::allan::{Allan, COEFFICIENTS, TemperatureLine};
+use isotherm_analysis::{Allan, COEFFICIENTS, TemperatureLine};
 
 /// Of a set of records.
 #[derive(Debug, Default)]

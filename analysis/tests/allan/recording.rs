@@ -1,8 +1,8 @@
 //! Which rows of a recording are analysed, in what units, and what is warned of.
 
 use crate::simulated::{Truth, rates};
-use isotherm_analysis::allan::kalibr::imu_yaml;
-use isotherm_analysis::allan::{NoiseAnalysis, NoiseError, RateKind};
+use isotherm_analysis::imu_yaml;
+use isotherm_analysis::{NoiseAnalysis, NoiseError, RateKind};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
 use isotherm_shared::table::CoefficientTable;
@@ -178,7 +178,7 @@ fn with_a_table_the_units_are_g0_and_deg_h() {
         line.split_whitespace().nth(1).unwrap().parse().unwrap()
     };
     let worst = |sensors: core::ops::Range<usize>, k: usize| {
-        let of = |sensor: &isotherm_analysis::allan::SensorNoise| {
+        let of = |sensor: &isotherm_analysis::SensorNoise| {
             let coefficient = sensor.allan.as_ref().unwrap().model.as_ref().unwrap().coefficients[k];
             coefficient.below().unwrap_or(coefficient.value)
         };
@@ -219,7 +219,7 @@ fn temperature_contaminates_what_a_line_explains() {
     let (line, from_s) = found.sensors[0].contamination().unwrap();
     assert!((line.slope / 1.5 - 1.0).abs() < 0.05, "{}", line.slope);
     assert!((10.0..200.0).contains(&from_s), "{from_s}");
-    let random_walk = |allan: &isotherm_analysis::allan::Allan| allan.model.as_ref().unwrap().coefficients[3];
+    let random_walk = |allan: &isotherm_analysis::Allan| allan.model.as_ref().unwrap().coefficients[3];
     let (raw, without) = (random_walk(found.sensors[0].allan.as_ref().unwrap()), random_walk(&line.without));
     assert!(without.below().unwrap() < raw.range.unwrap()[1], "{raw:?} {without:?}");
     assert!(found.sensors[1..].iter().all(|sensor| sensor.contamination().is_none() && sensor.line.is_some()));
@@ -256,7 +256,7 @@ fn a_curve_that_falls_as_one_over_tau_has_no_white_noise() {
     let mut random = RandomGenerator::new(3, 0);
     let phase: Vec<f64> = (0..=16384).map(|_| random.between(-0.5, 0.5)).collect();
     let rates: Vec<f64> = phase.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let found = isotherm_analysis::allan::Allan::of(&rates, 1.0).unwrap();
+    let found = isotherm_analysis::Allan::of(&rates, 1.0).unwrap();
     let model = found.model.unwrap();
     assert!(model.holds(), "{model:?}");
     let [quantisation, others @ ..] = model.coefficients;

@@ -5,7 +5,8 @@
 
 use isotherm_benches::BenchResult;
 use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
-use isotherm_campaign::campaign::{Campaign, read};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, Truth, campaign, campaign_toml};
@@ -43,7 +44,7 @@ fn bench(smoke: bool) -> BenchResult<()> {
         // Alternating, so that other load of the machine affects all alike.
         times[0].push(timed(|| parse(&path))?.0);
         times[1].push(timed(|| samples(&path))?.0);
-        let (elapsed, dwells) = timed(|| Ok(read(&stated, CampaignCsvReader::new(File::open(&path)?)?)?))?;
+        let (elapsed, dwells) = timed(|| Ok(read_dwells(&stated, CampaignCsvReader::new(File::open(&path)?)?)?))?;
         times[2].push(elapsed);
         times[3].push(timed(|| Ok(calibrate(&stated, dwells, CalibrationOptions::default())?))?.0);
     }

@@ -3,7 +3,7 @@
 use super::{Checker, Column, Finding, Severity, name};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::median;
+use isotherm_statistics::median;
 
 /// Telemetry in degC or K does not rise faster than this with the chamber \[degC/degC\]. Fahrenheit has 1.8.
 const STEEP: f64 = 1.5;
@@ -170,7 +170,7 @@ fn list(columns: &[String]) -> String {
 }
 
 fn span(means: &[(f64, f64)]) -> f64 {
-    let [low, high] = isotherm_campaign::campaign::range(means.iter().map(|(set_point, _)| [*set_point; 2]));
+    let [low, high] = isotherm_campaign::joint_range(means.iter().map(|(set_point, _)| [*set_point; 2]));
     high - low
 }
 

@@ -4,11 +4,11 @@ use super::model::{Ellipsoid, GravityFit, ellipsoid};
 use super::reading::Reading;
 use super::{GravityOnlyError, TumbleRecording};
 use crate::checks::time::CLOCK_TOLERANCE;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, device};
-use isotherm_statistics::curve::student_quantile;
-use isotherm_statistics::diagnostics::median;
+use isotherm_statistics::median;
+use isotherm_statistics::student_quantile;
 use nalgebra::Vector3;
 
 /// A bias beyond this is an offset of the counts, not of a sensor \[g0\].

@@ -7,8 +7,8 @@ use super::reading::Reading;
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::order::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
-use isotherm_statistics::regression::f_tail;
+use isotherm_statistics::f_tail;
+use isotherm_statistics::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 
 /// Highest order that is considered if none is requested.
 const MAX_AUTO_ORDER: usize = 3;

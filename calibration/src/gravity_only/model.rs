@@ -8,11 +8,11 @@
 //! factors relative to those of the start, misalignments in rad.
 
 use super::reading::Reading;
-use isotherm_campaign::campaign::range;
+use isotherm_campaign::joint_range;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::Curve;
+use isotherm_statistics::Curve;
+use isotherm_statistics::LeastSquares;
 use isotherm_statistics::least_squares;
-use isotherm_statistics::least_squares::LeastSquares;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Most steps of the fit; ten are usual.
@@ -117,7 +117,7 @@ impl<'a> GravityModel<'a> {
         });
         let of = |telemetry: fn(&Reading) -> [f64; AXES]| {
             [0, 1, 2].map(|axis| {
-                let [low, high] = range(readings.iter().map(|reading| [telemetry(reading)[axis]; 2]));
+                let [low, high] = joint_range(readings.iter().map(|reading| [telemetry(reading)[axis]; 2]));
                 [(low + high) / 2.0, if high > low { (high - low) / 2.0 } else { 1.0 }]
             })
         };
@@ -273,7 +273,7 @@ impl<'a> GravityModel<'a> {
             residual[i] = length - self.gravity;
             jacobian.row_mut(i).copy_from(&((force / length).transpose() * by));
         }
-        let inverse = least_squares::solve(&jacobian, &residual).map(|solved| solved.inverse);
+        let inverse = least_squares(&jacobian, &residual).map(|solved| solved.inverse);
         GravityFit { unknown, residual, jacobian, inverse }
     }
 
@@ -316,7 +316,7 @@ fn damped(now: &GravityFit, damping: f64) -> Option<LeastSquares> {
     }
     let mut residual = DVector::zeros(rows + columns);
     residual.rows_mut(0, rows).copy_from(&now.residual);
-    least_squares::solve(&jacobian, &residual)
+    least_squares(&jacobian, &residual)
 }
 
 /// The ellipsoid along the axes through all net rates, at whatever telemetry.
@@ -342,7 +342,7 @@ pub fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid> {
         if column < AXES { net * net } else { net }
     });
     let right = DVector::from_element(readings.len(), -1.0);
-    let LeastSquares { change, condition, .. } = least_squares::solve(&design, &right)?;
+    let LeastSquares { change, condition, .. } = least_squares(&design, &right)?;
     let [p, q] = [0, AXES].map(|first| [0, 1, 2].map(|axis| change[first + axis]));
     let radius = 1.0 + (0..AXES).map(|axis| q[axis] * q[axis] / (4.0 * p[axis])).sum::<f64>();
     let scale_factor = p.map(|p| size * (radius / p).sqrt() / gravity);

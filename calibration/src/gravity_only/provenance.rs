@@ -3,9 +3,9 @@
 use super::GravityOnlyCalibration;
 use crate::accuracy::largest_interval;
 use crate::provenance::{CampaignSource, matrix_rows, sealed};
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY};
-use isotherm_statistics::order::QUANTITIES;
+use isotherm_statistics::QUANTITIES;
 use serde::Serialize;
 
 #[derive(Serialize)]

@@ -63,7 +63,7 @@ impl Reading {
             [0, 1, 2].map(|axis| rows.iter().map(|row| telemetry(row)[axis]).sum::<f64>() / count)
         };
         let range_of = |telemetry: fn(&RawSample) -> [f64; AXES]| {
-            [0, 1, 2].map(|axis| isotherm_campaign::campaign::range(rows.iter().map(|row| [telemetry(row)[axis]; 2])))
+            [0, 1, 2].map(|axis| isotherm_campaign::joint_range(rows.iter().map(|row| [telemetry(row)[axis]; 2])))
         };
         let [head, board]: [fn(&RawSample) -> [f64; AXES]; 2] =
             [|row| row.accelerometers.head_temperature, |row| row.accelerometers.board_temperature];

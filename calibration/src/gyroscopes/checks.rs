@@ -3,11 +3,11 @@
 use super::Data;
 use super::runs::{AT_REST, TurnBlock, TurnRun};
 use crate::checks::{Finding, RunNumber, Severity, name};
-use isotherm_campaign::campaign::Dwell;
-use isotherm_campaign::turn::LEAST_TURN;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::LEAST_TURN;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::median;
+use isotherm_statistics::median;
 
 /// Largest relative difference between the pulses for an angle in a turn and in the gyroscope's other turns.
 const ANGLE_TOLERANCE: f64 = 0.02;

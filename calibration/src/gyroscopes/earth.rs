@@ -3,9 +3,9 @@
 use super::fit::{RateInput, Run, TriadSolution, effects};
 use super::runs::{FittedRun, Place};
 use crate::checks::{Finding, Severity, name};
-use isotherm_campaign::campaign::Campaign;
-use isotherm_campaign::geometry::{EARTH_RATE, horizontal, vertical};
-use isotherm_campaign::positions::{Position, SAME_DIRECTION};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::{EARTH_RATE, horizontal_rate, vertical_rate};
+use isotherm_campaign::{Position, SAME_DIRECTION};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3x2, Vector2, Vector3};
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ pub(super) struct Start {
 
 impl Start {
     pub(super) fn of(campaign: &Campaign, position: &Position, tilt: Option<[f64; 2]>) -> Self {
-        let known = vertical(campaign.latitude_deg.unwrap_or_default());
+        let known = vertical_rate(campaign.latitude_deg.unwrap_or_default());
         let force = Vector3::from(campaign.force(position, tilt).0);
         let level = Vector3::from(position.specific_force);
         let (Some(mount), Some(by_tilt)) = (campaign.mount, position.by_tilt()) else {
@@ -63,12 +63,12 @@ impl EarthCheck {
         let [x, y] = solution.earth?;
         let [tx, ty] = tilt.unwrap_or_default();
         let up = Vector3::new(-ty, tx, 1.0).normalize();
-        let along_z = (vertical(latitude) - up.x * x - up.y * y) / up.z;
+        let along_z = (vertical_rate(latitude) - up.x * x - up.y * y) / up.z;
         let rate = Vector3::new(x, y, along_z);
         let found = (rate - up * up.dot(&rate)).norm();
         let error =
             solution.earth_error.map(|[ex, ey]| Vector2::new(x * ex, y * ey).norm() / Vector2::new(x, y).norm());
-        Some(Self { found, error, expected: horizontal(latitude), along_z })
+        Some(Self { found, error, expected: horizontal_rate(latitude), along_z })
     }
 
     /// A fault if the latitude cannot be right.
@@ -94,7 +94,7 @@ impl EarthCheck {
 /// A warning if the g-sensitivities look as they do when the sign of the latitude is wrong.
 pub(super) fn hemisphere(campaign: &Campaign, solution: &TriadSolution) -> Option<Finding> {
     let latitude = campaign.latitude_deg?;
-    let mirrored = -2.0 * vertical(latitude);
+    let mirrored = -2.0 * vertical_rate(latitude);
     let own = [0, 1, 2].map(|axis| solution.gyroscopes[axis].g_sensitivity[axis]);
     own.iter().all(|s| (s - mirrored).abs() < HEMISPHERE * mirrored.abs()).then(|| {
         let message = format!(
@@ -159,7 +159,7 @@ impl LeftOver {
         let from = sources.keys().map(name).collect();
         let flat: Vec<_> = sources.into_values().flatten().collect();
         let effects = effects(runs, set_points, solution, &flat)?;
-        let rate = horizontal(campaign.latitude_deg.unwrap_or_default());
+        let rate = horizontal_rate(campaign.latitude_deg.unwrap_or_default());
         // The worst heading of each place, and all of them in one direction.
         let most = |axis: usize, k: usize| -> f64 {
             effects.chunks(2).map(|pair| pair[0][axis][k].hypot(pair[1][axis][k])).sum::<f64>() * rate

@@ -25,9 +25,9 @@ use super::runs::{AT_REST, TurnBlock};
 use crate::one_stage::{OneStageError, SetPointValues};
 use isotherm_shared::units::ARCSEC;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{Curve, student_quantile};
 use isotherm_statistics::least_squares;
-use isotherm_statistics::least_squares::{LeastSquares, MAX_SVD_STEPS};
+use isotherm_statistics::{Curve, student_quantile};
+use isotherm_statistics::{LeastSquares, MAX_SVD_STEPS};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 
@@ -412,7 +412,7 @@ impl<'a> JointModel<'a> {
     /// Linearises at the current values and solves; `None` if the runs do not determine the unknowns.
     fn step(&mut self, counted: &[bool]) -> Option<NewtonStep> {
         let (jacobian, residual, operators) = self.linearised(counted)?;
-        let LeastSquares { change, inverse, condition } = least_squares::solve(&jacobian, &residual)?;
+        let LeastSquares { change, inverse, condition } = least_squares(&jacobian, &residual)?;
         let moves = (&jacobian * &change).amax();
         Some(NewtonStep { jacobian, residual, inverse, change, moves, condition, operators })
     }

@@ -7,10 +7,12 @@
 use super::earth::{Start, eliminate_horizontal};
 use super::fit::{PARAMETERS, Run, RunTurn, design};
 use super::runs::{FittedRun, Place, TurnBlock};
-use isotherm_campaign::campaign::Campaign;
-use isotherm_campaign::geometry::outer_axis;
-use isotherm_campaign::positions::{MAX_CONDITION, Position, specific_force};
-use isotherm_campaign::turn::{LEAST_TURN, Turn, list};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::MAX_CONDITION;
+use isotherm_campaign::Position;
+use isotherm_campaign::outer_axis;
+use isotherm_campaign::specific_force;
+use isotherm_campaign::{LEAST_TURN, Turn, vector_words};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, Vector3};
@@ -68,7 +70,7 @@ pub(super) fn scale_factors<'a>(turns: impl IntoIterator<Item = &'a Turn> + Clon
                 unit[axis] = 1.0;
                 missing.push(format!(
                     "{name} of {gyroscope}: no turn drives it {word}; add angle_deg {comparison} 0 about {}, of 90 degrees at least",
-                    list(unit)
+                    vector_words(unit)
                 ));
             }
         }
@@ -240,7 +242,7 @@ fn candidates(campaign: &Campaign) -> Vec<Candidate> {
                     (
                         format!(
                             "turns of 360 and -360 degrees about {} with {} {word}",
-                            list(force.abs()),
+                            vector_words(force.abs()),
                             AXIS_NAMES[axis]
                         ),
                         Vec::new(),
@@ -257,8 +259,10 @@ fn candidates(campaign: &Campaign) -> Vec<Candidate> {
     });
     let axes = [(0.0, mount * outer_axis(0.0)), (90.0, mount * outer_axis(90.0)), (0.0, mount * Vector3::z())];
     let axes = axes.map(|(inner, axis)| {
-        let words =
-            format!("turns of 360 and -360 degrees about {} at outer_deg = 0 and inner_deg = {inner}", list(axis));
+        let words = format!(
+            "turns of 360 and -360 degrees about {} at outer_deg = 0 and inner_deg = {inner}",
+            vector_words(axis)
+        );
         (words, Vec::new(), turns(&at(0.0, inner), axis))
     });
     faces.chain(axes).collect()

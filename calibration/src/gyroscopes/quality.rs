@@ -4,11 +4,11 @@ use super::fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, solve};
 use super::runs::FittedRun;
 use super::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::checks::{Finding, Severity, name};
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::{median, robust_sd};
-use isotherm_statistics::order::{OrderTable, QUANTITIES};
+use isotherm_statistics::{OrderTable, QUANTITIES};
+use isotherm_statistics::{median, robust_sd};
 
 /// Limit of a run's residual, in robust standard deviations; a run over it is an outlier.
 const OUTLIER: f64 = 6.0;

@@ -6,8 +6,8 @@ use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::student_quantile;
-use isotherm_statistics::order::OrderTable;
+use isotherm_statistics::OrderTable;
+use isotherm_statistics::student_quantile;
 use nalgebra::Matrix3;
 
 /// A smaller misalignment does not matter \[rad\].

@@ -2,8 +2,10 @@
 
 use crate::checks::{Finding, RunNumber, Severity, name};
 use crate::transients::RampRecording;
-use isotherm_campaign::campaign::{Campaign, Dwell, read as read_dwells};
-use isotherm_campaign::turn::Turn;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::Turn;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::{AXES, RawSample, Triad, device};
@@ -171,10 +173,10 @@ pub struct FittedRun {
     pub residual: [f64; AXES],
 }
 
-/// Makes dwells and turns of the samples of `campaign`; as [`campaign::read`](isotherm_campaign::campaign::read), with the gyroscopes.
+/// Makes dwells and turns of the samples of `campaign`; as [`campaign::read`](isotherm_campaign::read_dwells), with the gyroscopes.
 ///
 /// # Errors
-/// As [`campaign::read`](isotherm_campaign::campaign::read). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
+/// As [`campaign::read`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
 pub fn read(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,

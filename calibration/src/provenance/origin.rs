@@ -5,7 +5,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::order::QUANTITIES;
+use isotherm_statistics::QUANTITIES;
 use nalgebra::{DMatrix, Matrix3};
 use toml::{Table, Value};
 

@@ -4,8 +4,8 @@ use super::CampaignSource;
 use crate::ramps::RampCalibration;
 use crate::transients::{BiasTransient, Condition, Transients};
 use crate::triad::TriadUnits;
-use isotherm_campaign::campaign::Campaign;
-use isotherm_statistics::hysteresis::band;
+use isotherm_campaign::Campaign;
+use isotherm_statistics::band;
 use serde::Serialize;
 
 #[derive(Serialize)]

@@ -11,7 +11,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::hysteresis::{Sweep, sweeps};
+use isotherm_statistics::{Sweep, sweeps};
 
 /// Most blocks of a recording.
 const BLOCKS: usize = 400;

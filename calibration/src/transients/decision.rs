@@ -3,7 +3,7 @@
 use super::result::{BiasTransient, Condition, TimeConstant, TransientVerdict};
 use crate::gyroscopes::BIAS_EFFECT as GYROSCOPE_EFFECT;
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::order::BIAS_EFFECT;
+use isotherm_statistics::BIAS_EFFECT;
 
 /// Least part of the range that heating and cooling of one recording share.
 const SHARED: f64 = 0.5;

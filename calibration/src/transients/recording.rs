@@ -1,6 +1,6 @@
 //! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
 
-use isotherm_campaign::campaign::implausible;
+use isotherm_campaign::implausible;
 use isotherm_recording::columns::has_values;
 use isotherm_recording::{CampaignRow, Continuity, RawCsvReader, RecordingError};
 use isotherm_shared::lag::{LaggedReading, SENSORS};

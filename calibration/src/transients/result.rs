@@ -5,7 +5,7 @@ use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
-use isotherm_statistics::hysteresis::LoopPoint;
+use isotherm_statistics::LoopPoint;
 
 /// What the ramps show.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]

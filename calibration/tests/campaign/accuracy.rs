@@ -6,8 +6,9 @@ use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, pa
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method, calibrate};
 use isotherm_calibration::reduce::reduce;
-use isotherm_campaign::campaign::Campaign;
-use isotherm_campaign::positions::{Position, Scheme};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Position;
+use isotherm_campaign::Scheme;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
@@ -136,7 +137,7 @@ fn mounted(truth: &Truth, schedule: &CampaignSchedule, mount: &Matrix3<f64>) -> 
         imu.wait(4_200_000_000_000);
         for position in &schedule.positions {
             let [outer, inner] = position.angles.unwrap();
-            let level = Vector3::from(isotherm_campaign::positions::specific_force(outer, inner));
+            let level = Vector3::from(isotherm_campaign::specific_force(outer, inner));
             let by_tilt = position.by_tilt().unwrap();
             let [tx, ty] = truth.tilt_rad;
             let change = Vector3::from([0, 1, 2].map(|i: usize| by_tilt[i][0] * tx + by_tilt[i][1] * ty));

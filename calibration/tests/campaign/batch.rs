@@ -1,6 +1,7 @@
 //! Campaign files of several IMUs.
 
-use isotherm_campaign::campaign::{Campaign, MOST_IMUS, Member, select};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::{MOST_IMUS, Member, select_imu};
 use isotherm_shared::stream::ImuId;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -111,9 +112,9 @@ fn a_batch_that_cannot_be_right_is_refused_with_line_and_key() {
         assert!(faults.contains(expected), "{expected}: {faults}");
     }
     let imus = || Campaign::batch_from_toml(&file(good)).unwrap();
-    assert_eq!(select(imus(), Some("imu-b")).unwrap(), imus()[1]);
-    assert_eq!(select(imus(), None).unwrap_err(), "it has several IMUs; choose one of imu-a, imu-b");
-    assert_eq!(select(imus(), Some("imu-c")).unwrap_err(), "there is no imu-c; it has imu-a, imu-b");
+    assert_eq!(select_imu(imus(), Some("imu-b")).unwrap(), imus()[1]);
+    assert_eq!(select_imu(imus(), None).unwrap_err(), "it has several IMUs; choose one of imu-a, imu-b");
+    assert_eq!(select_imu(imus(), Some("imu-c")).unwrap_err(), "there is no imu-c; it has imu-a, imu-b");
     // All faults together.
     let both = faults(
         &file("[{ id = \"imu-a\" }, { id = \"imu-a\" }]").replace("gravity_local = 9.8015", "gravity_local = 98"),

@@ -5,8 +5,9 @@
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use isotherm_calibration::checks::{Finding, Severity, name};
-use isotherm_campaign::campaign::{Campaign, read};
-use isotherm_campaign::positions::Scheme;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Scheme;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignRow;
 use isotherm_simulation::{CampaignSchedule, SimulatedRow, TILT_RAD, campaign};
 use std::fs;
@@ -211,7 +212,7 @@ pub fn with_rows(
     let row = |(line, row): (u64, SimulatedRow)| {
         Ok(CampaignRow { line, set_point_c: row.set_point_c, position: Some(row.position), sample: row.raw })
     };
-    let dwells = read(&file, (2..).zip(rows).map(row)).unwrap();
+    let dwells = read_dwells(&file, (2..).zip(rows).map(row)).unwrap();
     calibrate(&file, dwells, CalibrationOptions { order: Some(3), ..options })
 }
 

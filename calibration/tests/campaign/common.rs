@@ -1,8 +1,10 @@
 //! Functions that the tests share: simulated campaigns with known truth, as files like those of a laboratory.
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
-use isotherm_campaign::campaign::{Campaign, Dwell, read};
-use isotherm_campaign::positions::Position;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::Position;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
 pub use isotherm_simulation::worst_errors as worst;
@@ -38,7 +40,7 @@ pub fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
 /// The dwells in the text of a samples file.
 pub fn dwells(campaign: &Campaign, text: &[u8]) -> Result<Vec<Dwell>, String> {
     let reader = CampaignCsvReader::new(text).map_err(|error| error.to_string())?;
-    read(campaign, reader).map_err(|error| error.to_string())
+    read_dwells(campaign, reader).map_err(|error| error.to_string())
 }
 
 /// The calibration from a whole simulated campaign, with its campaign file.

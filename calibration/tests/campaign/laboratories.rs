@@ -3,7 +3,7 @@
 use crate::common::{campaign_file, paper};
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
 use isotherm_calibration::checks::name;
-use isotherm_campaign::campaign::read;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::wire::RawSample;
@@ -48,7 +48,7 @@ fn table_of(
     let row = |(line, row): (u64, SimulatedRow)| {
         Ok(CampaignRow { line, set_point_c: row.set_point_c, position: Some(row.position), sample: row.raw })
     };
-    let dwells = read(&file, (2..).zip(rows).map(row)).map_err(|error| error.to_string())?;
+    let dwells = read_dwells(&file, (2..).zip(rows).map(row)).map_err(|error| error.to_string())?;
     calibrate(&file, dwells, CalibrationOptions::default()).map_err(|error| match &error {
         CalibrationError::Faults { .. } => {
             error.lines(true, |finding| finding.tagged(|line| line.to_string())).join("\n")

@@ -3,7 +3,7 @@
 use isotherm_calibration::gravity_only::{
     GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, TumbleRecording, calibrate,
 };
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::wire::RawSample;

@@ -4,12 +4,12 @@ use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign
 use isotherm_calibration::gravity_only::{
     GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate,
 };
-use isotherm_campaign::campaign::Campaign;
-use isotherm_campaign::standstill;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::{TUMBLED, find_standstills};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::RawSample;
-use isotherm_verification::lengths::{Lengths, LengthsError};
-use isotherm_verification::stability::LocalGravity;
+use isotherm_verification::LocalGravity;
+use isotherm_verification::{Lengths, LengthsError};
 use nalgebra::{Rotation3, Vector3};
 
 #[test]
@@ -20,11 +20,11 @@ fn slow_motion_is_never_at_rest() {
         let angle = core::f64::consts::TAU * (f64::from(k) * INTERVAL_S / 80.0 + 0.02 * (f64::from(k) / 37.0).sin());
         imu.row(&(Rotation3::from_euler_angles(angle, 0.7 * angle, 0.0) * Vector3::z()), 25.0, 0.0);
     }
-    let error = standstill::find(&imu.rows, 1.0, standstill::TUMBLED).unwrap_err();
+    let error = find_standstills(&imu.rows, 1.0, TUMBLED).unwrap_err();
     assert!(error.to_string().contains("never at rest"), "{error}");
     // Real recordings scatter by up to 1.4 times what white noise does.
     for name in ["xsens/recording.csv", "ferraris/recording.csv", "five_mpu9150/imu4.csv", "tumble3/recording.csv"] {
-        let found = standstill::find(&samples(name), 1.0, standstill::TUMBLED).unwrap();
+        let found = find_standstills(&samples(name), 1.0, TUMBLED).unwrap();
         assert!(found.scatter < 1.5, "{name}: {}", found.scatter);
     }
 }

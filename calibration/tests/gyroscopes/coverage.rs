@@ -43,7 +43,7 @@ fn hits(campaigns: u64, make: impl Fn(u64) -> Station) -> Vec<(String, u64)> {
         }
         let earth = found.solution.earth.unwrap().into_iter().zip(found.solution.earth_error.unwrap());
         for ((k, (value, error)), right) in earth.enumerate().zip([station.earth().x, station.earth().y]) {
-            let half = error * isotherm_statistics::curve::student_quantile(LEVEL, 14);
+            let half = error * isotherm_statistics::student_quantile(LEVEL, 14);
             count(format!("w{k}"), (value - right).abs() <= half);
         }
     }

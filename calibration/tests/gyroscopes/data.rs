@@ -4,7 +4,7 @@ use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method};
 use isotherm_calibration::gyroscopes;
 use isotherm_calibration::gyroscopes::GyroscopeCalibration;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::{CoefficientTable, GYROSCOPE_NAMES};
@@ -153,7 +153,7 @@ fn the_accelerometers_of_the_same_campaign_are_as_before() {
         .map(|line| format!("{line}\n"))
         .collect();
     let rows = CampaignCsvReader::new(only_dwells.as_bytes()).unwrap();
-    let dwells = isotherm_campaign::campaign::read(&campaign, rows).unwrap();
+    let dwells = isotherm_campaign::read_dwells(&campaign, rows).unwrap();
     let alone = isotherm_calibration::calibrate::calibrate(&campaign, dwells, CalibrationOptions::default()).unwrap();
     assert_eq!(alone.table.content().axes, calibration.table.content().axes);
     assert_eq!(alone.table.content().alignment, calibration.table.content().alignment);

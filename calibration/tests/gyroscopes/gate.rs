@@ -6,9 +6,9 @@ use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::wire::{RawSample, Triad};
-use isotherm_verification::gate::exercised::Exercised;
-use isotherm_verification::gate::{Gate, Refusal};
-use isotherm_verification::requirement::Requirement;
+use isotherm_verification::Exercised;
+use isotherm_verification::Requirement;
+use isotherm_verification::{Gate, Refusal};
 use nalgebra::{Matrix3, Rotation3};
 use std::collections::BTreeSet;
 

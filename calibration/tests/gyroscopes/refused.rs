@@ -6,7 +6,7 @@ use isotherm_calibration::calibrate::{Calibration, CalibrationError, Calibration
 use isotherm_calibration::checks::name;
 use isotherm_calibration::gyroscopes;
 use isotherm_calibration::gyroscopes::observability::TriadObservability;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::Triad;
 use nalgebra::{Rotation3, Unit, Vector3};

@@ -2,7 +2,7 @@
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
 use isotherm_calibration::gyroscopes;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::{CoefficientTable, Content, FORMAT};

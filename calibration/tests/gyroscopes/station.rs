@@ -8,8 +8,8 @@
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::gyroscopes;
-use isotherm_campaign::campaign::Campaign;
-use isotherm_campaign::geometry::outer_axis;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::outer_axis;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, FORMAT, Gyroscopes, OutOfRange, Turntable};

@@ -4,7 +4,7 @@
 use crate::station::{Gyroscope, Station, Turned, six_turns, telemetry};
 use isotherm_calibration::calibrate::{CalibrationError, CalibrationOptions, Method};
 use isotherm_calibration::gyroscopes::observability::TriadObservability;
-use isotherm_campaign::positions::Scheme;
+use isotherm_campaign::Scheme;
 use nalgebra::{Matrix3, Vector3};
 
 /// What the method itself leaves: D \[deg/h\], K \[ppm\], s \[deg/h/g0\], M \[rad\].

@@ -15,15 +15,15 @@ use crate::matrix::{Case, calibrated};
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::checks::{Severity, name};
-use isotherm_campaign::positions::{Position, specific_force as direction};
+use isotherm_campaign::Position;
+use isotherm_campaign::specific_force as direction;
 use isotherm_report as report;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
-use isotherm_verification::gate;
-use isotherm_verification::gate::Refusal;
-use isotherm_verification::requirement::Requirement;
-use isotherm_verification::stability::{Collector, LocalGravity, Setup, Stability, StabilityError};
+use isotherm_verification::Requirement;
+use isotherm_verification::{Collector, LocalGravity, Setup, Stability, StabilityError};
+use isotherm_verification::Refusal;
 use std::collections::BTreeSet;
 
 /// The turntable's angles in the runs, as a plan has them by default \[deg\].
@@ -124,7 +124,7 @@ pub fn gate(
         found.refused_by.insert(by);
         found.causes.push(cause);
     };
-    let gate = match gate::Gate::new(require, calibration, force) {
+    let gate = match isotherm_verification::Gate::new(require, calibration, force) {
         Ok(gate) => gate,
         Err(cause) => {
             refuse(Refusal { by: "no bound", cause });

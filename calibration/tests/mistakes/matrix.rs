@@ -6,9 +6,12 @@
 
 use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::gyroscopes::{Measurements, calibrate};
-use isotherm_campaign::campaign::{Campaign, read};
-use isotherm_campaign::gravity::normal_gravity;
-use isotherm_campaign::positions::{Position, Scheme, specific_force};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Position;
+use isotherm_campaign::Scheme;
+use isotherm_campaign::normal_gravity;
+use isotherm_campaign::read_dwells;
+use isotherm_campaign::specific_force;
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
@@ -91,7 +94,7 @@ pub fn calibrated(case: &Case, options: CalibrationOptions) -> Result<Calibratio
         rule.check(&sample).map_err(|message| RecordingError::Data { line, message })?;
         Ok(CampaignRow { line, set_point_c, position: Some(position), sample })
     });
-    let dwells = read(&case.file, rows);
+    let dwells = read_dwells(&case.file, rows);
     let dwells = dwells.map_err(|error| (None, error.failure(Path::new("samples.csv")).to_string()))?;
     // As the command does.
     let measurements = Measurements { dwells, ..Measurements::default() };
@@ -370,14 +373,14 @@ pub fn mistakes() -> Vec<Mistake> {
                 position.specific_force = position.specific_force.map(|f| -f);
             }
             case.stated = |force| force.map(|f| -f);
-            case.file.mount = isotherm_campaign::positions::mount(&case.file.positions);
+            case.file.mount = isotherm_campaign::mount(&case.file.positions);
             case
         };
         "sign of A2 in the campaign file", Refused("or the sign of A2 in every specific_force"), |seed| {
             let mut case = volts(seed);
             case.file.positions.iter_mut().for_each(|position| position.specific_force[1] *= -1.0);
             case.stated = |[a1, a2, a3]| [a1, -a2, a3];
-            case.file.mount = isotherm_campaign::positions::mount(&case.file.positions);
+            case.file.mount = isotherm_campaign::mount(&case.file.positions);
             case
         };
         "position 5 at outer 180 instead of 90", Refused("as at outer_deg = 180.00"), |seed| at(seed, |angles, number| if number == 5 { angles[0] = 180.0 });

@@ -7,7 +7,7 @@ use isotherm_calibration::provenance::{CampaignSource, sealed_ramp_table, sealed
 use isotherm_calibration::ramps;
 use isotherm_calibration::ramps::RampCalibration;
 use isotherm_calibration::transients::{LagChoice, RampRecording, TransientVerdict};
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignCsvReader, RecordingError};
 use isotherm_report as report;
 use isotherm_shared::table::CoefficientTable;
@@ -40,7 +40,7 @@ fn file_alone(change: impl Fn(String) -> String) -> Campaign {
 /// The table of the positions, which the ramps alone begin with.
 fn static_table() -> CoefficientTable {
     let campaign = Campaign::from_toml(FILE).unwrap();
-    let dwells = isotherm_campaign::campaign::read(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap());
+    let dwells = isotherm_campaign::read_dwells(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap());
     calibrate(&campaign, dwells.unwrap(), CalibrationOptions::default()).unwrap().table
 }
 

@@ -6,7 +6,7 @@ use isotherm_calibration::transients::{
 };
 use isotherm_recording::RawCsvReader;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_statistics::hysteresis::band;
+use isotherm_statistics::band;
 
 /// The truth of the files.
 const TAU_S: f64 = 240.0;

@@ -8,7 +8,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Noise, Play, RampSchedule, Truth, ramp};
-use isotherm_statistics::hysteresis::band;
+use isotherm_statistics::band;
 
 fn moving() -> Truth {
     truth(TAU_S, TRANSIENTS, Vec::new())

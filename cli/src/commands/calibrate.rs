@@ -14,7 +14,8 @@ use isotherm_calibration::gyroscopes::{Measurements, calibrate, observable, read
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
 use isotherm_calibration::ramps;
 use isotherm_calibration::transients::{LagChoice, RampRecording};
-use isotherm_campaign::campaign::{Campaign, IMU};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::IMU;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{LoadError, StagedText, WorldWritable, load_table, print_data, read_text};

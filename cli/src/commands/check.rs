@@ -2,7 +2,7 @@
 
 use isotherm_automation::plan::Plan;
 use isotherm_calibration::gyroscopes::observable;
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};

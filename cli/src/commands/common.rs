@@ -9,7 +9,7 @@ use isotherm_recording::columns::has_values;
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_report::json;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_verification::requirement::Requirement;
+use isotherm_verification::Requirement;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

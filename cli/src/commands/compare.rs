@@ -2,7 +2,7 @@
 
 use super::common::{Refused, or_document};
 use clap::Args;
-use isotherm_analysis::compare::{ComparisonRequirement, compare};
+use isotherm_analysis::{ComparisonRequirement, compare};
 use isotherm_calibration::provenance::{TableFile, now, tool};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{

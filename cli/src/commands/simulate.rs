@@ -9,7 +9,7 @@ use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme
 use crate::progress::rows_bar;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
-use isotherm_campaign::positions::Scheme;
+use isotherm_campaign::Scheme;
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
 use isotherm_files::{check_stdout, check_written};

@@ -10,7 +10,8 @@ use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, obs
 use isotherm_calibration::checks::{check, set_points};
 use isotherm_calibration::ramps;
 use isotherm_calibration::transients::RampRecording;
-use isotherm_campaign::campaign::{Campaign, read};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::table::{CoefficientTable, Content};
 
@@ -43,7 +44,7 @@ pub fn run(bytes: &[u8]) {
     }
     let observable = observable(&campaign);
     let Some(samples) = samples else { return };
-    let Ok(dwells) = CampaignCsvReader::new(samples).and_then(|rows| read(&campaign, rows)) else { return };
+    let Ok(dwells) = CampaignCsvReader::new(samples).and_then(|rows| read_dwells(&campaign, rows)) else { return };
     for dwell in &dwells {
         assert!(dwell.rows >= 1 && dwell.lines[0] <= dwell.lines[1] && dwell.position < campaign.positions.len());
         assert!((1..=512).contains(&dwell.blocks.len()));

@@ -3,7 +3,7 @@
 //! within, at the ends of and outside its ranges. Compared with itself, whatever its provenance says, nothing has changed.
 
 use crate::{check_faults, checked};
-use isotherm_analysis::compare::compare;
+use isotherm_analysis::compare;
 use isotherm_calibration::provenance::TableFile;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};

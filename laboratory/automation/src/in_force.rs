@@ -1,12 +1,12 @@
 //! The table that an installation would replace: reading it, and what changes with the new one. What a new table must show is in
-//! [`isotherm_verification::gate`].
+//! [`isotherm_verification::Gate`].
 
 use super::plan::Plan;
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{Identity, WorldWritable, load_table};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
-use isotherm_verification::verdict::arcsec;
+use isotherm_verification::arcsec;
 use std::fs;
 use std::io;
 use std::path::Path;

@@ -17,7 +17,7 @@ pub use model::{
     DwellPlan, Motion, Patience, Plan, PlannedTurn, RampPlan, Soak, ThereAndBack, TurnPlan, VerificationPlan,
 };
 
-use isotherm_campaign::positions::Position;
+use isotherm_campaign::Position;
 use isotherm_files::{LoadError, WorldWritable, read_text};
 use isotherm_shared::document::{Document, Faults};
 use std::path::Path;

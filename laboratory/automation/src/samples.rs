@@ -19,7 +19,7 @@ use super::machine::Unit;
 use super::plan::{MAX_ROW_DEG, Plan};
 use isotherm_calibration::gyroscopes::runs::implausible as gyroscopes_implausible;
 use isotherm_calibration::provenance::Hashed;
-use isotherm_campaign::campaign::implausible;
+use isotherm_campaign::implausible;
 use isotherm_client::{Options, Realtime, Tap, TapSettings, monotonic_ns};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::replace;

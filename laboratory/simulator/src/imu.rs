@@ -294,7 +294,7 @@ impl SampleSender {
 mod tests {
     use super::*;
     use crate::{ChamberProtocol, TurntableProtocol};
-    use isotherm_campaign::geometry::EARTH_RATE;
+    use isotherm_campaign::EARTH_RATE;
     use isotherm_shared::compensate::answer;
     use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::units::ARCSEC;

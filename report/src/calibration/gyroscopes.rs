@@ -8,7 +8,7 @@ use isotherm_calibration::gyroscopes::{FittedRun, GyroscopeCalibration, Place};
 use isotherm_calibration::triad::CalibratedTriad;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::CONFIDENCE;
+use isotherm_statistics::CONFIDENCE;
 
 /// Column headings of a run's residuals.
 pub(super) const RESIDUALS: [&str; AXES] = ["G1 / arcsec", "G2 / arcsec", "G3 / arcsec"];

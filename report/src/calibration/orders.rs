@@ -4,8 +4,8 @@ use super::{QUANTITY_NAMES, Report};
 use crate::page::{Cell, NoteKind, Page};
 use isotherm_calibration::triad::CalibratedTriad;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::Test;
-use isotherm_statistics::regression::Partial;
+use isotherm_statistics::Partial;
+use isotherm_statistics::Test;
 
 impl Report<'_> {
     pub(super) fn orders(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {

@@ -6,7 +6,7 @@ use crate::plot::{Plot, Style};
 use isotherm_calibration::calibrate::Method;
 use isotherm_calibration::triad::{CalibratedTriad, ReducedSensor};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
+use isotherm_statistics::{CONFIDENCE, student_quantile};
 
 impl Report<'_> {
     /// `accelerometers: ` if there are gyroscopes too, or else nothing: of one triad it is clear what is meant.

@@ -1,6 +1,6 @@
 //! A comparison as JSON. Figures with `in_unit` are in the `unit` of the same object; those of `telemetry` in its own.
 
-use isotherm_analysis::compare::{
+use isotherm_analysis::{
     AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend,
 };
 use isotherm_calibration::provenance::TableFile;
@@ -89,7 +89,7 @@ pub fn document(comparison: &Comparison, required: Option<&ComparisonRequirement
         "not_in_the_errors": NOT_IN_THE_ERRORS,
         "judgements": required.map(|required| {
             let judgements = comparison.judge(required).into_iter();
-            let judgement = |it: isotherm_analysis::compare::Judgement| json!({ "name": it.name, "verdict": it.verdict.name(), "message": it.message });
+            let judgement = |it: isotherm_analysis::Judgement| json!({ "name": it.name, "verdict": it.verdict.name(), "message": it.message });
             judgements.map(judgement).collect::<Vec<_>>()
         }),
         "verdict": required.and_then(|required| comparison.verdict(required)).map(|verdict| verdict.name()),

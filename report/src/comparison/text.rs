@@ -1,7 +1,7 @@
 //! A comparison in lines.
 
 use super::{places, slope_interval, which, word};
-use isotherm_analysis::compare::{Comparison, ComparisonRequirement, NOT_IN_THE_ERRORS};
+use isotherm_analysis::{Comparison, ComparisonRequirement, NOT_IN_THE_ERRORS};
 use std::fmt::Write as _;
 
 /// The lines that `compare` prints: differences, changes, lines over the dates, what is required, and notes.

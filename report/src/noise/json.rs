@@ -2,7 +2,7 @@
 
 use crate::json::losses;
 use core::f64::consts::SQRT_2;
-use isotherm_analysis::allan::{
+use isotherm_analysis::{
     Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
 };
 use serde_json::{Value, json};

@@ -1,6 +1,6 @@
 //! The noise of an IMU as the text that the command prints.
 
-use isotherm_analysis::allan::{
+use isotherm_analysis::{
     Allan, COEFFICIENTS, Coefficient, FLICKER_FLOOR, NoiseAnalysis, NoiseUnits, SensorNoise, TemperatureLine,
 };
 use std::fmt::Write as _;

@@ -4,8 +4,8 @@ use isotherm_report as report;
 use isotherm_shared::table::*;
 use isotherm_shared::wire::*;
 use isotherm_simulation::RandomGenerator;
-use isotherm_verification::requirement::Requirement;
-use isotherm_verification::stability::*;
+use isotherm_verification::Requirement;
+use isotherm_verification::{Collector, LocalGravity, Setup, Stability};
 
 const ROWS: u32 = 8400;
 const INTERVAL_NS: u64 = 368_000_000;

@@ -7,7 +7,7 @@ use isotherm_shared::table::FORMAT;
 use isotherm_shared::table::*;
 use isotherm_shared::wire::*;
 use isotherm_simulation::{Chain, Noise, RampSchedule, RunSchedule, Truth, ramp, typical_gyroscopes};
-use isotherm_verification::stability::*;
+use isotherm_verification::{Collector, LocalGravity, LoopBand, Setup, Stability};
 
 const TAU_S: f64 = 240.0;
 /// Transients of the accelerometers \[ug0/V\] and of the gyroscopes \[deg/h/V\].

@@ -1,6 +1,6 @@
 //! Columns that enter a regression linearly, and the test for columns that say the same.
 
-use super::{DataPoint, Regression, RegressionError, center_and_scale};
+use super::points::{DataPoint, RegressionError, center_and_scale};
 use crate::double_double::DoubleDouble;
 use serde::Serialize;
 
@@ -66,7 +66,7 @@ impl CentredColumn {
 
 /// The unit of the last decimal digit in which all values are written, but at least the spacing of doubles. Values with a range of
 /// few such units are taken to be exact.
-fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
+pub(super) fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let size = values.clone().fold(0.0, |size: f64, value| size.max(value.abs()));
     let (low, high) = (values.clone().fold(f64::INFINITY, f64::min), values.clone().fold(f64::NEG_INFINITY, f64::max));
     let spacing = f64::EPSILON * size;
@@ -82,25 +82,24 @@ fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
     if unit * COARSE > high - low { spacing } else { unit.max(spacing) }
 }
 
-/// Refuses linear columns that are constant, or that follow from other columns to within their last digits.
+/// Refuses columns of `linear` that are constant, or that follow from other columns to within their last digits.
 ///
 /// R has the columns in the order 1, z1 .. zq, x, x^2 .. Without pivoting its diagonal element j, divided by R_00 = sqrt(sum w), is
 /// the rms of what remains of column j after its regression on the columns before it. The coefficients of this regression tell
-/// which columns it follows from. Powers of x that follow from lower powers alone are not refused here, as without linear columns.
+/// which columns it follows from; `resolution_of_x` is that of the centred and scaled x. Powers of x that follow from lower powers alone are not refused here, as without linear columns.
 pub(super) fn check_rank(
-    regression: &Regression,
+    linear: &[CentredColumn],
     x: &str,
+    resolution_of_x: f64,
     triangle: &[Vec<DoubleDouble>],
     max_order: usize,
 ) -> Result<(), RegressionError> {
-    let linear = &regression.linear;
     if linear.is_empty() {
         return Ok(());
     }
-    let of_x = resolution(regression.points.iter().map(|point| point.x.value())) / regression.scale.value();
     // The derivative of the k-th power of a value within -1..1 is at most k.
     let resolutions = core::iter::once(0.0).chain(linear.iter().map(|column| column.resolution));
-    let resolutions: Vec<_> = resolutions.chain((1..=max_order).map(|power| power as f64 * of_x)).collect();
+    let resolutions: Vec<_> = resolutions.chain((1..=max_order).map(|power| power as f64 * resolution_of_x)).collect();
     let root = triangle[0][0].value();
     for column in 1..resolutions.len() {
         let others = solve(triangle, column);
@@ -140,17 +139,4 @@ fn solve(triangle: &[Vec<DoubleDouble>], column: usize) -> Vec<f64> {
         solution[i] = (triangle[i][column] - sum) / triangle[i][i];
     }
     solution.into_iter().map(DoubleDouble::value).collect()
-}
-
-/// The message about dependent columns.
-pub(super) fn dependent(columns: &[String], power: usize) -> String {
-    let listed = match columns {
-        [first @ .., last] => format!("{} and {last}", first.join(", ")),
-        [] => String::new(),
-    };
-    let or = if power > 1 { format!(", or fit up to order {} only", power - 1) } else { String::new() };
-    format!(
-        "the columns {listed} are linearly dependent: each follows from the others to within its last digit, so their \
-         coefficients are not unique; leave one of them out{or}"
-    )
 }

@@ -18,7 +18,7 @@ use isotherm_calibration::gyroscopes::GyroscopeCalibration;
 use isotherm_calibration::gyroscopes::fit::GyroscopeSolution;
 use isotherm_shared::table::{CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::CONFIDENCE;
+use isotherm_statistics::CONFIDENCE;
 use nalgebra::{Matrix3, Vector3};
 
 /// What the gate allows a gyroscope in any case \[deg/h\]: dynamic effects of a temperature that moves.

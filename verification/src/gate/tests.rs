@@ -3,7 +3,9 @@ use crate::stability::{Collector, LocalGravity, Setup};
 use isotherm_calibration::alignment::AlignmentChoice;
 use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
 use isotherm_calibration::checks::name;
-use isotherm_campaign::campaign::{Campaign, Dwell, read};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Dwell;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
@@ -160,7 +162,7 @@ fn a_smaller_range_is_refused() {
 fn shipped(points: &[f64]) -> (Campaign, Vec<Dwell>) {
     let campaign = Campaign::from_toml(include_str!("../../../examples/campaign/campaign.toml")).unwrap();
     let samples = include_bytes!("../../../examples/campaign/samples.csv");
-    let mut dwells = read(&campaign, CampaignCsvReader::new(&samples[..]).unwrap()).unwrap();
+    let mut dwells = read_dwells(&campaign, CampaignCsvReader::new(&samples[..]).unwrap()).unwrap();
     dwells.retain(|dwell| points.contains(&dwell.set_point_c));
     (campaign, dwells)
 }

@@ -35,7 +35,7 @@ impl Coverage {
         let good = windows.iter().any(|window| window.counts && !window.flagged);
         let counted = || windows.iter().filter(move |window| window.counts && !(good && window.flagged));
         let range =
-            |of: &dyn Fn(&Window) -> f64| isotherm_campaign::campaign::range(counted().map(|window| [of(window); 2]));
+            |of: &dyn Fn(&Window) -> f64| isotherm_campaign::joint_range(counted().map(|window| [of(window); 2]));
         Self {
             kind,
             telemetry: [0, 1, 2].map(|axis| [range(&|window| window.head[axis]), range(&|window| window.board[axis])]),

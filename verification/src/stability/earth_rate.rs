@@ -10,10 +10,10 @@
 //! root of `((Q R')_iX e_X)^2 + ((Q R')_iY e_Y)^2`. An error of the stated latitude is not in it.
 
 use core::fmt;
-use isotherm_campaign::positions::base_axes;
+use isotherm_campaign::base_axes;
 use isotherm_shared::table::Turntable;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{CONFIDENCE, student_quantile};
+use isotherm_statistics::{CONFIDENCE, student_quantile};
 use nalgebra::Vector3;
 
 /// Earth's rate along the axes of an IMU at rest \[deg/h\].

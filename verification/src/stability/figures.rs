@@ -29,7 +29,7 @@ impl AxisStability {
 
 /// Median of the full model's output along an axis.
 pub(super) fn median(windows: &[Window], axis: usize) -> f64 {
-    isotherm_statistics::diagnostics::median(windows.iter().map(|window| window.after[axis]))
+    isotherm_statistics::median(windows.iter().map(|window| window.after[axis]))
 }
 
 /// The figures of a triad over windows whose outputs should be `right`.

@@ -23,7 +23,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::curve::{CONFIDENCE, student_quantile_of};
+use isotherm_statistics::{CONFIDENCE, student_quantile_of};
 
 /// Why the constant error is not judged, and how to state Earth's rate, for a table that has it.
 const NO_ANGLES: [&str; 2] = [
@@ -117,8 +117,7 @@ impl GyroscopeStability {
                 windows.len()
             ));
         }
-        let middle = [0, 1, 2]
-            .map(|axis| isotherm_statistics::diagnostics::median(counted.iter().map(|window| window.after[axis])));
+        let middle = [0, 1, 2].map(|axis| isotherm_statistics::median(counted.iter().map(|window| window.after[axis])));
         let subtracted = conditions.earth_rate.map_or(middle, |earth| earth.rate);
         let seconds = counted.iter().map(|window| window.seconds).sum::<f64>() / counted.len() as f64;
         let values =

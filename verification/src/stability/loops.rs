@@ -3,7 +3,7 @@
 use crate::window::Window;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::hysteresis::{LoopPoint, band, shared_bins, sweeps};
+use isotherm_statistics::{LoopPoint, band, shared_bins, sweeps};
 
 /// The lagged telemetry needs so many time constants before it has forgotten how it began.
 pub(super) const SOAK: u64 = 3;

@@ -14,7 +14,7 @@ use crate::window::Window;
 use core::fmt;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::diagnostics::median;
+use isotherm_statistics::median;
 
 /// Parts of a window whose means are compared.
 pub(super) const PARTS: f64 = 10.0;

@@ -2,9 +2,10 @@
 
 use super::{Calibrate, Results};
 use crate::commands::common::{Refused, inputs};
-use isotherm_analysis::batch::batch;
+use isotherm_analysis::batch;
 use isotherm_calibration::provenance::{TableFile, now, tool};
-use isotherm_campaign::campaign::{Campaign, IMU, select};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::{IMU, select_imu};
 use isotherm_failure::{Exit, Failure, printable, tell};
 use isotherm_files::{StagedText, refuse_overlap};
 use isotherm_report::batch::{BatchSource, document, html, text};
@@ -16,7 +17,7 @@ impl Calibrate {
     /// The campaigns that tables are made of: all, or that of `--imu`.
     pub(super) fn chosen(&self, campaigns: Vec<Campaign>) -> Result<Vec<Campaign>, Failure> {
         let Some(imu) = &self.without_turntable.imu else { return Ok(campaigns) };
-        let chosen = select(campaigns, Some(imu.as_str()));
+        let chosen = select_imu(campaigns, Some(imu.as_str()));
         let chosen = chosen.map_err(|message| format!("--imu: {}: {message}", self.campaign.display()));
         Ok(vec![chosen.map_err(|message| Failure::new(Exit::Usage, message))?])
     }

@@ -9,7 +9,7 @@ use isotherm_calibration::gravity_only::{
     GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate, sealed_table,
 };
 use isotherm_calibration::provenance::{CampaignSource, now, sha256, tool};
-use isotherm_campaign::campaign::Campaign;
+use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};

@@ -4,7 +4,7 @@ use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml, usage};
 use super::{AttitudeDocument, Columns, reachable, write_rows};
 use crate::parse::{Rates, direction, interval, numbers, rates, seconds, size};
 use clap::Args;
-use isotherm_campaign::campaign::Ramp;
+use isotherm_campaign::Ramp;
 use isotherm_failure::Failure;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation as simulation;

@@ -2,8 +2,10 @@
 
 use super::files::taken_name;
 use super::model::{Plan, RampPlan, VerificationPlan};
-use isotherm_campaign::campaign::{Campaign, Member, members};
-use isotherm_campaign::positions::{Position, nearest_rotation};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Position;
+use isotherm_campaign::nearest_rotation;
+use isotherm_campaign::{Member, members};
 use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};

@@ -1,8 +1,9 @@
 //! What a plan specifies.
 
 use crate::limits::Limits;
-use isotherm_campaign::campaign::{Campaign, Member};
-use isotherm_campaign::positions::Position;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Member;
+use isotherm_campaign::Position;
 use isotherm_instruments::{ChamberConfig, TurntableConfig};
 use isotherm_shared::stream::ImuId;
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 //! Over 400 lines: every fault of a plan stands here once.
 
 use super::*;
-use isotherm_campaign::positions::Scheme;
+use isotherm_campaign::Scheme;
 
 const EXAMPLE: &str = include_str!("../../../../examples/plan.toml");
 

@@ -2,7 +2,7 @@
 
 use super::{Plan, VerificationPlan};
 use isotherm_shared::wire::AXES;
-use isotherm_verification::gate::exercised::{DRIVEN, undriven};
+use isotherm_verification::{DRIVEN, undriven};
 
 /// Part of the set points' range that the verification runs should cover.
 const COVERED: f64 = 0.8;

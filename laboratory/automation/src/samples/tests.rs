@@ -1,6 +1,7 @@
 use super::*;
 use crate::plan::{Plan, SAMPLES};
-use isotherm_campaign::campaign::{Campaign, read};
+use isotherm_campaign::Campaign;
+use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignCsvReader;
 use std::path::Path;
 use tempfile::TempDir;
@@ -106,7 +107,7 @@ fn samples_are_summed_into_rows_that_calibrate_reads() {
     write_campaign_file(&plan).unwrap();
     let campaign = Campaign::from_toml(&fs::read_to_string(folder.path().join("campaign.toml")).unwrap()).unwrap();
     let rows = CampaignCsvReader::new(File::open(folder.path().join(&campaign.samples[0])).unwrap()).unwrap();
-    let dwells = read(&campaign, rows).unwrap();
+    let dwells = read_dwells(&campaign, rows).unwrap();
     assert_eq!(dwells.len(), 2);
     assert_eq!((dwells[0].sums.seconds, dwells[0].rows, dwells[1].position), (100.0, 10, 1));
     // The dwell has samples 5 to 404, with their telemetry averaged.

@@ -1,7 +1,7 @@
 use super::*;
 use crate::machine::Unit;
 use crate::samples::file_of;
-use isotherm_campaign::positions::specific_force;
+use isotherm_campaign::specific_force;
 
 const EXAMPLE: &str = include_str!("../../../../../examples/plan.toml");
 const TURNED: [[f64; 3]; 3] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]];

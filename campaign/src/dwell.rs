@@ -5,7 +5,7 @@
 
 use isotherm_recording::{CampaignRow, Continuity, Losses, TimeFault};
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_statistics::diagnostics::median;
+use isotherm_statistics::median;
 
 /// Sums over rows, of a dwell or of a block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -301,13 +301,13 @@ impl Dwell {
     /// Lowest and highest telemetry of the head.
     #[must_use]
     pub fn head_range(&self, axis: usize) -> [f64; 2] {
-        range(self.blocks.iter().map(|block| block.head[axis]))
+        joint_range(self.blocks.iter().map(|block| block.head[axis]))
     }
 
     /// Lowest and highest telemetry of the board.
     #[must_use]
     pub fn board_range(&self, axis: usize) -> [f64; 2] {
-        range(self.blocks.iter().map(|block| block.board[axis]))
+        joint_range(self.blocks.iter().map(|block| block.board[axis]))
     }
 }
 
@@ -317,7 +317,7 @@ fn extend(range: &mut [f64; 2], other: [f64; 2]) {
 
 /// The smallest range that contains all `ranges`.
 #[must_use]
-pub fn range(ranges: impl IntoIterator<Item = [f64; 2]>) -> [f64; 2] {
+pub fn joint_range(ranges: impl IntoIterator<Item = [f64; 2]>) -> [f64; 2] {
     let mut all = [f64::INFINITY, f64::NEG_INFINITY];
     ranges.into_iter().for_each(|range| extend(&mut all, range));
     all

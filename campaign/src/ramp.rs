@@ -1,6 +1,6 @@
 //! The ramps of a campaign file: `[[ramp]]`, a recording each, made at rest while the temperature changes.
 
-use super::direction::direction;
+use crate::direction::direction;
 use isotherm_shared::document::Section;
 use isotherm_shared::wire::AXES;
 
@@ -26,7 +26,7 @@ impl Ramp {
 }
 
 /// Reads the ramps of a campaign file; `None` if one of them is wrong.
-pub(super) fn ramps(root: &Section<'_, '_>) -> Option<Vec<Ramp>> {
+pub(crate) fn ramps(root: &Section<'_, '_>) -> Option<Vec<Ramp>> {
     let mut ramps: Vec<Ramp> = Vec::new();
     let mut complete = true;
     for section in root.list("ramp") {

@@ -1,6 +1,7 @@
 //! How the IMU sits on the turntable: the rotation from the specific force at the angles to the stated one, and what is wrong if none fits.
 
-use super::{Position, SAME_DIRECTION, specific_force};
+use crate::geometry::specific_force;
+use crate::position::{Position, SAME_DIRECTION};
 use isotherm_shared::document::Section;
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,7 +1,9 @@
 //! The IMUs of a batch: `imus` in a campaign file, or in a plan. They are on one turntable, in one chamber, at the same time.
 
-use super::{Campaign, Ramp};
-use crate::positions::{Position, mounting, nearest_rotation};
+use crate::model::Campaign;
+use crate::mount::{mounting, nearest_rotation};
+use crate::position::Position;
+use crate::ramp::Ramp;
 use crate::turn::Turn;
 use isotherm_shared::document::Section;
 use isotherm_shared::stream::ImuId;
@@ -84,7 +86,7 @@ fn member(section: &Section<'_, '_>) -> Option<Member> {
 ///
 /// # Errors
 /// If there is no such IMU, or if there are several and none is chosen.
-pub fn select(campaigns: Vec<Campaign>, imu: Option<&str>) -> Result<Campaign, String> {
+pub fn select_imu(campaigns: Vec<Campaign>, imu: Option<&str>) -> Result<Campaign, String> {
     let names: Vec<_> = campaigns.iter().map(|campaign| campaign.imu.to_string()).collect();
     let names = names.join(", ");
     let several = campaigns.len() > 1;
@@ -97,7 +99,7 @@ pub fn select(campaigns: Vec<Campaign>, imu: Option<&str>) -> Result<Campaign, S
 }
 
 /// Reports the files of a batch whose names do not hold [`IMU`].
-pub(super) fn check_files(root: &Section<'_, '_>, campaign: &Campaign) {
+pub(crate) fn check_files(root: &Section<'_, '_>, campaign: &Campaign) {
     let ramps = campaign.ramps.iter().map(|ramp| ("ramp", &ramp.samples));
     let files = campaign.samples.iter().map(|file| ("samples", file)).chain(ramps);
     for (key, file) in files.chain(campaign.curves.iter().map(|file| ("curves", file))) {
@@ -110,7 +112,7 @@ pub(super) fn check_files(root: &Section<'_, '_>, campaign: &Campaign) {
 }
 
 /// Reports mountings where no directions are known.
-pub(super) fn check_mountings(root: &Section<'_, '_>, campaign: &Campaign, members: &[Member]) {
+pub(crate) fn check_mountings(root: &Section<'_, '_>, campaign: &Campaign, members: &[Member]) {
     let turned = members.iter().find(|member| campaign.gravity_only && member.mounting != Matrix3::identity());
     let message = |member: &Member| {
         format!("the mounting of {} has no effect: without a turntable no direction is known; leave it out", member.imu)
@@ -119,7 +121,7 @@ pub(super) fn check_mountings(root: &Section<'_, '_>, campaign: &Campaign, membe
 }
 
 /// The campaign of one IMU. `batch` is the campaign of an IMU whose axes are those of the batch's file.
-pub(super) fn of_member(batch: &Campaign, member: &Member) -> Campaign {
+pub(crate) fn of_member(batch: &Campaign, member: &Member) -> Campaign {
     let rotation = nearest_rotation(&member.mounting).unwrap_or_else(Matrix3::identity);
     let mounted = |vector: [f64; 3]| (rotation * Vector3::from(vector)).map(|component| component + 0.0).into();
     let position =

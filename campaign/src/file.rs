@@ -1,0 +1,257 @@
+//! Reads the text of a campaign file.
+
+use crate::direction::{DIRECTION, direction};
+use crate::geometry::specific_force;
+use crate::gravity::gravity_fault;
+use crate::members::{check_files, check_mountings, members, of_member};
+use crate::model::Campaign;
+use crate::mount::{contradiction, mount};
+use crate::position::Position;
+use crate::ramp::ramps;
+use crate::turn::turns;
+use isotherm_shared::document::{Document, Faults, Section};
+use isotherm_shared::stream::ImuId;
+use isotherm_shared::table::{GRAVITY_ONLY, GRAVITY_RANGE, OutOfRange};
+use nalgebra::Vector3;
+
+impl Campaign {
+    /// Reads the text of a campaign file of one IMU.
+    ///
+    /// # Errors
+    /// All faults of the text, with line and key; also if it has several IMUs.
+    pub fn from_toml(text: &str) -> Result<Self, Faults> {
+        parse(text, |root| {
+            let several = root.has("imus") && root.list("imus").len() > 1;
+            root.refuse(
+                "imus",
+                several.then(|| "are several, and one is wanted here; leave the others out".to_owned()),
+            );
+            campaigns(root)?.pop()
+        })
+    }
+
+    /// Reads the text of a campaign file: one campaign for each IMU of `imus`, in that order, or the one of `imu`. In a file with `imus`, directions
+    /// are those along the axes of an IMU without `mounting`; here they are along each IMU's own axes.
+    ///
+    /// # Errors
+    /// All faults of the text, with line and key.
+    pub fn batch_from_toml(text: &str) -> Result<Vec<Self>, Faults> {
+        parse(text, campaigns)
+    }
+}
+
+fn parse<T>(text: &str, read: impl FnOnce(&Section<'_, '_>) -> Option<T>) -> Result<T, Faults> {
+    let document = Document::parse_as(text, "give the campaign file that names it")?;
+    let root = document.root();
+    let content = read(&root);
+    root.finish();
+    document.finish(content)
+}
+
+/// The campaign of each IMU.
+fn campaigns(root: &Section<'_, '_>) -> Option<Vec<Campaign>> {
+    let format = root.number("format", "format = 1, the version of this file format");
+    if format.is_some_and(|format| format != 1.0) {
+        root.fault("format", "unknown; this version reads format = 1");
+    }
+    if !root.has("imus") {
+        let imu = root.imu_id("imu");
+        let serial = root.optional_string("serial").map(str::to_owned);
+        return Some(vec![campaign(root, imu, serial)?]);
+    }
+    let sections = root.list("imus");
+    let members = members(root, &sections);
+    sections.into_iter().for_each(Section::finish);
+    // Without a name, the rest is still checked.
+    let first = members.iter().flatten().next().map(|member| member.imu.clone()).or_else(|| ImuId::new("imu"));
+    let batch = campaign(root, first, None)?;
+    check_files(root, &batch);
+    check_mountings(root, &batch, members.as_deref().unwrap_or_default());
+    Some(members?.iter().map(|member| of_member(&batch, member)).collect())
+}
+
+/// The campaign of one IMU, whose axes are those that the file's directions refer to.
+fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) -> Option<Campaign> {
+    let gravity_only = root.optional_choice("method", &[((), GRAVITY_ONLY)]).is_some();
+    let others =
+        ["position", "turn", "ramp", "curves", "soak_s"].into_iter().filter(|key| gravity_only && root.has(key));
+    for key in others {
+        root.ignore(key);
+        root.fault(key, format!("is not for method = \"{GRAVITY_ONLY}\", which knows no directions; leave it out"));
+    }
+    let temperature_range = temperature_range(root, gravity_only);
+    // Ramps have their own files.
+    let ramps_alone = root.has("ramp") && !root.has("position") && !gravity_only;
+    let samples = if ramps_alone && !root.has("samples") {
+        Some(Vec::new())
+    } else {
+        root.strings("samples", "the file of the samples, for example \"samples.csv\", or a list of files")
+    };
+    let gravity = |key, right| {
+        let value = root.number(key, right);
+        let [low, high] = GRAVITY_RANGE;
+        let wrong = value.filter(|value| !(low..=high).contains(value));
+        root.refuse(key, wrong.map(|value| format!("is {value:?}, give {low} to {high} m/s2")));
+        value
+    };
+    let gravity_reference = gravity("gravity_reference", "the value of 1 g0 in m/s2, for example 9.8015");
+    let gravity_local = gravity("gravity_local", "gravity at the station in m/s2");
+    let latitude_deg = place(root, gravity_local);
+    let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
+    let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
+    let positive = |key| {
+        let value = root.optional_number(key);
+        let wrong = value.filter(|value| *value <= 0.0);
+        root.refuse(key, wrong.map(|value| format!("is {value:?}, give a number over 0")));
+        value
+    };
+    let (max_age_s, max_rate, soak_s) = (positive("max_age_s"), positive("max_rate"), positive("soak_s"));
+    let sections = root.list("position");
+    if sections.is_empty() && !ramps_alone && !gravity_only {
+        root.fault("position", "none; give one [[position]] each, with number and specific_force");
+    }
+    let curves = curves(root, ramps_alone);
+    let ramps = ramps(root);
+    let mut positions: Vec<Position> = Vec::new();
+    let mut complete = true;
+    for section in sections {
+        match position(&section) {
+            Some(position) if positions.iter().any(|other| other.number == position.number) => {
+                section.fault("number", format!("{} is there twice", position.number));
+            }
+            Some(position) => positions.push(position),
+            None => complete = false,
+        }
+        section.finish();
+    }
+    if complete {
+        root.refuse("position", contradiction(&positions));
+    }
+    let mount = mount(&positions);
+    if let Some(rotation) = mount.filter(|rotation| *rotation == rotation.map(f64::round)) {
+        for position in &mut positions {
+            let [outer, inner] = position.angles.unwrap_or_default();
+            position.specific_force = (rotation * Vector3::from(specific_force(outer, inner))).map(|f| f + 0.0).into();
+        }
+    }
+    // All keys are asked for before the first one that is missing ends this function.
+    if ramps_alone && root.has("turn") {
+        root.fault(
+            "turn",
+            "turns need positions, and there are none; give [[position]] and samples, or leave them out",
+        );
+    }
+    let turns = turns(root, complete.then_some(&positions), mount, latitude_deg);
+    Some(Campaign {
+        imu: imu?,
+        serial,
+        samples: samples?.into_iter().map(str::to_owned).collect(),
+        gravity_reference: gravity_reference?,
+        gravity_local: gravity_local?,
+        temperature_unit: unit?,
+        out_of_range,
+        max_age_s,
+        max_rate,
+        soak_s,
+        turns: turns?,
+        positions: complete.then_some(positions)?,
+        mount,
+        latitude_deg,
+        ramps: ramps?,
+        curves: curves?.map(str::to_owned),
+        gravity_only,
+        temperature_range: temperature_range?,
+    })
+}
+
+/// Where a table without a turntable is valid; the outer `None` if the key is wrong.
+fn temperature_range(root: &Section<'_, '_>, gravity_only: bool) -> Option<Option<[f64; 2]>> {
+    const KEY: &str = "temperature_range";
+    if !root.has(KEY) {
+        return Some(None);
+    }
+    let range = root.numbers(KEY, "the lowest and the highest telemetry, for example [15, 35]")?;
+    match range.as_slice() {
+        _ if !gravity_only => {
+            root.fault(
+                KEY,
+                format!("is for method = \"{GRAVITY_ONLY}\"; the set points show their range: leave it out"),
+            );
+            None
+        }
+        &[low, high] if low < high => Some(Some([low, high])),
+        _ => {
+            root.fault(KEY, "give two numbers, the lower one first");
+            None
+        }
+    }
+}
+
+/// The table that gives what ramps alone do not show; the outer `None` if the key is wrong, or missing.
+fn curves<'d>(root: &Section<'d, '_>, ramps_alone: bool) -> Option<Option<&'d str>> {
+    const TABLE: &str = "name the table that has them, for example curves = \"imu.toml\"";
+    let curves = root.optional_string("curves");
+    let fault = match curves {
+        None if ramps_alone && !root.has("curves") => Some(format!(
+            "missing; ramps alone show neither scale factors nor misalignments nor the constant of a bias: {TABLE}, or give [[position]] and samples"
+        )),
+        Some("") => Some(format!("is empty; {TABLE}")),
+        Some(_) if !ramps_alone && root.has("position") => {
+            Some("is for ramps alone: here the positions give the curves; leave it out".to_owned())
+        }
+        Some(_) if !ramps_alone => {
+            Some("is for ramps alone, and there is no [[ramp]]; give one, or leave it out".to_owned())
+        }
+        _ => None,
+    };
+    if root.has("curves") && curves.is_none() {
+        return None;
+    }
+    let right = fault.is_none();
+    root.refuse("curves", fault);
+    right.then_some(curves)
+}
+
+/// Checks local gravity by the place of the station, if it is stated. Returns the latitude \[deg\].
+fn place(root: &Section<'_, '_>, gravity_local: Option<f64>) -> Option<f64> {
+    let ranges = [("latitude_deg", -90.0..=90.0), ("height_m", -1000.0..=9000.0)];
+    let [latitude, height] = ranges.map(|(key, range)| {
+        let value = root.optional_number(key);
+        let wrong = value.filter(|value| !range.contains(value));
+        root.refuse(key, wrong.map(|value| format!("is {value:?}, give {} to {}", range.start(), range.end())));
+        value.filter(|value| range.contains(value))
+    });
+    match (latitude, height) {
+        (Some(latitude), Some(height)) => {
+            root.refuse("gravity_local", gravity_local.and_then(|gravity| gravity_fault(gravity, latitude, height)));
+        }
+        (None, None) => {}
+        _ if root.has("latitude_deg") && root.has("height_m") => {}
+        // The turns of gyroscopes need the latitude alone.
+        (Some(_), None) if root.has("turn") => {}
+        _ => root.fault("", "give both latitude_deg and height_m, or neither; the latitude alone is for turns: [[turn]], in a plan [turns]"),
+    }
+    latitude
+}
+
+fn position(section: &Section<'_, '_>) -> Option<Position> {
+    let number = section.optional_integer("number", 0..=i64::from(u32::MAX));
+    if number.is_none() && !section.has("number") {
+        section.fault("number", "missing; give the number that the samples carry");
+    }
+    let label = section.optional_string("up").unwrap_or_default().to_owned();
+    let (outer, inner) = (section.optional_number("outer_deg"), section.optional_number("inner_deg"));
+    if outer.is_some() != inner.is_some() {
+        section.fault("", "give both outer_deg and inner_deg, or neither");
+    }
+    let angles = outer.zip(inner).map(|(outer, inner)| [outer, inner]);
+    let force = if section.has("specific_force") {
+        direction(section)
+    } else if let Some([outer, inner]) = angles {
+        Some(specific_force(outer, inner))
+    } else {
+        section.fault("specific_force", format!("missing; give {DIRECTION}, or both angles"));
+        None
+    };
+    Some(Position { number: u32::try_from(number?).ok()?, label, angles, specific_force: force? })
+}

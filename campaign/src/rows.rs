@@ -1,0 +1,109 @@
+//! Rows of a campaign to dwells, and samples that cannot be right.
+
+use crate::dwell::Dwell;
+use crate::model::Campaign;
+use isotherm_recording::{CampaignRow, RecordingError};
+use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
+
+/// Makes dwells of the samples of `campaign`. The rows come from a
+/// [`CampaignCsvReader`](isotherm_recording::CampaignCsvReader) or another source.
+///
+/// # Errors
+/// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not increase, an
+/// interval out of range or longer than the time since the previous row, telemetry that is not finite, a full counter.
+pub fn read_dwells(
+    campaign: &Campaign,
+    rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
+) -> Result<Vec<Dwell>, RecordingError> {
+    let mut dwells: Vec<Dwell> = Vec::new();
+    let mut previous: Option<CampaignRow> = None;
+    let mut open = false;
+    for row in rows {
+        let row = row?;
+        let fault = |message: String| {
+            let place = match row.position {
+                Some(number) => format!("set point {} degC, position {number}: ", row.set_point_c),
+                None => format!("set point {} degC: ", row.set_point_c),
+            };
+            Err(RecordingError::Data { line: row.line, message: place + &message })
+        };
+        let sample = &row.sample;
+        if let Some(wrong) = implausible(sample, previous.as_ref().map(|row| row.sample.timestamp_ns)) {
+            return fault(wrong);
+        }
+        let same = |last: &CampaignRow| (last.set_point_c, last.position) == (row.set_point_c, row.position);
+        open &= previous.as_ref().is_some_and(same);
+        previous = Some(row);
+        let Some(number) = row.position else { continue };
+        // The rows of a turn are those of the gyroscopes.
+        if campaign.turns.iter().any(|turn| turn.start.number == number) {
+            continue;
+        }
+        if !open {
+            let Some(position) = campaign.positions.iter().position(|position| position.number == number) else {
+                let known: Vec<_> = campaign.positions.iter().map(|position| position.number.to_string()).collect();
+                return fault(format!("no such position; the campaign file lists {}", known.join(", ")));
+            };
+            dwells.push(Dwell::new(&row, position));
+            open = true;
+        }
+        if let Some(dwell) = dwells.last_mut() {
+            dwell.add(&row);
+        }
+    }
+    Ok(dwells)
+}
+
+/// Factors between units of time that are exchanged by mistake.
+pub const UNIT_FACTORS: [f64; 4] = [60.0, 1e3, 1e6, 1e9];
+
+/// A ratio is such a factor if it differs from it by less than this part.
+pub const UNIT_TOLERANCE: f64 = 0.01;
+
+/// The reason why a raw sample of a campaign cannot be used; `None` if it can. `previous_ns` is the timestamp of the
+/// previous sample. The automatic campaign leaves such samples out, `calibrate` refuses them.
+#[must_use]
+pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
+    let RawSample { timestamp_ns, interval_ns, .. } = *sample;
+    if interval_ns == 0 || interval_ns > MAX_INTERVAL_NS {
+        return Some(format!("interval_ns is {interval_ns}, give 1 to {MAX_INTERVAL_NS}"));
+    }
+    if let Some(previous_ns) = previous_ns {
+        if timestamp_ns <= previous_ns {
+            let cause = if timestamp_ns == previous_ns { "; is the row there twice?" } else { "" };
+            return Some(format!(
+                "timestamp_ns {timestamp_ns} after {previous_ns}; time must rise from row to row{cause}"
+            ));
+        }
+        // Up to 1.5 times the elapsed time is clock jitter; more is a wrong unit or an overlap.
+        if interval_ns / 3 * 2 > timestamp_ns - previous_ns {
+            let passed = timestamp_ns - previous_ns;
+            let ratio = interval_ns as f64 / passed as f64;
+            let unit = UNIT_FACTORS.into_iter().find(|factor| (ratio / factor - 1.0).abs() < UNIT_TOLERANCE);
+            let cause = unit.map(|factor| {
+                format!(": {factor} times as long, so interval_ns or timestamp_ns is in another unit than nanoseconds")
+            });
+            return Some(format!(
+                "interval_ns is {interval_ns}, but only {passed} ns have passed since the row before; pulses would be counted twice{}",
+                cause.unwrap_or_default()
+            ));
+        }
+    }
+    for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
+        for (telemetry, name) in [
+            (sample.accelerometers.head_temperature[axis], "head"),
+            (sample.accelerometers.board_temperature[axis], "board"),
+        ] {
+            if !telemetry.is_finite() {
+                return Some(format!("a{}_{name} is {telemetry}, which is no temperature", axis + 1));
+            }
+        }
+        if sample.accelerometers.positive_pulses[axis] == u32::MAX
+            || sample.accelerometers.negative_pulses[axis] == u32::MAX
+        {
+            return Some(format!("the counter of {accelerometer} is full: saturated"));
+        }
+    }
+    None
+}
