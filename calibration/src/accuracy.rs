@@ -5,9 +5,9 @@
 //! freedom. The figure is the largest half width over the range of the data. A constant error that all set points share (a wrong position, a
 //! wrong local gravity, an angle that every turn misses) is not in it; where a warning shows one, the line says that it is left out.
 
-use crate::calibrate::Calibration;
 use crate::checks::{Finding, name};
 use crate::gyroscopes::GyroscopeCalibration;
+use crate::result::Calibration;
 use crate::triad::{CalibratedTriad, TriadUnits};
 use core::fmt;
 use isotherm_campaign::joint_range;

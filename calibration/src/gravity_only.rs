@@ -11,32 +11,33 @@
 mod checks;
 mod choice;
 pub mod dilution;
+mod error;
 mod model;
+mod options;
 mod provenance;
 pub mod reading;
+mod recording;
+mod result;
 
-pub use choice::{GravityOnlyOptions, ScaleFactorChoice};
+pub use error::GravityOnlyError;
 pub use model::Unknowns;
-pub use provenance::sealed_table;
+pub use options::{GravityOnlyOptions, ScaleFactorChoice};
+pub use provenance::sealed_gravity_only_table;
+pub use recording::TumbleRecording;
+pub use result::GravityOnlyCalibration;
 
-use crate::calibrate::table_of;
+use crate::table::table_of;
 use checks::{
     kelvin, outliers, refuse_interval, refuse_offset, refuse_other_device, refuse_silent, refuse_twice, turned,
 };
 use choice::Chosen;
-use dilution::Dilution;
 use isotherm_campaign::Campaign;
-use isotherm_campaign::StandstillError;
-use isotherm_campaign::implausible;
 use isotherm_campaign::joint_range;
 use isotherm_campaign::{TUMBLED, begins_ns, find_standstills, stretches};
-use isotherm_failure::{Exit, Failure};
-use isotherm_recording::{CampaignRow, Continuity, Losses, RecordingError};
-use isotherm_shared::table::{CoefficientTable, Refusal};
+use isotherm_recording::{Continuity, Losses};
 use isotherm_shared::wire::{AXES, RawSample};
-use isotherm_statistics::Curve;
 use isotherm_statistics::median;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use reading::Reading;
 
 /// Residuals over the noise of the standstills that give a warning. Real IMUs reach 3.
@@ -48,148 +49,12 @@ const LEVEL: f64 = 0.1;
 /// Median of chi-square with one degree of freedom.
 const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
 
-/// The raw samples of one recording.
-#[derive(Clone, Debug, Default)]
-pub struct TumbleRecording {
-    name: String,
-    rows: Vec<RawSample>,
-}
-
-/// The results of a calibration without a turntable.
-#[derive(Clone, Debug)]
-pub struct GravityOnlyCalibration {
-    /// The coefficient table.
-    pub table: CoefficientTable,
-    /// The options it was made with.
-    pub options: GravityOnlyOptions,
-    /// The standstills of the fit.
-    pub readings: Vec<Reading>,
-    /// Standstills that were left out because they are too short.
-    pub too_short: usize,
-    /// Number of the rows of all recordings.
-    pub rows: usize,
-    /// Standard deviation of a row's counts at rest, for each recording.
-    pub noise: Vec<[f64; AXES]>,
-    /// Number of temperatures.
-    pub levels: usize,
-    /// The unknowns.
-    pub unknowns: Unknowns,
-    /// Why this order, and one scale factor or two.
-    pub reasons: [String; 2],
-    /// |s| - g_local/g0 of each standstill \[g0\].
-    pub residuals: Vec<f64>,
-    /// Degrees of freedom: standstills less unknowns.
-    pub freedom: usize,
-    /// What the attitudes allow.
-    pub dilution: Dilution,
-    /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
-    pub curves: [[Curve; 3]; AXES],
-    /// M: x = M s, with 1 on the diagonal and 0 below.
-    pub misalignment: Matrix3<f64>,
-    /// Standard errors of m12, m13 and m23 \[rad\]; `None` without degrees of freedom, or if they are not estimated.
-    pub misalignment_error: Option<[f64; AXES]>,
-    /// Specific force of each standstill along the body's axes \[g0\].
-    pub forces: Vec<[f64; AXES]>,
-    /// What the user must know.
-    pub warnings: Vec<String>,
-    /// Rows that are missing within the recordings by their sequences, and steps of time.
-    pub losses: Losses,
-}
-
-/// Why no table can be made.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum GravityOnlyError {
-    /// A recording has no usable standstill.
-    #[error("{name}: {error}")]
-    Standstill {
-        /// Name of the recording.
-        name: String,
-        /// Why.
-        error: StandstillError,
-    },
-    /// A standstill to leave out does not exist.
-    #[error("there is no standstill {0}; there are {1}")]
-    NothingToExclude(usize, usize),
-    /// An option does not go with these recordings.
-    #[error("{0}")]
-    Options(String),
-    /// The attitudes do not determine all parameters.
-    #[error("{message}: {}; put the IMU down {attitude}{remedy}", parameters.join(", "))]
-    Attitudes {
-        /// What is wrong.
-        message: String,
-        /// The parameters that are determined worst, or not at all.
-        parameters: Vec<String>,
-        /// The attitude that helps most, in words.
-        attitude: String,
-        /// What else helps.
-        remedy: &'static str,
-    },
-    /// The data do not allow what is asked for.
-    #[error("{0}")]
-    Refused(String),
-    /// The result is not a valid table.
-    #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    Table(Vec<Refusal>),
-}
-
-impl GravityOnlyError {
-    /// The error as the failure of a program.
-    #[must_use]
-    pub fn failure(&self) -> Failure {
-        // Options are wrong for these data; for those of another IMU they may be right.
-        let exit = if matches!(self, Self::Table(_)) { Exit::Failed } else { Exit::Data };
-        let prefix = if matches!(self, Self::NothingToExclude(..)) { "--exclude: " } else { "" };
-        Failure::new(exit, format!("{prefix}{self}"))
-    }
-}
-
-impl TumbleRecording {
-    /// An empty recording. `name` is what messages call it: its file.
-    #[must_use]
-    pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), rows: Vec::new() }
-    }
-
-    /// The recording of these rows.
-    ///
-    /// # Errors
-    /// At the first row that cannot be read or used, with its line; see [`add`](Self::add).
-    pub fn read(
-        name: impl Into<String>,
-        rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
-    ) -> Result<Self, RecordingError> {
-        let mut recording = Self::new(name);
-        for row in rows {
-            let CampaignRow { line, sample, .. } = row?;
-            recording.add(&sample).map_err(|message| RecordingError::Data { line, message })?;
-        }
-        Ok(recording)
-    }
-
-    /// Adds the next sample. Gaps are allowed.
-    ///
-    /// # Errors
-    /// Why the sample cannot be used: see [`implausible`].
-    pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
-        // A new session has a new clock.
-        let previous = self.rows.last().filter(|previous| previous.session == raw.session);
-        match implausible(raw, previous.map(|previous| previous.timestamp_ns)) {
-            Some(wrong) => Err(wrong),
-            None => {
-                self.rows.push(*raw);
-                Ok(())
-            }
-        }
-    }
-}
-
 /// Makes a table of the recordings of an IMU that was put down in many attitudes. Of the campaign, the IMU, the gravities and what goes into the
 /// table unchanged are used. Every recording is searched for standstills by itself; their numbers go on from recording to recording.
 ///
 /// # Errors
 /// See [`GravityOnlyError`]; what the attitudes do not determine is named.
-pub fn calibrate(
+pub fn calibrate_gravity_only(
     campaign: &Campaign,
     recordings: &[TumbleRecording],
     options: &GravityOnlyOptions,
@@ -280,33 +145,6 @@ pub fn calibrate(
         warnings,
         readings,
     })
-}
-
-impl GravityOnlyCalibration {
-    /// Root mean square of the residuals over the standstills \[g0\].
-    #[must_use]
-    pub fn residual_rms(&self) -> f64 {
-        (self.residuals.iter().map(|residual| residual * residual).sum::<f64>() / self.residuals.len() as f64).sqrt()
-    }
-
-    /// The middle of a curve's telemetry, at which its value is shown.
-    #[must_use]
-    pub fn mid(&self, axis: usize, quantity: usize) -> f64 {
-        let [low, high] = self.curves[axis][quantity].range();
-        (low + high) / 2.0
-    }
-
-    /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without gyroscopes.
-    #[must_use]
-    pub fn gyroscope_rates(&self) -> Option<[f64; AXES]> {
-        let seconds: f64 = self.readings.iter().map(|reading| reading.seconds).sum();
-        let mut sum = [0.0; AXES];
-        for reading in &self.readings {
-            let rates = reading.gyroscopes?;
-            (0..AXES).for_each(|axis| sum[axis] += rates[axis] * reading.seconds);
-        }
-        Some(sum.map(|sum| sum / seconds))
-    }
 }
 
 /// The standstills of all recordings.

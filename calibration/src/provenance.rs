@@ -5,15 +5,17 @@
 //! Over 400 lines: the records of the section, key by key; those of ramps are in `transients`.
 
 mod origin;
+mod source;
 mod transients;
 
 pub use origin::{CurveErrors, Origin, TableFile};
+pub use source::CampaignSource;
 
 use crate::accuracy::{Accuracy, largest_interval};
-use crate::calibrate::Calibration;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::earth::{EarthCheck, LeftOver};
 use crate::ramps::RampCalibration;
+use crate::result::Calibration;
 use crate::triad::{CalibratedTriad, beside_diagonal};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
@@ -25,23 +27,6 @@ use sha2::{Digest as _, Sha256};
 use std::io::{self, Read, Write};
 use std::time::SystemTime;
 use transients::TransientsRecord;
-
-/// Facts about the source that only the caller knows.
-#[derive(Clone, Debug)]
-pub struct CampaignSource {
-    /// Program and version.
-    pub tool: String,
-    /// Time of the calibration, RFC 3339 in UTC.
-    pub time: String,
-    /// Name of the campaign file.
-    pub campaign: String,
-    /// SHA-256 of the campaign file, in hexadecimal.
-    pub campaign_sha256: String,
-    /// SHA-256 of the samples, in hexadecimal; empty with ramps alone.
-    pub samples_sha256: String,
-    /// SHA-256 of each ramp's recording, in hexadecimal, in the order of the campaign file.
-    pub ramps_sha256: Vec<String>,
-}
 
 /// Name and version of this program, for [`CampaignSource::tool`].
 #[must_use]

@@ -1,6 +1,7 @@
 //! The quality of a calibration beyond its standard errors: level errors, lack of fit, outlying dwells.
 
 use crate::checks::{Finding, SetPoint, Severity, name};
+use crate::effects::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::one_stage::{Solution, solve};
 use crate::reduce::Reduced;
 use isotherm_campaign::Campaign;
@@ -9,7 +10,7 @@ use isotherm_campaign::SAME_DIRECTION;
 use isotherm_campaign::other_zero;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{BIAS_EFFECT, OrderTable, QUANTITIES, SCALE_FACTOR_EFFECT};
+use isotherm_statistics::{OrderTable, QUANTITIES};
 use isotherm_statistics::{median, robust_sd};
 use nalgebra::{DMatrix, DVector};
 

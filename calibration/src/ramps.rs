@@ -6,11 +6,14 @@
 //! bias curves are replaced by those of the ramps, each shifted to keep its value at mid range: the constant of a ramp contains the attitude
 //! (1 mrad is 1000 ug0) and Earth's rate. What such a table does not know stands in [`RampCalibration::not_known`].
 
-use crate::alignment::AlignmentChoice;
-use crate::calibrate::{Calibration, CalibrationError, CalibrationOptions, Method, admit};
+use crate::admit::admit;
 use crate::checks::scale::unlike_scale_factors;
 use crate::checks::{Finding, Severity, name};
-use crate::transients::{CurveSource, LagChoice, RampRecording, TransientOptions, Transients, TransientsError, fit};
+use crate::error::CalibrationError;
+use crate::options::CalibrationOptions;
+use crate::options::refuse_options;
+use crate::result::Calibration;
+use crate::transients::{CurveSource, RampRecording, TransientOptions, Transients, TransientsError, fit};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, Content};
 use isotherm_shared::units::SensorKind;
@@ -117,7 +120,7 @@ impl RampCalibration {
 ///
 /// # Errors
 /// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another unit, or if nothing can be estimated.
-pub fn calibrate(
+pub fn calibrate_ramps(
     campaign: &Campaign,
     ramps: &[RampRecording],
     curves: &CoefficientTable,
@@ -185,24 +188,6 @@ pub fn add_transients(
     *table = new.measured_at(table.gravity_local()).measured_on(table.turntable().cloned());
     calibration.transients = Some(found);
     Ok(())
-}
-
-/// # Errors
-/// If an option is for ramps and there are none, or for positions and there are ramps alone.
-pub fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
-    let message = if campaign.ramps.is_empty() && options.lag != LagChoice::Search {
-        "a time constant of the lag is for ramps, and the campaign file has none; give [[ramp]], or leave the time constant out"
-    } else if campaign.has_ramps_alone()
-        && (options.order.is_some()
-            || options.method != Method::default()
-            || options.alignment != AlignmentChoice::IfNeeded
-            || !options.exclude.is_empty())
-    {
-        "order, method, alignment and exclude are for positions, and the campaign file has ramps alone; leave them out"
-    } else {
-        return Ok(());
-    };
-    Err(CalibrationError::Options(message.to_owned()))
 }
 
 /// # Errors

@@ -1,9 +1,9 @@
 //! A triad of a calibration, as it is shown: what accelerometers and gyroscopes have in common. Texts, reports, provenance and accuracy of both
 //! triads come from this.
 
-use crate::calibrate::Calibration;
 use crate::checks::Finding;
 use crate::gyroscopes::GyroscopeCalibration;
+use crate::result::Calibration;
 use isotherm_campaign::PARAMETERS;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;

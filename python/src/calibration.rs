@@ -6,20 +6,22 @@ use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
 use isotherm_calibration::accuracy::Accuracy;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{Calibration as Figures, CalibrationOptions, Method};
+use isotherm_calibration::calibrate::{calibrate as fit, observable};
+use isotherm_calibration::checks::{Finding, Severity, name};
+use isotherm_calibration::gyroscopes::{FittedRun, Measurements, read};
+use isotherm_calibration::options::{CalibrationOptions, Method};
+use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
+use isotherm_calibration::ramps::{RampCalibration, calibrate_ramps as fit_ramps};
+use isotherm_calibration::result::Calibration as Figures;
+use isotherm_calibration::transients::{LagChoice, RampRecording};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::select_imu;
-use isotherm_calibration::checks::{Finding, Severity, name};
-use isotherm_calibration::gyroscopes::{FittedRun, Measurements, calibrate as fit, observable, read};
-use isotherm_statistics::OrderTable;
-use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
-use isotherm_calibration::ramps::{RampCalibration, calibrate as fit_ramps};
-use isotherm_report::{calibration, json, ramps};
-use isotherm_calibration::transients::{LagChoice, RampRecording};
 use isotherm_client::TimeConstant;
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RecordingError, SequenceRule};
+use isotherm_report::{calibration, json, ramps};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_statistics::OrderTable;
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -231,8 +233,8 @@ fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String
     (severity, finding.line, format!("[{}]: {located}", finding.name))
 }
 
-fn failed(place: &str, error: &isotherm_calibration::calibrate::CalibrationError) -> PyErr {
-    use isotherm_calibration::calibrate::CalibrationError::{Empty, Faults};
+fn failed(place: &str, error: &isotherm_calibration::error::CalibrationError) -> PyErr {
+    use isotherm_calibration::error::CalibrationError::{Empty, Faults};
     match error {
         Faults { diagnosis, findings } => {
             let locate = |line| if place.is_empty() { format!("row {line}") } else { format!("{place}:{line}") };

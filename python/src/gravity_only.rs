@@ -5,16 +5,17 @@ use crate::errors::{CalibrationError, StabilityError, recording};
 use crate::offline::{tool, with_lag};
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_campaign::Campaign;
-use isotherm_verification::Lengths;
 use isotherm_calibration::gravity_only::{
-    GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate, sealed_table,
+    GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only as fit, sealed_gravity_only_table,
 };
 use isotherm_calibration::provenance::{CampaignSource, Hashed, sha256};
-use isotherm_report::{gravity_only as report, lengths as lengths_report};
-use isotherm_verification::Requirement;
-use isotherm_verification::LocalGravity;
+use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
+use isotherm_report::{gravity_only as report, lengths as lengths_report};
+use isotherm_verification::Lengths;
+use isotherm_verification::LocalGravity;
+use isotherm_verification::Requirement;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -93,7 +94,7 @@ pub fn calibrate_gravity_only(
         all.push(recording);
         digests.push(digest);
     }
-    let fitted = py.detach(|| calibrate(&campaign, &all, &options));
+    let fitted = py.detach(|| fit(&campaign, &all, &options));
     let figures = fitted.map_err(|error| CalibrationError::new_err(error.to_string()))?;
     let source = CampaignSource {
         tool: tool(),
@@ -103,7 +104,7 @@ pub fn calibrate_gravity_only(
         samples_sha256: String::new(),
         ramps_sha256: Vec::new(),
     };
-    let text = sealed_table(&campaign, &figures, &source, &digests).map_err(CalibrationError::new_err)?;
+    let text = sealed_gravity_only_table(&campaign, &figures, &source, &digests).map_err(CalibrationError::new_err)?;
     Ok(GravityOnlyCalibration { campaign, figures, source, digests, text })
 }
 

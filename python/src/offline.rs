@@ -3,23 +3,23 @@
 use crate::errors::{StabilityError, file, recording};
 use crate::records::{Fields, INCREMENT, RAW, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
-use isotherm_statistics::DoubleDouble;
-use isotherm_statistics::{OrderTable, Rule, default_order};
-use isotherm_statistics::{DataPoint, LinearColumn, MAX_ORDER, Regression};
-use isotherm_report::json::verification;
-use isotherm_report::verification::{VerificationSource, html};
-use isotherm_verification::Requirement;
-use isotherm_verification::{Collector, LocalGravity, Setup, Stability as Figures};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
     RawCsvWriter, RecordingError,
 };
+use isotherm_report::json::verification;
+use isotherm_report::verification::{VerificationSource, html};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::Lag;
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
+use isotherm_statistics::DoubleDouble;
+use isotherm_statistics::{DataPoint, LinearColumn, MAX_ORDER, Regression};
+use isotherm_statistics::{OrderTable, Rule, default_order};
+use isotherm_verification::Requirement;
+use isotherm_verification::{Collector, LocalGravity, Setup, Stability as Figures};
 use numpy::{PyArray1, PyArrayMethods as _, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

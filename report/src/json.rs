@@ -3,11 +3,12 @@
 
 use isotherm_calibration::accuracy::{Accuracy, largest_interval};
 use isotherm_calibration::alignment::is_needed;
-use isotherm_calibration::calibrate::{Calibration, CalibrationError};
 use isotherm_calibration::checks::{Finding, RunNumber, Severity};
+use isotherm_calibration::error::CalibrationError;
 use isotherm_calibration::gyroscopes::observability::TriadObservability;
 use isotherm_calibration::gyroscopes::{GyroscopeCalibration, is_alignment_needed};
 use isotherm_calibration::ramps::RampCalibration;
+use isotherm_calibration::result::Calibration;
 use isotherm_calibration::transients::{BiasTransient, Condition, Transients};
 use isotherm_calibration::triad::{CalibratedTriad, TriadUnits};
 use isotherm_campaign::Dwell;

@@ -3,9 +3,9 @@
 //! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
 use isotherm_calibration::accuracy::{Accuracy, largest_interval};
-use isotherm_calibration::calibrate::Calibration;
 use isotherm_calibration::gyroscopes::GyroscopeCalibration;
 use isotherm_calibration::ramps::RampCalibration;
+use isotherm_calibration::result::Calibration;
 use isotherm_calibration::transients::Transients;
 use isotherm_calibration::triad::{CalibratedTriad, TriadUnits};
 use isotherm_campaign::Dwell;

@@ -14,5 +14,5 @@ pub use diagnostics::{Test, median, robust_sd};
 pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares};
-pub use order::{BIAS_EFFECT, OrderTable, QUANTITIES, Rule, SCALE_FACTOR_EFFECT, choose, default_order};
+pub use order::{OrderTable, QUANTITIES, Rule, choose, default_order};
 pub use regression::{DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, f_limit, f_tail};

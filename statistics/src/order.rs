@@ -13,10 +13,6 @@ use serde_json::{Value, json};
 
 /// Names of the three curves of an accelerometer, as in a table.
 pub use isotherm_shared::table::difference::QUANTITIES;
-/// Smallest change of the bias that justifies a higher order \[g0\].
-pub const BIAS_EFFECT: f64 = 0.1e-6;
-/// Smallest relative change of a scale factor that justifies a higher order.
-pub const SCALE_FACTOR_EFFECT: f64 = 0.5e-6;
 /// Highest order of an order table if none is requested, as far as the data allow it.
 const DEFAULT_ORDER: usize = 6;
 

@@ -4,7 +4,8 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use isotherm_benches::BenchResult;
-use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
+use isotherm_calibration::options::CalibrationOptions;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::read_dwells;
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
@@ -46,7 +47,7 @@ fn bench(smoke: bool) -> BenchResult<()> {
         times[1].push(timed(|| samples(&path))?.0);
         let (elapsed, dwells) = timed(|| Ok(read_dwells(&stated, CampaignCsvReader::new(File::open(&path)?)?)?))?;
         times[2].push(elapsed);
-        times[3].push(timed(|| Ok(calibrate(&stated, dwells, CalibrationOptions::default())?))?.0);
+        times[3].push(timed(|| Ok(calibrate_accelerometers(&stated, dwells, CalibrationOptions::default())?))?.0);
     }
     let size = fs::metadata(&path)?.len() as f64;
     println!("{rows} rows, {:.0} MB, {rounds} rounds; the fastest and the slowest of each", size / 1e6);

@@ -1,8 +1,9 @@
 //! What is refused before the fit, and what is warned of after it.
 
+use super::error::GravityOnlyError;
 use super::model::{Ellipsoid, GravityFit, ellipsoid};
 use super::reading::Reading;
-use super::{GravityOnlyError, TumbleRecording};
+use super::recording::TumbleRecording;
 use crate::checks::time::CLOCK_TOLERANCE;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;

@@ -1,14 +1,15 @@
 //! The choice of the order, and of one scale factor or two; and what is refused.
 
-use super::GravityOnlyError;
 use super::dilution::{Dilution, MOST, WARNED};
+use super::error::GravityOnlyError;
 use super::model::{GravityFit, GravityModel, Unknowns};
+use super::options::{GravityOnlyOptions, ScaleFactorChoice};
 use super::reading::Reading;
+use crate::effects::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::f_tail;
-use isotherm_statistics::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 
 /// Highest order that is considered if none is requested.
 const MAX_AUTO_ORDER: usize = 3;
@@ -16,57 +17,6 @@ const MAX_AUTO_ORDER: usize = 3;
 const SIGNIFICANCE: f64 = 0.01;
 /// A split of the scale factor needs readings beyond this share of gravity with both signs, and one within it.
 const SIGNED: f64 = 0.3;
-
-/// One scale factor for both channels of an axis, or two.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub enum ScaleFactorChoice {
-    /// One, unless two are significantly better and the attitudes allow them.
-    #[default]
-    Auto,
-    /// K- = -K+.
-    Single,
-    /// K+ and K-, each a curve of its own.
-    Split,
-}
-
-impl ScaleFactorChoice {
-    /// Every choice with its name.
-    pub const NAMES: [(Self, &'static str); 3] =
-        [(Self::Auto, "auto"), (Self::Single, "single"), (Self::Split, "split")];
-}
-
-/// Options of a calibration without a turntable.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GravityOnlyOptions {
-    /// Length of a window of the search for standstills \[s\]; a shorter standstill is left out.
-    pub window_s: f64,
-    /// The order of every polynomial; chosen from the data if `None`.
-    pub order: Option<usize>,
-    /// One scale factor or two.
-    pub scale_factor: ScaleFactorChoice,
-    /// Whether misalignments are estimated.
-    pub misalignment: bool,
-    /// Numbers of standstills to leave out, from 1.
-    pub exclude: Vec<usize>,
-    /// Where a table of order 0 is valid, in the telemetry's unit; the measured range if `None`.
-    pub temperature_range: Option<[f64; 2]>,
-    /// Whether samples of another unit than the campaign's serial number says are used.
-    pub other_device: bool,
-}
-
-impl Default for GravityOnlyOptions {
-    fn default() -> Self {
-        Self {
-            window_s: 1.0,
-            order: None,
-            scale_factor: ScaleFactorChoice::Auto,
-            misalignment: true,
-            exclude: Vec::new(),
-            temperature_range: None,
-            other_device: false,
-        }
-    }
-}
 
 /// The fit that was chosen.
 pub(super) struct Chosen<'a> {

@@ -1,6 +1,6 @@
 //! The `[provenance]` section of a table without a turntable.
 
-use super::GravityOnlyCalibration;
+use super::result::GravityOnlyCalibration;
 use crate::accuracy::largest_interval;
 use crate::provenance::{CampaignSource, matrix_rows, sealed};
 use isotherm_campaign::Campaign;
@@ -63,7 +63,7 @@ struct CurveRecord {
 ///
 /// # Errors
 /// If the text does not give the same table, or if the provenance cannot be written.
-pub fn sealed_table(
+pub fn sealed_gravity_only_table(
     campaign: &Campaign,
     calibration: &GravityOnlyCalibration,
     source: &CampaignSource,

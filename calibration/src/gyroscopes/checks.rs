@@ -1,6 +1,6 @@
 //! Checks of the turns and of the gyroscopes' dwells, before the fit.
 
-use super::Data;
+use super::data::Data;
 use super::runs::{AT_REST, TurnBlock, TurnRun};
 use crate::checks::{Finding, RunNumber, Severity, name};
 use isotherm_campaign::Dwell;

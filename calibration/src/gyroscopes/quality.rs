@@ -2,8 +2,8 @@
 
 use super::fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, solve};
 use super::runs::FittedRun;
-use super::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use crate::checks::{Finding, Severity, name};
+use crate::effects::{GYROSCOPE_BIAS_EFFECT, GYROSCOPE_SCALE_FACTOR_EFFECT};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 use isotherm_shared::wire::AXES;
@@ -35,7 +35,7 @@ pub(super) fn lack_of_fit(
             let fit = &table.regression.fits()[table.choice.order];
             let own = median(reduced.iter().map(|parts| parts.standard_errors[axis][quantity]));
             let size = reduced.iter().map(|parts| parts.values[axis][quantity].abs()).fold(0.0, f64::max);
-            let effect = if quantity == 0 { BIAS_EFFECT } else { SCALE_FACTOR_EFFECT * size };
+            let effect = if quantity == 0 { GYROSCOPE_BIAS_EFFECT } else { GYROSCOPE_SCALE_FACTOR_EFFECT * size };
             let curve = format!("{} {}", GYROSCOPE_NAMES[axis], QUANTITIES[quantity]);
             let n = table.regression.n() as f64;
             let scatter = |_| robust_sd(&table.regression.residuals(fit.order)) * (n / fit.df_residual as f64).sqrt();

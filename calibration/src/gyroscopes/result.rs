@@ -34,7 +34,7 @@ pub struct GyroscopeCalibration {
     pub left_over: Option<LeftOver>,
     /// Outlying runs, which were kept in the fit: index into `runs` and gyroscope.
     pub outliers: Vec<(usize, usize)>,
-    /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::calibrate::Calibration::findings); those before it are not of the gyroscopes alone.
+    /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::result::Calibration::findings); those before it are not of the gyroscopes alone.
     pub first_finding: usize,
     /// White noise of each gyroscope in a mean over 1 s \[deg/h\], from the rows of the dwells; a wrong position or curve does not change it.
     pub noise: [f64; AXES],

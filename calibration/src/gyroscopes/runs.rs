@@ -77,7 +77,7 @@ pub struct TurnBlock {
 
 impl OtherDevice {
     /// The fault that the row is.
-    pub(super) fn finding(self, campaign: &Campaign) -> Finding {
+    pub fn finding(self, campaign: &Campaign) -> Finding {
         let Self { line, device, expected } = self;
         let message = match &campaign.serial {
             Some(serial) => format!(

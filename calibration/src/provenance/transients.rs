@@ -1,6 +1,6 @@
 //! The provenance of ramps: what was decided about lag and transients, and why. Transients and prediction errors are in the bias's unit.
 
-use super::CampaignSource;
+use super::source::CampaignSource;
 use crate::ramps::RampCalibration;
 use crate::transients::{BiasTransient, Condition, Transients};
 use crate::triad::TriadUnits;

@@ -3,8 +3,8 @@
 //! Over 400 lines: what goes into the fit, from the recordings to the columns.
 
 use super::equations::NormalEquations;
+use super::options::{CurveSource, TransientsError};
 use super::recording::{RampRecording, Reading, behind, interpolated};
-use super::{CurveSource, TransientsError};
 use core::ops::Range;
 use isotherm_shared::lag::SENSORS;
 use isotherm_shared::polynomial::Polynomial;

@@ -2,9 +2,9 @@
 //!
 //! With a time constant that was given, one sweep each way is enough for the transient: then a quarter of a sweep is left out at a time.
 
-use super::SOAK;
 use super::blocks::{Column, Ramps};
 use super::equations::NormalEquations;
+use super::options::SOAK;
 use super::result::Prediction;
 use super::search::{Grid, total};
 use core::ops::Range;

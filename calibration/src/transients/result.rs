@@ -1,6 +1,6 @@
 //! What the ramps of a campaign show about lag and transients.
 
-use super::{CurveSource, TransientOptions};
+use super::options::{CurveSource, TransientOptions};
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;

@@ -3,9 +3,11 @@
 //! Over 400 lines: each test is one kind of campaign, and all of them share the simulated campaigns of `common`.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, paper_truth as truth, quiet, worst};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, Method, calibrate};
+use isotherm_calibration::options::{CalibrationOptions, Method};
 use isotherm_calibration::reduce::reduce;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Position;
 use isotherm_campaign::Scheme;
@@ -23,7 +25,7 @@ const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
 fn shipped(options: CalibrationOptions) -> Calibration {
     let file = Campaign::from_toml(&fs::read_to_string(format!("{EXAMPLES}/campaign/campaign.toml")).unwrap()).unwrap();
     let dwells = dwells(&file, &fs::read(format!("{EXAMPLES}/campaign/samples.csv")).unwrap()).unwrap();
-    calibrate(&file, dwells, options).unwrap()
+    calibrate_accelerometers(&file, dwells, options).unwrap()
 }
 
 #[test]
@@ -113,7 +115,7 @@ fn the_tilt_is_estimated_through_any_mount_and_counts_in_both_methods() {
         let file = Campaign::from_toml(&campaign_toml(&file)).unwrap();
         for method in [Method::OneStage, Method::TwoStage] {
             let options = CalibrationOptions { method, order: Some(3), ..CalibrationOptions::default() };
-            let calibration = calibrate(&file, dwells(&file, &text).unwrap(), options).unwrap();
+            let calibration = calibrate_accelerometers(&file, dwells(&file, &text).unwrap(), options).unwrap();
             let found = worst(&calibration.table, &truth.table);
             let tilt = calibration.solution.tilt.unwrap();
             assert!((tilt[0] - 5e-4).abs() < 1e-7 && (tilt[1] + 3e-4).abs() < 1e-7, "{tilt:?}");
@@ -177,7 +179,7 @@ fn a_level_error_that_is_not_estimated_gives_a_warning() {
         change(&mut file);
         let dwells = dwells(&file, &csv(campaign(&truth, &schedule, 1))).unwrap();
         let options = CalibrationOptions { order: Some(3), exclude: exclude.to_vec(), ..CalibrationOptions::default() };
-        calibrate(&file, dwells, options)
+        calibrate_accelerometers(&file, dwells, options)
     };
     let warnings = |scheme: Scheme, change: &dyn Fn(&mut Campaign), exclude: &[(f64, u32)]| -> String {
         let calibration = calibrated(scheme, change, exclude).unwrap();
@@ -242,7 +244,7 @@ fn the_residual_in_g0_cancels_a_level_error_that_straddles_zero() {
     let dwells = dwells(&file, &csv(campaign(&truth, &schedule, 1))).unwrap();
     for method in [Method::OneStage, Method::TwoStage] {
         let options = CalibrationOptions { method, order: Some(3), ..CalibrationOptions::default() };
-        let calibration = calibrate(&file, dwells.clone(), options).unwrap();
+        let calibration = calibrate_accelerometers(&file, dwells.clone(), options).unwrap();
         assert_eq!(calibration.solution.tilt, None);
         let found = worst(&calibration.table, &truth.table);
         // The second order of the tilt (2e-4 squared is 0.04e-6) and the quantisation of the pulses remain.
@@ -380,7 +382,9 @@ fn rows_while_the_turntable_moves_are_left_out() {
     };
     let text: String = text.lines().enumerate().map(moving).collect();
     let file = campaign_file(&truth, &schedule);
-    let calibration = calibrate(&file, dwells(&file, text.as_bytes()).unwrap(), CalibrationOptions::default()).unwrap();
+    let calibration =
+        calibrate_accelerometers(&file, dwells(&file, text.as_bytes()).unwrap(), CalibrationOptions::default())
+            .unwrap();
     assert_eq!((calibration.dwells.len(), calibration.dwells[5].rows), (180, 27));
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
@@ -398,7 +402,8 @@ fn dwells_sorted_by_position_are_grouped_by_set_point() {
         (row.raw.sequence, row.raw.timestamp_ns) = (index, ((index + 1) * 10 + moved_s) * 1_000_000_000);
     }
     let file = campaign_file(&truth, &schedule);
-    let calibration = calibrate(&file, dwells(&file, &csv(rows)).unwrap(), CalibrationOptions::default()).unwrap();
+    let calibration =
+        calibrate_accelerometers(&file, dwells(&file, &csv(rows)).unwrap(), CalibrationOptions::default()).unwrap();
     assert_eq!(calibration.set_points.len(), 15);
     let found = worst(&calibration.table, &truth.table);
     assert!(found[0] < 0.05 && found[1] < 0.1, "{found:?}");
@@ -421,7 +426,7 @@ fn a_difference_between_heating_and_cooling_gives_a_warning() {
     }
     let file = campaign_file(&truth, &schedule);
     let options = CalibrationOptions { order: Some(3), ..CalibrationOptions::default() };
-    let calibration = calibrate(&file, dwells(&file, &csv(rows)).unwrap(), options).unwrap();
+    let calibration = calibrate_accelerometers(&file, dwells(&file, &csv(rows)).unwrap(), options).unwrap();
     assert_eq!(calibration.set_points.len(), 13);
     let warned =
         calibration.findings.iter().any(|f| f.message.starts_with("A1 positive_scale_factor: heating and cooling"));

@@ -2,10 +2,12 @@
 
 use crate::checks::with_rows;
 use crate::common::{calibrated, campaign_file, csv, dwells, paper, paper_truth, quiet};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
 use isotherm_calibration::accuracy::Accuracy;
-use isotherm_calibration::calibrate::{Calibration, CalibrationOptions, calibrate};
 use isotherm_calibration::checks::{name, set_points};
 use isotherm_calibration::one_stage::{OneStageError, solve};
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Position;
 use isotherm_shared::wire::RawSample;
@@ -50,7 +52,7 @@ fn angles_only(stated: impl Fn(&mut [f64; 2], u32)) -> Result<(Vec<&'static str>
         text.lines().filter(|line| !line.starts_with("specific_force")).map(|l| format!("{l}\n")).collect();
     let file = Campaign::from_toml(&text).unwrap();
     let dwells = dwells(&file, &csv(campaign(&truth, &schedule, 1))).unwrap();
-    let calibration = calibrate(&file, dwells, options(&[]));
+    let calibration = calibrate_accelerometers(&file, dwells, options(&[]));
     calibration.map(|calibration| claims(&calibration)).map_err(|error| error.to_string())
 }
 

@@ -3,8 +3,11 @@
 //! Over 400 lines: each finding has its test beside those that it is told from.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
 use isotherm_calibration::checks::{Finding, Severity, name};
+use isotherm_calibration::error::CalibrationError;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Scheme;
 use isotherm_campaign::read_dwells;
@@ -47,7 +50,7 @@ fn collect_findings(
         Ok(dwells) => dwells,
         Err(error) => return (false, error),
     };
-    match calibrate(&file, dwells, options) {
+    match calibrate_accelerometers(&file, dwells, options) {
         Ok(calibration) => {
             let findings = calibration.findings.iter().filter(|f| all || f.place.is_some());
             (true, findings.map(|f| format!("{:?} {f}\n", f.line)).collect())
@@ -213,7 +216,7 @@ pub fn with_rows(
         Ok(CampaignRow { line, set_point_c: row.set_point_c, position: Some(row.position), sample: row.raw })
     };
     let dwells = read_dwells(&file, (2..).zip(rows).map(row)).unwrap();
-    calibrate(&file, dwells, CalibrationOptions { order: Some(3), ..options })
+    calibrate_accelerometers(&file, dwells, CalibrationOptions { order: Some(3), ..options })
 }
 
 /// The findings about the whole campaign, by name, with `options`.

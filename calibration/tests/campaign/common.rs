@@ -1,6 +1,9 @@
 //! Functions that the tests share: simulated campaigns with known truth, as files like those of a laboratory.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
+use isotherm_calibration::error::CalibrationError;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::Position;
@@ -52,7 +55,7 @@ pub fn calibrated(
 ) -> Result<(Campaign, Calibration), CalibrationError> {
     let file = campaign_file(truth, schedule);
     let dwells = dwells(&file, &csv(campaign(truth, schedule, seed))).unwrap();
-    let calibration = calibrate(&file, dwells, options)?;
+    let calibration = calibrate_accelerometers(&file, dwells, options)?;
     Ok((file, calibration))
 }
 

@@ -1,8 +1,11 @@
 //! Correct data of laboratories that do things differently: no fault.
 
 use crate::common::{campaign_file, paper};
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
 use isotherm_calibration::checks::name;
+use isotherm_calibration::error::CalibrationError;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::read_dwells;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::polynomial::Polynomial;
@@ -49,7 +52,7 @@ fn table_of(
         Ok(CampaignRow { line, set_point_c: row.set_point_c, position: Some(row.position), sample: row.raw })
     };
     let dwells = read_dwells(&file, (2..).zip(rows).map(row)).map_err(|error| error.to_string())?;
-    calibrate(&file, dwells, CalibrationOptions::default()).map_err(|error| match &error {
+    calibrate_accelerometers(&file, dwells, CalibrationOptions::default()).map_err(|error| match &error {
         CalibrationError::Faults { .. } => {
             error.lines(true, |finding| finding.tagged(|line| line.to_string())).join("\n")
         }

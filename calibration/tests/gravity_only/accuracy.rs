@@ -1,7 +1,7 @@
 //! Simulated campaigns: how far the estimates are off, and whether their standard errors say so.
 
 use crate::common::{STANDARD, Simulated, Truth, campaign, cube, off, recording};
-use isotherm_calibration::gravity_only::{GravityOnlyOptions, calibrate};
+use isotherm_calibration::gravity_only::{GravityOnlyOptions, calibrate_gravity_only};
 use isotherm_simulation::RandomGenerator;
 
 #[test]
@@ -19,8 +19,12 @@ fn errors_are_as_large_as_their_standard_errors_in_28_campaigns() {
             let directions: Vec<_> = cube().iter().map(|direction| off(&mut random, direction, 8.0)).collect();
             imu.tumble(&directions, temperature);
         }
-        let found =
-            calibrate(&campaign([local, STANDARD]), &[recording(&imu.rows)], &GravityOnlyOptions::default()).unwrap();
+        let found = calibrate_gravity_only(
+            &campaign([local, STANDARD]),
+            &[recording(&imu.rows)],
+            &GravityOnlyOptions::default(),
+        )
+        .unwrap();
         assert_eq!((found.readings.len(), found.too_short), (78, 0), "seed {seed}");
         assert!(found.unknowns.order == 1 && found.unknowns.split, "seed {seed}: {:?}", found.reasons);
         for temperature in [-9.8, 25.2, 60.2] {

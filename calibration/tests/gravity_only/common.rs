@@ -1,7 +1,7 @@
 //! Recordings from files, and of a simulated IMU that is put down by hand.
 
 use isotherm_calibration::gravity_only::{
-    GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, TumbleRecording, calibrate,
+    GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, TumbleRecording, calibrate_gravity_only,
 };
 use isotherm_campaign::Campaign;
 use isotherm_recording::RawCsvReader;
@@ -44,7 +44,7 @@ pub fn calibrated(
 ) -> Result<GravityOnlyCalibration, GravityOnlyError> {
     let mut options = GravityOnlyOptions::default();
     change(&mut options);
-    calibrate(&campaign([9.81, 9.81]), &[recording(rows)], &options)
+    calibrate_gravity_only(&campaign([9.81, 9.81]), &[recording(rows)], &options)
 }
 
 /// The truth of a simulated IMU. Curves are in (T - 25)/40.

@@ -1,7 +1,9 @@
 //! The recordings in tests/data/any_lab: one simulated with its truth, the others real.
 
 use crate::common::{calibrated, campaign, json, recording, samples};
-use isotherm_calibration::gravity_only::{GravityOnlyCalibration, GravityOnlyOptions, ScaleFactorChoice, calibrate};
+use isotherm_calibration::gravity_only::{
+    GravityOnlyCalibration, GravityOnlyOptions, ScaleFactorChoice, calibrate_gravity_only,
+};
 use isotherm_shared::compensate::answer;
 use nalgebra::Vector3;
 use serde_json::Value;
@@ -19,9 +21,12 @@ fn constants(found: &GravityOnlyCalibration, quantity: usize) -> [f64; 3] {
 fn tumble3_is_calibrated_over_its_range() {
     let truth = json("tumble3/truth.json");
     let gravity = ["gravity_local", "gravity_reference"].map(|key| number(&truth[key]));
-    let found =
-        calibrate(&campaign(gravity), &[recording(&samples("tumble3/recording.csv"))], &GravityOnlyOptions::default())
-            .unwrap();
+    let found = calibrate_gravity_only(
+        &campaign(gravity),
+        &[recording(&samples("tumble3/recording.csv"))],
+        &GravityOnlyOptions::default(),
+    )
+    .unwrap();
     assert_eq!((found.readings.len(), found.too_short, found.levels), (78, 0, 3));
     assert!(found.unknowns.order == 1 && found.unknowns.split && found.warnings.is_empty(), "{:?}", found.warnings);
     let reached = json("tumble3/reference_reached.json");

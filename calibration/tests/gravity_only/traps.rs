@@ -2,7 +2,7 @@
 
 use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, put_down, recording, samples};
 use isotherm_calibration::gravity_only::{
-    GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate,
+    GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only,
 };
 use isotherm_campaign::Campaign;
 use isotherm_campaign::{TUMBLED, find_standstills};
@@ -170,7 +170,7 @@ fn each_file_is_a_recording_of_its_own() {
     let [cold, hot] = [-10.0, 60.0].map(|temperature| put_down(&cube(), &[temperature]));
     let both = [recording(&cold), recording(&hot)];
     let options = GravityOnlyOptions { order: Some(1), ..GravityOnlyOptions::default() };
-    let found = calibrate(&campaign([STANDARD, STANDARD]), &both, &options).unwrap();
+    let found = calibrate_gravity_only(&campaign([STANDARD, STANDARD]), &both, &options).unwrap();
     assert!(found.readings.len() == 52 && found.readings[26].recording == 1 && found.readings[26].number == 27);
 }
 
@@ -233,9 +233,10 @@ fn wrong_intervals_and_a_recording_named_twice_are_refused() {
     assert!(error.contains("interval_ns is 1.2000 of the time from row to row"), "{error}");
     let twice = [recording(&rows), recording(&rows)];
     let options = GravityOnlyOptions { temperature_range: range, ..GravityOnlyOptions::default() };
-    let error = calibrate(&campaign([9.81, 9.81]), &twice, &options).unwrap_err().to_string();
+    let error = calibrate_gravity_only(&campaign([9.81, 9.81]), &twice, &options).unwrap_err().to_string();
     assert!(error.contains("are the same recording"), "{error}");
-    let error = calibrate(&campaign([9.81, 9.81]), &[TumbleRecording::new("empty.csv")], &options).unwrap_err();
+    let error =
+        calibrate_gravity_only(&campaign([9.81, 9.81]), &[TumbleRecording::new("empty.csv")], &options).unwrap_err();
     assert!(error.to_string().contains("empty.csv: there are no rows"), "{error}");
 }
 
@@ -249,7 +250,8 @@ fn what_looks_wrong_is_named() {
         other.gap(10.0);
     });
     let options = GravityOnlyOptions { temperature_range: Some([0.0, 50.0]), ..GravityOnlyOptions::default() };
-    let both = calibrate(&campaign([9.81, 9.81]), &[recording(&rows), recording(&other.rows)], &options).unwrap();
+    let both =
+        calibrate_gravity_only(&campaign([9.81, 9.81]), &[recording(&rows), recording(&other.rows)], &options).unwrap();
     assert!(
         both.warnings.iter().any(|warning| warning.contains("recordings of different IMUs")),
         "{:?}",
@@ -276,11 +278,11 @@ fn lengths_of_another_unit_are_refused() {
     let mut campaign = campaign([9.81, 9.81]);
     campaign.serial = Some("17".to_owned());
     let options = GravityOnlyOptions { temperature_range: Some([0.0, 50.0]), ..GravityOnlyOptions::default() };
-    let found = calibrate(&campaign, &[recording(&rows)], &options).unwrap();
+    let found = calibrate_gravity_only(&campaign, &[recording(&rows)], &options).unwrap();
     let others: Vec<RawSample> = rows.iter().map(|row| RawSample { device: 5, ..*row }).collect();
     let lengths = |accepted| Lengths::of(&found.table, &others, 1.0, LocalGravity::Stated(9.81), accepted);
     assert_eq!(lengths(false), Err(LengthsError::OtherDevice(others.len())));
     assert_eq!(lengths(true).unwrap().other_device, others.len());
-    let error = calibrate(&campaign, &[recording(&others)], &options).unwrap_err().to_string();
+    let error = calibrate_gravity_only(&campaign, &[recording(&others)], &options).unwrap_err().to_string();
     assert!(error.contains("another unit than serial number 17"), "{error}");
 }

@@ -2,10 +2,13 @@
 
 use crate::data::text;
 use crate::station::{Station, Turned};
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
+use isotherm_calibration::calibrate::calibrate;
 use isotherm_calibration::checks::name;
+use isotherm_calibration::error::CalibrationError;
 use isotherm_calibration::gyroscopes;
 use isotherm_calibration::gyroscopes::observability::TriadObservability;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::Triad;
@@ -298,7 +301,7 @@ fn gyroscopes_without_turns_are_said_in_a_line() {
         .unwrap();
     let options = || CalibrationOptions { order: Some(2), ..CalibrationOptions::default() };
     let measurements = gyroscopes::read(&file, station.rows().into_iter().map(Ok)).unwrap();
-    let calibration = gyroscopes::calibrate(&file, measurements, options()).unwrap();
+    let calibration = calibrate(&file, measurements, options()).unwrap();
     assert_eq!(calibration.findings.iter().map(|finding| finding.name).collect::<Vec<_>>(), [name::NO_TURNS]);
     assert!(calibration.gyroscopes.is_none() && calibration.table.content().gyroscopes.is_none());
     assert_eq!(calibration.table.content().format, 1);
@@ -308,7 +311,7 @@ fn gyroscopes_without_turns_are_said_in_a_line() {
         Ok(row)
     });
     let measurements = gyroscopes::read(&file, rows).unwrap();
-    assert_eq!(gyroscopes::calibrate(&file, measurements, options()).unwrap().findings, []);
+    assert_eq!(calibrate(&file, measurements, options()).unwrap().findings, []);
 }
 
 #[test]

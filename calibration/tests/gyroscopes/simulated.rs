@@ -1,7 +1,9 @@
 //! Simulated campaigns of a whole IMU against their truth: `isotherm_simulation`, as `isotherm simulate campaign --gyroscopes` drives it.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationOptions};
+use isotherm_calibration::calibrate::calibrate;
 use isotherm_calibration::gyroscopes;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::answer;
@@ -43,7 +45,7 @@ fn calibrated(truth: &Truth, schedule: &CampaignSchedule, seed: u64) -> Calibrat
         Ok(CampaignRow { line, set_point_c: row.set_point_c, position: Some(row.position), sample: row.raw })
     });
     let measurements = gyroscopes::read(&file, rows).unwrap();
-    gyroscopes::calibrate(&file, measurements, CalibrationOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+    calibrate(&file, measurements, CalibrationOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Calibrates a campaign, and compares the gyroscopes with the truth.

@@ -6,8 +6,11 @@
 //!
 //! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
+use isotherm_calibration::calibrate::calibrate;
+use isotherm_calibration::error::CalibrationError;
 use isotherm_calibration::gyroscopes;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::outer_axis;
 use isotherm_recording::CampaignRow;
@@ -363,7 +366,7 @@ impl Station {
     ) -> Result<Calibration, CalibrationError> {
         let campaign = self.campaign();
         let measurements = gyroscopes::read(&campaign, rows.into_iter().map(Ok)).unwrap();
-        gyroscopes::calibrate(&campaign, measurements, options)
+        calibrate(&campaign, measurements, options)
     }
 
     pub fn calibrate(&self, options: CalibrationOptions) -> Result<Calibration, CalibrationError> {

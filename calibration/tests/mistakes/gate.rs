@@ -13,17 +13,19 @@
 
 use crate::matrix::{Case, calibrated};
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
 use isotherm_calibration::checks::{Severity, name};
+use isotherm_calibration::error::CalibrationError;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Position;
 use isotherm_campaign::specific_force as direction;
 use isotherm_report as report;
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
+use isotherm_verification::Refusal;
 use isotherm_verification::Requirement;
 use isotherm_verification::{Collector, LocalGravity, Setup, Stability, StabilityError};
-use isotherm_verification::Refusal;
 use std::collections::BTreeSet;
 
 /// The turntable's angles in the runs, as a plan has them by default \[deg\].

@@ -4,8 +4,11 @@
 //!
 //! Over 400 lines: the list of the mistakes is long.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions};
-use isotherm_calibration::gyroscopes::{Measurements, calibrate};
+use isotherm_calibration::calibrate::calibrate;
+use isotherm_calibration::error::CalibrationError;
+use isotherm_calibration::gyroscopes::Measurements;
+use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::result::Calibration;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Position;
 use isotherm_campaign::Scheme;

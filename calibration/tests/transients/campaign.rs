@@ -1,11 +1,15 @@
 //! Campaigns with ramps beside positions and alone: what is refused, what is warned of, and what the table says.
 
-use isotherm_calibration::calibrate::{Calibration, CalibrationError, CalibrationOptions, calibrate};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
+use isotherm_calibration::calibrate::calibrate;
 use isotherm_calibration::checks::name;
+use isotherm_calibration::error::CalibrationError;
 use isotherm_calibration::gyroscopes;
+use isotherm_calibration::options::CalibrationOptions;
 use isotherm_calibration::provenance::{CampaignSource, sealed_ramp_table, sealed_table};
-use isotherm_calibration::ramps;
 use isotherm_calibration::ramps::RampCalibration;
+use isotherm_calibration::ramps::calibrate_ramps;
+use isotherm_calibration::result::Calibration;
 use isotherm_calibration::transients::{LagChoice, RampRecording, TransientVerdict};
 use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignCsvReader, RecordingError};
@@ -26,7 +30,7 @@ fn beside(options: CalibrationOptions) -> Result<Calibration, CalibrationError> 
     let campaign = Campaign::from_toml(FILE).unwrap();
     let mut measurements = gyroscopes::read(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap()).unwrap();
     measurements.ramps = recorded();
-    gyroscopes::calibrate(&campaign, measurements, options)
+    calibrate(&campaign, measurements, options)
 }
 
 /// The campaign file with its ramps alone, as `change` makes it.
@@ -41,11 +45,11 @@ fn file_alone(change: impl Fn(String) -> String) -> Campaign {
 fn static_table() -> CoefficientTable {
     let campaign = Campaign::from_toml(FILE).unwrap();
     let dwells = isotherm_campaign::read_dwells(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap());
-    calibrate(&campaign, dwells.unwrap(), CalibrationOptions::default()).unwrap().table
+    calibrate_accelerometers(&campaign, dwells.unwrap(), CalibrationOptions::default()).unwrap().table
 }
 
 fn alone(campaign: &Campaign, options: CalibrationOptions) -> Result<RampCalibration, CalibrationError> {
-    ramps::calibrate(campaign, &recorded(), &static_table(), options)
+    calibrate_ramps(campaign, &recorded(), &static_table(), options)
 }
 
 fn lag(lag: LagChoice) -> CalibrationOptions {
@@ -151,10 +155,10 @@ fn ramps_alone_say_what_they_do_not_know() {
     let mut with_lag = plain.content().clone();
     (with_lag.lag_s, with_lag.format) = (Some(240.0), 2);
     let with_lag = CoefficientTable::new(with_lag).unwrap();
-    let kept = ramps::calibrate(&campaign, &recorded(), &with_lag, CalibrationOptions::default()).unwrap();
+    let kept = calibrate_ramps(&campaign, &recorded(), &with_lag, CalibrationOptions::default()).unwrap();
     assert!(kept.transients.time_constant.kept && kept.table.content().lag_s == Some(240.0));
     // What that table had of it does not outlive a decision against it.
-    let none = ramps::calibrate(&campaign, &recorded(), &kept.table, lag(LagChoice::None)).unwrap();
+    let none = calibrate_ramps(&campaign, &recorded(), &kept.table, lag(LagChoice::None)).unwrap();
     assert!(none.table.content().lag_s.is_none() && none.table.content().axes.iter().all(|axis| axis.transient == 0.0));
 }
 
@@ -184,12 +188,12 @@ fn what_does_not_belong_together_is_refused() {
     let twice = [RAMPS[0], ("copy.csv", RAMPS[0].1)];
     let twice: Vec<_> =
         twice.iter().map(|(name, text)| RampRecording::from_csv(*name, text.as_bytes()).unwrap()).collect();
-    let error = ramps::calibrate(&right, &twice, &static_table(), CalibrationOptions::default()).unwrap_err();
+    let error = calibrate_ramps(&right, &twice, &static_table(), CalibrationOptions::default()).unwrap_err();
     assert!(error.to_string().contains("copy.csv has the rows of ramp-1.csv"), "{error}");
     // A time constant without ramps.
     let no_ramps = Campaign::from_toml(FILE.split_once("[[ramp]]").unwrap().0).unwrap();
     let measurements = gyroscopes::read(&no_ramps, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap()).unwrap();
-    let error = gyroscopes::calibrate(&no_ramps, measurements, lag(LagChoice::Given(240.0))).unwrap_err();
+    let error = calibrate(&no_ramps, measurements, lag(LagChoice::Given(240.0))).unwrap_err();
     assert!(matches!(error, CalibrationError::Options(_)), "{error}");
 }
 
@@ -216,7 +220,7 @@ fn ramps_of_another_unit_are_refused() {
     let campaign = file_alone(|text| format!("serial = \"S/N 1\"\n{text}"));
     let fitted = |ramps: &[RampRecording], accept: &[&'static str]| {
         let options = CalibrationOptions { accept: accept.to_vec(), ..CalibrationOptions::default() };
-        ramps::calibrate(&campaign, ramps, &static_table(), options)
+        calibrate_ramps(&campaign, ramps, &static_table(), options)
     };
     assert_eq!(
         fitted(&[of("S/N 1", 0), of("S/N 1", 1)], &[]).unwrap().table.content().serial.as_deref(),

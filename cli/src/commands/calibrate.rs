@@ -8,11 +8,13 @@ use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use gravity_only::GravityOnlyArgs;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{CalibrationError, CalibrationOptions, Method};
+use isotherm_calibration::calibrate::{calibrate, observable};
 use isotherm_calibration::checks::name;
-use isotherm_calibration::gyroscopes::{Measurements, calibrate, observable, read};
+use isotherm_calibration::error::CalibrationError;
+use isotherm_calibration::gyroscopes::{Measurements, read};
+use isotherm_calibration::options::{CalibrationOptions, Method};
 use isotherm_calibration::provenance::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
-use isotherm_calibration::ramps;
+use isotherm_calibration::ramps::calibrate_ramps;
 use isotherm_calibration::transients::{LagChoice, RampRecording};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::IMU;
@@ -241,7 +243,7 @@ impl Calibrate {
         let failed = |message| Failure::new(Exit::Failed, message);
         let spinner = spinner("fitting");
         if let Some(curves) = &curves {
-            let fitted = ramps::calibrate(campaign, &recordings, curves, options);
+            let fitted = calibrate_ramps(campaign, &recordings, curves, options);
             spinner.finish_and_clear();
             let fitted = fitted.map_err(refused)?;
             let html = || report::ramps::html(campaign, &fitted, &source);

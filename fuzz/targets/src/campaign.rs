@@ -5,10 +5,11 @@
 //! same table. If the campaign has ramps alone, the samples are those of one ramp.
 
 use crate::check_faults;
+use isotherm_calibration::accelerometers::{accelerometers_observable as observable, calibrate_accelerometers};
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{CalibrationOptions, Method, calibrate, observable};
 use isotherm_calibration::checks::{check, set_points};
-use isotherm_calibration::ramps;
+use isotherm_calibration::options::{CalibrationOptions, Method};
+use isotherm_calibration::ramps::calibrate_ramps;
 use isotherm_calibration::transients::RampRecording;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::read_dwells;
@@ -63,7 +64,7 @@ pub fn run(bytes: &[u8]) {
             alignment: AlignmentChoice::of(method == Method::TwoStage, false),
             ..CalibrationOptions::default()
         };
-        if let Ok(calibration) = calibrate(&campaign, dwells.clone(), options) {
+        if let Ok(calibration) = calibrate_accelerometers(&campaign, dwells.clone(), options) {
             same_when_read_again(&campaign, &calibration.table);
         }
     }
@@ -81,7 +82,7 @@ fn ramps_alone(campaign: &Campaign, samples: &[u8]) {
         ..example
     };
     let Ok(curves) = CoefficientTable::new(content) else { return };
-    if let Ok(calibration) = ramps::calibrate(campaign, &[recording], &curves, CalibrationOptions::default()) {
+    if let Ok(calibration) = calibrate_ramps(campaign, &[recording], &curves, CalibrationOptions::default()) {
         same_when_read_again(campaign, &calibration.table);
     }
 }

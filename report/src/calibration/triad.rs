@@ -3,7 +3,7 @@
 use super::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
 use crate::page::{Cell, Page};
 use crate::plot::{Plot, Style};
-use isotherm_calibration::calibrate::Method;
+use isotherm_calibration::options::Method;
 use isotherm_calibration::triad::{CalibratedTriad, ReducedSensor};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, student_quantile};

@@ -1,8 +1,9 @@
 use super::*;
 use crate::stability::{Collector, LocalGravity, Setup};
+use isotherm_calibration::accelerometers::calibrate_accelerometers;
 use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{CalibrationOptions, calibrate};
 use isotherm_calibration::checks::name;
+use isotherm_calibration::options::CalibrationOptions;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::read_dwells;
@@ -172,7 +173,7 @@ fn without_degrees_of_freedom_a_bound_must_be_given() {
     let gate = |points: &[f64], require: &str| {
         let (campaign, dwells) = shipped(points);
         let options = CalibrationOptions { order: Some(1), ..CalibrationOptions::default() };
-        let calibration = calibrate(&campaign, dwells, options).unwrap();
+        let calibration = calibrate_accelerometers(&campaign, dwells, options).unwrap();
         Gate::new(require.parse().unwrap(), &calibration, FORCE)
     };
     let refused = gate(&[20.0, 25.0], "10").unwrap_err();
@@ -190,7 +191,8 @@ fn a_fit_that_does_not_explain_its_data_has_narrow_bounds() {
     let (campaign, dwells) = shipped(&(-5..=9).map(|k| 5.0 * f64::from(k)).collect::<Vec<_>>());
     let of = |order| {
         let calibration =
-            calibrate(&campaign, dwells.clone(), CalibrationOptions { order, ..Default::default() }).unwrap();
+            calibrate_accelerometers(&campaign, dwells.clone(), CalibrationOptions { order, ..Default::default() })
+                .unwrap();
         (Requirement::of_fit(&calibration, FORCE).bias.unwrap(), group_noise(&calibration), calibration)
     };
     let (bound, noise, calibration) = of(Some(1));
@@ -208,7 +210,7 @@ fn misalignments_are_refused_in_spite_of_a_wide_bound_unless_it_is_stated() {
     let (campaign, dwells) = shipped(&[-10.0, 15.0, 40.0]);
     let refusals = |alignment, require: &str| {
         let options = CalibrationOptions { alignment, order: Some(1), ..CalibrationOptions::default() };
-        let calibration = calibrate(&campaign, dwells.clone(), options).unwrap();
+        let calibration = calibrate_accelerometers(&campaign, dwells.clone(), options).unwrap();
         let gate = Gate::new(require.parse().unwrap(), &calibration, FORCE).unwrap();
         let left = calibration.left_without_alignment().unwrap_or_default();
         (gate.require.bias.unwrap(), left, gate.refuses_table(&calibration, None))

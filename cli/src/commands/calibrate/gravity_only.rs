@@ -6,7 +6,7 @@ use crate::parse::{gravity, numbers, seconds};
 use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_calibration::gravity_only::{
-    GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate, sealed_table,
+    GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only, sealed_gravity_only_table,
 };
 use isotherm_calibration::provenance::{CampaignSource, now, sha256, tool};
 use isotherm_campaign::Campaign;
@@ -111,7 +111,7 @@ impl Calibrate {
             ramps_sha256: Vec::new(),
         };
         let spinner = spinner("fitting");
-        let fitted = calibrate(campaign, &recordings, &self.gravity_only_options()?);
+        let fitted = calibrate_gravity_only(campaign, &recordings, &self.gravity_only_options()?);
         spinner.finish_and_clear();
         let fitted = fitted.map_err(|error| {
             let failure = error.failure();
@@ -122,7 +122,7 @@ impl Calibrate {
         }
         let html = || report::gravity_only::html(campaign, &fitted, &source, &digests);
         Ok(Results {
-            table: sealed_table(campaign, &fitted, &source, &digests)
+            table: sealed_gravity_only_table(campaign, &fitted, &source, &digests)
                 .map_err(|message| Failure::new(Exit::Failed, message))?,
             warnings: fitted.warnings.iter().map(|warning| format!("warning: {warning}")).collect(),
             text: report::gravity_only::text(&fitted),

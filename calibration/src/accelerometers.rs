@@ -1,0 +1,255 @@
+//! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
+//!
+//! Over 400 lines: the steps in their order, with the errors that each can end in.
+
+use crate::admit::accept;
+use crate::admit::any_fault;
+use crate::checks::{Finding, RunNumber, SetPoint, Severity, check, name, set_points};
+use crate::diagnosis::{Diagnosis, diagnose, positions_off};
+use crate::error::CalibrationError;
+use crate::one_stage::{Curves, SetPointValues, Solution, set_point_values, solve};
+use crate::options::CalibrationOptions;
+use crate::options::MAX_AUTO_ORDER;
+use crate::options::Method;
+use crate::orders::OrderRules;
+use crate::quality::{lack_of_fit, level_error, order_findings, outliers, position_that_explains};
+use crate::reduce::{Reduced, reduce};
+use crate::result::Calibration;
+use crate::table::table_of;
+use isotherm_campaign::Campaign;
+use isotherm_campaign::Observability;
+use isotherm_campaign::Position;
+use isotherm_campaign::specific_force;
+use isotherm_campaign::{Dwell, joint_range};
+use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::wire::AXES;
+use isotherm_statistics::Curve;
+use isotherm_statistics::OrderTable;
+use nalgebra::{Matrix3, Vector3};
+
+/// Checks that the list of positions determines all parameters.
+///
+/// # Errors
+/// Each deficiency, with a position that would help.
+pub fn accelerometers_observable(campaign: &Campaign) -> Result<[Observability; AXES], CalibrationError> {
+    let found = [0, 1, 2].map(|axis| Observability::of(&campaign.positions, axis));
+    let deficiencies: Vec<_> = found.iter().flat_map(|o| o.deficiencies.iter().cloned()).collect();
+    if deficiencies.is_empty() {
+        return Ok(found);
+    }
+    // An outer axis whose zero is horizontal: then a face up and a face down are missing.
+    // Faces in one plane do not show the mounting, but without stated directions it is the usual one.
+    let usual = |position: &Position| {
+        position.angles.is_some_and(|[outer, inner]| specific_force(outer, inner) == position.specific_force)
+    };
+    let mount = campaign.mount.or_else(|| campaign.positions.iter().all(usual).then(Matrix3::identity));
+    let turned = |position: &Position| {
+        let [outer, inner] = position.angles?;
+        let force = mount? * Vector3::from(specific_force(outer + 90.0, inner));
+        Some(Position { specific_force: force.into(), ..position.clone() })
+    };
+    let turned: Option<Vec<_>> = campaign.positions.iter().map(turned).collect();
+    let observes =
+        |positions: &Vec<_>| (0..AXES).all(|axis| Observability::of(positions, axis).deficiencies.is_empty());
+    let hint = "with 90 or -90 added to every outer_deg, and specific_force as it then is, the positions tell all apart: at outer_deg = 0 the inner \
+                axis points up"
+        .to_owned();
+    let hint = turned.filter(observes).map(|_| hint);
+    Err(CalibrationError::Positions(hint.into_iter().chain(deficiencies).collect()))
+}
+
+/// Makes a coefficient table of the dwells of a campaign.
+///
+/// # Errors
+/// If the data or the positions do not allow a valid table.
+pub fn calibrate_accelerometers(
+    campaign: &Campaign,
+    dwells: Vec<Dwell>,
+    options: CalibrationOptions,
+) -> Result<Calibration, CalibrationError> {
+    let observability = accelerometers_observable(campaign)?;
+    if dwells.is_empty() {
+        return Err(CalibrationError::Empty);
+    }
+    let dwells = exclude_dwells(campaign, dwells, &options.exclude)?;
+    let set_points = set_points(&dwells, campaign.positions.len());
+    let mut findings = check(campaign, &dwells, &set_points, &options.exclude);
+    if !any_fault(&findings) {
+        // Faults come first.
+        findings.splice(..0, positions_off(campaign, &dwells, &set_points));
+    }
+    let mut diagnosis = diagnose(campaign, &dwells, &set_points, &mut findings);
+    let mut accepted = Vec::new();
+    accept(&mut findings, &options, &mut accepted);
+    // A diagnosis is a fault too, even where its symptoms are only warnings.
+    if let Some(Diagnosis { finding, .. }) = diagnosis.take_if(|it| options.accept.contains(&it.finding.name))
+        && !findings.iter().any(|known| known.name == finding.name)
+    {
+        let mut finding = [finding];
+        accept(&mut finding, &options, &mut accepted);
+        findings.extend(finding);
+    }
+    if any_fault(&findings) || diagnosis.is_some() {
+        return Err(CalibrationError::Faults { diagnosis: diagnosis.map(Box::new), findings });
+    }
+    let before_fit = findings.len();
+    let reduced_level = reduced(campaign, &dwells, &set_points, None)?;
+    let ranges = ranges(&dwells);
+    let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
+    let rules = OrderRules::accelerometers();
+    let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest);
+    let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
+        let curve = |axis: usize, q: usize| {
+            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
+        };
+        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
+    };
+    // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set points.
+    let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>())?;
+    let first_fit = solve(campaign, &dwells, &set_points, &curves(&first_orders), &[])?;
+    let reduced = reduced(campaign, &dwells, &set_points, first_fit.tilt)?;
+    let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
+    let (orders, solution) = match options.method {
+        Method::TwoStage => {
+            let orders = order_tables(&two_stage_values)?;
+            let solution = two_stage(campaign, &dwells, &set_points, &reduced, curves(&orders), first_fit.tilt);
+            (orders, solution)
+        }
+        Method::OneStage => {
+            let corrected = set_point_values(campaign, &dwells, &set_points, &first_fit);
+            let corrected: Vec<_> = corrected
+                .into_iter()
+                .zip(&two_stage_values)
+                .map(|(corrected, reduced)| corrected.unwrap_or(*reduced))
+                .collect();
+            let orders = order_tables(&corrected)?;
+            let solution = solve(campaign, &dwells, &set_points, &curves(&orders), &[])?;
+            (orders, solution)
+        }
+    };
+    findings.extend(level_error(campaign, &dwells, &set_points, &solution));
+    let (unfit, fit_findings) = lack_of_fit(&orders, &reduced);
+    findings.extend(fit_findings);
+    // Residuals about a curve that does not fit do not show outlying dwells.
+    let mut outliers = outliers(campaign, &dwells, &set_points, &solution);
+    outliers.retain(|(_, axis)| !unfit[*axis]);
+    for &(dwell, axis) in &outliers {
+        let (place, residual) = (&dwells[dwell], solution.residuals[dwell][axis]);
+        findings.push(Finding {
+            severity: Severity::Warning,
+            name: name::OUTLIER,
+            line: Some(place.lines[0]),
+            place: Some((place.set_point_c, Some(RunNumber::Position(campaign.positions[place.position].number)))),
+            message: format!(
+                "{} is {:.2}e-6 g0 off the fit, far more than the other dwells; kept, leave it out with \
+                 --exclude {}/{} if it is known to be bad",
+                AXIS_NAMES[axis],
+                residual * 1e6,
+                place.set_point_c,
+                campaign.positions[place.position].number
+            ),
+        });
+    }
+    findings.extend(order_findings(&orders));
+    accept(&mut findings[before_fit..], &options, &mut accepted);
+    if options.strict {
+        for finding in findings.iter_mut().filter(|finding| !options.accept.contains(&finding.name)) {
+            finding.severity = Severity::Fault;
+        }
+        if any_fault(&findings) {
+            return Err(CalibrationError::Faults { diagnosis: None, findings });
+        }
+    }
+    let curves = [0, 1, 2].map(|axis| &solution.axes[axis].curves);
+    let alignment = options.alignment.matrix(&solution);
+    let table = table_of(campaign, curves, alignment).map_err(CalibrationError::Table)?;
+    let table = table.measured_at(Some(campaign.gravity_local));
+    let suspect_position =
+        position_that_explains(campaign, &dwells, &solution).map(|position| campaign.positions[position].number);
+    Ok(Calibration {
+        table,
+        options,
+        dwells,
+        set_points,
+        findings,
+        accepted,
+        observability,
+        reduced,
+        orders,
+        solution,
+        outliers,
+        suspect_position,
+        gyroscopes: None,
+        transients: None,
+    })
+}
+
+fn exclude_dwells(
+    campaign: &Campaign,
+    mut dwells: Vec<Dwell>,
+    exclude: &[(f64, u32)],
+) -> Result<Vec<Dwell>, CalibrationError> {
+    let place = |dwell: &Dwell| (dwell.set_point_c, campaign.positions[dwell.position].number);
+    let listed = |(set_point, number): &(f64, u32)| {
+        dwells.iter().any(|dwell| dwell.set_point_c == *set_point)
+            && campaign.positions.iter().any(|position| position.number == *number)
+    };
+    if let Some(&(set_point, number)) = exclude.iter().find(|place| !listed(place)) {
+        return Err(CalibrationError::NothingToExclude(set_point, number));
+    }
+    dwells.retain(|dwell| !exclude.contains(&place(dwell)));
+    Ok(dwells)
+}
+
+fn reduced(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    set_points: &[SetPoint],
+    tilt: Option<[f64; 2]>,
+) -> Result<Vec<[Reduced; AXES]>, CalibrationError> {
+    let of = |set_point: &SetPoint, axis: usize| {
+        let parts: Vec<_> = set_point.dwells.iter().map(|&dwell| &dwells[dwell]).collect();
+        let positions: Vec<_> = parts.iter().map(|dwell| campaign.positions[dwell.position].clone()).collect();
+        let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: set_point.set_point_c, deficiency };
+        match Observability::of(&positions, axis).deficiencies.into_iter().next() {
+            Some(deficiency) => Err(deficient(deficiency)),
+            None => reduce(campaign, &parts, axis, tilt).ok_or_else(|| {
+                deficient(format!("the pulses of {} do not tell its parameters apart", AXIS_NAMES[axis]))
+            }),
+        }
+    };
+    set_points.iter().map(|set_point| Ok([of(set_point, 0)?, of(set_point, 1)?, of(set_point, 2)?])).collect()
+}
+
+fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
+    let of = |axis: usize, q: usize| (reduced[axis].telemetry[q], reduced[axis].values[q]);
+    [0, 1, 2].map(|axis| [of(axis, 0), of(axis, 1), of(axis, 2)])
+}
+
+/// Lowest and highest telemetry of all samples: head and board, by axis.
+fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
+    [0, 1, 2].map(|axis| {
+        [
+            joint_range(dwells.iter().map(|d| d.head_range(axis))),
+            joint_range(dwells.iter().map(|d| d.board_range(axis))),
+        ]
+    })
+}
+
+/// The paper's method: curves through the values of the set points, and the means of the misalignments.
+fn two_stage(
+    campaign: &Campaign,
+    dwells: &[Dwell],
+    set_points: &[SetPoint],
+    reduced: &[[Reduced; AXES]],
+    curves: Curves,
+    tilt: Option<[f64; 2]>,
+) -> Solution {
+    crate::one_stage::fixed_solution(campaign, dwells, set_points, curves, tilt, |axis, k| {
+        let m: Vec<f64> = reduced.iter().map(|parts| parts[axis].values[3 + k]).collect();
+        let n = m.len() as f64;
+        let mean = m.iter().sum::<f64>() / n;
+        let variance = m.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        (mean, (variance / n).sqrt())
+    })
+}

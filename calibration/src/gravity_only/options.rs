@@ -1,0 +1,52 @@
+//! Options of a calibration by gravity's length.
+
+/// One scale factor for both channels of an axis, or two.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum ScaleFactorChoice {
+    /// One, unless two are significantly better and the attitudes allow them.
+    #[default]
+    Auto,
+    /// K- = -K+.
+    Single,
+    /// K+ and K-, each a curve of its own.
+    Split,
+}
+
+impl ScaleFactorChoice {
+    /// Every choice with its name.
+    pub const NAMES: [(Self, &'static str); 3] =
+        [(Self::Auto, "auto"), (Self::Single, "single"), (Self::Split, "split")];
+}
+
+/// Options of a calibration without a turntable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GravityOnlyOptions {
+    /// Length of a window of the search for standstills \[s\]; a shorter standstill is left out.
+    pub window_s: f64,
+    /// The order of every polynomial; chosen from the data if `None`.
+    pub order: Option<usize>,
+    /// One scale factor or two.
+    pub scale_factor: ScaleFactorChoice,
+    /// Whether misalignments are estimated.
+    pub misalignment: bool,
+    /// Numbers of standstills to leave out, from 1.
+    pub exclude: Vec<usize>,
+    /// Where a table of order 0 is valid, in the telemetry's unit; the measured range if `None`.
+    pub temperature_range: Option<[f64; 2]>,
+    /// Whether samples of another unit than the campaign's serial number says are used.
+    pub other_device: bool,
+}
+
+impl Default for GravityOnlyOptions {
+    fn default() -> Self {
+        Self {
+            window_s: 1.0,
+            order: None,
+            scale_factor: ScaleFactorChoice::Auto,
+            misalignment: true,
+            exclude: Vec::new(),
+            temperature_range: None,
+            other_device: false,
+        }
+    }
+}

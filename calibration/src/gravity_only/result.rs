@@ -1,0 +1,79 @@
+//! The result of a calibration by gravity's length.
+
+use super::dilution::Dilution;
+use super::model::Unknowns;
+use super::options::GravityOnlyOptions;
+use crate::gravity_only::Reading;
+use isotherm_recording::Losses;
+use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::wire::AXES;
+use isotherm_statistics::Curve;
+use nalgebra::Matrix3;
+
+/// The results of a calibration without a turntable.
+#[derive(Clone, Debug)]
+pub struct GravityOnlyCalibration {
+    /// The coefficient table.
+    pub table: CoefficientTable,
+    /// The options it was made with.
+    pub options: GravityOnlyOptions,
+    /// The standstills of the fit.
+    pub readings: Vec<Reading>,
+    /// Standstills that were left out because they are too short.
+    pub too_short: usize,
+    /// Number of the rows of all recordings.
+    pub rows: usize,
+    /// Standard deviation of a row's counts at rest, for each recording.
+    pub noise: Vec<[f64; AXES]>,
+    /// Number of temperatures.
+    pub levels: usize,
+    /// The unknowns.
+    pub unknowns: Unknowns,
+    /// Why this order, and one scale factor or two.
+    pub reasons: [String; 2],
+    /// |s| - g_local/g0 of each standstill \[g0\].
+    pub residuals: Vec<f64>,
+    /// Degrees of freedom: standstills less unknowns.
+    pub freedom: usize,
+    /// What the attitudes allow.
+    pub dilution: Dilution,
+    /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
+    pub curves: [[Curve; 3]; AXES],
+    /// M: x = M s, with 1 on the diagonal and 0 below.
+    pub misalignment: Matrix3<f64>,
+    /// Standard errors of m12, m13 and m23 \[rad\]; `None` without degrees of freedom, or if they are not estimated.
+    pub misalignment_error: Option<[f64; AXES]>,
+    /// Specific force of each standstill along the body's axes \[g0\].
+    pub forces: Vec<[f64; AXES]>,
+    /// What the user must know.
+    pub warnings: Vec<String>,
+    /// Rows that are missing within the recordings by their sequences, and steps of time.
+    pub losses: Losses,
+}
+
+impl GravityOnlyCalibration {
+    /// Root mean square of the residuals over the standstills \[g0\].
+    #[must_use]
+    pub fn residual_rms(&self) -> f64 {
+        (self.residuals.iter().map(|residual| residual * residual).sum::<f64>() / self.residuals.len() as f64).sqrt()
+    }
+
+    /// The middle of a curve's telemetry, at which its value is shown.
+    #[must_use]
+    pub fn mid(&self, axis: usize, quantity: usize) -> f64 {
+        let [low, high] = self.curves[axis][quantity].range();
+        (low + high) / 2.0
+    }
+
+    /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without gyroscopes.
+    #[must_use]
+    pub fn gyroscope_rates(&self) -> Option<[f64; AXES]> {
+        let seconds: f64 = self.readings.iter().map(|reading| reading.seconds).sum();
+        let mut sum = [0.0; AXES];
+        for reading in &self.readings {
+            let rates = reading.gyroscopes?;
+            (0..AXES).for_each(|axis| sum[axis] += rates[axis] * reading.seconds);
+        }
+        Some(sum.map(|sum| sum / seconds))
+    }
+}
