@@ -9,8 +9,10 @@ mod outliers;
 pub use family::Family;
 pub use outliers::{FEWEST_UNITS, StandOut, least_found, leave_one_out, limit, stand_outs};
 
-use crate::compare::{Convention, Form, FormCurve, common_range, median, points};
-use isotherm_calibration::provenance::TableFile;
+use crate::compare::points;
+use crate::compare::{Convention, Form, FormCurve};
+use crate::compare::{common_range, median};
+use isotherm_calibration::TableFile;
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;

@@ -26,7 +26,7 @@ pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
 
 pub use curves::{common_range, median};
-use isotherm_calibration::provenance::TableFile;
+use isotherm_calibration::TableFile;
 pub use isotherm_shared::table::difference::points;
 use isotherm_statistics::QUANTITIES;
 pub use table::{Form, FormCurve};

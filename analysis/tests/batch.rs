@@ -2,7 +2,7 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_analysis::{Batch, batch, least_found, leave_one_out, limit, stand_outs};
-use isotherm_calibration::provenance::{Origin, TableFile};
+use isotherm_calibration::{Origin, TableFile};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::stream::ImuId;
 use isotherm_shared::table::CoefficientTable;

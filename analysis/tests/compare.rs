@@ -2,7 +2,7 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_analysis::{Comparison, ComparisonRequirement, Convention, Verdict, YEAR_S, compare};
-use isotherm_calibration::provenance::{CurveErrors, Origin, TableFile};
+use isotherm_calibration::{CurveErrors, Origin, TableFile};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Gyroscopes};
 use isotherm_shared::units::BiasUnit;

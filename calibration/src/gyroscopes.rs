@@ -22,13 +22,13 @@ pub mod result;
 pub mod runs;
 
 pub use result::{GyroscopeCalibration, is_alignment_needed};
-pub use runs::{FittedRun, Measurements, OtherDevice, Place, read};
+pub use runs::{FittedRun, Measurements, Place, read_measurements};
 
 use crate::admit::add_findings;
 use crate::alignment::{AlignmentChoice, is_needed as accelerometers_need_alignment};
 use crate::checks::Finding;
 use crate::error::CalibrationError;
-use crate::noise;
+use crate::noise::noise_of_dwells;
 use crate::one_stage::{OneStageError, SetPointValues};
 use crate::options::{MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
@@ -147,7 +147,7 @@ fn estimate(
     findings
         .extend(outliers.iter().map(|outlier| quality::outlier(data.campaign, &data.set_points_c, &places, outlier)));
     findings.extend(quality::order_findings(&orders));
-    let noise = noise::of_dwells(data.dwells.iter().map(|(_, dwell)| *dwell), &axes(&solution)?);
+    let noise = noise_of_dwells(data.dwells.iter().map(|(_, dwell)| *dwell), &axes(&solution)?);
     let found = GyroscopeCalibration {
         runs: places,
         observability,

@@ -3,26 +3,58 @@
 //!
 //! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
 
-pub mod accelerometers;
-pub mod accuracy;
+mod accelerometers;
+mod accuracy;
 mod admit;
-pub mod alignment;
-pub mod calibrate;
-pub mod checks;
-pub mod diagnosis;
+mod alignment;
+mod calibrate;
+mod checks;
+mod diagnosis;
 mod effects;
-pub mod error;
-pub mod gravity_only;
-pub mod gyroscopes;
-pub mod noise;
-pub mod one_stage;
-pub mod options;
+mod error;
+mod gravity_only;
+mod gyroscopes;
+mod noise;
+mod one_stage;
+mod options;
 mod orders;
-pub mod provenance;
+mod provenance;
 mod quality;
-pub mod ramps;
-pub mod reduce;
-pub mod result;
+mod ramps;
+mod reduce;
+mod result;
 mod table;
-pub mod transients;
-pub mod triad;
+mod transients;
+mod triad;
+
+pub use accelerometers::{accelerometers_observable, calibrate_accelerometers};
+pub use accuracy::{Accuracy, largest_interval};
+pub use alignment::{AlignmentChoice, is_needed};
+pub use calibrate::{calibrate, observable};
+pub use checks::name;
+pub use checks::time::{CLOCK_TOLERANCE, cause, part};
+pub use checks::{Finding, RunNumber, Severity, check, set_points};
+pub use error::CalibrationError;
+pub use gravity_only::reading::Reading;
+pub use gravity_only::{
+    GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only, error_of_length, errors_of_means, sealed_gravity_only_table,
+};
+pub use gyroscopes::fit::GyroscopeSolution;
+pub use gyroscopes::observability::TriadObservability;
+pub use gyroscopes::runs::implausible;
+pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
+pub use noise::noise_of_dwells;
+pub use one_stage::{OneStageError, solve};
+pub use options::{CalibrationOptions, Method};
+pub use provenance::{
+    CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sealed_ramp_table, sealed_table, sha256, tool,
+};
+pub use ramps::{RampCalibration, calibrate_ramps};
+pub use reduce::reduce;
+pub use result::Calibration;
+pub use transients::{
+    BiasTransient, Condition, CurveSource, LagChoice, Prediction, RampRecording, TransientOptions, TransientVerdict,
+    Transients, TransientsError, fit,
+};
+pub use triad::{CalibratedTriad, ReducedSensor, TriadUnits};

@@ -161,8 +161,8 @@ pub fn other_zero(positions: &[Position]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Scheme;
     use super::*;
+    use crate::positions::Scheme;
 
     #[test]
     fn the_mount_is_found_from_a_few_digits() {

@@ -1,5 +1,6 @@
 //! Parsers of option values. clap shows their errors as usage errors.
 
+use isotherm_calibration::LagChoice;
 use isotherm_campaign::Scheme;
 use isotherm_client::TimeConstant;
 use isotherm_shared::table::GRAVITY_RANGE;
@@ -29,6 +30,12 @@ pub fn lag(text: &str) -> Result<u64, String> {
     }
     let seconds = text.parse().map_err(|_| "give a number of seconds, or none".to_owned())?;
     TimeConstant::from_seconds(seconds).map(TimeConstant::ns).map_err(|error| error.to_string())
+}
+
+/// A time constant for the ramps of a campaign: a number of seconds, or `none`.
+pub fn lag_choice(text: &str) -> Result<LagChoice, String> {
+    let lag_ns = lag(text)?;
+    Ok(if lag_ns == 0 { LagChoice::None } else { LagChoice::Given(lag_ns as f64 / 1e9) })
 }
 
 /// A time constant \[s\].

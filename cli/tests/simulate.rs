@@ -1,9 +1,9 @@
 //! `simulate campaign` and `simulate run` of a whole IMU as a user types them. The physics is tested in `calibration/tests/gyroscopes`.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::gyroscopes;
-use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate;
+use isotherm_calibration::read_measurements;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::laboratory_axes;
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
@@ -51,7 +51,7 @@ fn header(path: &Path) -> String {
 fn errors(folder: &Path) -> [f64; 4] {
     let campaign = Campaign::from_toml(&fs::read_to_string(folder.join("campaign.toml")).unwrap()).unwrap();
     let rows = CampaignCsvReader::new(File::open(folder.join("samples.csv")).unwrap()).unwrap();
-    let measurements = gyroscopes::read(&campaign, rows).unwrap();
+    let measurements = read_measurements(&campaign, rows).unwrap();
     let calibration = calibrate(&campaign, measurements, CalibrationOptions::default()).unwrap();
     worst_gyroscope_errors(&calibration.table, &table(&folder.join("truth.toml"))).unwrap()
 }

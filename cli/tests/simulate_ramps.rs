@@ -5,7 +5,7 @@
 mod common;
 
 use common::{folder, run};
-use isotherm_calibration::transients::{
+use isotherm_calibration::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
 use isotherm_campaign::Campaign;

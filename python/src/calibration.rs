@@ -4,16 +4,16 @@ use crate::errors::{CalibrationError, faults, recording};
 use crate::offline::tool;
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_calibration::accuracy::Accuracy;
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{calibrate as fit, observable};
-use isotherm_calibration::checks::{Finding, Severity, name};
-use isotherm_calibration::gyroscopes::{FittedRun, Measurements, read};
-use isotherm_calibration::options::{CalibrationOptions, Method};
-use isotherm_calibration::provenance::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
-use isotherm_calibration::ramps::{RampCalibration, calibrate_ramps as fit_ramps};
-use isotherm_calibration::result::Calibration as Figures;
-use isotherm_calibration::transients::{LagChoice, RampRecording};
+use isotherm_calibration::Accuracy;
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::{calibrate as fit, observable};
+use isotherm_calibration::{Finding, Severity, name};
+use isotherm_calibration::{FittedRun, Measurements, read_measurements};
+use isotherm_calibration::{CalibrationOptions, Method};
+use isotherm_calibration::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
+use isotherm_calibration::{RampCalibration, calibrate_ramps as fit_ramps};
+use isotherm_calibration::Calibration as Figures;
+use isotherm_calibration::{LagChoice, RampRecording};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::select_imu;
@@ -188,7 +188,7 @@ fn read_ramps(campaign: &Campaign, folder: &Path) -> PyResult<(Vec<RampRecording
 
 fn of_file(campaign: &Campaign, path: &Path) -> Result<(Measurements, String), RecordingError> {
     let mut hashed = Hashed::new(File::open(path)?);
-    let measurements = read(campaign, CampaignCsvReader::new(&mut hashed)?)?;
+    let measurements = read_measurements(campaign, CampaignCsvReader::new(&mut hashed)?)?;
     Ok((measurements, hashed.finish().1))
 }
 
@@ -219,7 +219,7 @@ fn of_rows(campaign: &Campaign, rows: &[u8]) -> Result<(Measurements, String), R
         }
         Ok(CampaignRow { line, set_point_c, position, sample })
     };
-    let measurements = read(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
+    let measurements = read_measurements(campaign, rows.chunks_exact(ROW).enumerate().map(row))?;
     Ok((measurements, sha256(rows)))
 }
 
@@ -233,8 +233,8 @@ fn finding(place: &str, finding: &Finding) -> (&'static str, Option<u64>, String
     (severity, finding.line, format!("[{}]: {located}", finding.name))
 }
 
-fn failed(place: &str, error: &isotherm_calibration::error::CalibrationError) -> PyErr {
-    use isotherm_calibration::error::CalibrationError::{Empty, Faults};
+fn failed(place: &str, error: &isotherm_calibration::CalibrationError) -> PyErr {
+    use isotherm_calibration::CalibrationError::{Empty, Faults};
     match error {
         Faults { diagnosis, findings } => {
             let locate = |line| if place.is_empty() { format!("row {line}") } else { format!("{place}:{line}") };

@@ -6,7 +6,7 @@ use crate::records::{document, python};
 use crate::table::Table;
 use isotherm_analysis::Batch as Statistics;
 use isotherm_analysis::{Comparison as Differences, ComparisonRequirement};
-use isotherm_calibration::provenance::TableFile;
+use isotherm_calibration::TableFile;
 use isotherm_report::batch as batch_report;
 use isotherm_report::batch::BatchSource;
 use isotherm_report::comparison as report;

@@ -5,11 +5,8 @@ use crate::errors::{CalibrationError, StabilityError, recording};
 use crate::offline::{tool, with_lag};
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_calibration::gravity_only::{
-    GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
-    calibrate_gravity_only as fit, sealed_gravity_only_table,
-};
-use isotherm_calibration::provenance::{CampaignSource, Hashed, sha256};
+use isotherm_calibration::{GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only as fit, sealed_gravity_only_table};
+use isotherm_calibration::{CampaignSource, Hashed, sha256};
 use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
 use isotherm_report::{gravity_only as report, lengths as lengths_report};

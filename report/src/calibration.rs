@@ -5,26 +5,24 @@
 
 mod gyroscopes;
 mod orders;
+mod parts;
 mod triad;
 
-use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_calibration::accuracy::Accuracy;
-use isotherm_calibration::checks::RunNumber;
-use isotherm_calibration::provenance::CampaignSource;
-use isotherm_calibration::result::Calibration;
-use isotherm_calibration::triad::CalibratedTriad;
+use crate::calibration::parts::Report;
+use crate::calibration::parts::remark;
+use crate::parts::{NAVIGATION, navigation, provenance};
+use isotherm_calibration::Accuracy;
+use isotherm_calibration::CalibratedTriad;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CampaignSource;
+use isotherm_calibration::RunNumber;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use triad::Budget;
-
-/// Intervals between the points of a drawn curve.
-const CURVE_INTERVALS: usize = 120;
-/// The three quantities of a sensor.
-const QUANTITY_NAMES: [&str; 3] = ["Bias", "K+", "K-"];
 
 /// The page as HTML.
 #[must_use]
@@ -62,14 +60,6 @@ pub fn html(campaign: &Campaign, calibration: &Calibration, source: &CampaignSou
     report.positions(&mut page);
     report.provenance(&mut page);
     page.finish()
-}
-
-struct Report<'a> {
-    campaign: &'a Campaign,
-    calibration: &'a Calibration,
-    source: &'a CampaignSource,
-    /// The accelerometers, and the gyroscopes if there are any.
-    triads: Vec<CalibratedTriad<'a>>,
 }
 
 impl Report<'_> {
@@ -258,7 +248,7 @@ impl Report<'_> {
                 slope[1].max(slope[2]),
             ));
         }
-        page.table("Errors and what they cost", &super::NAVIGATION, &rows);
+        page.table("Errors and what they cost", &NAVIGATION, &rows);
     }
 
     fn dwells(&self, page: &mut Page) {
@@ -335,16 +325,6 @@ impl Report<'_> {
     fn provenance(&self, page: &mut Page) {
         let samples = self.campaign.samples.join(", ");
         let samples = [("Samples", samples.as_str()), ("their SHA-256", &self.source.samples_sha256)];
-        super::provenance(page, self.campaign, self.source, &samples, &self.calibration.table);
+        provenance(page, self.campaign, self.source, &samples, &self.calibration.table);
     }
-}
-
-/// The cell of a dwell or turn with a finding.
-fn remark() -> Cell {
-    Cell::Verdict(NoteKind::Warning, "see result".to_owned())
-}
-
-/// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
-fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
-    (0..=CURVE_INTERVALS).map(move |i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64)
 }

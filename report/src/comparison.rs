@@ -2,7 +2,13 @@
 
 mod json;
 mod text;
+mod words;
 
+use crate::comparison::words::dated;
+use crate::comparison::words::places;
+use crate::comparison::words::slope_interval;
+use crate::comparison::words::which;
+use crate::comparison::words::word;
 pub use json::document;
 pub use text::text;
 
@@ -11,9 +17,7 @@ use super::plot::{Plot, Style};
 use isotherm_analysis::{
     AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend, Verdict,
 };
-use isotherm_calibration::provenance::TableFile;
 use isotherm_shared::table::AXIS_NAMES;
-use isotherm_statistics::f_limit;
 
 /// What the page states besides the comparison; only the caller knows it.
 #[derive(Clone, Debug)]
@@ -24,37 +28,6 @@ pub struct ComparisonSource {
     pub time: String,
     /// What is required, if there is a requirement.
     pub required: Option<ComparisonRequirement>,
-}
-
-/// Decimals of a figure in `unit`.
-fn places(unit: &str) -> usize {
-    if unit == "deg/h" { 5 } else { 3 }
-}
-
-/// A table's file with its date.
-fn dated(table: &TableFile) -> String {
-    match &table.origin.time {
-        Some(time) => format!("{} ({time})", table.name),
-        None => table.name.clone(),
-    }
-}
-
-/// The dates' range of two, or the number of more.
-fn which(comparison: &Comparison) -> String {
-    let [old, new] = [comparison.old_table(), comparison.new_table()].map(dated);
-    match comparison.tables.len() {
-        2 => format!("{new} less {old}"),
-        count => format!("{count} tables; the newest, {new}, less the oldest, {old}"),
-    }
-}
-
-/// `changed`, `not changed`, or that it is not known.
-const fn word(changed: Option<bool>) -> &'static str {
-    match changed {
-        Some(true) => "changed",
-        Some(false) => "not changed",
-        None => "not known",
-    }
 }
 
 /// The page as HTML.
@@ -160,11 +133,6 @@ fn alignments(page: &mut Page, comparison: &Comparison) {
             format!("Matrix of the {}, new less old [1e-6 rad]: {}", alignment.name(), word(alignment.is_changed()));
         page.table(&caption, &["", "Column 1", "Column 2", "Column 3"], &rows);
     }
-}
-
-/// Half the width of the 95 % interval of a slope.
-fn slope_interval(trend: &Trend) -> f64 {
-    f_limit(0.05, 1.0, trend.freedom as f64).sqrt() * trend.slope_error
 }
 
 fn trends(page: &mut Page, comparison: &Comparison) {

@@ -1,16 +1,16 @@
 //! Results as the JSON that `--json` prints. Keys of figures have their unit at the end; `in_unit` is the `unit` of the same object. The
 //! `value` and the half width `interval` of an estimate have the unit of its key. Counts, ratios and texts have none. What is not known is null.
 
-use isotherm_calibration::accuracy::{Accuracy, largest_interval};
-use isotherm_calibration::alignment::is_needed;
-use isotherm_calibration::checks::{Finding, RunNumber, Severity};
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes::observability::TriadObservability;
-use isotherm_calibration::gyroscopes::{GyroscopeCalibration, is_alignment_needed};
-use isotherm_calibration::ramps::RampCalibration;
-use isotherm_calibration::result::Calibration;
-use isotherm_calibration::transients::{BiasTransient, Condition, Transients};
-use isotherm_calibration::triad::{CalibratedTriad, TriadUnits};
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::RampCalibration;
+use isotherm_calibration::TriadObservability;
+use isotherm_calibration::is_needed;
+use isotherm_calibration::{Accuracy, largest_interval};
+use isotherm_calibration::{BiasTransient, Condition, Transients};
+use isotherm_calibration::{CalibratedTriad, TriadUnits};
+use isotherm_calibration::{Finding, RunNumber, Severity};
+use isotherm_calibration::{GyroscopeCalibration, is_alignment_needed};
 use isotherm_campaign::Dwell;
 use isotherm_failure::Failure;
 use isotherm_recording::Losses;

@@ -10,10 +10,11 @@ pub mod comparison;
 pub mod gravity_only;
 pub mod json;
 pub mod lengths;
-pub mod loops;
+mod loops;
 pub mod noise;
-pub mod page;
-pub mod plot;
+mod page;
+mod parts;
+mod plot;
 pub mod ramps;
 mod svg;
 pub mod text;
@@ -21,47 +22,5 @@ mod thin;
 mod transients;
 pub mod verification;
 
-use isotherm_calibration::provenance::CampaignSource;
-use isotherm_campaign::Campaign;
-use isotherm_shared::table::CoefficientTable;
-use page::{Cell, Page};
-
-/// Column headings of a table whose rows [`navigation`] makes.
-const NAVIGATION: [&str; 5] =
-    ["Error", "1e-6 g0", "Level / arc seconds", "Velocity in 60 s / (mm/s)", "Position in 60 s / mm"];
-
-/// The row for an acceleration error \[g0\]: the tilt error of a levelling, and the velocity and position errors after 60 s.
-fn navigation(what: &str, error: f64) -> Vec<Cell> {
-    let acceleration = error * 9.80665e3;
-    vec![
-        Cell::text(what),
-        Cell::number(error * 1e6, 3),
-        Cell::number(error.to_degrees() * 3600.0, 3),
-        Cell::number(acceleration * 60.0, 3),
-        Cell::number(0.5 * acceleration * 3600.0, 1),
-    ]
-}
-
-/// The section on where a table comes from. `samples` are lines on the samples of the positions.
-fn provenance(
-    page: &mut Page,
-    campaign: &Campaign,
-    source: &CampaignSource,
-    samples: &[(&str, &str)],
-    table: &CoefficientTable,
-) {
-    page.heading(2, "provenance", "Provenance");
-    let digest = table.digest().to_string();
-    let mut rows = vec![
-        ("Tool", source.tool.as_str()),
-        ("Time", &source.time),
-        ("Campaign file", &source.campaign),
-        ("its SHA-256", &source.campaign_sha256),
-    ];
-    rows.extend(samples);
-    for (ramp, sha256) in campaign.ramps.iter().zip(&source.ramps_sha256) {
-        rows.extend([("Ramp", ramp.samples.as_str()), ("its SHA-256", sha256)]);
-    }
-    rows.push(("Table", &digest));
-    page.key_values(&rows);
-}
+pub use page::{Cell, NoteKind, Page};
+pub use plot::{Plot, Style};

@@ -2,9 +2,10 @@
 
 use super::page::{NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_calibration::provenance::CampaignSource;
-use isotherm_calibration::ramps::RampCalibration;
-use isotherm_calibration::triad::TriadUnits;
+use crate::parts::provenance;
+use isotherm_calibration::CampaignSource;
+use isotherm_calibration::RampCalibration;
+use isotherm_calibration::TriadUnits;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
@@ -34,7 +35,7 @@ pub fn html(campaign: &Campaign, calibration: &RampCalibration, source: &Campaig
     ]);
     curves(&mut page, calibration);
     super::transients::sections(&mut page, &calibration.transients, &campaign.temperature_unit);
-    super::provenance(&mut page, campaign, source, &[], &calibration.table);
+    provenance(&mut page, campaign, source, &[], &calibration.table);
     page.finish()
 }
 

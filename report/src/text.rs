@@ -2,12 +2,12 @@
 //!
 //! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
-use isotherm_calibration::accuracy::{Accuracy, largest_interval};
-use isotherm_calibration::gyroscopes::GyroscopeCalibration;
-use isotherm_calibration::ramps::RampCalibration;
-use isotherm_calibration::result::Calibration;
-use isotherm_calibration::transients::Transients;
-use isotherm_calibration::triad::{CalibratedTriad, TriadUnits};
+use isotherm_calibration::Calibration;
+use isotherm_calibration::GyroscopeCalibration;
+use isotherm_calibration::RampCalibration;
+use isotherm_calibration::Transients;
+use isotherm_calibration::{Accuracy, largest_interval};
+use isotherm_calibration::{CalibratedTriad, TriadUnits};
 use isotherm_campaign::Dwell;
 use isotherm_recording::Losses;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
@@ -118,8 +118,7 @@ fn transients(found: &Transients, unit: &str) -> String {
         let decimals = units.bias_decimals;
         let shown = |value: f64| format!("{:.decimals$}", value * units.bias_factor);
         let known = |value: Option<f64>| value.map_or_else(|| "not known".to_owned(), shown);
-        let prediction =
-            |of: fn(&isotherm_calibration::transients::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
+        let prediction = |of: fn(&isotherm_calibration::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
         let _ = writeln!(
             text,
             "  {:4} {:<13} {:>12} {:>24} {:>13}   {:>10} {:>10} {:>10} {:>10}   {:>10} {:>10}",

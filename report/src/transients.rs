@@ -3,8 +3,8 @@
 use super::loops::pictures;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_calibration::transients::{BiasTransient, Condition, TransientVerdict, Transients};
-use isotherm_calibration::triad::TriadUnits;
+use isotherm_calibration::TriadUnits;
+use isotherm_calibration::{BiasTransient, Condition, TransientVerdict, Transients};
 use isotherm_statistics::band;
 
 /// The sections. `unit` is that of the telemetry.
@@ -56,8 +56,7 @@ fn biases(page: &mut Page, found: &Transients, unit: &str) {
         let decimals = units.bias_decimals;
         let number = |value: f64| Cell::number(value * units.bias_factor, decimals);
         let known = |value: Option<f64>| number(value.unwrap_or(f64::NAN));
-        let prediction =
-            |of: fn(&isotherm_calibration::transients::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
+        let prediction = |of: fn(&isotherm_calibration::Prediction) -> f64| known(bias.prediction.as_ref().map(of));
         vec![
             Cell::text(bias.name()),
             Cell::text(units.bias_on_page),

@@ -3,9 +3,9 @@
 //! Over 400 lines: one page, with one function for each of its parts.
 
 use super::loops::pictures;
-use super::navigation;
 use super::page::{Cell, NoteKind, Page};
 use super::plot::{Plot, Style};
+use crate::parts::{NAVIGATION, navigation};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::BINS;
@@ -408,5 +408,5 @@ fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
             rows.push(navigation(&format!("{name} one step of board telemetry ({step:.2e}), K at 1 g0"), change));
         }
     }
-    page.table("Errors and what they cost", &super::NAVIGATION, &rows);
+    page.table("Errors and what they cost", &NAVIGATION, &rows);
 }

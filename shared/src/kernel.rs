@@ -12,7 +12,7 @@
 #![expect(clippy::needless_range_loop, reason = "loops over indices are inlined by every profile")]
 
 use crate::polynomial::{MAX_ORDER, Polynomial};
-use crate::table::{Axis, Content, Gyroscopes};
+use crate::table::content::{Axis, Content, Gyroscopes};
 use crate::units::ARCSEC;
 use crate::wire::{AXES, RawSample};
 use nalgebra::Matrix3;

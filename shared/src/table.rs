@@ -2,15 +2,16 @@
 //! or from a file's text.
 
 mod checks;
+pub(crate) mod content;
 pub mod difference;
+mod digest;
 mod model;
 mod toml;
 mod turntable;
 
 pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY};
-pub use model::{
-    AXIS_NAMES, Axis, CoefficientTable, Content, Digest, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
-    Refusal,
-};
+pub use content::{AXIS_NAMES, Axis, Content, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal};
+pub use digest::Digest;
+pub use model::CoefficientTable;
 pub use toml::{Seal, with_unchecked_digest};
 pub use turntable::Turntable;

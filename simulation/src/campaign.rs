@@ -4,7 +4,12 @@
 //! ramp. Each position then takes `move_s` for the motion and `dwell_s` at rest. Only the rest gives rows, as many whole
 //! periods as fit into it. Each angle of each dwell has a random error. The turns follow, each after another `move_s`, in rows from rest to rest.
 
-use crate::{Chain, InertialMotion, Noise, RandomGenerator, SimulatedImu, SimulatedTurntable, Truth};
+use crate::chain::{Chain, Noise};
+use crate::imu::SimulatedImu;
+use crate::model::Truth;
+use crate::motion::InertialMotion;
+use crate::random::RandomGenerator;
+use crate::turntable::SimulatedTurntable;
 use core::fmt::Write as _;
 use isotherm_campaign::Position;
 use isotherm_campaign::Scheme;

@@ -92,7 +92,7 @@ pub struct SimulatedChamber {
 
 impl SimulatedChamber {
     /// A chamber in equilibrium at `temperature_c` \[degC\]. The seed determines the phase of the oscillation; a
-    /// [`SimulatedImu`](super::SimulatedImu) of the same seed has the same phase.
+    /// [`SimulatedImu`](crate::imu::SimulatedImu) of the same seed has the same phase.
     #[must_use]
     pub fn new(chain: &Chain, temperature_c: f64, seed: u64) -> Self {
         Self::with_phase(chain, temperature_c, RandomGenerator::new(seed, SLOW_STREAM).between(0.0, TAU))

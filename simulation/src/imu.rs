@@ -8,7 +8,7 @@
 //! ```
 //! and the gyroscopes, if the truth has them, what [`SimulatedGyroscopes`] says. Temperatures are those of the middle of the period. The memory is
 //! what the past of the temperature adds to a bias: with the truth's transient t, the telemetry L that the sensing element would give, and
-//! the [plays](super::Play), the mean of t (L - U) + S h (z - U) over the period, plus the random walk of the bias. The charge of each converter
+//! the [plays](crate::hysteresis::Play), the mean of t (L - U) + S h (z - U) over the period, plus the random walk of the bias. The charge of each converter
 //! becomes pulses as in [`SimulatedTriad`]. The gyroscopes have random streams of their own, so that the accelerometers' output does not depend on
 //! whether there are gyroscopes.
 

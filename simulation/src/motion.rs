@@ -100,7 +100,8 @@ fn earth_rate(truth: &Truth, [outer, inner]: [f64; 2]) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MISALIGNMENT, SimulatedTurntable, TILT_RAD};
+    use crate::model::{MISALIGNMENT, TILT_RAD};
+    use crate::turntable::SimulatedTurntable;
     use isotherm_campaign::EARTH_RATE;
     use isotherm_shared::table::CoefficientTable;
 

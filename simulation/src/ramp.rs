@@ -2,7 +2,8 @@
 
 use super::campaign::heading_toml;
 use super::run::{RunSamples, RunSchedule, run};
-use crate::{Truth, is_zero};
+use crate::chain::is_zero;
+use crate::model::Truth;
 use isotherm_campaign::Ramp;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -75,8 +76,11 @@ pub fn ramp<'a>(truth: &Truth, schedule: &'a RampSchedule, seed: u64) -> RunSamp
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chain::{Chain, Noise};
+    use crate::hysteresis::Play;
+    use crate::model::typical_gyroscopes;
+    use crate::random::RandomGenerator;
     use crate::schedule_tests::truth;
-    use crate::{Chain, Noise, Play, RandomGenerator, typical_gyroscopes};
     use core::f64::consts::TAU;
     use isotherm_shared::compensate::answer;
     use isotherm_shared::polynomial::Polynomial;

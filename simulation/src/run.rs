@@ -1,7 +1,11 @@
 //! The schedule of a temperature run at rest: hold, ramp, hold; and back again.
 
 use super::campaign::nanoseconds;
-use crate::{Chain, InertialMotion, Noise, SimulatedImu, Truth, specific_force};
+use crate::chain::{Chain, Noise};
+use crate::imu::SimulatedImu;
+use crate::model::Truth;
+use crate::motion::InertialMotion;
+use crate::turntable::specific_force;
 use isotherm_shared::wire::{AXES, RawSample};
 use nalgebra::Vector3;
 use serde::Serialize;

@@ -141,7 +141,7 @@ mod tests {
         assert!((360..=363).contains(&sweeps[0].values.end), "{:?}", sweeps[0]);
         let down: Vec<_> = profile().iter().map(|value| -value).collect();
         assert_eq!(
-            super::sweeps(&down).iter().map(|s| s.values.clone()).collect::<Vec<_>>(),
+            crate::hysteresis::sweeps(&down).iter().map(|s| s.values.clone()).collect::<Vec<_>>(),
             sweeps.iter().map(|s| s.values.clone()).collect::<Vec<_>>()
         );
     }

@@ -19,13 +19,14 @@ pub mod gyroscopes;
 pub use allowed::{GATE_ACCEPTED, GATE_FLOOR, GATE_LEFT, GATE_MOST, Refusal};
 
 use crate::requirement::Requirement;
-use crate::stability::{Stability, Window};
+use crate::stability::Stability;
+use crate::window::Window;
 use allowed::{GROUP_S, is_unexplained};
 use comparison::{Worse, common_windows, errors_along, worst_of};
 use gyroscopes::GyroscopeBounds;
-use isotherm_calibration::accuracy::Accuracy;
-use isotherm_calibration::noise;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Accuracy;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::noise_of_dwells;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::CONFIDENCE;
@@ -91,7 +92,7 @@ impl Requirement {
 
 /// What the noise of the rows leaves in the mean of a group of a run \[g0\], of the noisiest axis.
 fn group_noise(calibration: &Calibration) -> f64 {
-    let found = noise::of_dwells(calibration.dwells.iter(), &calibration.table.content().axes);
+    let found = noise_of_dwells(calibration.dwells.iter(), &calibration.table.content().axes);
     found.into_iter().fold(0.0, f64::max) / GROUP_S.sqrt()
 }
 

@@ -5,8 +5,8 @@
 use crate::requirement::{Judgement, Requirement, all_met};
 use crate::stability::LocalGravity;
 use crate::verdict::Estimate;
-use isotherm_calibration::gravity_only::reading::Reading;
-use isotherm_calibration::gravity_only::{error_of_length, errors_of_means};
+use isotherm_calibration::Reading;
+use isotherm_calibration::{error_of_length, errors_of_means};
 use isotherm_campaign::StandstillError;
 use isotherm_campaign::{TUMBLED, begins_ns, find_standstills};
 use isotherm_shared::compensate::answer;

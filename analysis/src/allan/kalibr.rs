@@ -3,7 +3,9 @@
 //! Kalibr's densities are those of continuous time and two-sided: white noise n with E\[n(t1) n(t2)\] = sigma^2 delta(t1 - t2), and a bias that is the
 //! integral of such noise (ethz-asl/kalibr, wiki page "IMU Noise Model"). These are N and K. Kalibr has one value for a triad; it is that of the worst axis.
 
-use super::{Allan, Coefficient, NoiseAnalysis, RateKind, SensorNoise};
+use crate::allan::curve::Allan;
+use crate::allan::model::Coefficient;
+use crate::allan::recording::{NoiseAnalysis, RateKind, SensorNoise};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use std::fmt::Write as _;
 

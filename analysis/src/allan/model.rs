@@ -6,7 +6,6 @@
 //! 5 degrees of freedom are left out. Each of the 15 sets of coefficients is fitted; of those without a negative square the one with the least
 //! chi-square is the fit.
 
-use super::FLICKER_FLOOR;
 use super::moments::{Moments, autocovariance};
 use isotherm_statistics::CONFIDENCE;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
@@ -210,3 +209,6 @@ impl WeightedFit {
         Some(Self { squares, errors, chi_square })
     }
 }
+
+/// ADEV of flicker noise over its coefficient B: sqrt(2 ln 2/pi).
+pub const FLICKER_FLOOR: f64 = 0.664_282_470_268_448_3;

@@ -3,7 +3,7 @@
 //! The longest stretch of rows without a gap, a movement or another session is analysed. With a table the outputs are compensated by the kernel, in g0
 //! and deg/h; without one they are net counts (positive less negative) a second.
 
-use super::{Allan, MIN_ROWS, TemperatureLine};
+use super::curve::{Allan, MIN_ROWS, TemperatureLine};
 use core::ops::Range;
 use isotherm_campaign::StandstillError;
 use isotherm_campaign::{AT_REST, begins_ns, find_standstills};
@@ -357,7 +357,7 @@ impl Sensor {
             let [_, white, ..] = allan.model.as_ref()?.coefficients;
             // Counts over the output, as the ratio of their Allan deviations over one row.
             let counts: Vec<_> = rows.iter().map(|row| net_counts(triad(row, self.kind), self.axis)).collect();
-            let counts = super::variance(&super::phase(&counts, 1.0), 1, 1.0).sqrt();
+            let counts = crate::allan::curve::variance(&crate::allan::curve::phase(&counts, 1.0), 1, 1.0).sqrt();
             Some(white.below().unwrap_or(white.value) / interval_s.sqrt() * counts / allan.points.first()?.adev)
         });
         let name = self.kind.names()[self.axis];

@@ -1,6 +1,6 @@
 //! Tables as they are compared: curves in units that no table's 1 g0 changes, and both triads' alignment by one convention.
 
-use isotherm_calibration::provenance::{CurveErrors, TableFile};
+use isotherm_calibration::{CurveErrors, TableFile};
 use isotherm_shared::table::difference::Curve;
 use isotherm_shared::wire::AXES;
 use nalgebra::{DVector, Matrix3};

@@ -216,7 +216,7 @@ fn exchanged(means: &[(f64, f64)]) -> Option<[f64; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use super::{exchanged, zero_of};
+    use crate::checks::scale::{exchanged, zero_of};
 
     #[test]
     fn exchanged_set_points_are_named() {

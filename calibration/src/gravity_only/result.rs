@@ -3,7 +3,7 @@
 use super::dilution::Dilution;
 use super::model::Unknowns;
 use super::options::GravityOnlyOptions;
-use crate::gravity_only::Reading;
+use super::reading::Reading;
 use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;

@@ -177,7 +177,7 @@ pub struct FittedRun {
 ///
 /// # Errors
 /// As [`campaign::read`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not finite, and a full counter.
-pub fn read(
+pub fn read_measurements(
     campaign: &Campaign,
     rows: impl IntoIterator<Item = Result<CampaignRow, RecordingError>>,
 ) -> Result<Measurements, RecordingError> {

@@ -3,11 +3,11 @@
 //! Over 400 lines: each test is one kind of campaign, and all of them share the simulated campaigns of `common`.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper, paper_truth as truth, quiet, worst};
-use isotherm_calibration::accelerometers::calibrate_accelerometers;
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::options::{CalibrationOptions, Method};
-use isotherm_calibration::reduce::reduce;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::calibrate_accelerometers;
+use isotherm_calibration::reduce;
+use isotherm_calibration::{CalibrationOptions, Method};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Position;
 use isotherm_campaign::Scheme;

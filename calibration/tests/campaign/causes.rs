@@ -2,12 +2,12 @@
 
 use crate::checks::with_rows;
 use crate::common::{calibrated, campaign_file, csv, dwells, paper, paper_truth, quiet};
-use isotherm_calibration::accelerometers::calibrate_accelerometers;
-use isotherm_calibration::accuracy::Accuracy;
-use isotherm_calibration::checks::{name, set_points};
-use isotherm_calibration::one_stage::{OneStageError, solve};
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Accuracy;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate_accelerometers;
+use isotherm_calibration::{OneStageError, solve};
+use isotherm_calibration::{name, set_points};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Position;
 use isotherm_shared::wire::RawSample;

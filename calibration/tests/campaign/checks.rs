@@ -3,11 +3,11 @@
 //! Over 400 lines: each finding has its test beside those that it is told from.
 
 use crate::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
-use isotherm_calibration::accelerometers::calibrate_accelerometers;
-use isotherm_calibration::checks::{Finding, Severity, name};
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate_accelerometers;
+use isotherm_calibration::{Finding, Severity, name};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Scheme;
 use isotherm_campaign::read_dwells;

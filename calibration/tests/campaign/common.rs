@@ -1,9 +1,9 @@
 //! Functions that the tests share: simulated campaigns with known truth, as files like those of a laboratory.
 
-use isotherm_calibration::accelerometers::calibrate_accelerometers;
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate_accelerometers;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::Position;

@@ -1,7 +1,7 @@
 //! Coverage of the confidence intervals: in 184 to 196 of 200 simulated campaigns a 95 % interval must contain the truth.
 
 use crate::common::{calibrated, paper};
-use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::CalibrationOptions;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_simulation::{CampaignSchedule, Truth};
 

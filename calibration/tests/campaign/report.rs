@@ -1,8 +1,8 @@
 //! The report of a calibration: what its figures show of errors and temperatures.
 
 use crate::common::{calibrated, paper_truth};
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::provenance::CampaignSource;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::CampaignSource;
 use isotherm_report::calibration::html;
 use isotherm_simulation::{CampaignSchedule, TILT_RAD};
 

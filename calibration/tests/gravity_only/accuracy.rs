@@ -1,7 +1,7 @@
 //! Simulated campaigns: how far the estimates are off, and whether their standard errors say so.
 
 use crate::common::{STANDARD, Simulated, Truth, campaign, cube, off, recording};
-use isotherm_calibration::gravity_only::{GravityOnlyOptions, calibrate_gravity_only};
+use isotherm_calibration::{GravityOnlyOptions, calibrate_gravity_only};
 use isotherm_simulation::RandomGenerator;
 
 #[test]

@@ -1,7 +1,7 @@
 //! What attitudes allow: D sqrt(n) of the sets that people use, and what is refused.
 
 use crate::common::{calibrated, cube, off, put_down};
-use isotherm_calibration::gravity_only::{GravityOnlyError, ScaleFactorChoice};
+use isotherm_calibration::{GravityOnlyError, ScaleFactorChoice};
 use isotherm_simulation::RandomGenerator;
 use nalgebra::Vector3;
 

@@ -1,6 +1,6 @@
 //! Recordings from files, and of a simulated IMU that is put down by hand.
 
-use isotherm_calibration::gravity_only::{
+use isotherm_calibration::{
     GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, TumbleRecording, calibrate_gravity_only,
 };
 use isotherm_campaign::Campaign;

@@ -1,9 +1,7 @@
 //! The recordings in tests/data/any_lab: one simulated with its truth, the others real.
 
 use crate::common::{calibrated, campaign, json, recording, samples};
-use isotherm_calibration::gravity_only::{
-    GravityOnlyCalibration, GravityOnlyOptions, ScaleFactorChoice, calibrate_gravity_only,
-};
+use isotherm_calibration::{GravityOnlyCalibration, GravityOnlyOptions, ScaleFactorChoice, calibrate_gravity_only};
 use isotherm_shared::compensate::answer;
 use nalgebra::Vector3;
 use serde_json::Value;

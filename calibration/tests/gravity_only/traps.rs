@@ -1,7 +1,7 @@
 //! What goes wrong with recordings of people's desks.
 
 use crate::common::{INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, put_down, recording, samples};
-use isotherm_calibration::gravity_only::{
+use isotherm_calibration::{
     GravityOnlyError, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only,
 };
 use isotherm_campaign::Campaign;

@@ -1,7 +1,7 @@
 //! Stations without angles: by hand, or on a rate table.
 
 use crate::station::{Station, Turned};
-use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::CalibrationOptions;
 
 /// A stop with the axis vertical: outer and inner angle that bring it there, and the axis in IMU coordinates.
 const VERTICAL: [([f64; 2], [f64; 3]); 3] =

@@ -1,7 +1,7 @@
 //! Coverage of the confidence intervals: how often a 95 % interval contains the truth in simulated campaigns.
 
 use crate::station::{Station, cubic};
-use isotherm_calibration::options::CalibrationOptions;
+use isotherm_calibration::CalibrationOptions;
 use isotherm_shared::table::GYROSCOPE_NAMES;
 
 const LEVEL: f64 = 0.95;

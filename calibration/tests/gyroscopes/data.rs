@@ -1,11 +1,11 @@
 //! The campaign with a known truth and an independent fit, see `tests/data/gyro/README.md`.
 
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::gyroscopes;
-use isotherm_calibration::gyroscopes::GyroscopeCalibration;
-use isotherm_calibration::options::{CalibrationOptions, Method};
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::GyroscopeCalibration;
+use isotherm_calibration::calibrate;
+use isotherm_calibration::read_measurements;
+use isotherm_calibration::{CalibrationOptions, Method};
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignCsvReader;
 use isotherm_shared::compensate::answer;
@@ -28,7 +28,7 @@ fn calibrated(options: CalibrationOptions) -> Calibration {
     let campaign = Campaign::from_toml(&text("campaign.toml")).unwrap();
     let samples = text("samples.csv");
     let rows = CampaignCsvReader::new(samples.as_bytes()).unwrap();
-    let measurements = gyroscopes::read(&campaign, rows).unwrap();
+    let measurements = read_measurements(&campaign, rows).unwrap();
     calibrate(&campaign, measurements, options).unwrap()
 }
 
@@ -156,12 +156,8 @@ fn the_accelerometers_of_the_same_campaign_are_as_before() {
         .collect();
     let rows = CampaignCsvReader::new(only_dwells.as_bytes()).unwrap();
     let dwells = isotherm_campaign::read_dwells(&campaign, rows).unwrap();
-    let alone = isotherm_calibration::accelerometers::calibrate_accelerometers(
-        &campaign,
-        dwells,
-        CalibrationOptions::default(),
-    )
-    .unwrap();
+    let alone =
+        isotherm_calibration::calibrate_accelerometers(&campaign, dwells, CalibrationOptions::default()).unwrap();
     assert_eq!(alone.table.content().axes, calibration.table.content().axes);
     assert_eq!(alone.table.content().alignment, calibration.table.content().alignment);
 }

@@ -2,8 +2,8 @@
 
 use crate::station::Station;
 use crate::verification::{changed, off, verified};
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationOptions;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::wire::{RawSample, Triad};

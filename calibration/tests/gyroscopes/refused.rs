@@ -2,13 +2,13 @@
 
 use crate::data::text;
 use crate::station::{Station, Turned};
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::checks::name;
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes;
-use isotherm_calibration::gyroscopes::observability::TriadObservability;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::TriadObservability;
+use isotherm_calibration::calibrate;
+use isotherm_calibration::name;
+use isotherm_calibration::read_measurements;
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::wire::Triad;
@@ -232,7 +232,7 @@ fn rows_that_cannot_be_used_end_the_reading() {
     ] {
         let mut rows = station.rows();
         change(&mut rows[10].sample.gyroscopes);
-        let refused = gyroscopes::read(&campaign, rows.into_iter().map(Ok)).unwrap_err().to_string();
+        let refused = read_measurements(&campaign, rows.into_iter().map(Ok)).unwrap_err().to_string();
         assert!(refused.contains(expected), "{refused}");
     }
 }
@@ -300,7 +300,7 @@ fn gyroscopes_without_turns_are_said_in_a_line() {
         })
         .unwrap();
     let options = || CalibrationOptions { order: Some(2), ..CalibrationOptions::default() };
-    let measurements = gyroscopes::read(&file, station.rows().into_iter().map(Ok)).unwrap();
+    let measurements = read_measurements(&file, station.rows().into_iter().map(Ok)).unwrap();
     let calibration = calibrate(&file, measurements, options()).unwrap();
     assert_eq!(calibration.findings.iter().map(|finding| finding.name).collect::<Vec<_>>(), [name::NO_TURNS]);
     assert!(calibration.gyroscopes.is_none() && calibration.table.content().gyroscopes.is_none());
@@ -310,7 +310,7 @@ fn gyroscopes_without_turns_are_said_in_a_line() {
         row.sample.gyroscopes = Triad::default();
         Ok(row)
     });
-    let measurements = gyroscopes::read(&file, rows).unwrap();
+    let measurements = read_measurements(&file, rows).unwrap();
     assert_eq!(calibrate(&file, measurements, options()).unwrap().findings, []);
 }
 

@@ -1,9 +1,9 @@
 //! Simulated campaigns of a whole IMU against their truth: `isotherm_simulation`, as `isotherm simulate campaign --gyroscopes` drives it.
 
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::gyroscopes;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate;
+use isotherm_calibration::read_measurements;
 use isotherm_campaign::Campaign;
 use isotherm_recording::CampaignRow;
 use isotherm_shared::compensate::answer;
@@ -44,7 +44,7 @@ fn calibrated(truth: &Truth, schedule: &CampaignSchedule, seed: u64) -> Calibrat
     let rows = (2..).zip(campaign(truth, schedule, seed)).map(|(line, row)| {
         Ok(CampaignRow { line, set_point_c: row.set_point_c, position: Some(row.position), sample: row.raw })
     });
-    let measurements = gyroscopes::read(&file, rows).unwrap();
+    let measurements = read_measurements(&file, rows).unwrap();
     calibrate(&file, measurements, CalibrationOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 

@@ -6,11 +6,11 @@
 //!
 //! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
 
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate;
+use isotherm_calibration::read_measurements;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::outer_axis;
 use isotherm_recording::CampaignRow;
@@ -365,7 +365,7 @@ impl Station {
         options: CalibrationOptions,
     ) -> Result<Calibration, CalibrationError> {
         let campaign = self.campaign();
-        let measurements = gyroscopes::read(&campaign, rows.into_iter().map(Ok)).unwrap();
+        let measurements = read_measurements(&campaign, rows.into_iter().map(Ok)).unwrap();
         calibrate(&campaign, measurements, options)
     }
 

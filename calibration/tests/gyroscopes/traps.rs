@@ -2,9 +2,9 @@
 //! is wrong by what stands beside it.
 
 use crate::station::{Gyroscope, Station, Turned, six_turns, telemetry};
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes::observability::TriadObservability;
-use isotherm_calibration::options::{CalibrationOptions, Method};
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::TriadObservability;
+use isotherm_calibration::{CalibrationOptions, Method};
 use isotherm_campaign::Scheme;
 use nalgebra::{Matrix3, Vector3};
 

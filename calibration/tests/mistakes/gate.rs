@@ -12,11 +12,11 @@
 //! of the table from the same campaign without the mistake.
 
 use crate::matrix::{Case, calibrated};
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::checks::{Severity, name};
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::{Severity, name};
 use isotherm_campaign::Position;
 use isotherm_campaign::specific_force as direction;
 use isotherm_report as report;

@@ -4,11 +4,11 @@
 //!
 //! Over 400 lines: the list of the mistakes is long.
 
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes::Measurements;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::result::Calibration;
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::Measurements;
+use isotherm_calibration::calibrate;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Position;
 use isotherm_campaign::Scheme;

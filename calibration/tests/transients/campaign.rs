@@ -1,16 +1,16 @@
 //! Campaigns with ramps beside positions and alone: what is refused, what is warned of, and what the table says.
 
-use isotherm_calibration::accelerometers::calibrate_accelerometers;
-use isotherm_calibration::calibrate::calibrate;
-use isotherm_calibration::checks::name;
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes;
-use isotherm_calibration::options::CalibrationOptions;
-use isotherm_calibration::provenance::{CampaignSource, sealed_ramp_table, sealed_table};
-use isotherm_calibration::ramps::RampCalibration;
-use isotherm_calibration::ramps::calibrate_ramps;
-use isotherm_calibration::result::Calibration;
-use isotherm_calibration::transients::{LagChoice, RampRecording, TransientVerdict};
+use isotherm_calibration::Calibration;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::RampCalibration;
+use isotherm_calibration::calibrate;
+use isotherm_calibration::calibrate_accelerometers;
+use isotherm_calibration::calibrate_ramps;
+use isotherm_calibration::name;
+use isotherm_calibration::read_measurements;
+use isotherm_calibration::{CampaignSource, sealed_ramp_table, sealed_table};
+use isotherm_calibration::{LagChoice, RampRecording, TransientVerdict};
 use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignCsvReader, RecordingError};
 use isotherm_report as report;
@@ -28,7 +28,7 @@ fn recorded() -> Vec<RampRecording> {
 
 fn beside(options: CalibrationOptions) -> Result<Calibration, CalibrationError> {
     let campaign = Campaign::from_toml(FILE).unwrap();
-    let mut measurements = gyroscopes::read(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap()).unwrap();
+    let mut measurements = read_measurements(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap()).unwrap();
     measurements.ramps = recorded();
     calibrate(&campaign, measurements, options)
 }
@@ -192,7 +192,7 @@ fn what_does_not_belong_together_is_refused() {
     assert!(error.to_string().contains("copy.csv has the rows of ramp-1.csv"), "{error}");
     // A time constant without ramps.
     let no_ramps = Campaign::from_toml(FILE.split_once("[[ramp]]").unwrap().0).unwrap();
-    let measurements = gyroscopes::read(&no_ramps, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap()).unwrap();
+    let measurements = read_measurements(&no_ramps, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap()).unwrap();
     let error = calibrate(&no_ramps, measurements, lag(LagChoice::Given(240.0))).unwrap_err();
     assert!(matches!(error, CalibrationError::Options(_)), "{error}");
 }

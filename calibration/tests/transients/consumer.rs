@@ -1,6 +1,6 @@
 //! A real thermal run of a consumer IMU with gyroscopes: it has more hysteresis than a lag explains, and its time constant cannot be found from it.
 
-use isotherm_calibration::transients::{
+use isotherm_calibration::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
 use isotherm_recording::RawCsvReader;

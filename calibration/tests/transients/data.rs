@@ -1,7 +1,7 @@
 //! The ramps of tests/data/ramp: made by an independent script, with a known lag.
 
 use super::simulated::truth;
-use isotherm_calibration::transients::{
+use isotherm_calibration::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, TransientsError, fit,
 };
 use isotherm_recording::RawCsvReader;

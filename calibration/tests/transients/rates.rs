@@ -4,7 +4,7 @@
 //! tests of every run take the first 64 and 48; the rest are ignored, for `cargo test -p isotherm-calibration --test transients -- --ignored`.
 
 use super::simulated::*;
-use isotherm_calibration::transients::{BiasTransient, LagChoice, TransientVerdict, Transients};
+use isotherm_calibration::{BiasTransient, LagChoice, TransientVerdict, Transients};
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Noise, Play, RandomGenerator, Truth};
 use std::collections::BTreeMap;

@@ -1,8 +1,6 @@
 //! Simulated IMUs with a lag or with hysteresis, on the ramps of one afternoon.
 
-use isotherm_calibration::transients::{
-    BiasTransient, CurveSource, LagChoice, RampRecording, TransientOptions, Transients, fit,
-};
+use isotherm_calibration::{BiasTransient, CurveSource, LagChoice, RampRecording, TransientOptions, Transients, fit};
 use isotherm_shared::table::{CoefficientTable, FORMAT};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::{Chain, Noise, Play, RampSchedule, RandomGenerator, RunSchedule, Truth, ramp};

@@ -1,7 +1,7 @@
 //! What misleads an estimator of lags, each trap with its right answer.
 
 use super::simulated::*;
-use isotherm_calibration::transients::{
+use isotherm_calibration::{
     CurveSource, LagChoice, RampRecording, TransientOptions, TransientVerdict, Transients, fit,
 };
 use isotherm_shared::polynomial::Polynomial;

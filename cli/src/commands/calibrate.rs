@@ -1,21 +1,24 @@
 //! `calibrate`: makes a coefficient table from a campaign.
 
+mod arguments;
 mod batch;
 mod gravity_only;
 
 use super::common::{Refused, or_document};
+use crate::commands::calibrate::arguments::Excluded;
+use crate::commands::calibrate::arguments::PolynomialOrder;
+use crate::commands::calibrate::arguments::Results;
 use crate::progress::{bytes_bar, spinner};
-use clap::Args;
-use gravity_only::GravityOnlyArgs;
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::calibrate::{calibrate, observable};
-use isotherm_calibration::checks::name;
-use isotherm_calibration::error::CalibrationError;
-use isotherm_calibration::gyroscopes::{Measurements, read};
-use isotherm_calibration::options::{CalibrationOptions, Method};
-use isotherm_calibration::provenance::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
-use isotherm_calibration::ramps::calibrate_ramps;
-use isotherm_calibration::transients::{LagChoice, RampRecording};
+pub use arguments::Calibrate;
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::CalibrationError;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::RampRecording;
+use isotherm_calibration::calibrate_ramps;
+use isotherm_calibration::name;
+use isotherm_calibration::{CampaignSource, now, sealed_ramp_table, sealed_table, sha256, tool};
+use isotherm_calibration::{Measurements, read_measurements};
+use isotherm_calibration::{calibrate, observable};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::IMU;
 use isotherm_client::ImuId;
@@ -27,140 +30,6 @@ use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
-
-/// Make a coefficient table from a campaign in the temperature chamber
-///
-/// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
-/// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too. Ramps give the lag of the sensing
-/// elements behind their telemetry, and transients of the biases where they show them; ramps alone also the bias curves at one attitude.
-///
-/// Without a turntable: with --gravity-only, recordings of an IMU that was put down by hand in many attitudes take the place of the campaign. The
-/// standstills in them are found, and the length of gravity is the reference.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
-)]
-pub struct Calibrate {
-    /// Campaign file; it names the samples. With --gravity-only: a recording
-    #[arg(value_name = "CAMPAIGN.toml")]
-    campaign: PathBuf,
-    /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file names]
-    #[arg(value_name = "SAMPLES")]
-    samples: Vec<PathBuf>,
-    /// Where the table goes; - is stdout
-    #[arg(short, long, value_name = "TABLE.toml")]
-    output: PathBuf,
-    /// Where the report goes (HTML)
-    #[arg(long, value_name = "R.html")]
-    report: Option<PathBuf>,
-    /// Where the report of a batch goes (HTML): the spread of its IMUs, and which one stands out
-    ///
-    /// For a campaign file with several IMUs. In -o and --report, {imu} stands for the name of each
-    #[arg(long, value_name = "BATCH.html", conflicts_with = "gravity_only")]
-    batch: Option<PathBuf>,
-    /// Order of every polynomial, 0 to 7; auto chooses each from the data
-    #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
-    order: PolynomialOrder,
-    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials [default:
-    /// one-stage]
-    #[arg(long, value_name = "one-stage|two-stage", value_parser = method)]
-    method: Option<Method>,
-    /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]
-    ///
-    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it. With gyroscopes both triads
-    /// get one, or neither
-    #[arg(long, conflicts_with = "no_alignment")]
-    alignment: bool,
-    /// Give the table no alignment matrix: outputs stay along the sensors' input axes
-    #[arg(long)]
-    no_alignment: bool,
-    /// Print one JSON document to stdout instead of the text to stderr, also of a failure
-    #[arg(long)]
-    json: bool,
-    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
-    /// found in the ramps]
-    ///
-    /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the sweeps left out
-    #[arg(long, value_name = "S|none", value_parser = lag)]
-    lag: Option<LagChoice>,
-    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated. With --gravity-only: the number of a
-    /// standstill
-    #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = excluded)]
-    exclude: Vec<Excluded>,
-    /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or repeated. The
-    /// names are written into the provenance
-    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
-    accept: Vec<&'static str>,
-    /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept other-device
-    #[arg(long)]
-    other_device: bool,
-    /// Make no table if there is a warning that is not accepted
-    #[arg(long)]
-    strict: bool,
-    /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
-    #[arg(short, long)]
-    verbose: bool,
-    #[command(flatten)]
-    without_turntable: GravityOnlyArgs,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum PolynomialOrder {
-    Auto,
-    Fixed(usize),
-}
-
-fn order(text: &str) -> Result<PolynomialOrder, String> {
-    match text.parse() {
-        _ if text == "auto" => Ok(PolynomialOrder::Auto),
-        Ok(order @ 0..=7) => Ok(PolynomialOrder::Fixed(order)),
-        _ => Err("give auto or an order from 0 to 7".to_owned()),
-    }
-}
-
-fn method(text: &str) -> Result<Method, String> {
-    let found = Method::NAMES.iter().find(|(_, name)| *name == text);
-    found.map(|(method, _)| *method).ok_or_else(|| "give one-stage or two-stage".to_owned())
-}
-
-/// What is left out of the fit.
-#[derive(Clone, Copy, Debug)]
-enum Excluded {
-    /// Set point \[degC\] and number of a position or a turn.
-    Dwell(f64, u32),
-    /// Number of a standstill.
-    Standstill(usize),
-}
-
-fn excluded(text: &str) -> Result<Excluded, String> {
-    if let Ok(number) = text.parse() {
-        return Ok(Excluded::Standstill(number));
-    }
-    let place = text.split_once('/').and_then(|(set_point, number)| {
-        let set_point: f64 = set_point.trim().parse().ok()?;
-        Some(Excluded::Dwell(set_point, number.trim().parse().ok()?)).filter(|_| set_point.is_finite())
-    });
-    place.ok_or_else(|| {
-        "give SET_POINT/NUMBER, for example -25/3; without a turntable the number of a standstill".to_owned()
-    })
-}
-
-pub(super) fn lag(text: &str) -> Result<LagChoice, String> {
-    let lag_ns = crate::parse::lag(text)?;
-    Ok(if lag_ns == 0 { LagChoice::None } else { LagChoice::Given(lag_ns as f64 / 1e9) })
-}
-
-/// What the samples gave, ready to be written.
-struct Results {
-    /// Text of the table file.
-    table: String,
-    /// Each warning as a line.
-    warnings: Vec<String>,
-    text: String,
-    /// Empty without a report.
-    html: String,
-    json: Value,
-}
 
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
@@ -372,7 +241,7 @@ fn read_samples(campaign: &Campaign, paths: &[PathBuf]) -> Result<(Measurements,
     let bar = bytes_bar(paths, "reading");
     let choice = ImuChoice::Prefer(campaign.imu.clone());
     let mut rows = Recording::open_hashed(paths, RowKind::Campaign, choice, &bar)?;
-    let measurements = read(campaign, &mut rows);
+    let measurements = read_measurements(campaign, &mut rows);
     bar.finish_and_clear();
     let measurements = measurements.map_err(|error| rows.failure(&error))?;
     let places = rows.places().clone();

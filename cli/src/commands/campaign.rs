@@ -1,7 +1,7 @@
 //! `campaign`: the automatic campaign.
 
-use super::calibrate::lag;
 use super::common::{joined, options};
+use crate::parse::lag_choice;
 use crate::parse::seconds;
 use clap::{Args, Subcommand};
 use isotherm_automation::control::{self, Lock, runner_pid, snapshot};
@@ -14,9 +14,9 @@ use isotherm_automation::runner::Runner;
 use isotherm_automation::samples::write_campaign_file;
 use isotherm_automation::station::Station;
 use isotherm_automation::timeline::{duration, left_s, moments, units};
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::checks::name;
-use isotherm_calibration::transients::LagChoice;
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::LagChoice;
+use isotherm_calibration::name;
 use isotherm_campaign::Member;
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure, tell};
@@ -81,7 +81,7 @@ struct RunCampaign {
     no_alignment: bool,
     /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
     /// found in the ramps]
-    #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag)]
+    #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag_choice)]
     lag: Option<LagChoice>,
     /// Make the table in spite of a fault of this name; may be repeated
     #[arg(long, value_name = "NAME", requires = "calibrate", value_parser = name::acceptable)]

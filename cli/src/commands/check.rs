@@ -1,7 +1,7 @@
 //! The laboratory's kinds of files, which `check` knows besides tables and configurations.
 
 use isotherm_automation::plan::Plan;
-use isotherm_calibration::calibrate::observable;
+use isotherm_calibration::observable;
 use isotherm_campaign::Campaign;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::LoadError;

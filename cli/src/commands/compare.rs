@@ -3,7 +3,7 @@
 use super::common::{Refused, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
-use isotherm_calibration::provenance::{TableFile, now, tool};
+use isotherm_calibration::{TableFile, now, tool};
 use isotherm_failure::{Exit, Failure};
 use isotherm_files::{
     LoadError, StagedText, WorldWritable, check_stdout, check_written, print, print_data, read_text, refuse_overlap,

@@ -6,7 +6,7 @@ use crate::progress::{bytes_bar, spinner};
 use clap::Args;
 use isotherm_analysis::NoiseAnalysis;
 use isotherm_analysis::imu_yaml;
-use isotherm_calibration::provenance::{now, tool};
+use isotherm_calibration::{now, tool};
 use isotherm_client::{ImuId, RawSample};
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{

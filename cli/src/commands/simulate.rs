@@ -3,36 +3,31 @@
 mod memory;
 mod options;
 mod ramp;
+mod rows;
 mod station;
 
+use crate::commands::simulate::rows::AttitudeDocument;
+use crate::commands::simulate::rows::Columns;
+use crate::commands::simulate::rows::reachable;
+use crate::commands::simulate::rows::write_rows;
 use crate::parse::{Rates, SetPoints, direction, interval, numbers, rates, scheme, seconds, set_points, size};
-use crate::progress::rows_bar;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
 use isotherm_campaign::Scheme;
 use isotherm_client::Domain;
 use isotherm_failure::Failure;
-use isotherm_files::{check_stdout, check_written};
-use isotherm_recording::{Layout, RawCsvWriter};
-use isotherm_shared::wire::{AXES, RawSample};
+use isotherm_shared::wire::AXES;
 use isotherm_simulation as simulation;
-use isotherm_simulation::{CampaignSchedule, Chain, RampSchedule, RunSchedule, Truth, TurnSchedule};
+use isotherm_simulation::{CampaignSchedule, RampSchedule, RunSchedule, Truth, TurnSchedule};
 use options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml, usage};
 use ramp::{RATES, RampDocument, RampRecordings};
 use serde::Serialize;
-use std::fmt::Display;
-use std::fs;
-use std::path::Path;
 use std::time::Duration;
 
-/// Most rows of a file: a hundred hours at 1 kHz, some 50 GB.
-const MAX_ROWS: u64 = 360_000_000;
 /// Number of the first turn: behind those of the positions.
 const FIRST_TURN: u32 = 13;
 /// Angle of a turn unless another is given: twice around \[deg\].
 const WHOLE_TURNS_DEG: f64 = 720.0;
-/// Rows between two updates of the progress bar.
-const BAR_ROWS: u64 = 4096;
 
 /// Make a campaign, ramps or a temperature run of a simulated IMU whose coefficients are known, or run a simulated station
 ///
@@ -247,82 +242,4 @@ fn ramps_beside(truth: &Truth, schedule: &CampaignSchedule, rates: &Rates) -> Re
     let to_c = ends_c.next_back().unwrap_or(from_c);
     let run = RunSchedule { from_c, to_c, interval_ns, chain, noise, ..RampSchedule::default().run };
     RampRecordings::new(truth, run, rates)
-}
-
-/// What truth.toml says of the attitude of a run.
-#[derive(Serialize)]
-struct AttitudeDocument {
-    /// \[g0\]
-    specific_force: [f64; AXES],
-    /// \[deg\]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    outer_deg: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    inner_deg: Option<f64>,
-}
-
-impl AttitudeDocument {
-    /// Only gyroscopes feel the angles.
-    fn of(truth: &Truth, run: &RunSchedule) -> Self {
-        let angles = truth.table.content().gyroscopes.as_ref().map(|_| run.angles_deg(truth));
-        Self {
-            specific_force: run.specific_force(truth),
-            outer_deg: angles.map(|[outer, _]| outer),
-            inner_deg: angles.map(|[_, inner]| inner),
-        }
-    }
-}
-
-/// Refuses chamber temperatures outside the range of the truth's coefficients.
-fn reachable(truth: &Truth, chain: &Chain, temperatures_c: &[f64]) -> Result<(), Failure> {
-    let low = temperatures_c.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = temperatures_c.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    match truth.outside(chain, low, high) {
-        None => Ok(()),
-        Some(place) => Err(usage(format!("the chamber would leave the truth: {place}"))),
-    }
-}
-
-/// The columns of a file.
-struct Columns {
-    /// Those before the sample's, with commas.
-    leading: &'static str,
-    telemetry_ns: bool,
-    layout: Layout,
-}
-
-impl Columns {
-    /// Those of the simulated samples.
-    fn of(truth: &Truth, chain: &Chain) -> Self {
-        let layout = Layout { gyroscopes: truth.table.content().gyroscopes.is_some(), ..Layout::default() };
-        Self { leading: "", telemetry_ns: chain.telemetry_s > 0.0, layout }
-    }
-}
-
-/// Adds the file `name` with `rows` to `files`, with a progress bar on a terminal.
-fn write_rows(
-    folder: &Path,
-    name: &str,
-    columns: Columns,
-    count: u64,
-    rows: impl Iterator<Item = (impl Display, RawSample)>,
-    files: &mut SimulatedFiles,
-) -> Result<(), Failure> {
-    if count > MAX_ROWS {
-        return Err(usage(format!("{count} rows; up to {MAX_ROWS} can be simulated, give a longer interval")));
-    }
-    check_written(None, check_stdout())?;
-    fs::create_dir_all(folder).map_err(|error| Failure::io("making", folder, &error))?;
-    let bar = rows_bar(count);
-    files.add_with(folder.join(name), |sink| {
-        let mut writer = RawCsvWriter::with_layout(sink, columns.leading, columns.telemetry_ns, columns.layout)?;
-        for (index, (leading, raw)) in (0u64..).zip(rows) {
-            if index.is_multiple_of(BAR_ROWS) {
-                bar.set_position(index);
-            }
-            writer.write(leading, &raw)?;
-        }
-        bar.finish_and_clear();
-        Ok(())
-    })
 }

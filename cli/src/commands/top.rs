@@ -1,7 +1,8 @@
 //! `top`: the live screen.
 
 use super::common::options;
-use crate::top::{self, Theme};
+use crate::top;
+use crate::top::Theme;
 use clap::Args;
 use isotherm_client::Domain;
 use isotherm_failure::{Exit, Failure};

@@ -7,7 +7,7 @@ use super::common::{
 use crate::parse::{direction, gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_calibration::provenance::{now, tool};
+use isotherm_calibration::{now, tool};
 use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::{

@@ -4,7 +4,7 @@
 
 use crate::{check_faults, checked};
 use isotherm_analysis::compare;
-use isotherm_calibration::provenance::TableFile;
+use isotherm_calibration::TableFile;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};

@@ -6,7 +6,7 @@ use super::machine::Unit;
 use super::plan::Plan;
 use super::timeline::{duration, units};
 
-use isotherm_report::page::NoteKind;
+use isotherm_report::NoteKind;
 
 /// An event as the live page shows it.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,8 +10,8 @@ use super::progress::{DroppedImu, Snapshot};
 use super::readbacks::Readbacks;
 
 use isotherm_failure::Failure;
-use isotherm_report::page::{Cell, NoteKind, Page};
-use isotherm_report::plot::{Plot, Style};
+use isotherm_report::{Cell, NoteKind, Page};
+use isotherm_report::{Plot, Style};
 use isotherm_shared::table::AXIS_NAMES;
 use std::fs;
 use std::io;

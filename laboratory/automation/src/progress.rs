@@ -170,7 +170,7 @@ impl Progress {
     /// Prints an event above the bars, or into the log.
     pub fn event(&self, text: &str) {
         match &self.bars {
-            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_calibration::provenance::now(), printable(text))),
+            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_calibration::now(), printable(text))),
             None => tracing::info!("{text}"),
         }
     }

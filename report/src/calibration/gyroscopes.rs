@@ -1,11 +1,11 @@
 //! The sections of a calibration's page that only gyroscopes have.
 
+use super::parts::{Report, remark};
 use super::triad::Budget;
-use super::{Report, remark};
 use crate::page::{Cell, Page};
 use crate::plot::{Plot, Style};
-use isotherm_calibration::gyroscopes::{FittedRun, GyroscopeCalibration, Place};
-use isotherm_calibration::triad::CalibratedTriad;
+use isotherm_calibration::CalibratedTriad;
+use isotherm_calibration::{FittedRun, GyroscopeCalibration, Place};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::CONFIDENCE;

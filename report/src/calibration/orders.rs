@@ -1,8 +1,8 @@
 //! The order tables of a calibration's report.
 
-use super::{QUANTITY_NAMES, Report};
+use super::parts::{QUANTITY_NAMES, Report};
 use crate::page::{Cell, NoteKind, Page};
-use isotherm_calibration::triad::CalibratedTriad;
+use isotherm_calibration::CalibratedTriad;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::Partial;
 use isotherm_statistics::Test;

@@ -1,10 +1,10 @@
 //! The sections of a calibration's page that are the same for accelerometers and gyroscopes.
 
-use super::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
+use super::parts::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
 use crate::page::{Cell, Page};
 use crate::plot::{Plot, Style};
-use isotherm_calibration::options::Method;
-use isotherm_calibration::triad::{CalibratedTriad, ReducedSensor};
+use isotherm_calibration::Method;
+use isotherm_calibration::{CalibratedTriad, ReducedSensor};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, student_quantile};
 

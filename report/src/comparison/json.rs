@@ -3,7 +3,7 @@
 use isotherm_analysis::{
     AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend,
 };
-use isotherm_calibration::provenance::TableFile;
+use isotherm_calibration::TableFile;
 use serde_json::{Value, json};
 
 /// The document of `compare --json`. What is not known is null.

@@ -1,6 +1,6 @@
 //! A comparison in lines.
 
-use super::{places, slope_interval, which, word};
+use super::words::{places, slope_interval, which, word};
 use isotherm_analysis::{Comparison, ComparisonRequirement, NOT_IN_THE_ERRORS};
 use std::fmt::Write as _;
 

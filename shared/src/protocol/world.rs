@@ -6,7 +6,9 @@
 //!
 //! Over 400 lines: every step works on the same state.
 
-use super::{AcquisitionState, ReaderState, Refusal, Resend, SequenceTracker};
+use crate::protocol::acquisition::{AcquisitionState, Refusal, Resend};
+use crate::protocol::reader::ReaderState;
+use crate::protocol::service::SequenceTracker;
 use crate::sequence::Period;
 use std::collections::VecDeque;
 use std::hash::{Hash, Hasher};

@@ -4,7 +4,8 @@
 //! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor changes is relative to
 //! its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in deg/h.
 
-use super::model::{AXIS_NAMES, Axis, CoefficientTable, Content, GYROSCOPE_NAMES};
+use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES};
+use super::model::CoefficientTable;
 use crate::bounds::{self, Bound};
 use crate::polynomial::Polynomial;
 use crate::units::SensorKind;

@@ -6,10 +6,10 @@ use super::checks::{
     NO_LAG, alignment_fault, bias_fault, g_sensitivity_fault, gravity_fault, lag_fault, max_age_fault, max_rate_fault,
     negative_scale_factor_fault, positive_scale_factor_fault, transient_fault,
 };
-use super::model::{
-    AXIS_NAMES, Axis, CoefficientTable, Content, FORMAT, G_SENSITIVITY_KEYS, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes,
-    OutOfRange,
+use super::content::{
+    AXIS_NAMES, Axis, Content, FORMAT, G_SENSITIVITY_KEYS, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
 };
+use super::model::CoefficientTable;
 use super::turntable::Turntable;
 use crate::document::{Document, Fault, Faults, Section};
 use crate::polynomial::{MAX_ORDER, Polynomial};

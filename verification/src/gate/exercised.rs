@@ -6,9 +6,11 @@
 //!   [`super::gyroscopes`].
 //! - **Temperatures.** The runs must cover at least [`LEAST_COVERED`] of the range of every bias curve, also of the gyroscopes.
 
-use super::{Gate, RANGE_TOLERANCE, Refusal};
+use super::{Gate, RANGE_TOLERANCE};
+use crate::gate::allowed::Refusal;
+use crate::stability::Coverage;
 pub use crate::stability::DRIVEN;
-use crate::stability::{Coverage, Stability};
+use crate::stability::Stability;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;

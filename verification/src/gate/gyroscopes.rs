@@ -10,12 +10,12 @@
 use super::allowed::{GATE_FLOOR, GATE_MOST, GROUP_S, Refusal, is_unexplained};
 use super::comparison::{Worse, common_windows, errors_along, worst_of};
 use crate::requirement::Requirement;
-use crate::stability::{Stability, earth_rate::EarthRate};
-use isotherm_calibration::accuracy::largest_interval;
-use isotherm_calibration::checks::{Finding, name};
-use isotherm_calibration::gyroscopes::GyroscopeCalibration;
-use isotherm_calibration::gyroscopes::fit::GyroscopeSolution;
-use isotherm_calibration::result::Calibration;
+use crate::stability::{EarthRate, Stability};
+use isotherm_calibration::Calibration;
+use isotherm_calibration::GyroscopeCalibration;
+use isotherm_calibration::GyroscopeSolution;
+use isotherm_calibration::largest_interval;
+use isotherm_calibration::{Finding, name};
 use isotherm_shared::table::{CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::CONFIDENCE;

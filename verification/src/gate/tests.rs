@@ -1,9 +1,10 @@
 use super::*;
-use crate::stability::{Collector, LocalGravity, Setup};
-use isotherm_calibration::accelerometers::calibrate_accelerometers;
-use isotherm_calibration::alignment::AlignmentChoice;
-use isotherm_calibration::checks::name;
-use isotherm_calibration::options::CalibrationOptions;
+use crate::stability::Collector;
+use crate::stability::{LocalGravity, Setup};
+use isotherm_calibration::AlignmentChoice;
+use isotherm_calibration::CalibrationOptions;
+use isotherm_calibration::calibrate_accelerometers;
+use isotherm_calibration::name;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::read_dwells;

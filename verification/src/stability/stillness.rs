@@ -10,6 +10,7 @@
 //! Each limit is 10 times what is usual in this recording, which is its median, but no less than a bound that no noise of a good sensor reaches and no more
 //! than one that no sensor at rest reaches.
 
+use crate::stability::figures::MAX_UNJUDGED;
 use crate::window::Window;
 use core::fmt;
 use isotherm_shared::units::SensorKind;
@@ -193,4 +194,13 @@ pub(super) fn mark(
         elsewhere: count(Cause::Elsewhere),
         by_accelerometers: count(Cause::Accelerometers),
     }
+}
+
+/// Why a triad is not judged over the whole run, if too many windows are left out, because they are not `at` what counts.
+pub(super) fn unjudged(left_out: &LeftOut, at: &str) -> Option<String> {
+    let (count, windows) = (left_out.count(), left_out.windows);
+    (count as f64 > MAX_UNJUDGED * windows as f64).then(|| {
+        let enough = if left_out.over_half() { "; under half of the run is not enough to judge by" } else { "" };
+        format!("{count} of {windows} windows are not {at}, at most 1 % may be left out: {}{enough}", left_out.causes())
+    })
 }

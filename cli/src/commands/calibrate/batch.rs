@@ -1,9 +1,9 @@
 //! `calibrate` of a batch: a table for each IMU, and the statistics of all.
 
-use super::{Calibrate, Results};
+use super::arguments::{Calibrate, Results};
 use crate::commands::common::{Refused, inputs};
 use isotherm_analysis::batch;
-use isotherm_calibration::provenance::{TableFile, now, tool};
+use isotherm_calibration::{TableFile, now, tool};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::{IMU, select_imu};
 use isotherm_failure::{Exit, Failure, printable, tell};

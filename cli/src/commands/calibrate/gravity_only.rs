@@ -1,66 +1,15 @@
 //! `calibrate --gravity-only`: a table without a turntable, from recordings of an IMU that was put down by hand.
 
-use super::{Calibrate, Excluded, PolynomialOrder, Results};
+use super::arguments::{Calibrate, Excluded, GravityOnlyArgs, PolynomialOrder, Results};
 use crate::commands::common::Refused;
-use crate::parse::{gravity, numbers, seconds};
 use crate::progress::{bytes_bar, spinner};
-use clap::Args;
-use isotherm_calibration::gravity_only::{
-    GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only, sealed_gravity_only_table,
-};
-use isotherm_calibration::provenance::{CampaignSource, now, sha256, tool};
+use isotherm_calibration::{CampaignSource, now, sha256, tool};
+use isotherm_calibration::{GravityOnlyOptions, TumbleRecording, calibrate_gravity_only, sealed_gravity_only_table};
 use isotherm_campaign::Campaign;
-use isotherm_client::ImuId;
 use isotherm_failure::{Exit, Failure};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
 use isotherm_report as report;
 use std::path::PathBuf;
-use std::time::Duration;
-
-/// The options of a calibration without a turntable.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Without a turntable")]
-pub(super) struct GravityOnlyArgs {
-    /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by hand in many attitudes
-    ///
-    /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the next four options as keys
-    #[arg(long, requires_all = ["imu", "gravity_local", "gravity_reference", "temperature_unit"])]
-    pub gravity_only: bool,
-    /// The IMU that was measured; of a campaign file with several, the only one whose table is made
-    #[arg(long, value_name = "ID")]
-    pub imu: Option<ImuId>,
-    /// Gravity where the recordings were made [m/s2]
-    #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
-    pub gravity_local: Option<f64>,
-    /// The value of 1 g0 [m/s2]; it is written into the table
-    #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
-    pub gravity_reference: Option<f64>,
-    /// Unit of the telemetry; a label
-    #[arg(long, value_name = "UNIT", requires = "gravity_only")]
-    pub temperature_unit: Option<String>,
-    /// single: K- = -K+; split: each a curve of its own; auto: single, unless split is significant and the attitudes allow it [default: auto]
-    #[arg(long, value_name = "auto|single|split", value_parser = scale_factor)]
-    pub scale_factor: Option<ScaleFactorChoice>,
-    /// Estimate no misalignments: they stay in the errors, and the table gets no alignment matrix
-    #[arg(long)]
-    pub no_misalignment: bool,
-    /// Length of the windows that standstills are searched with; a shorter standstill is left out [s] [default: 1]
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub window: Option<Duration>,
-    /// Where a table of order 0 is valid, in the telemetry's unit; required if the telemetry is constant [default: the measured range]
-    #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
-    pub temperature_range: Option<[f64; 2]>,
-}
-
-fn scale_factor(text: &str) -> Result<ScaleFactorChoice, String> {
-    let found = ScaleFactorChoice::NAMES.iter().find(|(_, name)| *name == text);
-    found.map(|(choice, _)| *choice).ok_or_else(|| "give auto, single or split".to_owned())
-}
-
-fn range(text: &str) -> Result<[f64; 2], String> {
-    let [low, high] = numbers::<2>(text)?;
-    if low < high { Ok([low, high]) } else { Err("give the lower end first".to_owned()) }
-}
 
 impl GravityOnlyArgs {
     /// Refuses options that need a calibration without a turntable.

@@ -1,7 +1,7 @@
 //! `simulate ramp`: recordings of a stay each that warms and cools; `simulate campaign --ramps` makes them beside its positions.
 
 use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml, usage};
-use super::{AttitudeDocument, Columns, reachable, write_rows};
+use super::rows::{AttitudeDocument, Columns, reachable, write_rows};
 use crate::parse::{Rates, direction, interval, numbers, rates, seconds, size};
 use clap::Args;
 use isotherm_campaign::Ramp;

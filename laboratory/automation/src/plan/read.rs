@@ -10,7 +10,7 @@ use super::ramps::ramps;
 use super::stay::{AirLimits, position_at, way};
 use super::turns::{self, turn_plan};
 use crate::limits::{self, Limits};
-use isotherm_calibration::calibrate::observable;
+use isotherm_calibration::observable;
 use isotherm_campaign::Campaign;
 use isotherm_campaign::IMU;
 use isotherm_campaign::Ramp;

@@ -1,0 +1,183 @@
+//! Arguments of `calibrate`, and what it prints.
+
+use crate::parse::{gravity, lag_choice, numbers, seconds};
+use clap::Args;
+use isotherm_calibration::{LagChoice, Method, ScaleFactorChoice, name};
+use isotherm_client::ImuId;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Make a coefficient table from a campaign in the temperature chamber
+///
+/// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its provenance. What
+/// the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes too. Ramps give the lag of the sensing
+/// elements behind their telemetry, and transients of the biases where they show them; ramps alone also the bias curves at one attitude.
+///
+/// Without a turntable: with --gravity-only, recordings of an IMU that was put down by hand in many attitudes take the place of the campaign. The
+/// standstills in them are found, and the length of gravity is the reference.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
+)]
+pub struct Calibrate {
+    /// Campaign file; it names the samples. With --gravity-only: a recording
+    #[arg(value_name = "CAMPAIGN.toml")]
+    pub(super) campaign: PathBuf,
+    /// Samples (CSV, Parquet, MCAP), or the pieces of one recording in any order [default: those that the campaign file names]
+    #[arg(value_name = "SAMPLES")]
+    pub(super) samples: Vec<PathBuf>,
+    /// Where the table goes; - is stdout
+    #[arg(short, long, value_name = "TABLE.toml")]
+    pub(super) output: PathBuf,
+    /// Where the report goes (HTML)
+    #[arg(long, value_name = "R.html")]
+    pub(super) report: Option<PathBuf>,
+    /// Where the report of a batch goes (HTML): the spread of its IMUs, and which one stands out
+    ///
+    /// For a campaign file with several IMUs. In -o and --report, {imu} stands for the name of each
+    #[arg(long, value_name = "BATCH.html", conflicts_with = "gravity_only")]
+    pub(super) batch: Option<PathBuf>,
+    /// Order of every polynomial, 0 to 7; auto chooses each from the data
+    #[arg(long, value_name = "auto|N", default_value = "auto", allow_negative_numbers = true, value_parser = order)]
+    pub(super) order: PolynomialOrder,
+    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the polynomials [default:
+    /// one-stage]
+    #[arg(long, value_name = "one-stage|two-stage", value_parser = method)]
+    pub(super) method: Option<Method>,
+    /// Give the table an alignment matrix, from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]
+    ///
+    /// It turns the axes of the output onto those of the turntable; how the IMU sat on the fixture is part of it. With gyroscopes both triads
+    /// get one, or neither
+    #[arg(long, conflicts_with = "no_alignment")]
+    pub(super) alignment: bool,
+    /// Give the table no alignment matrix: outputs stay along the sensors' input axes
+    #[arg(long)]
+    pub(super) no_alignment: bool,
+    /// Print one JSON document to stdout instead of the text to stderr, also of a failure
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table without transients [default:
+    /// found in the ramps]
+    ///
+    /// Given, it need not show itself in the ramps. A transient of a bias is still written only if it predicts the sweeps left out
+    #[arg(long, value_name = "S|none", value_parser = lag_choice)]
+    pub(super) lag: Option<LagChoice>,
+    /// Leave a dwell or a turn out: set point in degC and number of the position or turn; may be repeated. With --gravity-only: the number of a
+    /// standstill
+    #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = excluded)]
+    pub(super) exclude: Vec<Excluded>,
+    /// Make the table in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or repeated. The
+    /// names are written into the provenance
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
+    pub(super) accept: Vec<&'static str>,
+    /// Make the table also of samples of another unit than the campaign file's serial number says; the same as --accept other-device
+    #[arg(long)]
+    pub(super) other_device: bool,
+    /// Make no table if there is a warning that is not accepted
+    #[arg(long)]
+    pub(super) strict: bool,
+    /// List all faults and warnings of a refused campaign, not the first ten, also those that a diagnosis explains
+    #[arg(short, long)]
+    pub(super) verbose: bool,
+    #[command(flatten)]
+    pub(super) without_turntable: GravityOnlyArgs,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum PolynomialOrder {
+    Auto,
+    Fixed(usize),
+}
+
+fn order(text: &str) -> Result<PolynomialOrder, String> {
+    match text.parse() {
+        _ if text == "auto" => Ok(PolynomialOrder::Auto),
+        Ok(order @ 0..=7) => Ok(PolynomialOrder::Fixed(order)),
+        _ => Err("give auto or an order from 0 to 7".to_owned()),
+    }
+}
+
+fn method(text: &str) -> Result<Method, String> {
+    let found = Method::NAMES.iter().find(|(_, name)| *name == text);
+    found.map(|(method, _)| *method).ok_or_else(|| "give one-stage or two-stage".to_owned())
+}
+
+/// What is left out of the fit.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Excluded {
+    /// Set point \[degC\] and number of a position or a turn.
+    Dwell(f64, u32),
+    /// Number of a standstill.
+    Standstill(usize),
+}
+
+fn excluded(text: &str) -> Result<Excluded, String> {
+    if let Ok(number) = text.parse() {
+        return Ok(Excluded::Standstill(number));
+    }
+    let place = text.split_once('/').and_then(|(set_point, number)| {
+        let set_point: f64 = set_point.trim().parse().ok()?;
+        Some(Excluded::Dwell(set_point, number.trim().parse().ok()?)).filter(|_| set_point.is_finite())
+    });
+    place.ok_or_else(|| {
+        "give SET_POINT/NUMBER, for example -25/3; without a turntable the number of a standstill".to_owned()
+    })
+}
+
+/// What the samples gave, ready to be written.
+pub(super) struct Results {
+    /// Text of the table file.
+    pub(super) table: String,
+    /// Each warning as a line.
+    pub(super) warnings: Vec<String>,
+    pub(super) text: String,
+    /// Empty without a report.
+    pub(super) html: String,
+    pub(super) json: Value,
+}
+
+/// The options of a calibration without a turntable.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Without a turntable")]
+pub(super) struct GravityOnlyArgs {
+    /// Calibrate the accelerometers by the length of gravity alone: the recordings are of an IMU that was put down by hand in many attitudes
+    ///
+    /// Each file is a recording of its own. A campaign file with method = "gravity-only" does the same, and has the next four options as keys
+    #[arg(long, requires_all = ["imu", "gravity_local", "gravity_reference", "temperature_unit"])]
+    pub gravity_only: bool,
+    /// The IMU that was measured; of a campaign file with several, the only one whose table is made
+    #[arg(long, value_name = "ID")]
+    pub imu: Option<ImuId>,
+    /// Gravity where the recordings were made [m/s2]
+    #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
+    pub gravity_local: Option<f64>,
+    /// The value of 1 g0 [m/s2]; it is written into the table
+    #[arg(long, value_name = "G", requires = "gravity_only", value_parser = gravity)]
+    pub gravity_reference: Option<f64>,
+    /// Unit of the telemetry; a label
+    #[arg(long, value_name = "UNIT", requires = "gravity_only")]
+    pub temperature_unit: Option<String>,
+    /// single: K- = -K+; split: each a curve of its own; auto: single, unless split is significant and the attitudes allow it [default: auto]
+    #[arg(long, value_name = "auto|single|split", value_parser = scale_factor)]
+    pub scale_factor: Option<ScaleFactorChoice>,
+    /// Estimate no misalignments: they stay in the errors, and the table gets no alignment matrix
+    #[arg(long)]
+    pub no_misalignment: bool,
+    /// Length of the windows that standstills are searched with; a shorter standstill is left out [s] [default: 1]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub window: Option<Duration>,
+    /// Where a table of order 0 is valid, in the telemetry's unit; required if the telemetry is constant [default: the measured range]
+    #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
+    pub temperature_range: Option<[f64; 2]>,
+}
+
+fn scale_factor(text: &str) -> Result<ScaleFactorChoice, String> {
+    let found = ScaleFactorChoice::NAMES.iter().find(|(_, name)| *name == text);
+    found.map(|(choice, _)| *choice).ok_or_else(|| "give auto, single or split".to_owned())
+}
+
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let [low, high] = numbers::<2>(text)?;
+    if low < high { Ok([low, high]) } else { Err("give the lower end first".to_owned()) }
+}
