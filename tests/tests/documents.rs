@@ -12,7 +12,7 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// Every document with its text.
 fn documents() -> Vec<(PathBuf, String)> {
     let mut paths = vec![];
-    for folder in ["", "docs", "fuzz"] {
+    for folder in ["", "docs", "fuzz", "python"] {
         let entries = fs::read_dir(Path::new(ROOT).join(folder)).unwrap().map(|entry| entry.unwrap().path());
         paths.extend(entries.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
     }
@@ -51,6 +51,43 @@ fn links_have_existing_targets() {
     }
     assert!(links > 40, "{links}");
     assert!(dead.is_empty(), "{}", dead.join("\n"));
+}
+
+#[test]
+fn lines_of_documents_have_120_columns_at_most() {
+    let mut long = Vec::new();
+    for (path, document) in documents() {
+        for (number, line) in document.lines().enumerate().filter(|(_, line)| line.chars().count() > 120) {
+            long.push(format!("{}:{}: {line}", path.display(), number + 1));
+        }
+    }
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
+#[test]
+fn the_page_of_findings_is_what_the_program_prints() {
+    let printed = TestDomain::new().run_ok(&["explain", "--markdown", "findings"]);
+    let page = fs::read_to_string(Path::new(ROOT).join("docs/findings.md")).unwrap();
+    assert!(page == printed, "renew it: cargo run -p isotherm-cli -- explain --markdown findings > docs/findings.md");
+}
+
+/// What the documents say of the daemon's names holds for `isothermd` too, but for findings and states of `top`.
+#[test]
+fn every_name_is_explained_and_an_unknown_one_tells_the_nearest() {
+    let domain = TestDomain::new();
+    for name in ["position-off", "a2-rate", "isotherm_gaps_total", "held_back_ms", "78", "near range end"] {
+        assert!(domain.run_ok(&["explain", name]).contains(name), "{name}");
+        let daemon = Command::new(binary("isothermd")).args(["explain", name]).output().unwrap();
+        let laboratory = ["position-off", "near range end"].contains(&name);
+        assert_eq!(daemon.status.code(), Some(if laboratory { 64 } else { 0 }), "{name}");
+    }
+    let output = domain.run(&["explain", "positon-off"]);
+    assert_eq!(output.status.code(), Some(64));
+    assert!(text(&output.stderr).contains("near it are position-off"), "{}", text(&output.stderr));
+    let list = domain.run_ok(&["explain"]);
+    for line in list.lines().filter(|line| line.starts_with("  ")) {
+        assert!(line.chars().count() <= 120 && line.ends_with(['.', '`']), "{line}");
+    }
 }
 
 /// The command lines in a document: those in code blocks, and those between back quotes in the text.
