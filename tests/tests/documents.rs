@@ -185,32 +185,41 @@ fn the_version_names_commit_and_profile() {
     assert!(target.contains("linux"), "{version}");
 }
 
+/// The commands of a program, from its help.
+fn commands_of(help: &str) -> Vec<String> {
+    let list = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap().lines();
+    // Lines with more than two leading spaces continue a description.
+    let commands = list.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    let names = commands.map(|line| line.split_whitespace().next().unwrap().to_owned());
+    names.filter(|name| name != "help").collect()
+}
+
 #[test]
 fn manual_pages_completions_and_examples_are_there_for_every_command() {
     let domain = TestDomain::new();
-    let commands: Vec<_> = help(&[])
-        .unwrap()
-        .split("Commands:")
-        .nth(1)
-        .unwrap()
-        .split("Options:")
-        .next()
-        .unwrap()
-        .lines()
-        // Lines with more than two leading spaces continue a description.
-        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
-        .map(|line| line.split_whitespace().next().unwrap().to_owned())
-        .filter(|name| name != "help")
-        .collect();
+    let commands = commands_of(&help(&[]).unwrap());
     assert!(commands.len() > 10, "{commands:?}");
     domain.run_ok(&["man", "-o", "man"]);
+    let page = |name: &str| fs::read_to_string(domain.path(&format!("man/{name}"))).unwrap();
     let completions = domain.run_ok(&["completions", "bash"]);
     for command in &commands {
         assert!(help(&[command]).unwrap().contains("Examples:"), "isotherm {command} --help has no examples");
-        let page = fs::read_to_string(domain.path(&format!("man/isotherm-{command}.1"))).unwrap();
+        let page = page(&format!("isotherm-{command}.1"));
         assert!(page.contains(".SH DESCRIPTION") && page.contains("Examples:"), "{page}");
         assert!(completions.contains(command.as_str()), "{command}");
     }
+    let daemon = Command::new(binary("isothermd")).arg("--help").output().unwrap();
+    let of_the_daemon = commands_of(&text(&daemon.stdout));
+    assert!(of_the_daemon.len() > 4, "{of_the_daemon:?}");
+    assert!(page("isothermd.1").contains("isothermd"));
+    for command in of_the_daemon {
+        let page = page(&format!("isothermd-{command}.1"));
+        assert!(page.contains("Examples:") && page.contains("isothermd"), "{page}");
+    }
+    // What the page of the configuration shows is the example, but for the escapes.
+    let shown = page("isotherm-service.5").replace("\\-", "-").replace("\\&", "").replace("\\e", "\\");
+    let example = fs::read_to_string(Path::new(ROOT).join("examples/service.toml")).unwrap();
+    assert!(shown.contains(&example), "{shown}");
     let script = domain.write("completions", &completions);
     let mut shell = Command::new("bash");
     shell.arg("-c").arg(format!(
