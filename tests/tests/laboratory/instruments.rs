@@ -59,7 +59,7 @@ impl<'d> TestStation<'d> {
     fn port(&self, who: &str) -> String {
         let mut port = String::new();
         wait_until("the station's description", || {
-            let json = std::fs::read_to_string(self.domain.path("station/station.json")).unwrap_or_default();
+            let json = fs::read_to_string(self.domain.path("station/station.json")).unwrap_or_default();
             let station: serde_json::Value = serde_json::from_str(&json).unwrap_or_default();
             port = station[format!("{who}_port")].as_str().unwrap_or_default().to_owned();
             !port.is_empty()
@@ -426,11 +426,11 @@ fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     let path = format!("/proc/{0}/task/{0}/children", station.process.pid());
     let mut children: Vec<String> = Vec::new();
     wait_until("its three processes", || {
-        children = std::fs::read_to_string(&path).unwrap().split_whitespace().map(str::to_owned).collect();
+        children = fs::read_to_string(&path).unwrap().split_whitespace().map(str::to_owned).collect();
         children.len() == 3
     });
     let ended = |pid: &String| {
-        std::fs::read_to_string(format!("/proc/{pid}/stat"))
+        fs::read_to_string(format!("/proc/{pid}/stat"))
             .map_or(true, |stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('Z')))
     };
     station.process.kill();
@@ -443,7 +443,7 @@ fn a_station_leaves_nothing_behind_even_when_it_is_killed() {
     let (status, log) = station.process.wait();
     assert!(status.success(), "{log}");
     let mut remaining: Vec<_> =
-        std::fs::read_dir(domain.path("station")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        fs::read_dir(domain.path("station")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     remaining.sort();
     assert_eq!(remaining, ["plan.toml", "truth.toml"]);
     assert_eq!(fault_kind(chamber.read()), FaultKind::Line);
