@@ -64,6 +64,30 @@ fn lines_of_documents_have_120_columns_at_most() {
     assert!(long.is_empty(), "{}", long.join("\n"));
 }
 
+/// Comments of TOML, Python and shell; data of tests are as their programs made them.
+#[test]
+fn comments_have_120_columns_at_most() {
+    let mut long = Vec::new();
+    let mut count = 0;
+    let mut folders = vec![PathBuf::from(ROOT)];
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            let name = path.file_name().unwrap().to_string_lossy();
+            if path.is_dir() && !name.starts_with('.') && !["target", "data", "corpus"].contains(&&*name) {
+                folders.push(path);
+            } else if [".toml", ".py", ".sh"].iter().any(|extension| name.ends_with(extension)) {
+                let text = fs::read_to_string(&path).unwrap();
+                let comments = text.lines().filter(|line| line.trim_start().starts_with('#'));
+                let wide = comments.filter(|line| line.chars().count() > 120);
+                long.extend(wide.map(|line| format!("{}: {line}", path.display())));
+                count += 1;
+            }
+        }
+    }
+    assert!(count > 50, "{count}");
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
 #[test]
 fn the_page_of_findings_is_what_the_program_prints() {
     let printed = TestDomain::new().run_ok(&["explain", "--markdown", "findings"]);
