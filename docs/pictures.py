@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Takes the pictures of docs/calibration.md out of reports, as SVG files that stand alone.
+"""Takes the pictures of docs/calibrate.md and docs/verify.md out of reports, as SVG files that stand alone.
 
     isotherm calibrate examples/campaign/campaign.toml -o imu.toml --report imu.html
     isotherm simulate run -o run && isotherm verify --table imu.toml run/run.csv --report verify.html

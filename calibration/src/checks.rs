@@ -90,7 +90,7 @@ impl fmt::Display for RunNumber {
 pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
-    /// What it is, one of [`name::ALL`]; `--accept` takes it.
+    /// What it is, one of [`name::SUBJECTS`]; `--accept` takes it.
     pub name: &'static str,
     /// Line of the samples, if the finding concerns one.
     pub line: Option<u64>,

@@ -259,7 +259,8 @@ fn a_mistake_is_one_line_and_faults_can_be_accepted_by_name() {
     let table = fs::read_to_string(folder.path().join("t.toml")).unwrap();
     assert!(table.contains("accepted = [\"interval\"]"), "{table}");
     // Unknown names, and names without which nothing is left to fit.
-    assert!(calibrate(64, &["--accept", "intervals"]).contains("give the name of a finding: interval, missing-rows"));
+    let err = calibrate(64, &["--accept", "intervals"]);
+    assert!(err.contains("give the name of a finding: ") && err.contains(" interval, missing-rows, "), "{err}");
     assert!(
         calibrate(64, &["--accept", "no-pulses"])
             .contains("no-pulses cannot be accepted, because nothing is left to fit")

@@ -38,7 +38,8 @@
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
 //! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag, which a table with
-//!   transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula, `docs/lag.md` the whole story.
+//!   transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
+//!   `docs/temperature-in-motion.md` the whole story.
 //! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
 //! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are there
 //!   ([`receive_timeout`](IncrementReader::receive_timeout)), or gives a [descriptor](IncrementReader::descriptor) to an event loop, and tells

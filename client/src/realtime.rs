@@ -9,7 +9,7 @@
 //! # }
 //! ```
 //! The kernel stops a thread that never sleeps and has a real-time priority for about 50 ms of every second, unless it has a
-//! core of its own and the kernel's limit is switched off: see `docs/operations.md`.
+//! core of its own and the kernel's limit is switched off: see `docs/operate.md`.
 #![expect(unsafe_code, reason = "SCHED_FIFO has no safe binding")]
 
 use core::fmt;

@@ -4,7 +4,7 @@
 //
 // Start with this program. It loses no control period while the service is replaced, and says so where one is lost all the same. Replace
 // wait_for_period() and latch() by your hardware, and use() by your navigation. CORE and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine
-// that has a core to spare; they need rights, see docs/operations.md. The environment variable ISOTHERM_DOMAIN names the domain.
+// that has a core to spare; they need rights, see docs/operate.md. The environment variable ISOTHERM_DOMAIN names the domain.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>

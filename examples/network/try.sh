@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Tests docs/network.md on one machine: two network namespaces are the hosts, each with a domain and a tunnel. Prints the results.
-# It takes about 6 minutes. It needs root (ip netns), the tunnel's program and a Rust toolchain:
+# Tests docs/network.md on one machine: two network namespaces are the hosts, each with a domain and a tunnel. Prints
+# the results. It takes about 6 minutes. It needs root (ip netns), the tunnel's program and a Rust toolchain:
 #   cargo install iceoryx2-integrations-zenoh-link-tunnel-cli --version 0.10.0 --locked
 #   sudo --preserve-env=PATH examples/network/try.sh [PART..]        PART: steady breaks cost; all unless given
 set -euo pipefail
@@ -101,7 +101,8 @@ if [[ $parts == *breaks* ]]; then
   break_it "service killed, started 2 s later" "stop service 9" service 2
 fi
 if [[ $parts == *cost* ]]; then
-  # The far tunnel belongs to another machine, so it runs all the time. The service has a higher priority than relay and tunnel.
+  # The far tunnel belongs to another machine, so it runs all the time. The service has a higher priority than relay and
+  # tunnel.
   for name in relay near-tunnel service; do stop $name; done
   { echo "#!/usr/bin/env bash"; echo "trap 'kill \$(jobs -p); wait; exit' TERM"; echo "chrt -r -p 10 \$\$"
     echo "dir=$dir here=$here near=$near isotherm=$isotherm tunnel=$tunnel; declare -A pid"

@@ -15,7 +15,8 @@ def main() -> None:
     options = arguments.parse_args()
     options.output.mkdir(exist_ok=True)
 
-    # Settings and samples can come from any source. Here they come from the campaign's files, and one dwell is excluded.
+    # Settings and samples can come from any source. Here they come from the campaign's files, and one dwell is
+    # excluded.
     settings = tomllib.loads(options.campaign.read_text())
     samples = pd.read_csv(options.campaign.with_name(settings["samples"]))
     print(samples.groupby("set_point_c")["a1_head"].agg(["mean", "std"]).head(3))

@@ -4,7 +4,7 @@
 
 Start with this program. It loses no control period while the service is replaced, and says so where one is lost all the same. Replace `latch`
 by your hardware, and `navigate` by your navigation. Core and priority (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they
-need rights, see docs/operations.md. The environment variable ISOTHERM_DOMAIN names the domain.
+need rights, see docs/operate.md. The environment variable ISOTHERM_DOMAIN names the domain.
 """
 
 import argparse

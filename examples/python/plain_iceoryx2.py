@@ -18,7 +18,7 @@ class Triad(ctypes.Structure):
         ("negative_pulses", ctypes.c_uint32 * 3),
         ("head_temperature", ctypes.c_double * 3),  # in the table's unit
         ("board_temperature", ctypes.c_double * 3),
-        ("head_lagged", ctypes.c_double * 3),  # head_temperature behind its lag, see docs/lag.md; unused without lag_ns
+        ("head_lagged", ctypes.c_double * 3),  # head_temperature behind its lag, see docs/temperature-in-motion.md; unused without lag_ns
     ]
 
 

@@ -51,7 +51,8 @@ def main() -> None:
 
         gc.freeze()
         for _ in range(options.blocks):
-            # Loan and fill in before the clock is read. Only 4 loans are allowed at once, so the calls are timed one by one.
+            # Loan and fill in before the clock is read. Only 4 loans are allowed at once, so the calls are timed one by
+            # one.
             for number in range(BLOCK):
                 loan = filled(number)
                 begun = time.perf_counter_ns()

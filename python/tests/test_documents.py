@@ -114,10 +114,6 @@ def test_the_plain_peers_structures_are_the_wire() -> None:
     assert plain.device(" SN 42 ") == isotherm.device("SN 42") and plain.device(" ") == 0
 
 
-def test_the_document_shows_the_plain_example() -> None:
-    assert (EXAMPLES / "plain_iceoryx2.py").read_text() in blocks(DOCUMENT)
-
-
 @pytest.mark.parametrize("document", [DOCUMENT, REPOSITORY / "python/README.md"], ids=["docs", "readme"])
 def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs all blocks of a document, one after the other, as one program with a service."""
@@ -127,8 +123,7 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
     shutil.copy(REPOSITORY / "calibration/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
     domain.isotherm("simulate", "run", "-o", domain.folder / "still", "--interval", "1")
     monkeypatch.chdir(domain.folder)
-    plain = (EXAMPLES / "plain_iceoryx2.py").read_text()
-    program = "\n".join(block for block in blocks(document) if block != plain)
+    program = "\n".join(blocks(document))
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr
 

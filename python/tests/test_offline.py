@@ -566,7 +566,8 @@ def test_angles_need_earths_rate_and_other_units_are_refused(still: Path, tmp_pa
     with pytest.raises(ValueError, match="earth_rate_deg_h"):
         isotherm.verify(table, samples, angles=(50.0, 130.0))
     assert "gyroscopes" not in isotherm.verify(table, samples).verdict
-    # The provenance is below the table, and not part of its digest. A level base in the north, at the attitude of the angles.
+    # The provenance is below the table, and not part of its digest. A level base in the north, at the attitude of the
+    # angles.
     earth = (still / "table.toml").read_text().replace("[provenance]", "[provenance]\nearth_rate_deg_h = [9.1, -6.9, 9.6]")
     (tmp_path / "earth.toml").write_text(earth)
     turned = isotherm.verify(isotherm.Table.load(tmp_path / "earth.toml"), samples, angles=(50.208, 128.66))

@@ -206,7 +206,7 @@ impl Service<'_> {
                         warn!(
                             worker = index,
                             "held back for {} ms of the last second in spite of its real-time priority: another thread of at least its \
-                             priority has its core, or the kernel's limit on real-time threads ({}); docs/operations.md tells what to do",
+                             priority has its core, or the kernel's limit on real-time threads ({}); docs/operate.md tells what to do",
                             time.as_millis(),
                             threads::kernel_limit()
                         );
@@ -303,7 +303,7 @@ fn start_workers(
     {
         warn!(
             "realtime.priority = {priority} and spin: unless the cores are isolated and the kernel's limit is lifted, it stops a worker \
-             for some 50 ms of every second ({}); docs/operations.md tells how, status shows it as held back",
+             for some 50 ms of every second ({}); docs/operate.md tells how, status shows it as held back",
             threads::kernel_limit()
         );
     }

@@ -23,6 +23,7 @@ pub mod worker;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use commands::check::Check;
+use commands::explain::Explain;
 use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
@@ -59,6 +60,7 @@ enum DaemonCommand {
     Check(Check),
     Status(Status),
     Reload(Reload),
+    Explain(Explain),
 }
 
 impl Daemon {
@@ -69,6 +71,7 @@ impl Daemon {
             DaemonCommand::Check(check) => check.run(laboratory_file),
             DaemonCommand::Status(status) => status.run(domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
+            DaemonCommand::Explain(explain) => explain.run(),
         }
     }
 }
@@ -79,13 +82,19 @@ fn laboratory_file(kind: FileKind, _: &str, path: &Path) -> Result<String, Failu
     Err(Failure::new(Exit::Usage, message))
 }
 
-/// The program `isothermd`: runs the command of the process's command line. `--version` prints `long_version` after the name.
+/// The command line of the program `isothermd`, also for its manual pages. `--version` prints `long_version` after the
+/// name.
+#[must_use]
+pub fn command(long_version: &'static str) -> clap::Command {
+    let command = commands::hide_domain(Daemon::command().long_version(long_version), &["check", "explain"]);
+    commands::finish(command, "isothermd")
+}
+
+/// The program `isothermd`: runs the command of the process's command line.
 #[must_use]
 pub fn main(long_version: &'static str) -> ExitCode {
-    let command = commands::hide_domain(Daemon::command().long_version(long_version), &["check"]);
-    let command = commands::finish(command, "isothermd");
     commands::exit_code("isothermd", || {
-        let matches = command.try_get_matches()?;
+        let matches = command(long_version).try_get_matches()?;
         Ok(Daemon::from_arg_matches(&matches)?.run())
     })
 }

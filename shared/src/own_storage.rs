@@ -5,7 +5,7 @@
 //! one difference: it opens an object only if that is a regular file of this user, and waits for its size no longer than the
 //! time-out. In `/dev/shm` nobody else can replace such an object, because of the sticky bit. Names and contents are the same, so
 //! processes that use iceoryx2's own storage take part in the same streams.
-#![expect(unsafe_code, reason = "two functions of iceoryx2's traits are unsafe, and are passed on")]
+#![expect(unsafe_code, reason = "three functions of iceoryx2's traits are unsafe, and are passed on")]
 
 use core::fmt::Debug;
 use core::mem::MaybeUninit;

@@ -7,6 +7,49 @@ use crate::wire::AXES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// Declares a part of the status. The documentation of each field is also its meaning in `FIELDS`, for `isotherm
+/// explain`.
+macro_rules! described {
+    (
+        $(#[$outer:meta])*
+        pub struct $name:ident {
+            $($(#[doc = $meaning:literal])+ $(#[serde $serde:tt])? pub $field:ident: $kind:ty,)+
+        }
+    ) => {
+        $(#[$outer])*
+        pub struct $name {
+            $($(#[doc = $meaning])+ $(#[serde $serde])? pub $field: $kind,)+
+        }
+
+        impl $name {
+            /// Name and meaning of each field.
+            const FIELDS: &[(&str, &str)] = &[$((stringify!($field), concat!($($meaning),+))),+];
+        }
+    };
+}
+
+/// Path, as for jq, and meaning of every field of the status.
+#[must_use]
+pub fn fields() -> Vec<(String, &'static str)> {
+    let parts = [
+        ("", ServiceStatus::FIELDS),
+        ("domain.", DomainStatus::FIELDS),
+        ("workers[].", WorkerStatus::FIELDS),
+        ("imus[].", ImuStatus::FIELDS),
+        ("imus[].ranges.", Ranges::FIELDS),
+        ("imus[].gyroscopes.", GyroscopeStatus::FIELDS),
+        ("imus[].table_changes[].", TableChange::FIELDS),
+        ("imus[].latency_ns.", LatencySummary::FIELDS),
+        ("imus[].latency_distribution.", LatencyDistribution::FIELDS),
+        ("imus[].closed.", ClosedStatus::FIELDS),
+    ];
+    parts
+        .iter()
+        .flat_map(|(path, fields)| fields.iter().map(move |(name, meaning)| (format!("{path}{name}"), *meaning)))
+        .collect()
+}
+
+described! {
 /// Status of the running service.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct ServiceStatus {
@@ -22,18 +65,20 @@ pub struct ServiceStatus {
     pub started_unix_s: f64,
     /// `CLOCK_MONOTONIC` when this was written \[ns\].
     pub taken_ns: u64,
-    /// How the worker waits.
+    /// How the workers wait: spin, anticipate or block.
     pub wait: String,
-    /// Latency budget \[us\].
+    /// Latency over which an increment is flagged `late` \[us\].
     pub budget_us: f64,
     /// The worker threads.
     pub workers: Vec<WorkerStatus>,
-    /// Memory of the process that is locked, and so kept resident \[kB\].
+    /// Memory of the process that is locked, and so kept resident: `[realtime] lock_memory` \[kB\].
     pub memory_locked_kb: u64,
     /// The IMUs that are served.
     pub imus: Vec<ImuStatus>,
 }
+}
 
+described! {
 /// One worker thread; the figures are the operating system's.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct WorkerStatus {
@@ -54,15 +99,18 @@ pub struct WorkerStatus {
     /// Time since the thread's start in which it was ready to run but did not run \[s\].
     pub held_back_s: f64,
     /// Time in the last second in which it was ready to run but did not run, because other threads ran or the kernel
-    /// throttled it \[ms\].
+    /// throttled it \[ms\]. With a real-time priority over 10 ms are logged once.
     pub held_back_ms: f64,
     /// `CLOCK_MONOTONIC` when its loop was last seen to have turned; looked at 20 times a second \[ns\].
     #[serde(default)]
     pub heartbeat_ns: u64,
-    /// Whether its loop has made no turn for a second, so that its IMUs are not served.
+    /// Whether its loop has made no turn for a second, so that its IMUs are not served: it is traced, its core is held
+    /// by another, or it hangs. `STANDS STILL` for people; restart the service if it stays so.
     pub stands_still: bool,
 }
+}
 
+described! {
 /// A domain, in the terms of iceoryx2's configuration.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct DomainStatus {
@@ -73,11 +121,13 @@ pub struct DomainStatus {
     /// `global.root-path`.
     pub root_path: String,
 }
+}
 
+described! {
 /// Status of one IMU.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct ImuStatus {
-    /// Name.
+    /// Name of the IMU.
     pub id: String,
     /// Digest of the table in force; null without one.
     pub table: Option<String>,
@@ -91,11 +141,13 @@ pub struct ImuStatus {
     pub serial: Option<String>,
     /// Number of the unit that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
     pub device: Option<String>,
-    /// Number of the unit that the last sample came from, if that is not the table's unit; else null.
+    /// Number of the unit that the last sample came from, if that is not the table's unit; else null. `OTHER UNIT` for
+    /// people.
     pub other_device: Option<String>,
     /// Time constant of the lagged telemetry in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
     /// Time constant of the lagged telemetry of the last sample \[s\]; null if it has none, or before the first sample.
+    /// If it is not `lag_s`, increments are flagged `lag-unknown`: `OTHER LAG` for people.
     pub sample_lag_s: Option<f64>,
     /// The telemetry that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
@@ -110,15 +162,15 @@ pub struct ImuStatus {
     pub received: u64,
     /// Increments published.
     pub compensated: u64,
-    /// Samples with missing samples of the same session directly before them.
+    /// Samples with missing samples of the same session directly before them; as many have the flag `gap`.
     pub gaps: u64,
     /// Missing samples in total.
     pub missing: u64,
-    /// Samples received again.
+    /// Samples received again, whose sequence did not rise: resends.
     pub repeats: u64,
     /// Acquisition sessions that have sent samples.
     pub sessions: u64,
-    /// Failures of the transport.
+    /// Receiving or publishing failed; should be 0.
     pub transport_errors: u64,
     /// Increments with each flag, by the flag's name. Absent are the flags that the table in force cannot give and no table has given.
     pub flagged: BTreeMap<String, u64>,
@@ -126,7 +178,7 @@ pub struct ImuStatus {
     pub reloads: u64,
     /// Refused table files; a missing file counts as refused.
     pub refusals: u64,
-    /// Why the table file in its present state is not in force; null if it is in force.
+    /// Why the table file in its present state is not in force; null if it is in force. `REFUSED` for people.
     pub last_reload_error: Option<String>,
     /// Digest of the table file's table, if that is valid but changes too much to be taken; else null.
     #[serde(default)]
@@ -136,23 +188,26 @@ pub struct ImuStatus {
     /// The largest change of each curve by the table in force; empty if it was compared with none, or is the one from before the start.
     #[serde(default)]
     pub table_changes: Vec<TableChange>,
-    /// Latency since the start; null before the first sample.
+    /// Latency since the start, from `sent_ns` to just before publishing, to within 3 %; null before the first sample.
     pub latency_ns: Option<LatencySummary>,
-    /// Latency in the last second; null without a sample in it.
+    /// Latency in the last second, with the same fields; null without a sample in it.
     pub latency_second_ns: Option<LatencySummary>,
-    /// Latency in the last minute.
+    /// Latency in the last minute, with the same fields.
     pub latency_minute_ns: Option<LatencySummary>,
     /// Latency since the start, by buckets.
     pub latency_distribution: LatencyDistribution,
-    /// Whether an acquisition process is connected.
+    /// Whether an acquisition process is connected. A dead process counts until its remains are removed, within a
+    /// second or so.
     pub acquisition_connected: bool,
     /// Processes that read the increments, the acquisition included.
     pub readers: usize,
-    /// What the last acquisition that closed with a loss had lost; null if none did.
+    /// What the last acquisition that closed with a loss had lost; null if none did. `LOST` for people.
     #[serde(default)]
     pub closed: Option<ClosedStatus>,
 }
+}
 
+described! {
 /// The largest change of one curve, transient, g-sensitivity or alignment from one table to the next.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct TableChange {
@@ -163,7 +218,9 @@ pub struct TableChange {
     /// ug0, ppm, deg/h or mrad.
     pub unit: String,
 }
+}
 
+described! {
 /// What an acquisition had lost when it closed.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct ClosedStatus {
@@ -175,6 +232,7 @@ pub struct ClosedStatus {
     pub unanswered: u64,
     /// When it closed, Unix time \[s\].
     pub unix_s: f64,
+}
 }
 
 impl ImuStatus {
@@ -196,6 +254,7 @@ impl ImuStatus {
     }
 }
 
+described! {
 /// Telemetry of the gyroscopes, in the same form as that of the accelerometers.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct GyroscopeStatus {
@@ -206,7 +265,9 @@ pub struct GyroscopeStatus {
     /// Board telemetry of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
 }
+}
 
+described! {
 /// The telemetry that the sensors of a triad were calibrated over.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Ranges {
@@ -216,6 +277,7 @@ pub struct Ranges {
     pub head: [[f64; 2]; AXES],
     /// Lower and upper end of the board telemetry that is in the ranges of both K+ and K-, of the three sensors.
     pub board: [[f64; 2]; AXES],
+}
 }
 
 impl Ranges {
@@ -249,6 +311,7 @@ impl From<&Domain> for DomainStatus {
     }
 }
 
+described! {
 /// Percentiles of the latency \[ns\].
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Deserialize, Serialize)]
 pub struct LatencySummary {
@@ -262,6 +325,7 @@ pub struct LatencySummary {
     pub p999: u64,
     /// Largest value.
     pub max: u64,
+}
 }
 
 /// Upper bounds of the buckets of a [`LatencyDistribution`] \[ns\]; one more bucket has the values above the last bound.
@@ -284,11 +348,14 @@ const _: () = {
     }
 };
 
+described! {
 /// Histogram of the latency.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct LatencyDistribution {
-    /// Number of values in each bucket: above the bound before and up to each of [`LATENCY_BOUNDS_NS`]; then above the last.
+    /// Number of values in each bucket since the start: up to 0.2, 0.5, 1, 2, 5 us and so on to 1 s
+    /// ([`LATENCY_BOUNDS_NS`]), each above the bound before; then above the last.
     pub counts: Vec<u64>,
     /// Sum of the values \[s\], to within 1.6 %.
     pub sum_s: f64,
+}
 }

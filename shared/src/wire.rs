@@ -192,28 +192,98 @@ impl Triad {
 #[repr(transparent)]
 pub struct Flags(pub u64);
 
-impl Flags {
-    /// Interval 0 or over an hour; the increments are NaN.
-    pub const INTERVAL: Self = Self(1 << 18);
-    /// The IMU is served without a table (`--allow-uncalibrated`); the increments are NaN.
-    pub const NO_TABLE: Self = Self(1 << 19);
-    /// The telemetry is older than the table's `max_age_s`.
-    pub const TELEMETRY_STALE: Self = Self(1 << 20);
-    /// A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is not finite or
-    /// larger than the bias's range.
-    pub const LAG_UNKNOWN: Self = Self(1 << 21);
-    /// The sample is of another unit than the table's.
-    pub const OTHER_DEVICE: Self = Self(1 << 22);
-    /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
-    pub const G_UNKNOWN: Self = Self(1 << 23);
-    /// Samples of this session are missing before this one.
-    pub const GAP: Self = Self(1 << 24);
-    /// The latency was over the configured budget.
-    pub const LATE: Self = Self(1 << 25);
-    /// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the sample before: the
-    /// step differs from the interval by more than half of it. Time was lost, or the interval is wrong.
-    pub const TIME_STEP: Self = Self(1 << 26);
+/// Declares the flags. The documentation of each, with its remedy, is what [`Flags::text`] gives to `isotherm explain`.
+macro_rules! flags {
+    (
+        of_an_axis { $($(#[doc = $axis_meaning:literal])+ $function:ident = $first:literal, $axis_remedy:literal;)+ }
+        of_a_sample { $($(#[doc = $meaning:literal])+ $constant:ident = $bit:literal, $remedy:literal;)+ }
+    ) => {
+        impl Flags {
+            $(
+                #[doc = "Of `axis`, 0 to 2:"]
+                $(#[doc = $axis_meaning])+
+                #[must_use]
+                #[inline]
+                pub const fn $function(axis: usize) -> Self {
+                    Self(1 << ($first + axis))
+                }
+            )+
+            $(
+                $(#[doc = $meaning])+
+                pub const $constant: Self = Self(1 << $bit);
+            )+
 
+            /// Meaning and remedy of the flag with this bit, of [`NAMES`](Self::NAMES).
+            #[must_use]
+            pub fn text(bit: u32) -> Option<[&'static str; 2]> {
+                match bit {
+                    $($bit => Some([concat!($($meaning),+), $remedy]),)+
+                    _ => match bit % Self::GYROSCOPES / 3 * 3 {
+                        $($first => Some([concat!($($axis_meaning),+), $axis_remedy]),)+
+                        _ => None,
+                    },
+                }
+            }
+        }
+    };
+}
+
+flags! {
+    of_an_axis {
+        /// Head telemetry below the bias range. The increment is as the table's `out_of_range` says: computed at the
+        /// end of the range (clamp), computed by extrapolation, or NaN (reject).
+        head_below = 0, "Calibrate over the temperatures of the mission.";
+        /// Head telemetry above the bias range. The increment is as the table's `out_of_range` says: computed at the
+        /// end of the range (clamp), computed by extrapolation, or NaN (reject).
+        head_above = 3, "Calibrate over the temperatures of the mission.";
+        /// Board telemetry below the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
+        /// at the end of the range (clamp), computed by extrapolation, or NaN (reject).
+        board_below = 6, "Calibrate over the temperatures of the mission.";
+        /// Board telemetry above the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
+        /// at the end of the range (clamp), computed by extrapolation, or NaN (reject).
+        board_above = 9, "Calibrate over the temperatures of the mission.";
+        /// Telemetry NaN or infinite. The increment is NaN under any policy; with an alignment matrix on all axes of
+        /// the triad.
+        not_finite = 12,
+            "Look for a dead thermistor or a reading that the acquisition has not filled in; use the other axes.";
+        /// More pulses per second, both channels together, than the table's `max_rate`. The increment is computed.
+        rate = 15,
+            "The converter may be full: trust this axis less, and look for shock, or counters that were read twice.";
+    }
+    of_a_sample {
+        /// Interval 0 or over an hour. The increments are NaN.
+        INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
+        /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
+        NO_TABLE = 19, "Install the table's file; it is taken without a restart.";
+        /// The telemetry is older than the table's `max_age_s`; not flagged where its age is unknown. The increment is
+        /// computed.
+        TELEMETRY_STALE = 20, "Look for a thermometer that is read no more, or read it more often.";
+        /// A bias had to do without its transient term: the sample's time constant is not the table's, it has none, or
+        /// the lag difference is not finite or larger than the bias's range. The increment is computed without that
+        /// term.
+        LAG_UNKNOWN = 21,
+            "It ends by itself after a start or a new table. If it stays, feed `reading` with each temperature, and let the \
+             lag follow the table's: docs/temperature-in-motion.md.";
+        /// The sample is of another unit than the table; not flagged where either is unknown. The increment is computed
+        /// with that table.
+        OTHER_DEVICE = 22, "Give the unit its own table, or correct the serial number that the acquisition tells.";
+        /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
+        G_UNKNOWN = 23, "Mend what makes the velocity increment NaN: another flag tells.";
+        /// Samples of this session are missing before this one. The increment is computed.
+        GAP = 24,
+            "Time is missing before it: navigation begins anew. The acquisition should merge what a full queue hands back, \
+             and skip no sequence.";
+        /// The latency was over the configured budget. The increment is right; on a desktop most are late.
+        LATE = 25, "Nothing, or a core and a priority for the worker: docs/operate.md#real-time.";
+        /// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the
+        /// sample before: the step differs from the interval by more than half of it. Time was lost, or the interval is
+        /// wrong. The increment is computed.
+        TIME_STEP = 26,
+            "Time is missing before it, or the clock was set: look at the acquisition's clock and interval.";
+    }
+}
+
+impl Flags {
     /// Distance from a bit of the accelerometers to that of the gyroscopes.
     const GYROSCOPES: u32 = 32;
     /// All sample flags.
@@ -289,38 +359,6 @@ impl Flags {
         (48, "g2-rate"),
         (49, "g3-rate"),
     ];
-
-    /// Head telemetry of `axis` (0 to 2) below the bias range.
-    #[must_use]
-    pub const fn head_below(axis: usize) -> Self {
-        Self(1 << axis)
-    }
-    /// Head telemetry of `axis` (0 to 2) above the bias range.
-    #[must_use]
-    pub const fn head_above(axis: usize) -> Self {
-        Self(1 << (3 + axis))
-    }
-    /// Board telemetry of `axis` (0 to 2) below the range of K+ or K-.
-    #[must_use]
-    pub const fn board_below(axis: usize) -> Self {
-        Self(1 << (6 + axis))
-    }
-    /// Board telemetry of `axis` (0 to 2) above the range of K+ or K-.
-    #[must_use]
-    pub const fn board_above(axis: usize) -> Self {
-        Self(1 << (9 + axis))
-    }
-    /// Telemetry of `axis` (0 to 2) NaN or infinite; the increment is NaN under any policy.
-    #[must_use]
-    pub const fn not_finite(axis: usize) -> Self {
-        Self(1 << (12 + axis))
-    }
-    /// More pulses per second on `axis` (0 to 2) than the table's `max_rate`.
-    #[must_use]
-    #[inline]
-    pub const fn rate(axis: usize) -> Self {
-        Self(1 << (15 + axis))
-    }
 
     /// The same flags of the gyroscopes, for flags of the accelerometers: bits 0 to 17.
     #[must_use]
@@ -521,5 +559,10 @@ mod tests {
         assert_eq!(named("gap"), Flags::GAP);
         assert_eq!(named("late"), Flags::LATE);
         assert_eq!(named("time-step"), Flags::TIME_STEP);
+        for (bit, name) in Flags::NAMES {
+            let [meaning, remedy] = Flags::text(bit).unwrap();
+            assert!(meaning.ends_with('.') && remedy.ends_with('.'), "{name}");
+        }
+        assert_eq!([27, 31, 50, 63].map(Flags::text), [None; 4]);
     }
 }

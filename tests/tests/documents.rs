@@ -12,7 +12,7 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// Every document with its text.
 fn documents() -> Vec<(PathBuf, String)> {
     let mut paths = vec![];
-    for folder in ["", "docs", "fuzz"] {
+    for folder in ["", "docs", "fuzz", "python"] {
         let entries = fs::read_dir(Path::new(ROOT).join(folder)).unwrap().map(|entry| entry.unwrap().path());
         paths.extend(entries.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
     }
@@ -51,6 +51,67 @@ fn links_have_existing_targets() {
     }
     assert!(links > 40, "{links}");
     assert!(dead.is_empty(), "{}", dead.join("\n"));
+}
+
+#[test]
+fn lines_of_documents_have_120_columns_at_most() {
+    let mut long = Vec::new();
+    for (path, document) in documents() {
+        for (number, line) in document.lines().enumerate().filter(|(_, line)| line.chars().count() > 120) {
+            long.push(format!("{}:{}: {line}", path.display(), number + 1));
+        }
+    }
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
+/// Comments of TOML, Python and shell; data of tests are as their programs made them.
+#[test]
+fn comments_have_120_columns_at_most() {
+    let mut long = Vec::new();
+    let mut count = 0;
+    let mut folders = vec![PathBuf::from(ROOT)];
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            let name = path.file_name().unwrap().to_string_lossy();
+            if path.is_dir() && !name.starts_with('.') && !["target", "data", "corpus"].contains(&&*name) {
+                folders.push(path);
+            } else if [".toml", ".py", ".sh"].iter().any(|extension| name.ends_with(extension)) {
+                let text = fs::read_to_string(&path).unwrap();
+                let comments = text.lines().filter(|line| line.trim_start().starts_with('#'));
+                let wide = comments.filter(|line| line.chars().count() > 120);
+                long.extend(wide.map(|line| format!("{}: {line}", path.display())));
+                count += 1;
+            }
+        }
+    }
+    assert!(count > 50, "{count}");
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
+#[test]
+fn the_page_of_findings_is_what_the_program_prints() {
+    let printed = TestDomain::new().run_ok(&["explain", "--markdown", "findings"]);
+    let page = fs::read_to_string(Path::new(ROOT).join("docs/findings.md")).unwrap();
+    assert!(page == printed, "renew it: cargo run -p isotherm-cli -- explain --markdown findings > docs/findings.md");
+}
+
+/// What the documents say of the daemon's names holds for `isothermd` too, but for findings and states of `top`.
+#[test]
+fn every_name_is_explained_and_an_unknown_one_tells_the_nearest() {
+    let domain = TestDomain::new();
+    for name in ["position-off", "a2-rate", "isotherm_gaps_total", "held_back_ms", "78", "near range end"] {
+        assert!(domain.run_ok(&["explain", name]).contains(name), "{name}");
+        let daemon = Command::new(binary("isothermd")).args(["explain", name]).output().unwrap();
+        let laboratory = ["position-off", "near range end"].contains(&name);
+        assert_eq!(daemon.status.code(), Some(if laboratory { 64 } else { 0 }), "{name}");
+    }
+    let output = domain.run(&["explain", "positon-off"]);
+    assert_eq!(output.status.code(), Some(64));
+    assert!(text(&output.stderr).contains("near it are position-off"), "{}", text(&output.stderr));
+    let list = domain.run_ok(&["explain"]);
+    for line in list.lines().filter(|line| line.starts_with("  ")) {
+        assert!(line.chars().count() <= 120 && line.ends_with(['.', '`']), "{line}");
+    }
 }
 
 /// The command lines in a document: those in code blocks, and those between back quotes in the text.
@@ -148,32 +209,41 @@ fn the_version_names_commit_and_profile() {
     assert!(target.contains("linux"), "{version}");
 }
 
+/// The commands of a program, from its help.
+fn commands_of(help: &str) -> Vec<String> {
+    let list = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap().lines();
+    // Lines with more than two leading spaces continue a description.
+    let commands = list.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    let names = commands.map(|line| line.split_whitespace().next().unwrap().to_owned());
+    names.filter(|name| name != "help").collect()
+}
+
 #[test]
 fn manual_pages_completions_and_examples_are_there_for_every_command() {
     let domain = TestDomain::new();
-    let commands: Vec<_> = help(&[])
-        .unwrap()
-        .split("Commands:")
-        .nth(1)
-        .unwrap()
-        .split("Options:")
-        .next()
-        .unwrap()
-        .lines()
-        // Lines with more than two leading spaces continue a description.
-        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
-        .map(|line| line.split_whitespace().next().unwrap().to_owned())
-        .filter(|name| name != "help")
-        .collect();
+    let commands = commands_of(&help(&[]).unwrap());
     assert!(commands.len() > 10, "{commands:?}");
     domain.run_ok(&["man", "-o", "man"]);
+    let page = |name: &str| fs::read_to_string(domain.path(&format!("man/{name}"))).unwrap();
     let completions = domain.run_ok(&["completions", "bash"]);
     for command in &commands {
         assert!(help(&[command]).unwrap().contains("Examples:"), "isotherm {command} --help has no examples");
-        let page = fs::read_to_string(domain.path(&format!("man/isotherm-{command}.1"))).unwrap();
+        let page = page(&format!("isotherm-{command}.1"));
         assert!(page.contains(".SH DESCRIPTION") && page.contains("Examples:"), "{page}");
         assert!(completions.contains(command.as_str()), "{command}");
     }
+    let daemon = Command::new(binary("isothermd")).arg("--help").output().unwrap();
+    let of_the_daemon = commands_of(&text(&daemon.stdout));
+    assert!(of_the_daemon.len() > 4, "{of_the_daemon:?}");
+    assert!(page("isothermd.1").contains("isothermd"));
+    for command in of_the_daemon {
+        let page = page(&format!("isothermd-{command}.1"));
+        assert!(page.contains("Examples:") && page.contains("isothermd"), "{page}");
+    }
+    // What the page of the configuration shows is the example, but for the escapes.
+    let shown = page("isotherm-service.5").replace("\\-", "-").replace("\\&", "").replace("\\e", "\\");
+    let example = fs::read_to_string(Path::new(ROOT).join("examples/service.toml")).unwrap();
+    assert!(shown.contains(&example), "{shown}");
     let script = domain.write("completions", &completions);
     let mut shell = Command::new("bash");
     shell.arg("-c").arg(format!(

@@ -1,5 +1,5 @@
-//! What commands leave when they end early: by a signal, a full disk, a limit, a closed standard output. The table in
-//! docs/operations.md says the same.
+//! What commands leave when they end early: by a signal, a full disk, a limit, a closed standard output;
+//! docs/operate.md has it in short.
 //!
 //! Over 400 lines: one table, one file.
 #![allow(clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]

@@ -1,5 +1,5 @@
 //! What a restart does to the lag of the temperatures, in C and Rust: the programs of `examples`, as users run them, and the service are
-//! killed. `client/python/tests` does the same in Python.
+//! killed. `python/tests` does the same in Python.
 #![allow(clippy::float_cmp, clippy::panic, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 use isotherm_client::{Flags, IncrementReader, RawSample};

@@ -293,7 +293,7 @@ fn flags_in(text: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn dashboard_and_documents_name_only_existing_metrics_and_the_documents_all() {
+fn dashboard_and_documents_name_only_existing_metrics_and_every_one_is_explained() {
     let domain = TestDomain::new();
     configure(&domain, "");
     let (service, address) = serve(&domain);
@@ -318,11 +318,9 @@ fn dashboard_and_documents_name_only_existing_metrics_and_the_documents_all() {
     }
     assert!(used.is_subset(&names), "in the dashboard only: {:?}", used.difference(&names));
 
-    let documents = fs::read_to_string(format!("{ROOT}/docs/operations.md")).unwrap();
+    let documents = fs::read_to_string(format!("{ROOT}/docs/operate.md")).unwrap();
     let (_, documents) = documents.split_once("\n## Metrics\n").unwrap();
     let documents = documents.split("\n## ").next().unwrap();
-    let documented: BTreeSet<_> =
-        documents.lines().filter(|line| line.starts_with("| `isotherm_") || line.starts_with("| `process_")).collect();
     let alerts = flags_in(documents);
     for flag in ["late", "lag-unknown", "other-device", "g-unknown"] {
         assert!(alerts.contains(flag), "no alert rule for {flag}");
@@ -334,15 +332,22 @@ fn dashboard_and_documents_name_only_existing_metrics_and_the_documents_all() {
         "{alerts:?} {of_the_dashboard:?}"
     );
     assert!(of_the_dashboard.contains("g-unknown"), "{of_the_dashboard:?}");
-    let kind = |name: &str| scrape.kinds.get(name);
-    for name in scrape.kinds.keys() {
-        let row = documented
-            .iter()
-            .find(|row| row.starts_with(&format!("| `{name}`")) || row.starts_with(&format!("| `{name}{{")));
-        let row = row.unwrap_or_else(|| panic!("{name} is not documented"));
-        assert!(row.contains(&format!("| {} |", kind(name).unwrap())), "{row}");
+    let all: Vec<_> = scrape.kinds.keys().map(String::as_str).collect();
+    let explained = domain.run_ok(&["explain", &all.join("|")]);
+    for (name, kind) in &scrape.kinds {
+        let heading = explained.lines().find_map(|line| line.strip_prefix(&format!("metric {name} ({kind}; ")));
+        let labels = heading.unwrap_or_else(|| panic!("{name}, a {kind}, is not explained:\n{explained}"));
+        let labels = labels.trim_end_matches(')').replace("no labels", "");
+        let own = |series: &&String| series.split('{').next() == Some(name.as_str());
+        for series in scrape.samples.keys().filter(own) {
+            let wanted = labels.split(", ").filter(|label| !label.is_empty());
+            assert!(wanted.clone().all(|label| series.contains(&format!("{label}=\""))), "{series}: {labels}");
+            assert_eq!(series.matches("=\"").count(), wanted.count(), "{series}: {labels}");
+        }
     }
-    assert_eq!(documented.len(), scrape.kinds.len(), "documented are also metrics that are not there: {documented:?}");
+    let listed = domain.run_ok(&["explain"]);
+    let of_metrics = listed.lines().filter(|line| metrics_in(line.split_whitespace().next().unwrap_or("")).len() == 1);
+    assert_eq!(of_metrics.count(), scrape.kinds.len(), "metrics that are not there are explained, too:\n{listed}");
     let mentioned = metrics_in(documents);
     let known: BTreeSet<_> = names.iter().chain(scrape.kinds.keys()).cloned().collect();
     let unknown: Vec<_> = mentioned.difference(&known).collect();

@@ -1,170 +1,257 @@
-//! The names of findings, for `--accept` and for scripts.
+//! The names of findings, for `--accept` and for scripts, with what each means and what to do: `isotherm explain` and
+//! docs/findings.md print it.
 
-/// A position of the campaign file is missing at a set point.
-pub const MISSING_POSITION: &str = "missing-position";
-/// There are fewer than two set points.
-pub const SET_POINTS: &str = "set-points";
-/// A channel gives no pulses where the accelerometer points its way.
-pub const NO_PULSES: &str = "no-pulses";
-/// Telemetry is the same at every set point.
-pub const TELEMETRY_CONSTANT: &str = "telemetry-constant";
-/// The intervals are not the time from row to row.
-pub const INTERVAL: &str = "interval";
-/// Over 1 % of the rows are missing.
-pub const MISSING_ROWS: &str = "missing-rows";
-/// Time is lost, or counted twice, within a dwell or a ramp, without a hole in the sequences.
-pub const TIME_STEP: &str = "time-step";
-/// A dwell is shorter than the others.
-pub const SHORT_DWELL: &str = "short-dwell";
-/// A set point was measured soon after the one before.
-pub const SOAK: &str = "soak";
-/// The turntable seems to turn faster than any can.
-pub const IMPOSSIBLE_MOTION: &str = "impossible-motion";
-/// The temperature seems to change faster than any IMU can.
-pub const IMPOSSIBLE_RAMP: &str = "impossible-ramp";
-/// The campaign seems to last longer than any does.
-pub const DURATION: &str = "duration";
-/// Telemetry of a row is far beyond that of all set points.
-pub const TELEMETRY_READING: &str = "telemetry-reading";
-/// Telemetry has the same digits at two set points.
-pub const TELEMETRY_STUCK: &str = "telemetry-stuck";
-/// Telemetry moves within a dwell or a set point.
-pub const TELEMETRY_DRIFT: &str = "telemetry-drift";
-/// Telemetry in degC or K is steeper than 1.5 against the set points.
-pub const TELEMETRY_SLOPE: &str = "telemetry-slope";
-/// Telemetry in degC or K is far from the set points.
-pub const TELEMETRY_OFFSET: &str = "telemetry-offset";
-/// Telemetry does not follow the order of the set points.
-pub const TELEMETRY_ORDER: &str = "telemetry-order";
-/// Two set points have the same telemetry.
-pub const SET_POINT: &str = "set-point";
-/// A converter is full.
-pub const SATURATED: &str = "saturated";
-/// A dwell is over 0.1 g0 from what its position asks for.
-pub const WRONG_POSITION: &str = "wrong-position";
-/// A position differs from the campaign file.
-pub const POSITION_OFF: &str = "position-off";
-/// The IMU moved within a dwell.
-pub const NOT_STILL: &str = "not-still";
-/// K+ and |K-| of an accelerometer differ beyond a factor of 1.5.
-pub const CHANNELS_DIFFER: &str = "channels-differ";
-/// The scale factors of two accelerometers differ beyond a factor of 3.
-pub const AXES_DIFFER: &str = "axes-differ";
-/// A residual in one position at all temperatures, or a level error that may not cancel.
-pub const LEVEL: &str = "level";
-/// A curve misses its set points.
-pub const LACK_OF_FIT: &str = "lack-of-fit";
-/// A curve has as many coefficients as there are set points.
-pub const NO_FREEDOM: &str = "no-freedom";
-/// A dwell is far off the fit.
-pub const OUTLIER: &str = "outlier";
-/// The residuals of a curve are not independent, or heating and cooling differ.
-pub const RESIDUALS: &str = "residuals";
-/// Diagnosis: two positions are exchanged, or their numbers shifted.
-pub const POSITIONS_EXCHANGED: &str = "positions-exchanged";
-/// Diagnosis: two accelerometers are exchanged, or the IMU is mounted otherwise.
-pub const AXES_EXCHANGED: &str = "axes-exchanged";
-/// Diagnosis: the channels of an accelerometer are exchanged, or a sign of the specific force.
-pub const CHANNELS_EXCHANGED: &str = "channels-exchanged";
-/// Diagnosis: the IMU is turned against the campaign file.
-pub const HEADING: &str = "heading";
+/// What a finding of a name can be.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Rank {
+    /// A fault that cannot be accepted: it leaves nothing to fit.
+    Final,
+    /// A fault.
+    Fault,
+    /// A fault, or a warning beyond a lower limit.
+    FaultOrWarning,
+    /// A warning.
+    Warning,
+}
 
-/// A turn of the campaign file is missing at a set point.
-pub const MISSING_TURN: &str = "missing-turn";
-/// A turn does not begin or end at rest.
-pub const TURN_REST: &str = "turn-rest";
-/// Samples of a turn are missing.
-pub const TURN_GAP: &str = "turn-gap";
-/// The rows of a turn are too long.
-pub const TURN_ROWS: &str = "turn-rows";
-/// The pulses of a turn say another angle than the campaign file.
-pub const TURN_ANGLE: &str = "turn-angle";
-/// Earth's rate is not that of the stated latitude, or looks like that of the other hemisphere.
-pub const LATITUDE: &str = "latitude";
-/// Without angles, a part of Earth's rate does not cancel.
-pub const EARTH_RATE: &str = "earth-rate";
-/// The samples have gyroscopes, but the campaign file has no turns.
-pub const NO_TURNS: &str = "no-turns";
+impl Rank {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Final => "fault, cannot be accepted",
+            Self::Fault => "fault",
+            Self::FaultOrWarning => "fault or warning",
+            Self::Warning => "warning",
+        }
+    }
+}
 
-/// Rows are of another unit than the campaign file says, or of two units.
-pub const OTHER_DEVICE: &str = "other-device";
+/// What a name means, and what to do.
+#[derive(Clone, Copy, Debug)]
+pub struct Explanation {
+    /// The name.
+    pub name: &'static str,
+    /// How bad it is.
+    pub rank: Rank,
+    /// What the data look like, and the usual causes.
+    pub meaning: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+}
 
-/// A warning about lag and transients.
-pub const TRANSIENT: &str = "transient";
-/// Only one of ramps and table has gyroscopes.
-pub const RAMP_GYROSCOPES: &str = "ramp-gyroscopes";
+/// Names of one subject.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject {
+    /// Its heading.
+    pub title: &'static str,
+    /// What holds for all of its names; may be empty.
+    pub introduction: &'static str,
+    /// The names.
+    pub names: &'static [Explanation],
+}
 
-/// Every name, and whether a fault of this name can be accepted: those that cannot leave nothing to fit.
-pub const ALL: [(&str, bool); 45] = [
-    (MISSING_POSITION, false),
-    (SET_POINTS, false),
-    (NO_PULSES, false),
-    (TELEMETRY_CONSTANT, false),
-    (INTERVAL, true),
-    (MISSING_ROWS, true),
-    (TIME_STEP, true),
-    (SHORT_DWELL, true),
-    (SOAK, true),
-    (IMPOSSIBLE_MOTION, true),
-    (IMPOSSIBLE_RAMP, true),
-    (DURATION, true),
-    (TELEMETRY_READING, false),
-    (TELEMETRY_STUCK, true),
-    (TELEMETRY_DRIFT, true),
-    (TELEMETRY_SLOPE, true),
-    (TELEMETRY_OFFSET, true),
-    (TELEMETRY_ORDER, true),
-    (SET_POINT, true),
-    (SATURATED, true),
-    (WRONG_POSITION, true),
-    (POSITION_OFF, true),
-    (NOT_STILL, true),
-    (CHANNELS_DIFFER, true),
-    (AXES_DIFFER, true),
-    (LEVEL, true),
-    (LACK_OF_FIT, true),
-    (NO_FREEDOM, true),
-    (OUTLIER, true),
-    (RESIDUALS, true),
-    (POSITIONS_EXCHANGED, true),
-    (AXES_EXCHANGED, true),
-    (CHANNELS_EXCHANGED, true),
-    (HEADING, true),
-    (MISSING_TURN, false),
-    (TURN_REST, true),
-    (TURN_GAP, true),
-    (TURN_ROWS, true),
-    (TURN_ANGLE, true),
-    (LATITUDE, true),
-    (EARTH_RATE, true),
-    (NO_TURNS, true),
-    (OTHER_DEVICE, true),
-    (TRANSIENT, true),
-    (RAMP_GYROSCOPES, true),
-];
+/// Declares the names. The documentation of a constant is also the meaning in [`SUBJECTS`].
+macro_rules! findings {
+    ($($title:literal $introduction:literal {
+        $($(#[doc = $meaning:literal])+ $constant:ident = $name:literal, $rank:ident, $remedy:literal;)+
+    })+) => {
+        $($(
+            $(#[doc = $meaning])+
+            pub const $constant: &str = $name;
+        )+)+
+
+        /// Every name, by subject.
+        pub const SUBJECTS: &[Subject] = &[$(Subject {
+            title: $title,
+            introduction: $introduction,
+            names: &[$(Explanation {
+                name: $constant,
+                rank: Rank::$rank,
+                meaning: concat!($($meaning),+),
+                remedy: $remedy,
+            }),+],
+        }),+];
+    };
+}
+
+findings! {
+    "What is there" "" {
+        /// A position of the campaign file is missing at a set point: it was not measured, or the file is cut.
+        MISSING_POSITION = "missing-position", Final,
+            "Measure it, leave it out with `--exclude SET_POINT/POSITION`, or take it out of the campaign file.";
+        /// There are fewer than two set points.
+        SET_POINTS = "set-points", Final, "Measure more.";
+        /// An accelerometer gives no pulses on the channel of its direction: a dead channel, exchanged channels or
+        /// signs.
+        NO_PULSES = "no-pulses", Final, "Mend the cable, the columns or the positions.";
+        /// Rows are of another unit than that of `serial`, or of two units.
+        OTHER_DEVICE = "other-device", Fault,
+            "Give the samples of this unit, or correct `serial`. `--other-device` makes the table all the same, as \
+             `--accept other-device` does.";
+    }
+    "Time" "" {
+        /// `interval_ns` differs by over 1 % from the time from row to row (the median over rows with consecutive
+        /// sequences, of all dwells or of one), or the intervals add up to over 1.01 of the elapsed time: microseconds,
+        /// the interval of a single sample under sums, or a nominal interval. A warning, with the error of the scale
+        /// factors, if in all dwells by over 200 ppm and 5 standard errors.
+        INTERVAL = "interval", FaultOrWarning, "Give the measured time of each row, in nanoseconds.";
+        /// Over 1 % of the rows are missing, by sequence or time.
+        MISSING_ROWS = "missing-rows", Warning, "Give all pieces of the recording; else look for what loses them.";
+        /// Time is lost, or counted twice, within a dwell or a ramp, without a hole in `sequence`. In a turn it is
+        /// `turn-gap`.
+        TIME_STEP = "time-step", Warning,
+            "Look for time that the acquisition loses: docs/recordings.md#missing-rows-and-lost-time.";
+        /// A dwell is shorter than 0.6 of the usual.
+        SHORT_DWELL = "short-dwell", Warning, "Look whether the file is cut.";
+        /// There are less than `soak_s` between two set points. A warning below 3600 s if `soak_s` is not given.
+        SOAK = "soak", FaultOrWarning, "Soak longer.";
+        /// Positions over 45 degrees apart follow each other within 0.2 s: all times are in microseconds, or were made
+        /// up.
+        IMPOSSIBLE_MOTION = "impossible-motion", Fault, "Give the true times, in nanoseconds.";
+        /// From set point to set point the temperature changes by over 1 degC/s (median): times in microseconds, or
+        /// made up.
+        IMPOSSIBLE_RAMP = "impossible-ramp", Fault, "Give the true times, in nanoseconds.";
+        /// The campaign seems to last over 100 days.
+        DURATION = "duration", Warning, "Give the times in nanoseconds.";
+    }
+    "Telemetry" "" {
+        /// Telemetry is the same in every row of every set point: the sensor is not connected.
+        TELEMETRY_CONSTANT = "telemetry-constant", Final, "Mend it and measure again.";
+        /// Telemetry of a row is over 10 times the span of all set points beyond them: a broken reading.
+        TELEMETRY_READING = "telemetry-reading", Final, "Mend the row, or leave the dwell out with `--exclude`.";
+        /// Telemetry has the same digits in two dwells at two set points, which its digits tell apart elsewhere: the
+        /// sensor was lost.
+        TELEMETRY_STUCK = "telemetry-stuck", Fault, "Measure again.";
+        /// Telemetry changes within a dwell by over half the distance to the neighbouring set points, and over 3 times
+        /// as much as is usual in a dwell: a broken reading, or too short a soak. A warning if by over a tenth at one
+        /// set point, or if set points are not further apart than noise and digits: an oven, or few digits.
+        TELEMETRY_DRIFT = "telemetry-drift", FaultOrWarning, "Mend or exclude the rows; soak longer.";
+        /// Telemetry in `degC` or `K` changes by over 1.5 for each degC of set points that span 15 degC or more.
+        /// Fahrenheit has 1.8.
+        TELEMETRY_SLOPE = "telemetry-slope", Fault, "Convert it, or state its unit.";
+        /// Telemetry in `degC` or `K` is over 150 degC off the set points: kelvin as degC, or the reverse. A warning
+        /// over 30 degC: an IMU with an oven.
+        TELEMETRY_OFFSET = "telemetry-offset", FaultOrWarning, "State its unit.";
+        /// Telemetry is over half a step on the wrong side of a neighbouring set point. Two set points that look
+        /// exchanged are named.
+        TELEMETRY_ORDER = "telemetry-order", Warning,
+            "Mend the samples' column `set_point_c`, or the columns of telemetry if they are of another sensor.";
+        /// Two set points have the same telemetry.
+        SET_POINT = "set-point", Warning, "Look whether the set point was reached.";
+    }
+    "Pulses and positions" "" {
+        /// A channel is at `max_rate`; or it has the same rate in every part of dwells at two set points (20 parts or
+        /// more, of over a million pulses a dwell) and nowhere more: the converter is full. A warning with fewer
+        /// pulses.
+        SATURATED = "saturated", FaultOrWarning, "Take a larger range, or leave the set points out.";
+        /// A dwell is over 0.1 g0 off what its position asks for: another position, or a table that moved. Of a ramp:
+        /// an accelerometer indicates over 0.1 g0 more or less, on average, than the `specific_force` of the ramp says.
+        WRONG_POSITION = "wrong-position", Fault,
+            "Mend the rows, or leave the dwell out with `--exclude`. Of a ramp: correct `specific_force`, or state \
+             none.";
+        /// A position is over 1e-3 g0 off what the other positions say, over 20 of its own standard errors, and over 5
+        /// times the others' residuals (times what their errors grow to in this position): a wrong angle, or pulses
+        /// that were lost.
+        POSITION_OFF = "position-off", Fault,
+            "The line has the measured direction: correct the angles, or measure again.";
+        /// A part of a dwell is over 0.02 g0 off the rest: motion, or a disturbed channel. A warning from 10 of the
+        /// dwell's own standard deviations, and pulses, on.
+        NOT_STILL = "not-still", FaultOrWarning, "Leave the dwell out with `--exclude`.";
+        /// K+ and |K-| of one accelerometer differ by over a factor of 1.5: one channel is divided, or loses pulses.
+        CHANNELS_DIFFER = "channels-differ", Fault, "Mend it and measure again.";
+        /// Scale factors of a triad, or K+ and K- of a sensor, differ by over a factor of 2.
+        AXES_DIFFER = "axes-differ", Warning, "Look for a lost digit, or for pulses that are divided.";
+    }
+    "The fit" "" {
+        /// A residual in one position at all temperatures that no tilt explains; or a level error that is not estimated
+        /// and may not cancel.
+        LEVEL = "level", Warning,
+            "Correct the angles or the number of the position, or measure it again; state all angles, or measure \
+             pairs of \
+             opposite headings.";
+        /// Set points scatter about a curve by over 8 times their own errors. One line names the worst curve and the
+        /// number of others.
+        LACK_OF_FIT = "lack-of-fit", Warning,
+            "Take a higher `--order`, measure more set points, or look in the report for one that is off.";
+        /// A curve has as many coefficients as there are set points: its errors are not known.
+        NO_FREEDOM = "no-freedom", Warning, "Measure more set points, or take a lower `--order`.";
+        /// A dwell is over 6 standard deviations off the fit. It is kept.
+        OUTLIER = "outlier", Warning, "Look for its cause; `--exclude` leaves it out.";
+        /// The residuals of a curve are not independent, or heating and cooling differ: F and standard errors are not
+        /// reliable.
+        RESIDUALS = "residuals", Warning, "Soak longer, or record ramps: docs/temperature-in-motion.md.";
+    }
+    "Diagnoses" "A single mistake that explains the data, because residuals fall to a tenth or less, is printed \
+        first. Tried are those below, one position that is off, and intervals that are not the rows'. If a \
+        position is off where the IMU moved, the motion is the diagnosis. Up to three mistakes that explain \
+        the data equally well are named; of more, none. A diagnosis mends nothing: no table is made. Faults \
+        that it explains have their own names; with `--accept` the last line of a refusal lists all that \
+        must be accepted. What is missing or dead everywhere, and times in a wrong unit, are found without a \
+        trial." {
+        /// Two positions are exchanged, everywhere or at some set points, or all numbers are shifted.
+        POSITIONS_EXCHANGED = "positions-exchanged", Fault, "Correct the numbers, as the line says.";
+        /// Two accelerometers are exchanged, or the IMU is mounted otherwise.
+        AXES_EXCHANGED = "axes-exchanged", Fault, "Correct columns or positions, as the line says.";
+        /// The channels of an accelerometer are exchanged, or one with one of another, or a sign of the specific force.
+        CHANNELS_EXCHANGED = "channels-exchanged", Fault, "Correct columns or signs, as the line says.";
+        /// The IMU is turned against the campaign file, or `outer_deg` or `inner_deg` of all positions is off by 90 or
+        /// 180.
+        HEADING = "heading", Fault, "Correct the positions, as the line says.";
+    }
+    "Gyroscopes" "What is wrong with a turn at every set point has one line." {
+        /// A turn of the campaign file is missing at a set point: it was not taken, or the file is cut.
+        MISSING_TURN = "missing-turn", Final,
+            "Take it, or leave it out with `--exclude SET_POINT/TURN`, if another turn drives the same channel.";
+        /// The first or last half second of a turn, or its first or last row if that is longer, is 0.02 deg/s off the
+        /// dwells: rows before or after the turn have no number.
+        TURN_REST = "turn-rest", Fault, "Number the rows from rest to rest.";
+        /// Steps of `sequence` differ within a turn, or the intervals differ from its time by over 0.1 ms: samples are
+        /// lost, and the angle of that time with them.
+        TURN_GAP = "turn-gap", Fault, "Take the turn again.";
+        /// A row of a turn has over 30 deg, as rows of 10 s have.
+        TURN_ROWS = "turn-rows", Fault, "Record shorter rows.";
+        /// The pulses of a turn say the other direction, or an angle over 2 % from that of the gyroscope's other turns:
+        /// axis, sign or angle, exchanged channels, 720 deg for 360.
+        TURN_ANGLE = "turn-angle", Fault, "Correct the campaign file.";
+        /// Earth's horizontal rate is over 0.02 deg/h, and 5 of its errors, off that of `latitude_deg`: a wrong
+        /// latitude, or all scale factors wrong alike. A warning if the g-sensitivities look like the other hemisphere.
+        LATITUDE = "latitude", FaultOrWarning, "State the latitude, north positive.";
+        /// Without angles, a part of Earth's horizontal rate does not cancel. The line has its size.
+        EARTH_RATE = "earth-rate", Warning,
+            "Measure each direction in two headings 180 degrees apart, turn about the vertical, or state the angles.";
+        /// The samples have gyroscopes, but the campaign file has no `[[turn]]`: only the accelerometers are
+        /// calibrated.
+        NO_TURNS = "no-turns", Warning, "Take turns, for a table with gyroscopes.";
+    }
+    "Ramps" "" {
+        /// About a transient that is written: the ramps have specific force along the axis, so that a converter behind
+        /// its thermometer would look the same; or the time constant was given, and the ramps would not show it.
+        TRANSIENT = "transient", Warning,
+            "Record the axis horizontal; verify with a run of another rate: docs/temperature-in-motion.md.";
+        /// Only one of ramps and table has gyroscopes.
+        RAMP_GYROSCOPES = "ramp-gyroscopes", Warning, "Record ramps of the same IMU, with all of its columns.";
+    }
+}
+
+/// Every name with its explanation.
+pub fn explanations() -> impl Iterator<Item = &'static Explanation> {
+    SUBJECTS.iter().flat_map(|subject| subject.names)
+}
 
 /// The name of a finding that the user accepts.
 ///
 /// # Errors
 /// If no finding has this name, or if a fault of this name leaves nothing to fit. The message lists the names.
 pub fn acceptable(text: &str) -> Result<&'static str, String> {
-    match ALL.into_iter().find(|(name, _)| *name == text) {
-        Some((name, true)) => Ok(name),
-        Some((name, false)) => {
-            Err(format!("{name} cannot be accepted, because nothing is left to fit; mend the data{}", remedy(name)))
+    match explanations().find(|known| known.name == text) {
+        Some(Explanation { name, rank: Rank::Final, remedy, .. }) => {
+            Err(format!("{name} cannot be accepted, because nothing is left to fit. {remedy}"))
         }
+        Some(known) => Ok(known.name),
         None => {
-            let names: Vec<_> = ALL.into_iter().filter(|(_, acceptable)| *acceptable).map(|(name, _)| name).collect();
-            Err(format!("give the name of a finding: {}", names.join(", ")))
+            let names = explanations().filter(|known| known.rank != Rank::Final).map(|known| known.name);
+            Err(format!("give the name of a finding: {}", names.collect::<Vec<_>>().join(", ")))
         }
-    }
-}
-
-fn remedy(name: &str) -> &'static str {
-    match name {
-        MISSING_POSITION => ", or leave the position out knowingly with --exclude",
-        MISSING_TURN => ", or leave the turn out knowingly with --exclude",
-        TELEMETRY_READING => ", or leave the dwell out with --exclude",
-        _ => "",
     }
 }

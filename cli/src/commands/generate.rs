@@ -5,6 +5,7 @@ use clap_complete::Shell;
 use isotherm_failure::Failure;
 use isotherm_files::{StagedText, check_written, print_data};
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Print the completions of a shell
@@ -25,13 +26,16 @@ impl Completions {
     }
 }
 
-/// Print the manual page, or write those of all commands into a folder
+/// The commented example of the service's configuration: it has every key.
+const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
+
+/// Print the manual page, or write those of all commands, of `isothermd` and of its configuration into a folder
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm man | man -l -
   isotherm man -o ~/.local/share/man/man1")]
 pub struct Man {
-    /// Folder for isotherm.1, isotherm-serve.1 and so on; made if it is not there
+    /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
@@ -45,10 +49,33 @@ impl Man {
             return print_data(&String::from_utf8_lossy(&text));
         };
         fs::create_dir_all(&folder).map_err(|error| Failure::io("making", &folder, &error))?;
-        let mut program = program.disable_help_subcommand(true);
-        program.build();
-        write_pages(&program, &folder)
+        for program in [program, isotherm_service::command(isotherm_version::LONG_VERSION)] {
+            let mut program = program.disable_help_subcommand(true);
+            program.build();
+            write_pages(&program, &folder)?;
+        }
+        let page = configuration_page();
+        let file = StagedText::create(Some(&folder.join("isotherm-service.5")))?;
+        file.write_with(|output| output.write_all(page.as_bytes()))?.finish()
     }
+}
+
+/// The manual page of the service's configuration, around the example.
+fn configuration_page() -> String {
+    let line = |line: &str| {
+        let line = line.replace('\\', "\\e").replace('-', "\\-");
+        // A line that begins with a full stop or an apostrophe would be a request.
+        if line.starts_with(['.', '\'']) { format!("\\&{line}\n") } else { format!("{line}\n") }
+    };
+    let example: String = CONFIGURATION.lines().map(line).collect();
+    format!(
+        ".TH isotherm\\-service 5\n.SH NAME\nisotherm\\-service \\- configuration of the Isotherm service\n\
+         .SH SYNOPSIS\n/etc/isotherm/service.toml\n\
+         .SH DESCRIPTION\nThe file that isothermd(1) serve \\-\\-config reads, in TOML. This example has every key.\n\
+         .nf\n\n{example}.fi\n\
+         .SH EXAMPLES\n.nf\nisothermd check \\-\\-strict /etc/isotherm/service.toml\n.fi\n\
+         .SH \"SEE ALSO\"\nisothermd(1), isothermd\\-serve(1), isothermd\\-check(1), isotherm(1)\n"
+    )
 }
 
 /// Writes the page of a command and those of its subcommands.

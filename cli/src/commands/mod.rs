@@ -7,6 +7,7 @@ mod clean;
 mod common;
 mod compare;
 mod convert;
+mod explain;
 mod feed;
 mod generate;
 mod noise;
@@ -30,7 +31,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 18] = [
+pub const WITHOUT_DOMAIN: [&str; 19] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -40,6 +41,7 @@ pub const WITHOUT_DOMAIN: [&str; 18] = [
     "completions",
     "convert",
     "demo",
+    "explain",
     "man",
     "noise",
     "regress",
@@ -74,6 +76,7 @@ pub enum Command {
     Rollback(rollback::Rollback),
     Relay(relay::Relay),
     Clean(clean::Clean),
+    Explain(explain::Explain),
     Completions(generate::Completions),
     Man(generate::Man),
 }
@@ -108,6 +111,7 @@ impl Command {
             Self::Rollback(rollback) => rollback.run(),
             Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
+            Self::Explain(explain) => explain.run(),
             Self::Completions(completions) => completions.run(program),
             Self::Man(man) => man.run(program),
         }

@@ -15,6 +15,7 @@ mod style;
 use increments::Increments;
 use isotherm_client::Options;
 use isotherm_failure::{Exit, Failure};
+pub use model::STATES;
 use model::{Model, TICK};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};

@@ -48,6 +48,25 @@ pub struct Model {
     gyroscopes: bool,
 }
 
+/// The conditions of an IMU, the first that applies is shown; and what each means, with its remedy.
+pub const STATES: &[(&str, &str)] = &[
+    ("not served", "Bad: the service does not answer; the line above says why. It goes on by itself."),
+    ("stands still", "Bad: the worker's loop has not turned for a second: `isotherm explain stands_still`."),
+    ("no table", "Bad: the service has no table for it yet, and increments are NaN: install the file."),
+    ("file REFUSED", "Bad: the table's file is not in force: `last_reload_error` of the status says why."),
+    ("other unit", "Bad: the samples are of another unit than the table: `isotherm explain other-device`."),
+    ("no acquisition", "To be looked into: no acquisition is connected."),
+    ("no samples", "To be looked into: an acquisition is connected, and none of its samples come."),
+    ("losing samples", "Bad: samples are missing: `isotherm explain gap`."),
+    ("time steps", "Bad: timestamps do not fit the intervals: `isotherm explain time-step`."),
+    ("out of range", "Bad: telemetry is outside of the calibrated range, not finite, or has not come."),
+    ("lag unknown", "To be looked into: transient terms are left out: `isotherm explain lag-unknown`."),
+    ("flagged", "To be looked into: increments carry flags, which the lower part of the screen names."),
+    ("late", "To be looked into: increments take longer than the latency budget; they are right."),
+    ("near range end", "To be looked into: telemetry is within 5 % of an end of the calibrated range."),
+    ("ok", "Samples are answered, and none carries a flag."),
+];
+
 /// The condition of an IMU in one or two words.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct ImuCondition {
@@ -213,7 +232,10 @@ impl Model {
     /// The condition of an IMU: the first in this order that applies.
     pub fn condition(&self, index: usize, imu: &ImuStatus) -> ImuCondition {
         let (bad, warning) = (AlertLevel::Bad, AlertLevel::Warning);
-        let condition = |text, level| ImuCondition { text, level };
+        let condition = |text, level| {
+            debug_assert!(STATES.iter().any(|(name, _)| *name == text), "{text} is not explained");
+            ImuCondition { text, level }
+        };
         let rises = |count: fn(&ImuStatus) -> u64| self.rate(index, count).is_some_and(|rate| rate > 0.0);
         let workers = self.status().map_or(&[][..], |status| &status.workers);
         if self.waiting.is_some() {

@@ -37,7 +37,8 @@ pub struct isotherm_lag {
 /// later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
 ///
 /// `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new measurement, not for
-/// each sample. A value that is not finite, or has the time of the last reading, is no reading. docs/lag.md has the formula.
+/// each sample. A value that is not finite, or has the time of the last reading, is no reading.
+/// docs/temperature-in-motion.md has the formula.
 ///
 /// This is not part of the sending path. If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this
 /// call and the next one read the status, which allocates and makes system calls, but does not wait.

@@ -1,19 +1,22 @@
 //! The commands of the daemon, one file each, and what the command lines of all programs share.
 
 pub mod check;
+pub mod explain;
 pub mod reload;
 pub mod serve;
 pub mod status;
 
 use isotherm_client::Domain;
-use isotherm_failure::{Exit, Failure, printable, tell};
+use isotherm_failure::{EXIT_CODES, Exit, Failure, printable, tell};
 use std::borrow::Cow;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 /// The meaning of the exit codes, shown below the help of every command.
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 64 usage, 65 bad recording or samples, 69 no service, stream or instrument, \
-                          74 a file cannot be read or written, 78 bad configuration, table, campaign file or plan";
+fn exit_codes() -> String {
+    let codes: Vec<_> = EXIT_CODES.iter().map(|code| format!("{} {}", code.number, code.short)).collect();
+    format!("Exit codes: {}", codes.join(", "))
+}
 
 /// The domain that the command line names, else the one that the environment names, else the default.
 ///
@@ -49,7 +52,7 @@ pub fn finish(command: clap::Command, program: &str) -> clap::Command {
         _ => line.to_owned(),
     };
     let help: Vec<_> = help.lines().map(own).collect();
-    let help = help.join("\n") + if help.is_empty() { "" } else { "\n" } + EXIT_CODES;
+    let help = help.join("\n") + if help.is_empty() { "" } else { "\n" } + &exit_codes();
     let names: Vec<_> = command.get_subcommands().map(|command| command.get_name().to_owned()).collect();
     let command = command.after_help(help);
     names.iter().fold(command, |command, name| command.mut_subcommand(name, |command| finish(command, program)))

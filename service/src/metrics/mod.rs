@@ -10,6 +10,7 @@ use server::MetricsServer;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+pub use text::METRICS;
 use tracing::{info, warn};
 
 /// An older snapshot is not shown: the control thread hangs, and the monitoring must notice that.

@@ -1,7 +1,7 @@
 //! How a program of Isotherm fails: its exit code, and a message with phase, cause and remedy.
 //!
-//! Each crate converts its own errors into a [`Failure`] where it declares them, so that an error has the same exit code in every
-//! program.
+//! Each crate converts its own errors into a [`Failure`] where it declares them, so that an error has the same exit
+//! code in every program.
 
 mod printable;
 
@@ -10,21 +10,58 @@ pub use printable::{printable, tell};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Exit codes; those from 64 on are as in sysexits.h.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Exit {
-    /// The command failed for another reason.
-    Failed = 1,
+/// An exit code of the programs, for `--help` and `explain`.
+#[derive(Clone, Copy, Debug)]
+pub struct ExitCode {
+    /// The code.
+    pub number: u8,
+    /// The meaning in a few words.
+    pub short: &'static str,
+    /// The meaning.
+    pub meaning: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+/// Declares the exit codes; the documentation of each is its meaning in [`EXIT_CODES`], too.
+macro_rules! exit_codes {
+    ($($(#[doc = $meaning:literal])+ $name:ident = $number:literal, $short:literal, $remedy:literal;)+) => {
+        /// Exit codes of failures; those from 64 on are as in sysexits.h.
+        #[derive(Clone, Copy, Debug, Eq, PartialEq)]
+        pub enum Exit {
+            $($(#[doc = $meaning])+ $name = $number,)+
+        }
+
+        /// Every exit code of every program.
+        pub const EXIT_CODES: &[ExitCode] = &[
+            ExitCode {
+                number: 0,
+                short: "done",
+                meaning: "Done. Data are on stdout or in the file that was named, messages on stderr.",
+                remedy: "",
+            },
+            $(ExitCode { number: $number, short: $short, meaning: concat!($($meaning),+), remedy: $remedy },)+
+        ];
+    };
+}
+
+exit_codes! {
+    /// The command failed for another reason: another service or acquisition runs, the domain is another user's, a
+    /// verdict is negative, or it was interrupted.
+    Failed = 1, "failed", "The message on stderr has cause and remedy.";
     /// The command line is wrong.
-    Usage = 64,
+    Usage = 64, "usage", "`--help` of the command shows its options, with examples.";
     /// A recording or samples are wrong.
-    Data = 65,
+    Data = 65, "bad recording or samples",
+        "The message has the line, or the name of the finding: `isotherm explain NAME`.";
     /// There is no service, stream or instrument.
-    Unavailable = 69,
-    /// A file could not be read or written.
-    Io = 74,
-    /// A configuration, table, campaign file or plan is wrong.
-    Config = 78,
+    Unavailable = 69, "no service, stream or instrument",
+        "`isotherm status` shows a domain's service; programs that meet have the same `--domain` and `ISOTHERM_ROOT`.";
+    /// A file, shared memory or a port cannot be opened, read or written.
+    Io = 74, "a file cannot be read or written",
+        "The message says what is needed: room, a right, another path. `isotherm clean` frees what a domain has left.";
+    /// A configuration, table, campaign file or plan is wrong; a table changes too much, or a setting is not permitted.
+    Config = 78, "bad configuration, table, campaign file or plan", "`isotherm check FILE` names all faults.";
 }
 
 /// Why a command failed: the message for the operator and the exit code.
