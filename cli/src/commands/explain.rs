@@ -2,7 +2,7 @@
 
 use crate::top;
 use clap::{Args, ValueEnum};
-use isotherm_calibration::checks::name::{Explanation, Rank, SUBJECTS, explanations};
+use isotherm_calibration::name::{Explanation, Rank, SUBJECTS, explanations};
 use isotherm_failure::Failure;
 use isotherm_files::print_data;
 use isotherm_service::commands::explain::{Topic, explain, topics, wrap};
