@@ -22,11 +22,11 @@
 //! A point has f = 2 AVAR^2/variance degrees of freedom, with the variance under the fitted model. Its 95 % interval is that of chi-square:
 //! from AVAR f/chi2(0.975) to AVAR f/chi2(0.025).
 
-pub mod curve;
-pub mod kalibr;
-pub mod model;
-pub mod moments;
-pub mod recording;
+pub(crate) mod curve;
+pub(crate) mod kalibr;
+pub(crate) mod model;
+pub(crate) mod moments;
+pub(crate) mod recording;
 
 pub use curve::{Allan, MIN_ROWS, TemperatureLine};
 pub use model::{COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit};

@@ -7,7 +7,12 @@ mod family;
 mod outliers;
 
 pub use family::Family;
-pub use outliers::{FEWEST_UNITS, StandOut, least_found, leave_one_out, limit, stand_outs};
+pub(crate) use outliers::FEWEST_UNITS;
+pub use outliers::StandOut;
+pub use outliers::least_found;
+pub use outliers::leave_one_out;
+pub use outliers::limit;
+pub use outliers::stand_outs;
 
 use crate::compare::points;
 use crate::compare::{Convention, Form, FormCurve};

@@ -25,11 +25,11 @@ pub use requirement::{ComparisonRequirement, Verdict};
 pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
 
-pub use curves::{common_range, median};
+pub(crate) use curves::{common_range, median};
 use isotherm_calibration::TableFile;
-pub use isotherm_shared::table::difference::points;
+pub(crate) use isotherm_shared::table::difference::points;
 use isotherm_statistics::QUANTITIES;
-pub use table::{Form, FormCurve};
+pub(crate) use table::{Form, FormCurve};
 
 use isotherm_failure::{Exit, Failure};
 use isotherm_shared::units::SensorKind;

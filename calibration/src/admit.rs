@@ -6,7 +6,7 @@ use crate::options::CalibrationOptions;
 use crate::result::Calibration;
 
 /// Turns accepted faults into warnings, and adds their names to `accepted`. With `strict` every warning was a fault before.
-pub fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
+pub(crate) fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: &mut Vec<&'static str>) {
     for finding in findings.iter_mut() {
         if (finding.severity == Severity::Fault || options.strict) && options.accept.contains(&finding.name) {
             finding.severity = Severity::Warning;
@@ -20,7 +20,7 @@ pub fn accept(findings: &mut [Finding], options: &CalibrationOptions, accepted: 
 
 /// The findings as the options judge them: accepted faults are warnings, and with `strict` every other warning is a fault. Adds the names of
 /// those that are accepted to `accepted`; an error if a fault is left.
-pub fn admit(
+pub(crate) fn admit(
     mut findings: Vec<Finding>,
     options: &CalibrationOptions,
     accepted: &mut Vec<&'static str>,
@@ -39,12 +39,12 @@ pub fn admit(
 }
 
 /// Whether one of the findings is a fault.
-pub fn any_fault(findings: &[Finding]) -> bool {
+pub(crate) fn any_fault(findings: &[Finding]) -> bool {
     findings.iter().any(|finding| finding.severity == Severity::Fault)
 }
 
 /// Adds findings to those of a calibration; an error if one of them is a fault that is not accepted.
-pub fn add_findings(calibration: &mut Calibration, findings: Vec<Finding>) -> Result<(), CalibrationError> {
+pub(crate) fn add_findings(calibration: &mut Calibration, findings: Vec<Finding>) -> Result<(), CalibrationError> {
     let Calibration { options, accepted, findings: known, .. } = calibration;
     known.extend(admit(findings, options, accepted)?);
     Ok(())

@@ -57,7 +57,7 @@ pub fn is_needed(solution: &Solution) -> bool {
 
 /// The misalignment matrix M. Row i: sensitivity of accelerometer i to the specific force along each axis; 1 on the diagonal.
 #[must_use]
-pub fn misalignment(solution: &Solution) -> Matrix3<f64> {
+pub(crate) fn misalignment(solution: &Solution) -> Matrix3<f64> {
     let mut matrix = Matrix3::identity();
     for (axis, part) in solution.axes.iter().enumerate() {
         for (k, m) in part.misalignment.into_iter().enumerate() {

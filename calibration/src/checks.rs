@@ -6,8 +6,8 @@
 //! Over 400 lines: one check after another on the same dwells, most of the text being messages.
 
 pub mod name;
-pub mod scale;
-pub mod time;
+pub(crate) mod scale;
+pub(crate) mod time;
 
 use crate::reduce::reduce;
 use core::fmt;

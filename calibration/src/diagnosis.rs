@@ -90,7 +90,7 @@ const OF_FORCES: &[&str] =
 /// The single mistake that explains the `findings` about `dwells`; `None` if there is none, or if there are several. A finding that is the
 /// mistake itself is taken out of the findings.
 #[must_use]
-pub fn diagnose(
+pub(crate) fn diagnose(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],
@@ -653,7 +653,7 @@ impl<'a> Trials<'a> {
 
 /// Faults of positions that are not where the campaign file states them, by more than their errors and the others' residuals.
 #[must_use]
-pub fn positions_off(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint]) -> Vec<Finding> {
+pub(crate) fn positions_off(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint]) -> Vec<Finding> {
     if dwells.len() > MAX_DWELLS {
         return Vec::new();
     }

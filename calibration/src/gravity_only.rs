@@ -10,17 +10,17 @@
 
 mod checks;
 mod choice;
-pub mod dilution;
+pub(crate) mod dilution;
 mod error;
 mod model;
 mod options;
 mod provenance;
-pub mod reading;
+pub(crate) mod reading;
 mod recording;
 mod result;
 
 pub use error::GravityOnlyError;
-pub use model::Unknowns;
+pub(crate) use model::Unknowns;
 pub use options::{GravityOnlyOptions, ScaleFactorChoice};
 pub use provenance::sealed_gravity_only_table;
 pub use recording::TumbleRecording;

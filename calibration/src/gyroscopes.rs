@@ -14,12 +14,12 @@
 
 mod checks;
 mod data;
-pub mod earth;
-pub mod fit;
-pub mod observability;
+pub(crate) mod earth;
+pub(crate) mod fit;
+pub(crate) mod observability;
 mod quality;
-pub mod result;
-pub mod runs;
+pub(crate) mod result;
+pub(crate) mod runs;
 
 pub use result::{GyroscopeCalibration, is_alignment_needed};
 pub use runs::{FittedRun, Measurements, Place, read_measurements};
@@ -47,7 +47,7 @@ use observability::TriadObservability;
 use runs::GyroscopeRuns;
 
 /// Fits the gyroscopes of a campaign, whose accelerometers are fitted, and writes them into the table.
-pub fn add_gyroscopes(
+pub(crate) fn add_gyroscopes(
     campaign: &Campaign,
     calibration: &mut Calibration,
     gyroscopes: &GyroscopeRuns,

@@ -80,7 +80,7 @@ impl AxisSolution {
 }
 
 /// The values of one set point: for each accelerometer, A, K+ and K- as (effective telemetry, value).
-pub type SetPointValues = [[(f64, f64); QUANTITIES]; AXES];
+pub(crate) type SetPointValues = [[(f64, f64); QUANTITIES]; AXES];
 
 /// The estimate for all accelerometers.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,7 +96,7 @@ pub struct Solution {
 }
 
 /// The curves A, K+, K- of each accelerometer.
-pub type Curves = [[Curve; QUANTITIES]; AXES];
+pub(crate) type Curves = [[Curve; QUANTITIES]; AXES];
 
 /// Fits all unknowns together. `start` gives the orders, the centring and the first values. The dwells in `left_out` have
 /// residuals, but no influence on the fit.
@@ -131,7 +131,7 @@ pub fn solve(
 
 /// A solution without a fit: only the residuals are computed. `misalignment(axis, k)` gives each misalignment with its
 /// standard error.
-pub fn fixed_solution(
+pub(crate) fn fixed_solution(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],
@@ -407,7 +407,7 @@ impl<'a> JointModel<'a> {
 /// A, K+ and K- of each set point without the drift within it: the curve at the effective telemetry plus the correction
 /// from the set point's residuals. `None` for a set point that does not determine its parameters.
 #[must_use]
-pub fn set_point_values(
+pub(crate) fn set_point_values(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],

@@ -6,7 +6,7 @@ use crate::transients::LagChoice;
 use isotherm_campaign::Campaign;
 
 /// Highest order that is considered if none is requested.
-pub const MAX_AUTO_ORDER: usize = 6;
+pub(crate) const MAX_AUTO_ORDER: usize = 6;
 
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -55,7 +55,7 @@ impl Method {
 
 /// # Errors
 /// If an option is for ramps and there are none, or for positions and there are ramps alone.
-pub fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
+pub(crate) fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
     let message = if campaign.ramps.is_empty() && options.lag != LagChoice::Search {
         "a time constant of the lag is for ramps, and the campaign file has none; give [[ramp]], or leave the time constant out"
     } else if campaign.has_ramps_alone()

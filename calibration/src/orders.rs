@@ -14,7 +14,7 @@ const LEAST_ORDER: usize = 3;
 const SIGNIFICANCE: f64 = 0.01 / 9.0;
 
 /// How the orders of a triad's curves are chosen.
-pub struct OrderRules {
+pub(crate) struct OrderRules {
     names: [&'static str; AXES],
     /// Of the biases.
     bias: Rule,
@@ -24,14 +24,14 @@ pub struct OrderRules {
 
 impl OrderRules {
     /// Those of the accelerometers.
-    pub fn accelerometers() -> Self {
+    pub(crate) fn accelerometers() -> Self {
         let rule = |effect, unit| Rule { effect: Some(effect), unit, ..Rule::default() };
         let scale_factor = rule(SCALE_FACTOR_EFFECT, "pulse/(s*g0)");
         Self { names: AXIS_NAMES, bias: rule(BIAS_EFFECT, "g0"), scale_factor }
     }
 
     /// Those of the gyroscopes.
-    pub fn gyroscopes() -> Self {
+    pub(crate) fn gyroscopes() -> Self {
         let rule = |effect, unit| Rule { significance: SIGNIFICANCE, effect: Some(effect), unit, least: LEAST_ORDER };
         let scale_factor = rule(GYROSCOPE_SCALE_FACTOR_EFFECT, "pulse/arcsec");
         Self { names: GYROSCOPE_NAMES, bias: rule(GYROSCOPE_BIAS_EFFECT, "deg/h"), scale_factor }
@@ -41,7 +41,7 @@ impl OrderRules {
     ///
     /// # Errors
     /// If a curve of the order `fixed` cannot be fitted.
-    pub fn tables(
+    pub(crate) fn tables(
         &self,
         values: &[SetPointValues],
         fixed: Option<usize>,

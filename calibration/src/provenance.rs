@@ -61,7 +61,7 @@ pub fn sealed_ramp_table(
 }
 
 /// The text of `table` with digest and `provenance`, read back.
-pub fn sealed(
+pub(crate) fn sealed(
     campaign: &Campaign,
     table: &CoefficientTable,
     provenance: Result<String, toml::ser::Error>,
@@ -277,7 +277,7 @@ struct GyroscopeSetPointRecord {
 }
 
 /// The rows of a matrix.
-pub fn matrix_rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+pub(crate) fn matrix_rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
 }
 
@@ -295,7 +295,7 @@ fn place(set_point: f64, number: u32) -> String {
 ///
 /// # Errors
 /// If it cannot be written as TOML; a valid calibration always can.
-pub fn provenance(
+pub(crate) fn provenance(
     campaign: &Campaign,
     calibration: &Calibration,
     source: &CampaignSource,

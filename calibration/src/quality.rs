@@ -37,7 +37,7 @@ const MAX_OUTLIERS: usize = 20;
 
 /// A warning if a position has a residual at all temperatures, or if the tilt is not estimated and may not cancel. The
 /// cause is a level error of the base, or a position that differs from the campaign file.
-pub fn level_error(
+pub(crate) fn level_error(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],
@@ -105,7 +105,10 @@ fn is_paired(campaign: &Campaign, dwells: &[Dwell], set_point: &SetPoint) -> boo
 
 /// A warning about the curves that miss their set points by much more than the set points' own uncertainty, and one about curves
 /// without degrees of freedom. The array marks the axes that have a curve of the first kind.
-pub fn lack_of_fit(orders: &[[OrderTable; 3]; AXES], reduced: &[[Reduced; AXES]]) -> ([bool; AXES], Vec<Finding>) {
+pub(crate) fn lack_of_fit(
+    orders: &[[OrderTable; 3]; AXES],
+    reduced: &[[Reduced; AXES]],
+) -> ([bool; AXES], Vec<Finding>) {
     let mut unfit = [false; AXES];
     // What is said about the worst curve, how bad that is, and the names of the curves.
     let [mut missing, mut taking]: [(f64, String, Vec<String>); 2] =
@@ -171,7 +174,7 @@ pub fn lack_of_fit(orders: &[[OrderTable; 3]; AXES], reduced: &[[Reduced; AXES]]
 }
 
 /// Outlying dwells, as index and axis. The worst is left out and the fit repeated, until no outlier is left.
-pub fn outliers(
+pub(crate) fn outliers(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],
@@ -232,7 +235,7 @@ fn position_statistics(
 /// The fit without a position is the linear one of the positions' mean residuals: bias, K+, K- and two misalignments of each accelerometer,
 /// and the tilt if it was estimated. With the hat matrix H the residuals r of the position become d = (1 - H_pp)^-1 r, those of the others
 /// grow by H_op d.
-pub fn position_that_explains(campaign: &Campaign, dwells: &[Dwell], solution: &Solution) -> Option<usize> {
+pub(crate) fn position_that_explains(campaign: &Campaign, dwells: &[Dwell], solution: &Solution) -> Option<usize> {
     let of = |position: usize| (0..dwells.len()).filter(move |&d| dwells[d].position == position);
     let used: Vec<usize> = (0..campaign.positions.len()).filter(|&p| of(p).next().is_some()).collect();
     let mean = |position: usize, axis: usize| {
@@ -287,7 +290,7 @@ pub fn position_that_explains(campaign: &Campaign, dwells: &[Dwell], solution: &
 }
 
 /// The warnings of the order tables' diagnostics, with the name of the curve.
-pub fn order_findings(orders: &[[OrderTable; 3]; AXES]) -> Vec<Finding> {
+pub(crate) fn order_findings(orders: &[[OrderTable; 3]; AXES]) -> Vec<Finding> {
     let mut findings = Vec::new();
     for (axis, tables) in AXIS_NAMES.iter().zip(orders) {
         for (quantity, table) in QUANTITIES.iter().zip(tables) {

@@ -171,7 +171,7 @@ pub fn calibrate_ramps(
 }
 
 /// Writes what the ramps beside the positions show into the table of a calibration.
-pub fn add_transients(
+pub(crate) fn add_transients(
     campaign: &Campaign,
     calibration: &mut Calibration,
     ramps: &[RampRecording],

@@ -9,7 +9,7 @@ use isotherm_statistics::{Curve, QUANTITIES};
 use nalgebra::Matrix3;
 
 /// The table of the curves A, K+ and K- of each axis, with what the campaign gives it unchanged.
-pub fn table_of(
+pub(crate) fn table_of(
     campaign: &Campaign,
     curves: [&[Curve; 3]; AXES],
     alignment: Option<Matrix3<f64>>,
@@ -30,7 +30,7 @@ pub fn table_of(
 }
 
 /// Bias, K+ and K- of the gyroscopes as a table has them.
-pub fn gyroscope_axes(curves: [&[Curve; 3]; AXES]) -> Result<[Axis; AXES], Vec<Refusal>> {
+pub(crate) fn gyroscope_axes(curves: [&[Curve; 3]; AXES]) -> Result<[Axis; AXES], Vec<Refusal>> {
     axes(curves, BiasUnit::DegreePerHour, 1.0, None)
 }
 

@@ -32,7 +32,12 @@ mod search;
 
 pub use options::{CurveSource, LagChoice, TransientOptions, TransientsError};
 pub use recording::RampRecording;
-pub use result::{BiasTransient, Condition, Prediction, TimeConstant, TransientVerdict, Transients};
+pub use result::BiasTransient;
+pub use result::Condition;
+pub use result::Prediction;
+pub(crate) use result::TimeConstant;
+pub use result::TransientVerdict;
+pub use result::Transients;
 
 use blocks::{Bias, Column, Ramps};
 use equations::Coefficients;

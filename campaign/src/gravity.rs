@@ -1,7 +1,7 @@
 //! Normal gravity at a place, to notice a local gravity that cannot be right.
 
 /// Largest plausible difference between local and normal gravity \[m/s2\]: anomalies of the field are below 0.002 m/s2 almost everywhere.
-pub const ANOMALY: f64 = 0.003;
+pub(crate) const ANOMALY: f64 = 0.003;
 
 /// Normal gravity \[m/s2\] at the geodetic latitude \[deg\] and the height above the ellipsoid \[m\], -1000 to 9000: Somigliana's formula on
 /// the ellipsoid of WGS 84, and its upward continuation to second order (NIMA TR8350.2, equations 4-1 and 4-3).
@@ -20,7 +20,7 @@ pub fn normal_gravity(latitude_deg: f64, height_m: f64) -> f64 {
 
 /// What is wrong with a local gravity \[m/s2\] at this place; `None` if it is plausible.
 #[must_use]
-pub fn gravity_fault(gravity_local: f64, latitude_deg: f64, height_m: f64) -> Option<String> {
+pub(crate) fn gravity_fault(gravity_local: f64, latitude_deg: f64, height_m: f64) -> Option<String> {
     let normal = normal_gravity(latitude_deg, height_m);
     ((gravity_local - normal).abs() > ANOMALY).then(|| {
         format!(

@@ -93,7 +93,7 @@ fn misfit(rotation: &Matrix3<f64>, (at, stated): &Pair) -> f64 {
 /// explains all of them, see [`mount`], if a position has no angles, or if no mounting explains most of them: a turntable may have other
 /// axes and zeros than ours.
 #[must_use]
-pub fn contradiction(positions: &[Position]) -> Option<String> {
+pub(crate) fn contradiction(positions: &[Position]) -> Option<String> {
     if mount(positions).is_some() {
         return None;
     }

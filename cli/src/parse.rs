@@ -9,7 +9,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 /// A number of seconds over 0.
-pub fn seconds(text: &str) -> Result<Duration, String> {
+pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     if !(seconds > 0.0 && seconds <= 1e6) {
         return Err("give a number of seconds over 0 and up to 1000000".to_owned());
@@ -18,13 +18,13 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// A number of seconds from 0.
-pub fn from_zero(text: &str) -> Result<f64, String> {
+pub(crate) fn from_zero(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds: &f64| seconds.is_finite() && *seconds >= 0.0);
     seconds.ok_or_else(|| "give a number of seconds from 0".to_owned())
 }
 
 /// A time constant of lagged telemetry \[ns\]: a number of seconds, or `none` for 0.
-pub fn lag(text: &str) -> Result<u64, String> {
+pub(crate) fn lag(text: &str) -> Result<u64, String> {
     if text == "none" {
         return Ok(0);
     }
@@ -33,23 +33,23 @@ pub fn lag(text: &str) -> Result<u64, String> {
 }
 
 /// A time constant for the ramps of a campaign: a number of seconds, or `none`.
-pub fn lag_choice(text: &str) -> Result<LagChoice, String> {
+pub(crate) fn lag_choice(text: &str) -> Result<LagChoice, String> {
     let lag_ns = lag(text)?;
     Ok(if lag_ns == 0 { LagChoice::None } else { LagChoice::Given(lag_ns as f64 / 1e9) })
 }
 
 /// A time constant \[s\].
-pub fn time_constant(text: &str) -> Result<f64, String> {
+pub(crate) fn time_constant(text: &str) -> Result<f64, String> {
     let seconds = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     TimeConstant::from_seconds(seconds).map(|_| seconds).map_err(|error| error.to_string())
 }
 
 /// Set points \[degC\]. It is a type of its own, because clap takes a plain `Vec` for an option with many values.
 #[derive(Clone, Debug)]
-pub struct SetPoints(pub Vec<f64>);
+pub(crate) struct SetPoints(pub Vec<f64>);
 
 /// `FROM:TO:STEP`, both ends included.
-pub fn set_points(text: &str) -> Result<SetPoints, String> {
+pub(crate) fn set_points(text: &str) -> Result<SetPoints, String> {
     let [from, to, step] = list(text, ':').ok_or("give FROM:TO:STEP in degC, for example -25:45:5")?;
     let steps = (to - from) / step;
     if !(0.0..1000.0).contains(&steps) {
@@ -64,7 +64,7 @@ fn round(set_point: f64) -> f64 {
     (set_point * 1e9).round() / 1e9
 }
 
-pub fn scheme(name: String) -> Scheme {
+pub(crate) fn scheme(name: String) -> Scheme {
     Scheme::NAMES.iter().find(|(_, known)| *known == name).map_or(Scheme::NAMES[0].0, |(scheme, _)| *scheme)
 }
 
@@ -74,18 +74,18 @@ fn list<const N: usize>(text: &str, separator: char) -> Option<[f64; N]> {
     numbers.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()))?.try_into().ok()
 }
 
-pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     list(text, ',').ok_or_else(|| format!("give {N} numbers with a comma between them"))
 }
 
 /// Two numbers from 0 up.
-pub fn sizes(text: &str) -> Result<[f64; 2], String> {
+pub(crate) fn sizes(text: &str) -> Result<[f64; 2], String> {
     let sizes = numbers::<2>(text)?;
     if sizes.iter().all(|size| *size >= 0.0) { Ok(sizes) } else { Err("neither may be negative".to_owned()) }
 }
 
 /// Amplitude \[g0\] and frequency \[Hz\]. The frequency has a limit, because the simulation takes 20 steps for each cycle.
-pub fn vibration(text: &str) -> Result<[f64; 2], String> {
+pub(crate) fn vibration(text: &str) -> Result<[f64; 2], String> {
     let [amplitude, frequency] = sizes(text)?;
     if amplitude <= 100.0 && frequency <= 2000.0 {
         Ok([amplitude, frequency])
@@ -94,7 +94,7 @@ pub fn vibration(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-pub fn size(text: &str) -> Result<f64, String> {
+pub(crate) fn size(text: &str) -> Result<f64, String> {
     list::<1>(text, ',')
         .map(|[size]| size)
         .filter(|size| *size >= 0.0)
@@ -102,45 +102,45 @@ pub fn size(text: &str) -> Result<f64, String> {
 }
 
 /// A number over 0.
-pub fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     size(text).ok().filter(|size| *size > 0.0).ok_or_else(|| "give a number over 0".to_owned())
 }
 
-pub fn direction(text: &str) -> Result<[f64; AXES], String> {
+pub(crate) fn direction(text: &str) -> Result<[f64; AXES], String> {
     let direction = numbers::<AXES>(text)?;
     let right = direction.iter().any(|part| part.abs() > 1e-6) && direction.iter().all(|part| part.abs() < 1e6);
     if right { Ok(direction) } else { Err("give a direction, for example 0,0,1".to_owned()) }
 }
 
-pub fn ramp(text: &str) -> Result<f64, String> {
+pub(crate) fn ramp(text: &str) -> Result<f64, String> {
     let [ramp] = list(text, ',').ok_or("give a number of degC/h")?;
     if (0.1..=3600.0).contains(&ramp) { Ok(ramp) } else { Err("give a ramp from 0.1 to 3600 degC/h".to_owned()) }
 }
 
 /// Rates of ramps \[degC/h\]; a type of its own, as [`SetPoints`].
 #[derive(Clone, Debug)]
-pub struct Rates(pub Vec<f64>);
+pub(crate) struct Rates(pub Vec<f64>);
 
 /// One rate or several, with commas between them.
-pub fn rates(text: &str) -> Result<Rates, String> {
+pub(crate) fn rates(text: &str) -> Result<Rates, String> {
     text.split(',').map(ramp).collect::<Result<_, _>>().map(Rates)
 }
 
-pub fn gravity(text: &str) -> Result<f64, String> {
+pub(crate) fn gravity(text: &str) -> Result<f64, String> {
     let [gravity] = list(text, ',').ok_or("give a number of m/s2")?;
     let [low, high] = GRAVITY_RANGE;
     if (low..=high).contains(&gravity) { Ok(gravity) } else { Err(format!("give a gravity from {low} to {high} m/s2")) }
 }
 
 /// Latitude, north positive \[deg\].
-pub fn latitude(text: &str) -> Result<f64, String> {
+pub(crate) fn latitude(text: &str) -> Result<f64, String> {
     list(text, ',')
         .map(|[latitude]| latitude)
         .filter(|latitude: &f64| latitude.abs() <= 90.0)
         .ok_or_else(|| "give a number from -90 to 90, north positive".to_owned())
 }
 
-pub fn interval(text: &str) -> Result<Duration, String> {
+pub(crate) fn interval(text: &str) -> Result<Duration, String> {
     let interval = seconds(text)?;
     if (1_000..=u128::from(MAX_INTERVAL_NS)).contains(&interval.as_nanos()) {
         Ok(interval)

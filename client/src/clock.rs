@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// A [`Clock`] uses the counter for this long after its last reading of the kernel's clock \[ns\].
-pub const EXTRAPOLATION_NS: u64 = 100_000;
+pub(crate) const EXTRAPOLATION_NS: u64 = 100_000;
 /// The counter's rate is measured over at least this long \[ns\], so that the uncertainty of a reading does not matter.
 const BASELINE_NS: u64 = 200_000;
 /// A reading of both clocks that took more ticks was interrupted. It is not used: its error would be in all readings until

@@ -21,7 +21,7 @@ const RELOAD_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A message from the acquisition process to its parent, one JSON line on stdout.
 #[derive(Debug, Deserialize, Serialize)]
-pub enum Message {
+pub(crate) enum Message {
     /// Completed part of the run, 0 to 1.
     Progress(f64),
     /// The hot end is reached, and samples continue: the parent installs the new table now.
@@ -32,7 +32,7 @@ pub enum Message {
 
 /// The results of the run.
 #[derive(Debug, Default, Deserialize, Serialize)]
-pub struct RunOutcome {
+pub(crate) struct RunOutcome {
     /// Stability while heating, with the first table.
     pub before: ImuStability,
     /// Stability while cooling, with the second table.
@@ -57,7 +57,7 @@ pub struct RunOutcome {
 
 /// Stability of both triads.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
-pub struct ImuStability {
+pub(crate) struct ImuStability {
     /// Output minus specific force \[g0\].
     pub accelerometers: [MeanStability; AXES],
     /// Output minus Earth's rate \[deg/h\].
@@ -66,7 +66,7 @@ pub struct ImuStability {
 
 /// Statistics of means of an output minus its true value, in the unit of the triad.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
-pub struct MeanStability {
+pub(crate) struct MeanStability {
     /// Number of means.
     pub means: u32,
     /// Standard deviation.
@@ -79,7 +79,7 @@ pub struct MeanStability {
 ///
 /// # Errors
 /// If the service does not answer or does not take the new table.
-pub fn run(imu: &ImuId, truth: &CoefficientTable, options: &Options) -> Result<(), Failure> {
+pub(crate) fn run(imu: &ImuId, truth: &CoefficientTable, options: &Options) -> Result<(), Failure> {
     let mut run = AcquisitionRun {
         acquisition: Acquisition::connect(imu, options)?,
         imu: DemoImu::new(truth, 1),

@@ -5,7 +5,7 @@ use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::{Chain, InertialMotion, Noise, SimulatedImu, Truth};
 
 /// Control period \[ns\]: 10 samples a second.
-pub const INTERVAL_NS: u64 = 100_000_000;
+pub(crate) const INTERVAL_NS: u64 = 100_000_000;
 /// Temperatures at the ends of the run \[degC\].
 const COLD: f64 = -25.0;
 const HOT: f64 = 45.0;
@@ -16,20 +16,20 @@ const RAMP: f64 = (HOT - COLD) / 3600.0;
 const ANGLES_DEG: [f64; 2] = [50.0, 130.0];
 
 /// Description of the IMU in the report.
-pub const DESCRIPTION: &str = "simulated IMU at rest, specific force (0.59, -0.49, 0.64) g0 along A1, A2, A3, latitude 39.9 deg; \
+pub(crate) const DESCRIPTION: &str = "simulated IMU at rest, specific force (0.59, -0.49, 0.64) g0 along A1, A2, A3, latitude 39.9 deg; \
      -25..45 degC at 70 degC/h; noise of an accelerometer 10 ug0 a sample at 10 Hz, of a gyroscope 0.003 deg/sqrt(h); telemetry noise 0.1 mV, \
      16 bits, pulses quantised";
 
 /// The current part of the temperature run.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum RampPhase {
+pub(crate) enum RampPhase {
     Heating,
     Holding,
     Cooling,
 }
 
 /// The simulated IMU in its chamber.
-pub struct DemoImu {
+pub(crate) struct DemoImu {
     imu: SimulatedImu,
     /// What it feels in a control period.
     motion: InertialMotion,
@@ -37,7 +37,7 @@ pub struct DemoImu {
 
 impl DemoImu {
     /// An IMU in equilibrium at the cold end of the run.
-    pub fn new(truth: &CoefficientTable, seed: u64) -> Self {
+    pub(crate) fn new(truth: &CoefficientTable, seed: u64) -> Self {
         // 10 ug0 for a sample of 0.1 s; `sensor_g0` refers to 1 s.
         let noise = Noise { sensor_g0: 10e-6 * 0.1_f64.sqrt(), ..Noise::default() };
         let truth = Truth::of(truth.clone());
@@ -46,12 +46,12 @@ impl DemoImu {
     }
 
     /// What the IMU feels in a control period: gravity and Earth's rate.
-    pub const fn motion(&self) -> &InertialMotion {
+    pub(crate) const fn motion(&self) -> &InertialMotion {
         &self.motion
     }
 
     /// Whether the sensor head is within 0.5 degC of the end temperature of `phase`.
-    pub fn has_arrived(&self, phase: RampPhase) -> bool {
+    pub(crate) fn has_arrived(&self, phase: RampPhase) -> bool {
         match phase {
             RampPhase::Heating => self.imu.head_c() > HOT - 0.5,
             RampPhase::Cooling => self.imu.head_c() < COLD + 0.5,
@@ -60,7 +60,7 @@ impl DemoImu {
     }
 
     /// Advances by one control period and fills in the values that an acquisition would latch.
-    pub fn step(&mut self, phase: RampPhase, raw: &mut RawSample) {
+    pub(crate) fn step(&mut self, phase: RampPhase, raw: &mut RawSample) {
         let target = match phase {
             RampPhase::Heating => HOT,
             RampPhase::Holding => self.imu.chamber_c(),
@@ -89,6 +89,6 @@ fn chain() -> Chain {
 }
 
 /// Telemetry at the middle temperature of the run \[V\].
-pub fn middle() -> f64 {
+pub(crate) fn middle() -> f64 {
     chain().telemetry((COLD + HOT) / 2.0)
 }

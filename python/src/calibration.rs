@@ -6,14 +6,14 @@ use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
 use isotherm_calibration::Accuracy;
 use isotherm_calibration::AlignmentChoice;
-use isotherm_calibration::{calibrate as fit, observable};
-use isotherm_calibration::{Finding, Severity, name};
-use isotherm_calibration::{FittedRun, Measurements, read_measurements};
+use isotherm_calibration::Calibration as Figures;
 use isotherm_calibration::{CalibrationOptions, Method};
 use isotherm_calibration::{CampaignSource, Hashed, sealed_ramp_table, sealed_table, sha256};
-use isotherm_calibration::{RampCalibration, calibrate_ramps as fit_ramps};
-use isotherm_calibration::Calibration as Figures;
+use isotherm_calibration::{Finding, Severity, name};
+use isotherm_calibration::{FittedRun, Measurements, read_measurements};
 use isotherm_calibration::{LagChoice, RampRecording};
+use isotherm_calibration::{RampCalibration, calibrate_ramps as fit_ramps};
+use isotherm_calibration::{calibrate as fit, observable};
 use isotherm_campaign::Campaign;
 use isotherm_campaign::Dwell;
 use isotherm_campaign::select_imu;
@@ -53,20 +53,20 @@ enum FittedCampaign {
 
 /// The sample files that a campaign file's text names; None with ramps alone.
 #[pyfunction]
-pub fn samples_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Option<Vec<String>>> {
+pub(crate) fn samples_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Option<Vec<String>>> {
     let campaign = campaign_of(text, name, imu)?;
     Ok((!campaign.has_ramps_alone()).then_some(campaign.samples))
 }
 
 /// The campaign of `imu`, or the only one.
-pub fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
+pub(crate) fn campaign_of(text: &str, name: &str, imu: Option<&str>) -> PyResult<Campaign> {
     let campaigns = Campaign::batch_from_toml(text).map_err(|all| faults(name, &all))?;
     select_imu(campaigns, imu).map_err(|message| PyValueError::new_err(format!("{name}: {message}")))
 }
 
 /// Text of a campaign file.
 #[pyfunction]
-pub fn read_text(path: PathBuf) -> PyResult<String> {
+pub(crate) fn read_text(path: PathBuf) -> PyResult<String> {
     crate::table::read_text(&path)
 }
 
@@ -77,7 +77,7 @@ pub fn read_text(path: PathBuf) -> PyResult<String> {
     clippy::too_many_arguments,
     reason = "the options of the command, named in the Python function that calls this"
 )]
-pub fn calibrate(
+pub(crate) fn calibrate(
     py: Python<'_>,
     text: &str,
     name: String,

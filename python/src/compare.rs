@@ -34,7 +34,11 @@ fn files(named: &[(String, PyRef<'_, Table>)]) -> PyResult<Vec<TableFile>> {
 /// Compares tables, each with the name that messages have.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
-pub fn compare(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>, other_unit: bool) -> PyResult<Comparison> {
+pub(crate) fn compare(
+    py: Python<'_>,
+    named: Vec<(String, PyRef<'_, Table>)>,
+    other_unit: bool,
+) -> PyResult<Comparison> {
     let files = files(&named)?;
     let found = py.detach(|| isotherm_analysis::compare(files, other_unit));
     found.map(Comparison).map_err(|error| ComparisonError::new_err(error.to_string()))
@@ -43,7 +47,7 @@ pub fn compare(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>, other_uni
 /// The statistics of tables, each with the name that messages have.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
-pub fn batch(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>) -> PyResult<Batch> {
+pub(crate) fn batch(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>) -> PyResult<Batch> {
     let files = files(&named)?;
     let found = py.detach(|| isotherm_analysis::batch(&files));
     found.map(Batch).map_err(|error| ComparisonError::new_err(error.to_string()))

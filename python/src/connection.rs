@@ -6,17 +6,17 @@ use pyo3::prelude::*;
 use std::time::Duration;
 
 /// Parses the name of an IMU.
-pub fn imu_id(imu: &str) -> PyResult<ImuId> {
+pub(crate) fn imu_id(imu: &str) -> PyResult<ImuId> {
     imu.parse().map_err(|error: isotherm_shared::stream::InvalidName| PyValueError::new_err(error.to_string()))
 }
 
 /// The options for connecting to a service.
-pub fn options(name: Option<&str>, timeout: Duration) -> PyResult<Options> {
+pub(crate) fn options(name: Option<&str>, timeout: Duration) -> PyResult<Options> {
     let domain = domain(name).map_err(|error| PyValueError::new_err(error.to_string()))?;
     Ok(Options::new(domain, timeout))
 }
 
 /// Whether connecting may still succeed after this error if the caller waits.
-pub fn is_temporary(error: &ConnectError) -> bool {
+pub(crate) fn is_temporary(error: &ConnectError) -> bool {
     !error.is_permanent()
 }

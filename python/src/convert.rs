@@ -18,14 +18,14 @@ use std::path::{Path, PathBuf};
 
 /// Foreign data: a file, or a text.
 #[derive(FromPyObject)]
-pub enum Foreign {
+pub(crate) enum Foreign {
     Text(Vec<u8>),
     File(PathBuf),
 }
 
 /// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a mapping file.
 #[pyfunction]
-pub fn convert(
+pub(crate) fn convert(
     py: Python<'_>,
     source: Foreign,
     mapping: Option<(PathBuf, String)>,
@@ -74,7 +74,7 @@ fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {
 
 /// Writes increments, and the temperatures of samples, as ROS messages in MCAP. `table_file` is the name of the table's file.
 #[pyfunction]
-pub fn write_ros(
+pub(crate) fn write_ros(
     py: Python<'_>,
     path: PathBuf,
     table: &Table,

@@ -27,7 +27,7 @@ import_exception!(isotherm._errors, Timeout);
 import_exception!(isotherm._errors, TransportError);
 import_exception!(isotherm._errors, WrongThread);
 
-pub fn connecting(error: &ConnectError) -> PyErr {
+pub(crate) fn connecting(error: &ConnectError) -> PyErr {
     let message = error.to_string();
     match error {
         ConnectError::NoService(_) => NoService::new_err(message),
@@ -41,13 +41,13 @@ pub fn connecting(error: &ConnectError) -> PyErr {
     }
 }
 
-pub fn transport(error: impl Display) -> PyErr {
+pub(crate) fn transport(error: impl Display) -> PyErr {
     TransportError::new_err(error.to_string())
 }
 
 /// The exception for all faults of a text from `source`: its message has one line for each, and it has a list of (line, key,
 /// message).
-pub fn faults(source: &str, faults: &Faults) -> PyErr {
+pub(crate) fn faults(source: &str, faults: &Faults) -> PyErr {
     let line = |fault: &isotherm_shared::document::Fault| {
         let colon = if fault.key.is_empty() { "" } else { ": " };
         format!("{source}:{}: {}{colon}{}", fault.line, fault.key, fault.message)
@@ -58,7 +58,7 @@ pub fn faults(source: &str, faults: &Faults) -> PyErr {
 }
 
 /// The `OSError` that Python itself would raise for a file that could not be read or written.
-pub fn file(path: &Path, error: &io::Error) -> PyErr {
+pub(crate) fn file(path: &Path, error: &io::Error) -> PyErr {
     match error.raw_os_error() {
         Some(number) => {
             let text = error.to_string();
@@ -69,7 +69,7 @@ pub fn file(path: &Path, error: &io::Error) -> PyErr {
     }
 }
 
-pub fn recording(path: &Path, error: &RecordingError) -> PyErr {
+pub(crate) fn recording(path: &Path, error: &RecordingError) -> PyErr {
     match error {
         RecordingError::Data { line, message } => {
             RecordingFault::new_err((format!("{}:{line}: {message}", path.display()), *line))

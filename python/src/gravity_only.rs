@@ -5,8 +5,11 @@ use crate::errors::{CalibrationError, StabilityError, recording};
 use crate::offline::{tool, with_lag};
 use crate::records::{Fields, RAW, document, python};
 use crate::table::Table;
-use isotherm_calibration::{GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording, calibrate_gravity_only as fit, sealed_gravity_only_table};
 use isotherm_calibration::{CampaignSource, Hashed, sha256};
+use isotherm_calibration::{
+    GravityOnlyCalibration as Figures, GravityOnlyOptions, ScaleFactorChoice, TumbleRecording,
+    calibrate_gravity_only as fit, sealed_gravity_only_table,
+};
 use isotherm_campaign::Campaign;
 use isotherm_recording::{CampaignRow, RawCsvReader, RecordingError};
 use isotherm_report::{gravity_only as report, lengths as lengths_report};
@@ -22,7 +25,7 @@ use std::path::{Path, PathBuf};
 
 /// A recording: the path of a file, or the bytes of rows.
 #[derive(FromPyObject)]
-pub enum Recorded<'py> {
+pub(crate) enum Recorded<'py> {
     Rows(PyReadonlyArray1<'py, u8>),
     File(PathBuf),
 }
@@ -44,7 +47,7 @@ pub struct GravityOnlyCalibration {
     clippy::needless_pass_by_value,
     reason = "the options of the command, named in the Python function that calls this"
 )]
-pub fn calibrate_gravity_only(
+pub(crate) fn calibrate_gravity_only(
     py: Python<'_>,
     text: &str,
     name: String,
@@ -108,7 +111,7 @@ pub fn calibrate_gravity_only(
 /// Compares the lengths over the standstills of samples with local gravity: the document of `isotherm verify --standstills --json`.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
-pub fn lengths<'py>(
+pub(crate) fn lengths<'py>(
     py: Python<'py>,
     table: &Table,
     samples: PyReadonlyArray1<'py, u8>,

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 
 /// The argument `lag`: "service", None or a time constant \[s\].
 #[derive(Clone, Copy)]
-pub struct LagArgument(pub LagOption);
+pub(crate) struct LagArgument(pub LagOption);
 
 impl<'py> FromPyObject<'_, 'py> for LagArgument {
     type Error = PyErr;
@@ -31,7 +31,7 @@ impl<'py> FromPyObject<'_, 'py> for LagArgument {
 ///
 /// # Errors
 /// If it is not the name of a sensor.
-pub fn sensor(name: &str) -> PyResult<Sensor> {
+pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
     name.parse().map_err(|error: isotherm_client::UnknownSensor| PyValueError::new_err(error.to_string()))
 }
 
@@ -39,17 +39,17 @@ pub fn sensor(name: &str) -> PyResult<Sensor> {
 /// start.
 #[derive(IntoPyObject)]
 #[pyo3(transparent)]
-pub struct LagState(Vec<Option<(u64, f64, f64, f64)>>);
+pub(crate) struct LagState(Vec<Option<(u64, f64, f64, f64)>>);
 
 impl LagState {
-    pub fn of(lag: &Lag) -> Self {
+    pub(crate) fn of(lag: &Lag) -> Self {
         let numbers = |(reading, unknown): (&Option<LaggedReading>, f64)| {
             reading.map(|reading| (reading.time_ns, reading.telemetry, reading.lagged, unknown))
         };
         Self(lag.sensors.iter().zip(lag.unknown).map(numbers).collect())
     }
 
-    pub fn lag(&self) -> Lag {
+    pub(crate) fn lag(&self) -> Lag {
         let mut lag = Lag::new(0);
         for (sensor, numbers) in self.0.iter().enumerate() {
             if let Some((time_ns, telemetry, lagged, unknown)) = *numbers {
@@ -83,6 +83,6 @@ impl<'py> FromPyObject<'_, 'py> for LagState {
 
 /// The number of the unit with this serial number.
 #[pyfunction]
-pub fn device(serial: &str) -> u64 {
+pub(crate) fn device(serial: &str) -> u64 {
     isotherm_client::device(serial)
 }

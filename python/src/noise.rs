@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 
 /// The noise of a recording: the document of `isotherm noise --json`, the report, and with a table Kalibr's file.
 #[pyfunction]
-pub fn noise(
+pub(crate) fn noise(
     py: Python<'_>,
     samples: PyReadonlyArray1<'_, u8>,
     table: Option<&Table>,
@@ -40,7 +40,7 @@ pub fn noise(
 
 /// The noise of rates at one interval, as JSON.
 #[pyfunction]
-pub fn noise_of_rates(
+pub(crate) fn noise_of_rates(
     py: Python<'_>,
     rates: PyReadonlyArray1<'_, f64>,
     interval_s: f64,

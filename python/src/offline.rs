@@ -30,7 +30,7 @@ use std::sync::Arc;
 
 /// The increments of raw samples; samples and increments are bytes.
 #[pyfunction]
-pub fn replay<'py>(
+pub(crate) fn replay<'py>(
     py: Python<'py>,
     table: &Table,
     samples: PyReadonlyArray1<'py, u8>,
@@ -50,7 +50,7 @@ pub fn replay<'py>(
 
 /// What the commands warn of where time is lost in these samples; `None` if time is whole.
 #[pyfunction]
-pub fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Option<String>> {
+pub(crate) fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResult<Option<String>> {
     let samples = samples.as_slice()?;
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
     Ok(py.detach(|| rows.collect::<Continuity>().fault()).map(|fault| fault.to_string()))
@@ -58,7 +58,7 @@ pub fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) -> PyResu
 
 /// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the commands do for a recording
 /// without it; each session begins soaked.
-pub fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
+pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
     let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
     let follows = table.lag_ns() != 0 && all().all(|sample| sample.lag_ns == 0);
     let (mut lag, mut session) = (Lag::new(table.lag_ns()), None);
@@ -76,7 +76,7 @@ pub fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item 
 
 /// The raw samples of a recording, as bytes.
 #[pyfunction]
-pub fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
+pub(crate) fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
     let read = || -> Result<Vec<u8>, RecordingError> {
         let mut bytes = Vec::new();
         for sample in RawCsvReader::new(File::open(&path)?)? {
@@ -90,7 +90,7 @@ pub fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArr
 
 /// The increments that `feed` or `replay` wrote, as bytes.
 #[pyfunction]
-pub fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
+pub(crate) fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
     let read = || -> Result<Vec<u8>, RecordingError> {
         let mut rows = Rows::new(File::open(&path)?);
         rows.next_row()?;
@@ -139,7 +139,7 @@ fn flags(text: &str) -> Option<Flags> {
 
 /// Writes raw samples as a recording.
 #[pyfunction]
-pub fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<'_, u8>) -> PyResult<()> {
+pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<'_, u8>) -> PyResult<()> {
     let samples = samples.as_slice()?;
     let write = || -> io::Result<()> {
         let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
@@ -154,7 +154,7 @@ pub fn write_recording(py: Python<'_>, path: PathBuf, samples: PyReadonlyArray1<
 
 /// Writes increments as `replay` does, or with `delivery` as `feed --delivery` does.
 #[pyfunction]
-pub fn write_increments(
+pub(crate) fn write_increments(
     py: Python<'_>,
     path: PathBuf,
     increments: PyReadonlyArray1<'_, u8>,
@@ -174,7 +174,7 @@ pub fn write_increments(
 
 /// One polynomial regression with its order table, as the JSON document of `isotherm regress --json`.
 #[pyfunction]
-pub fn regress(
+pub(crate) fn regress(
     py: Python<'_>,
     x: PyReadonlyArray1<'_, f64>,
     y: PyReadonlyArray1<'_, f64>,
@@ -255,7 +255,7 @@ impl Require {
 /// Computes the stability before and after compensation.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
-pub fn verify(
+pub(crate) fn verify(
     py: Python<'_>,
     table: &Table,
     samples: PyReadonlyArray1<'_, u8>,
@@ -390,6 +390,6 @@ impl Stability {
 }
 
 /// Name and version of this program, for provenance.
-pub fn tool() -> String {
+pub(crate) fn tool() -> String {
     format!("isotherm {} (Python)", env!("CARGO_PKG_VERSION"))
 }

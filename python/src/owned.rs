@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
 /// A value that only the thread that created it may use; other threads get an exception. Empty after it has been closed.
-pub struct Owned<T> {
+pub(crate) struct Owned<T> {
     name: &'static str,
     thread: ThreadId,
     process: Process,
@@ -19,10 +19,10 @@ pub struct Owned<T> {
 }
 
 /// Exclusive access to the value of an [`Owned`].
-pub struct Held<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
+pub(crate) struct Held<'a, T>(MutexGuard<'a, Option<SendWrapper<T>>>, &'static str);
 
 impl<T> Owned<T> {
-    pub fn new(name: &'static str, value: T) -> Self {
+    pub(crate) fn new(name: &'static str, value: T) -> Self {
         let (thread, process) = (thread::current().id(), Process::current());
         Self { name, thread, process, value: Mutex::new(Some(SendWrapper::new(value))) }
     }
@@ -48,13 +48,13 @@ impl<T> Owned<T> {
     ///
     /// # Errors
     /// In another thread, in a forked child, and while another call has access.
-    pub fn hold(&self) -> PyResult<Held<'_, T>> {
+    pub(crate) fn hold(&self) -> PyResult<Held<'_, T>> {
         self.check()?;
         let busy = |_| IsothermError::new_err(format!("this {} is in use by a call that has not returned", self.name));
         self.value.try_lock().map(|guard| Held(guard, self.name)).map_err(busy)
     }
 
-    pub fn is_closed(&self) -> bool {
+    pub(crate) fn is_closed(&self) -> bool {
         self.value.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     }
 
@@ -62,7 +62,7 @@ impl<T> Owned<T> {
     ///
     /// # Errors
     /// As [`hold`](Self::hold).
-    pub fn close(&self) -> PyResult<()> {
+    pub(crate) fn close(&self) -> PyResult<()> {
         let value = self.hold()?.0.take();
         drop(value);
         Ok(())
@@ -72,7 +72,7 @@ impl<T> Owned<T> {
 impl<T> Held<'_, T> {
     /// # Errors
     /// If it has been closed.
-    pub fn open(&mut self) -> PyResult<&mut SendWrapper<T>> {
+    pub(crate) fn open(&mut self) -> PyResult<&mut SendWrapper<T>> {
         let name = self.1;
         self.0.as_mut().ok_or_else(|| Closed::new_err(format!("this {name} is closed")))
     }

@@ -6,12 +6,12 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
 /// Size of a raw sample \[bytes\].
-pub const RAW: usize = size_of::<RawSample>();
+pub(crate) const RAW: usize = size_of::<RawSample>();
 /// Size of an increment \[bytes\].
-pub const INCREMENT: usize = size_of::<CompensatedIncrement>();
+pub(crate) const INCREMENT: usize = size_of::<CompensatedIncrement>();
 
 /// Reads the fields of a record, one after the other.
-pub struct Fields<'a>(pub &'a [u8]);
+pub(crate) struct Fields<'a>(pub &'a [u8]);
 
 impl Fields<'_> {
     #[inline]
@@ -37,18 +37,18 @@ impl Fields<'_> {
     }
 
     #[inline]
-    pub fn float(&mut self) -> f64 {
+    pub(crate) fn float(&mut self) -> f64 {
         f64::from_ne_bytes(self.next())
     }
 
     #[inline]
-    pub fn signed(&mut self) -> i64 {
+    pub(crate) fn signed(&mut self) -> i64 {
         i64::from_ne_bytes(self.next())
     }
 
     /// A raw sample. Every byte is read once, because another thread may change the array at the same time.
     #[inline]
-    pub fn raw(&mut self) -> RawSample {
+    pub(crate) fn raw(&mut self) -> RawSample {
         RawSample {
             session: self.long(),
             sequence: self.long(),
@@ -75,7 +75,7 @@ impl Fields<'_> {
     }
 
     /// An increment.
-    pub fn increment(&mut self) -> CompensatedIncrement {
+    pub(crate) fn increment(&mut self) -> CompensatedIncrement {
         CompensatedIncrement {
             session: self.long(),
             sequence: self.long(),
@@ -91,7 +91,7 @@ impl Fields<'_> {
 }
 
 /// The bytes of a raw sample.
-pub fn raw_bytes(sample: &RawSample) -> [u8; RAW] {
+pub(crate) fn raw_bytes(sample: &RawSample) -> [u8; RAW] {
     let mut record = [0; RAW];
     let head = [
         sample.session,
@@ -116,7 +116,7 @@ pub fn raw_bytes(sample: &RawSample) -> [u8; RAW] {
 
 /// The bytes of an increment.
 #[inline]
-pub fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT] {
+pub(crate) fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT] {
     let [v1, v2, v3] = increment.velocity_increment.map(f64::to_bits);
     let [a1, a2, a3] = increment.angle_increment.map(f64::to_bits);
     let head = [increment.session, increment.sequence, increment.timestamp_ns, increment.interval_ns];
@@ -128,17 +128,17 @@ pub fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMENT] {
 }
 
 /// A function or value of a module of this package that is written in Python.
-pub fn python<'py>(py: Python<'py>, module: &str, name: &str) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn python<'py>(py: Python<'py>, module: &str, name: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import(format!("isotherm.{module}"))?.getattr(name)
 }
 
 /// A JSON document as Python's dictionaries, lists and numbers.
-pub fn document<'py>(py: Python<'py>, document: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn document<'py>(py: Python<'py>, document: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (document.to_string(),))
 }
 
 /// The records of `samples` (an array or a data frame) as the bytes of one contiguous array: `isotherm._records.sample_bytes`.
-pub fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
+pub(crate) fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = samples.py();
     let function = FUNCTION.get_or_try_init(py, || python(py, "_records", "sample_bytes").map(Bound::unbind))?;
@@ -146,7 +146,7 @@ pub fn sample_bytes<'py>(samples: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArra
 }
 
 /// One raw sample from a record, or from an array of one: `isotherm._records.one_sample`.
-pub fn one_sample(sample: &Bound<'_, PyAny>) -> PyResult<RawSample> {
+pub(crate) fn one_sample(sample: &Bound<'_, PyAny>) -> PyResult<RawSample> {
     static FUNCTION: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = sample.py();
     let function = FUNCTION.get_or_try_init(py, || python(py, "_records", "one_sample").map(Bound::unbind))?;
@@ -155,23 +155,23 @@ pub fn one_sample(sample: &Bound<'_, PyAny>) -> PyResult<RawSample> {
 }
 
 /// Bytes as an array of records, without a copy; `name` is the name of their type in `isotherm._records`.
-pub fn view<'py>(bytes: Bound<'py, PyArray1<u8>>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn view<'py>(bytes: Bound<'py, PyArray1<u8>>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let dtype = python(bytes.py(), "_records", name)?;
     bytes.call_method1("view", (dtype,))
 }
 
 /// A new array of bytes for `count` increments, to be filled in and then converted by [`view`].
-pub fn increments(py: Python<'_>, count: usize) -> Bound<'_, PyArray1<u8>> {
+pub(crate) fn increments(py: Python<'_>, count: usize) -> Bound<'_, PyArray1<u8>> {
     PyArray1::zeros(py, count * INCREMENT, false)
 }
 
 /// An array that takes over `bytes` without a copy.
-pub fn array(py: Python<'_>, bytes: Vec<u8>) -> Bound<'_, PyArray1<u8>> {
+pub(crate) fn array(py: Python<'_>, bytes: Vec<u8>) -> Bound<'_, PyArray1<u8>> {
     PyArray1::from_vec(py, bytes)
 }
 
 /// Exactly three values, from any sequence or array.
-pub fn triple<'py, T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>>(
+pub(crate) fn triple<'py, T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>>(
     name: &str,
     values: &Bound<'py, PyAny>,
 ) -> PyResult<[T; AXES]> {

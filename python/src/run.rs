@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
 /// Why [`Run::step`] returned.
-pub enum End {
+pub(crate) enum End {
     /// Its time slice is over; call it again.
     Slice,
     /// Every sample has been answered.
@@ -17,7 +17,7 @@ pub enum End {
 }
 
 /// A run and its progress.
-pub struct Run<'a> {
+pub(crate) struct Run<'a> {
     samples: &'a [u8],
     increments: &'a mut [u8],
     window: usize,
@@ -40,7 +40,7 @@ pub struct Run<'a> {
 impl<'a> Run<'a> {
     /// # Errors
     /// If a sequence does not rise within its session, or an option is out of range.
-    pub fn new(
+    pub(crate) fn new(
         samples: &'a [u8],
         increments: &'a mut [u8],
         window: usize,
@@ -87,7 +87,7 @@ impl<'a> Run<'a> {
     }
 
     /// Increments received.
-    pub const fn received(&self) -> usize {
+    pub(crate) const fn received(&self) -> usize {
         self.received
     }
 
@@ -95,7 +95,7 @@ impl<'a> Run<'a> {
     ///
     /// # Errors
     /// If the transport fails, or a sample cannot be sent.
-    pub fn step(&mut self, acquisition: &mut Acquisition, slice: Duration) -> Result<End, String> {
+    pub(crate) fn step(&mut self, acquisition: &mut Acquisition, slice: Duration) -> Result<End, String> {
         let started = Instant::now();
         while self.received < self.samples.len() / RAW {
             let now = Instant::now();

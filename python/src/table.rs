@@ -49,7 +49,7 @@ pub struct Polynomial {
 ///
 /// # Errors
 /// If the file cannot be read, is not a regular file, is too large, or is not UTF-8.
-pub fn read_text(path: &Path) -> PyResult<String> {
+pub(crate) fn read_text(path: &Path) -> PyResult<String> {
     let refused = |message: String| {
         TableError::new_err((format!("{}: {message}", path.display()), vec![(1, String::new(), message)]))
     };

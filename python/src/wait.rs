@@ -5,13 +5,13 @@ use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
 /// Longest time between two checks for Python's signals.
-pub const SLICE: Duration = Duration::from_millis(50);
+pub(crate) const SLICE: Duration = Duration::from_millis(50);
 
 /// Converts seconds from Python.
 ///
 /// # Errors
 /// If `value` is negative or NaN.
-pub fn seconds(name: &str, value: f64) -> PyResult<Duration> {
+pub(crate) fn seconds(name: &str, value: f64) -> PyResult<Duration> {
     if value.is_nan() || value < 0.0 {
         return Err(PyValueError::new_err(format!("{name} is {value}, give seconds from 0")));
     }
@@ -23,7 +23,7 @@ pub fn seconds(name: &str, value: f64) -> PyResult<Duration> {
 ///
 /// # Errors
 /// The errors of `poll`, or the exception of a signal handler, such as `KeyboardInterrupt`.
-pub fn poll_until<T>(
+pub(crate) fn poll_until<T>(
     py: Python<'_>,
     timeout: Duration,
     mut poll: impl FnMut(Duration) -> PyResult<Option<T>>,

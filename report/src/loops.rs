@@ -8,7 +8,7 @@ use maud::Markup;
 /// band: for [`Page::figures`](super::page::Page::figures). One figure where both are the same. `unit` is that of the pictures, for example
 /// `ug0`, and `factor` leads to it from the unit of the residuals.
 #[must_use]
-pub fn pictures(
+pub(crate) fn pictures(
     name: &str,
     unit: &str,
     factor: f64,

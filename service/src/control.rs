@@ -51,7 +51,7 @@ enum ControlEvent {
 ///
 /// # Errors
 /// Why it could not start or continue.
-pub fn run(
+pub(crate) fn run(
     domain: &Domain,
     config: &Config,
     allow_uncalibrated: bool,

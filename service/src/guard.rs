@@ -19,7 +19,7 @@ use tracing::warn;
 
 /// Guards the table of one IMU.
 #[derive(Debug)]
-pub struct Guard {
+pub(crate) struct Guard {
     imu: ImuId,
     limits: MaxChange,
     acceptance: Note,
@@ -32,7 +32,7 @@ pub struct Guard {
 
 /// A table that may be taken, and what it changes.
 #[derive(Debug)]
-pub struct Admission {
+pub(crate) struct Admission {
     /// Of each curve; empty if there is nothing to compare with.
     changes: Vec<Change>,
     /// The changes, or why there is no comparison, for the log.
@@ -40,7 +40,7 @@ pub struct Admission {
 }
 
 /// The digest that is accepted for an IMU's table.
-pub fn acceptance(domain: &Domain, imu: &ImuId) -> Note {
+pub(crate) fn acceptance(domain: &Domain, imu: &ImuId) -> Note {
     Note::new(domain, &format!("accepted-{imu}"))
 }
 
@@ -57,7 +57,7 @@ fn read_kept(path: &Path, imu: &ImuId) -> Result<Option<CoefficientTable>, Strin
 
 impl Guard {
     /// The guard of an IMU; reads which table was in force last. `folder` is that of [`state_folder`], if there is one.
-    pub fn new(imu: &Imu, domain: &Domain, folder: Option<&Path>) -> Self {
+    pub(crate) fn new(imu: &Imu, domain: &Domain, folder: Option<&Path>) -> Self {
         let kept = folder.map(|folder| folder.join(format!("{}.toml", imu.id)));
         let lost = |cause: String| warn!(imu = %imu.id, "the table that was in force last cannot be read: {cause}");
         let reference = kept.as_deref().and_then(|path| {
@@ -71,12 +71,12 @@ impl Guard {
     }
 
     /// Whether the operator has accepted the table of this digest.
-    pub fn is_accepted(&self, digest: &str) -> bool {
+    pub(crate) fn is_accepted(&self, digest: &str) -> bool {
         self.acceptance.read().is_some_and(|text| text.trim_ascii() == digest.as_bytes())
     }
 
     /// The largest changes of each curve by the table in force; empty if there was nothing to compare it with.
-    pub fn changes(&self) -> &[Change] {
+    pub(crate) fn changes(&self) -> &[Change] {
         &self.changes
     }
 
@@ -84,7 +84,7 @@ impl Guard {
     ///
     /// # Errors
     /// Why it must not be taken: each curve with both values and the limit, and the remedy.
-    pub fn admit(&self, table: &CoefficientTable) -> Result<Admission, String> {
+    pub(crate) fn admit(&self, table: &CoefficientTable) -> Result<Admission, String> {
         let alone = |words: &str| Ok(Admission { changes: Vec::new(), words: words.to_owned() });
         let Some(reference) = &self.reference else {
             return alone("it is not known which table was in force before, so it is compared with none");
@@ -118,7 +118,7 @@ impl Guard {
     }
 
     /// Notes that an admitted table is in force now: keeps it, and uses up any acceptance.
-    pub fn taken(&mut self, table: &CoefficientTable, admission: Admission) {
+    pub(crate) fn taken(&mut self, table: &CoefficientTable, admission: Admission) {
         self.changes = admission.changes;
         // An acceptance that was not needed does not wait for a later table.
         self.acceptance.remove();
@@ -143,7 +143,7 @@ impl Guard {
 ///
 /// # Errors
 /// Why there is none.
-pub fn state_folder(domain: &Domain) -> Result<PathBuf, &'static str> {
+pub(crate) fn state_folder(domain: &Domain) -> Result<PathBuf, &'static str> {
     let set = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     // systemd names several folders with colons between them.
     let systemd =
@@ -172,7 +172,7 @@ fn check_owner(folder: &Path) -> io::Result<()> {
 }
 
 /// Says so if the tables in force are not kept over a power cycle.
-pub fn tell_if_not_kept(folder: &Result<PathBuf, &'static str>) {
+pub(crate) fn tell_if_not_kept(folder: &Result<PathBuf, &'static str>) {
     let cause = match folder {
         Ok(folder) if statfs(folder).is_ok_and(|found| found.f_type == TMPFS) => {
             format!("{} is in memory", folder.display())

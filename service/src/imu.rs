@@ -29,7 +29,7 @@ const TABLE_QUEUE_DEPTH: usize = 16;
 const LOSS_LOG_INTERVAL: Duration = Duration::from_secs(60);
 
 /// One IMU before its streams exist.
-pub struct PendingImu {
+pub(crate) struct PendingImu {
     imu: Imu,
     file: TableFile,
     counters: CounterReader,
@@ -41,7 +41,7 @@ pub struct PendingImu {
 }
 
 /// What was read at the start: the file of an IMU's table, and what guards it.
-pub struct FirstTable {
+pub(crate) struct FirstTable {
     /// The file, as it was read.
     pub file: TableFile,
     /// The guard, which has admitted the table if there is an admission.
@@ -52,7 +52,7 @@ pub struct FirstTable {
 
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
-    pub fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
+    pub(crate) fn new(imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
         let FirstTable { file, guard, table } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
@@ -73,7 +73,7 @@ impl PendingImu {
     ///
     /// # Errors
     /// If they cannot be opened.
-    pub fn open_streams(self, node: &IpcNode) -> Result<ImuState, Failure> {
+    pub(crate) fn open_streams(self, node: &IpcNode) -> Result<ImuState, Failure> {
         let Self { imu, file, counters, last_error, tables, mut guard, first } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
@@ -111,7 +111,7 @@ impl PendingImu {
 }
 
 /// One IMU with its streams, in the control thread.
-pub struct ImuState {
+pub(crate) struct ImuState {
     /// Its configuration.
     pub imu: Imu,
     /// The watched file of its table.
@@ -147,7 +147,7 @@ pub struct ImuState {
 
 /// Why a file was refused, and when.
 #[derive(Clone, Debug)]
-pub struct Refused {
+pub(crate) struct Refused {
     /// What is wrong with it.
     pub error: String,
     /// Digest of its table, if that is a valid one that changes too much.
@@ -163,7 +163,7 @@ impl Refused {
 }
 
 /// A table that the worker may still hold.
-pub struct SentTable {
+pub(crate) struct SentTable {
     /// The table.
     pub table: Arc<CoefficientTable>,
     /// When it was sent to the worker, Unix time \[s\].
@@ -219,12 +219,12 @@ impl TableQueue {
 
 impl ImuState {
     /// Sends the table for which the queue had no room, and frees the tables that the worker no longer holds.
-    pub fn flush(&mut self) {
+    pub(crate) fn flush(&mut self) {
         self.tables.flush();
     }
 
     /// All ports of its streams.
-    pub fn ports(&self) -> Vec<Port> {
+    pub(crate) fn ports(&self) -> Vec<Port> {
         let RehearsalStreams { raw, increments } = &self.rehearsal;
         let rehearsal = [ports_of(raw), ports_of(increments)].concat();
         let events = [ports_of_event(&self.wake), ports_of_event(&self.arrival)].concat();
@@ -232,24 +232,24 @@ impl ImuState {
     }
 
     /// Whether a reader waits for its increments.
-    pub fn is_awaited(&self) -> bool {
+    pub(crate) fn is_awaited(&self) -> bool {
         self.arrival.dynamic_config().number_of_listeners() > 0
     }
 
     /// The table that the worker uses now.
-    pub fn in_force(&self) -> Option<&SentTable> {
+    pub(crate) fn in_force(&self) -> Option<&SentTable> {
         let id = self.counters.table();
         self.tables.alive.iter().rev().find(|sent| sent.table.id() == id)
     }
 
     /// The unit of the last sample, if that is known and is not the unit of the table in force.
-    pub fn other_device(&self) -> Option<u64> {
+    pub(crate) fn other_device(&self) -> Option<u64> {
         let (device, own) = (self.counters.device(), self.in_force()?.table.device());
         (device != 0 && own != 0 && device != own).then_some(device)
     }
 
     /// Applies a change of the table's file. With `forced`, a table or an error that is already known is applied again.
-    pub fn apply(&mut self, change: FileChange, forced: bool) {
+    pub(crate) fn apply(&mut self, change: FileChange, forced: bool) {
         let id = &self.imu.id;
         match change {
             FileChange::Unchanged => {}
@@ -290,7 +290,7 @@ impl ImuState {
     }
 
     /// Loads the file again if the operator has accepted the table that was refused.
-    pub fn take_accepted(&mut self) {
+    pub(crate) fn take_accepted(&mut self) {
         let refused = self.last_error.as_ref().and_then(|refused| refused.table.as_deref());
         if refused.is_some_and(|digest| self.guard.is_accepted(digest)) {
             let change = self.file.load().into();
@@ -300,7 +300,7 @@ impl ImuState {
 
     /// Logs the losses since the last log line. After a log line there is none for [`LOSS_LOG_INTERVAL`], except at the `last`
     /// call.
-    pub fn log_losses(&mut self, last: bool) {
+    pub(crate) fn log_losses(&mut self, last: bool) {
         if !last && self.logged.at.is_some_and(|logged| logged.elapsed() < LOSS_LOG_INTERVAL) {
             return;
         }
@@ -317,7 +317,7 @@ impl ImuState {
     }
 
     /// Looks for what an acquisition had lost when it closed, and logs it once.
-    pub fn note_closing(&mut self, domain: &Domain) {
+    pub(crate) fn note_closing(&mut self, domain: &Domain) {
         let closed = last_closing(domain, &self.imu.id);
         if closed.is_none() || closed == self.closed {
             return;
@@ -332,7 +332,7 @@ impl ImuState {
     }
 
     /// Logs that samples came from another unit than the table's: once for each session, table and unit.
-    pub fn log_other_device(&mut self) {
+    pub(crate) fn log_other_device(&mut self) {
         let samples = self.counters.flagged(Flags::OTHER_DEVICE.0.trailing_zeros());
         let device = self.counters.other_device();
         let now = Some((self.counters.sessions(), self.counters.table(), device));
@@ -351,7 +351,7 @@ impl ImuState {
 }
 
 /// Warns of scale factors that a lost digit may have made.
-pub fn log_unlike_scale_factors(imu: &Imu, table: &CoefficientTable) {
+pub(crate) fn log_unlike_scale_factors(imu: &Imu, table: &CoefficientTable) {
     for warning in table.content().unlike_scale_factors() {
         warn!(imu = %imu.id, "{warning}; look for a lost digit");
     }

@@ -32,7 +32,7 @@ const PASSES: u32 = 3;
 
 /// Makes the transport use the domain's configuration for dead processes whose own configuration file is missing. Otherwise the
 /// transport would read a configuration from the current directory, search another domain, and not clean up this one.
-pub fn use_domain_config(domain: &Domain) {
+pub(crate) fn use_domain_config(domain: &Domain) {
     let set = || -> Option<()> {
         let text = toml::to_string(&domain.config().ok()?).ok()?;
         // The transport only accepts a file; an anonymous one in memory is visible to this process only.
@@ -49,7 +49,7 @@ pub fn use_domain_config(domain: &Domain) {
 
 /// If there is no room for a service of `imus` IMUs, removes what dead processes, such as a previous service, have left. This
 /// needs several tries: their nodes are removed one after the other.
-pub fn make_room(domain: &Domain, imus: usize) {
+pub(crate) fn make_room(domain: &Domain, imus: usize) {
     for _ in 0..10 {
         if check_room(imus).is_ok() {
             return;
@@ -76,7 +76,7 @@ fn clear_dead(domain: &Domain) {
 
 /// The state of the search for leftovers.
 #[derive(Debug)]
-pub struct Leftovers {
+pub(crate) struct Leftovers {
     nodes: PathBuf,
     domain: Domain,
     own_pid: u32,
@@ -87,7 +87,7 @@ pub struct Leftovers {
 
 impl Leftovers {
     /// For the domain of `node`.
-    pub fn new(domain: &Domain, node: &IpcNode) -> Self {
+    pub(crate) fn new(domain: &Domain, node: &IpcNode) -> Self {
         let nodes = Path::new(domain.root_path()).join("nodes");
         Self {
             nodes,
@@ -100,7 +100,7 @@ impl Leftovers {
 
     /// Searches once, and removes the leftovers of processes that have been dead for long enough. `ports` are the ports of all
     /// streams.
-    pub fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
+    pub(crate) fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
         let removed = !self.nodes.exists();
         if removed && !self.removal_logged {
             error!(
@@ -185,10 +185,10 @@ const fn pid(number: u128) -> u32 {
 }
 
 /// A listed port: its node, and the service that lists it.
-pub type Port = (UniqueNodeId, ServiceHash);
+pub(crate) type Port = (UniqueNodeId, ServiceHash);
 
 /// The ports of a stream.
-pub fn ports_of<T: IceoryxSend + fmt::Debug + ?Sized>(
+pub(crate) fn ports_of<T: IceoryxSend + fmt::Debug + ?Sized>(
     stream: &publish_subscribe::PortFactory<Ipc, T, ()>,
 ) -> Vec<Port> {
     let mut ports = Vec::new();
@@ -202,7 +202,7 @@ pub fn ports_of<T: IceoryxSend + fmt::Debug + ?Sized>(
 }
 
 /// The ports of a wake-up event.
-pub fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
+pub(crate) fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
     let mut ports = Vec::new();
     let mut note = |node: UniqueNodeId| {
         ports.push((node, *event.service_hash()));
@@ -214,7 +214,7 @@ pub fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
 }
 
 /// Removes the ports whose process is dead.
-pub fn remove_dead(domain: &Domain, node: &IpcNode, ports: &[Port]) {
+pub(crate) fn remove_dead(domain: &Domain, node: &IpcNode, ports: &[Port]) {
     let leftovers = Leftovers::new(domain, node);
     for (port, service) in ports.iter().filter(|(port, _)| !leftovers.may_be_alive(port.value())) {
         let result = Ipc::__internal_remove_node_from_service(port, service, node.config());

@@ -18,16 +18,16 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How often every table file is polled.
-pub const TICK: Duration = Duration::from_millis(50);
+pub(crate) const TICK: Duration = Duration::from_millis(50);
 /// How long a file that was not closed or renamed must stay unchanged.
-pub const SETTLE: Duration = Duration::from_millis(150);
+pub(crate) const SETTLE: Duration = Duration::from_millis(150);
 /// How long a file may be missing before that is reported.
-pub const ABSENCE: Duration = Duration::from_secs(1);
+pub(crate) const ABSENCE: Duration = Duration::from_secs(1);
 
 /// Watches the folders of `paths`. Calls `on_complete` with the name of each of these files that was renamed or closed after
 /// writing. The second part of the result names the folders that could not be watched; their files are still polled every
 /// [`TICK`].
-pub fn watch(
+pub(crate) fn watch(
     paths: &[PathBuf],
     on_complete: impl Fn(OsString) + Send + 'static,
 ) -> (Option<RecommendedWatcher>, Vec<String>) {
@@ -61,7 +61,7 @@ pub fn watch(
 
 /// The file of one IMU's table.
 #[derive(Debug)]
-pub struct TableFile {
+pub(crate) struct TableFile {
     imu: ImuId,
     path: PathBuf,
     world_writable: WorldWritable,
@@ -73,7 +73,7 @@ pub struct TableFile {
 
 /// The result of checking a table's file.
 #[derive(Debug)]
-pub enum FileChange {
+pub(crate) enum FileChange {
     /// No new state, or a new one that may not be complete.
     Unchanged,
     /// A valid table.
@@ -84,17 +84,17 @@ pub enum FileChange {
 
 impl TableFile {
     /// The file of `imu`'s table; it is not read yet.
-    pub const fn new(imu: ImuId, path: PathBuf, world_writable: WorldWritable) -> Self {
+    pub(crate) const fn new(imu: ImuId, path: PathBuf, world_writable: WorldWritable) -> Self {
         Self { imu, path, world_writable, handled: None, candidate: None }
     }
 
     /// The path of the file.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// When the file that was last loaded or refused was changed, Unix time \[s\].
-    pub fn modified_unix_s(&self) -> Option<f64> {
+    pub(crate) fn modified_unix_s(&self) -> Option<f64> {
         self.handled.map(|state| state.modified_unix_s())
     }
 
@@ -102,7 +102,7 @@ impl TableFile {
     ///
     /// # Errors
     /// Why it is no valid table for this IMU.
-    pub fn load(&mut self) -> Result<Box<CoefficientTable>, LoadError> {
+    pub(crate) fn load(&mut self) -> Result<Box<CoefficientTable>, LoadError> {
         self.candidate = None;
         self.handled = Identity::of(&self.path);
         let (table, identity) = load_table(&self.path, Some(&self.imu), self.world_writable)?;
@@ -112,7 +112,7 @@ impl TableFile {
 
     /// Loads the file after an event that says that it is complete. If it is not valid, another process may be writing it: then
     /// [`poll`](Self::poll) decides later.
-    pub fn load_complete(&mut self, now: Instant) -> FileChange {
+    pub(crate) fn load_complete(&mut self, now: Instant) -> FileChange {
         let (handled, current) = (self.handled, Identity::of(&self.path));
         self.load().map_or_else(
             |_| {
@@ -125,7 +125,7 @@ impl TableFile {
     }
 
     /// Checks whether the file has changed, and loads it if it has changed and then stayed unchanged for long enough.
-    pub fn poll(&mut self, now: Instant) -> FileChange {
+    pub(crate) fn poll(&mut self, now: Instant) -> FileChange {
         let current = Identity::of(&self.path);
         if current == self.handled {
             self.candidate = None;

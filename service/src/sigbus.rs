@@ -17,7 +17,7 @@ full: make room there and start again\n";
 ///
 /// # Errors
 /// If the operating system refuses the handler.
-pub fn install_handler() -> io::Result<()> {
+pub(crate) fn install_handler() -> io::Result<()> {
     let end = || {
         let _ = rustix::io::write(rustix::stdio::stderr(), MESSAGE);
         low_level::exit(Exit::Io as i32);

@@ -18,7 +18,7 @@ use isotherm_shared::wire::Flags;
 const INITIAL_BYTES: usize = 8 * 1024;
 
 /// The status of one IMU.
-pub fn imu_status(imu: &ImuState) -> ImuStatus {
+pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
     let counters = &imu.counters;
     let in_force = imu.in_force();
     let latency = counters.latency();
@@ -92,7 +92,7 @@ fn may_flag(table: Option<&CoefficientTable>, bit: u32) -> bool {
 }
 
 /// The publisher of the status stream. There can be only one: this keeps a second service out of a domain.
-pub struct StatusPublisher {
+pub(crate) struct StatusPublisher {
     stream: PortFactory<Ipc, [u8], ()>,
     publisher: Publisher<Ipc, [u8], ()>,
 }
@@ -102,7 +102,7 @@ impl StatusPublisher {
     ///
     /// # Errors
     /// If another service has the place, or the stream cannot be created.
-    pub fn create(node: &IpcNode, domain: &Domain) -> Result<Self, Failure> {
+    pub(crate) fn create(node: &IpcNode, domain: &Domain) -> Result<Self, Failure> {
         let (name, creator) = ("the status stream", Creator::new(node, domain));
         let service = creator.stream(name, &stream::status_name(), || Ok(stream::create_status(node)?))?;
         let taken = || {
@@ -120,7 +120,7 @@ impl StatusPublisher {
     }
 
     /// Whether anybody has subscribed.
-    pub fn has_readers(&self) -> bool {
+    pub(crate) fn has_readers(&self) -> bool {
         self.stream.dynamic_config().number_of_subscribers() > 0
     }
 
@@ -128,7 +128,7 @@ impl StatusPublisher {
     ///
     /// # Errors
     /// The transport's error.
-    pub fn publish(&self, status: &ServiceStatus) -> Result<(), String> {
+    pub(crate) fn publish(&self, status: &ServiceStatus) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
         let sample = self.publisher.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
         sample.write_from_slice(&document).send().map(|_| ()).map_err(|error| error.to_string())

@@ -11,7 +11,7 @@ use tracing::{info, warn};
 
 /// The connection to the service manager.
 #[derive(Debug)]
-pub struct ServiceManager {
+pub(crate) struct ServiceManager {
     /// How often its watchdog is fed; `None` if it has no watchdog for this service.
     period: Option<Duration>,
     next: Instant,
@@ -20,7 +20,7 @@ pub struct ServiceManager {
 
 impl ServiceManager {
     /// The service manager that the environment of this process names.
-    pub fn from_environment() -> Self {
+    pub(crate) fn from_environment() -> Self {
         // Twice as often as required, as sd_watchdog_enabled(3) recommends.
         let period = sd_notify::watchdog_enabled().filter(|timeout| !timeout.is_zero()).map(|timeout| timeout / 2);
         if let Some(period) = period {
@@ -30,12 +30,12 @@ impl ServiceManager {
     }
 
     /// Reports that all IMUs are served.
-    pub fn ready(&mut self) {
+    pub(crate) fn ready(&mut self) {
         self.notify(&[NotifyState::Ready]);
     }
 
     /// Reports that tables are reloaded on request; [`ready`](Self::ready) follows.
-    pub fn reloading(&mut self) {
+    pub(crate) fn reloading(&mut self) {
         match NotifyState::monotonic_usec_now() {
             Ok(now) => self.notify(&[NotifyState::Reloading, now]),
             Err(_) => self.notify(&[NotifyState::Reloading]),
@@ -43,17 +43,17 @@ impl ServiceManager {
     }
 
     /// Reports that the service is stopping.
-    pub fn stopping(&mut self) {
+    pub(crate) fn stopping(&mut self) {
         self.notify(&[NotifyState::Stopping]);
     }
 
     /// Sends one line of status text for people.
-    pub fn status(&mut self, line: &str) {
+    pub(crate) fn status(&mut self, line: &str) {
         self.notify(&[NotifyState::Status(line)]);
     }
 
     /// Feeds the watchdog, if that is due.
-    pub fn feed_watchdog(&mut self, now: Instant) {
+    pub(crate) fn feed_watchdog(&mut self, now: Instant) {
         if let Some(period) = self.period
             && now >= self.next
         {

@@ -16,7 +16,7 @@ const STILL_CHECKS: u32 = (1_000 / TICK.as_millis()) as u32;
 
 /// One worker thread, as it is measured and checked from time to time.
 #[derive(Debug)]
-pub struct WorkerThread {
+pub(crate) struct WorkerThread {
     id: i32,
     imus: Vec<String>,
     last: Option<(Instant, Times)>,
@@ -31,7 +31,7 @@ pub struct WorkerThread {
 
 /// The result of [`WorkerThread::check_heartbeat`].
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum HeartbeatChange {
+pub(crate) enum HeartbeatChange {
     /// The loop has not turned for a second.
     Stopped,
     /// It turns again.
@@ -49,7 +49,7 @@ struct Times {
 
 impl WorkerThread {
     /// The thread with this id, which serves these IMUs.
-    pub fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
+    pub(crate) fn new(id: i32, imus: Vec<String>, heartbeat: HeartbeatReader) -> Self {
         let (last_count, beat_ns, checks_without_beat) = (0, monotonic_ns(), 0);
         Self {
             id,
@@ -66,7 +66,7 @@ impl WorkerThread {
 
     /// Checks whether its loop has turned since the last check. Returns a change: the loop has stopped, or turns again. Checks
     /// are counted and not time, since there are no checks while the whole process is stopped.
-    pub fn check_heartbeat(&mut self) -> Option<HeartbeatChange> {
+    pub(crate) fn check_heartbeat(&mut self) -> Option<HeartbeatChange> {
         let count = self.heartbeat.count();
         if count == self.last_count {
             self.checks_without_beat = self.checks_without_beat.saturating_add(1);
@@ -79,17 +79,17 @@ impl WorkerThread {
     }
 
     /// Whether its loop has not turned for a second.
-    pub const fn stands_still(&self) -> bool {
+    pub(crate) const fn stands_still(&self) -> bool {
         self.checks_without_beat >= STILL_CHECKS
     }
 
     /// The IMUs that it serves, for messages.
-    pub fn imus(&self) -> String {
+    pub(crate) fn imus(&self) -> String {
         self.imus.join(", ")
     }
 
     /// Measures processor time and time held back since the last measurement.
-    pub fn measure(&mut self) {
+    pub(crate) fn measure(&mut self) {
         let now = (Instant::now(), self.times());
         if let Some((then, times)) = self.last.replace(now) {
             let passed = now.0.duration_since(then).as_secs_f64();
@@ -99,12 +99,12 @@ impl WorkerThread {
     }
 
     /// How long it was held back between the last two measurements, if it has a real-time priority and this is over the limit.
-    pub fn held_back(&self) -> Option<Duration> {
+    pub(crate) fn held_back(&self) -> Option<Duration> {
         (self.priority().is_some() && self.held_back > HELD_BACK).then_some(self.held_back)
     }
 
     /// Its part of the status document.
-    pub fn status(&self) -> WorkerStatus {
+    pub(crate) fn status(&self) -> WorkerStatus {
         let status = self.read("status");
         let cores = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
         // The kernel shows the slack of a thread in `/proc/<thread id>`, not in the thread's folder.
@@ -146,7 +146,7 @@ impl WorkerThread {
 }
 
 /// The kernel's limit on real-time threads, as far as this process may read it.
-pub fn kernel_limit() -> String {
+pub(crate) fn kernel_limit() -> String {
     let number = |path: &str| fs::read_to_string(path).ok().and_then(|text| text.trim().parse::<i64>().ok());
     let runtime = number("/proc/sys/kernel/sched_rt_runtime_us");
     let period = number("/proc/sys/kernel/sched_rt_period_us");

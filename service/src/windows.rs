@@ -8,7 +8,7 @@ const MINUTE_S: usize = 60;
 
 /// How much one histogram has grown in each of the last seconds.
 #[derive(Debug, Default)]
-pub struct Windows {
+pub(crate) struct Windows {
     /// The counts at the end of the last second.
     previous: BucketCounts,
     /// Growth in each second, the newest last.
@@ -17,7 +17,7 @@ pub struct Windows {
 
 impl Windows {
     /// Ends a second with the current counts.
-    pub fn end_second(&mut self, counts: BucketCounts) {
+    pub(crate) fn end_second(&mut self, counts: BucketCounts) {
         self.seconds.push_back(counts.since(&self.previous));
         if self.seconds.len() > MINUTE_S {
             self.seconds.pop_front();
@@ -26,12 +26,12 @@ impl Windows {
     }
 
     /// Latency in the last complete second; `None` if no sample came in it.
-    pub fn second(&self) -> Option<LatencySummary> {
+    pub(crate) fn second(&self) -> Option<LatencySummary> {
         BucketCounts::sum(self.seconds.back()).summary()
     }
 
     /// Latency in the last 60 complete seconds; `None` if no sample came in them.
-    pub fn minute(&self) -> Option<LatencySummary> {
+    pub(crate) fn minute(&self) -> Option<LatencySummary> {
         BucketCounts::sum(&self.seconds).summary()
     }
 }

@@ -36,7 +36,7 @@ type Columns = [Axes; AXES];
 
 /// What the kernel reads of a table.
 #[derive(Clone, Debug)]
-pub struct Kernel {
+pub(crate) struct Kernel {
     /// Time constant of the lagged telemetry \[ns\]; 0 without lag.
     pub lag_ns: u64,
     /// The unit that the table belongs to; 0 = unknown.
@@ -72,7 +72,7 @@ struct GyroscopeTerms {
 
 impl Kernel {
     /// The kernel's form of a valid content.
-    pub fn new(content: &Content, lag_ns: u64, device: u64) -> Self {
+    pub(crate) fn new(content: &Content, lag_ns: u64, device: u64) -> Self {
         let [a1, a2, a3] = &content.axes;
         let (sensors, g_transients) = match &content.gyroscopes {
             None => (Sensors::Accelerometers(Lanes::new([[a1, a2], [a3, a3]])), false),
@@ -99,7 +99,7 @@ impl Kernel {
     /// `None` for the unusual: unless every telemetry is inside the range of every polynomial that it drives, and therefore finite, every
     /// difference of the lagged telemetry can be used, every scale factor and result is finite, and no pulse rate is near its limit.
     #[inline(always)]
-    pub fn usual(&self, raw: &RawSample, lagged: bool, ts: f64) -> Option<([f64; AXES], [f64; AXES])> {
+    pub(crate) fn usual(&self, raw: &RawSample, lagged: bool, ts: f64) -> Option<([f64; AXES], [f64; AXES])> {
         let ts = f64x2::splat(ts);
         match &self.sensors {
             Sensors::Accelerometers(lanes) => {

@@ -37,17 +37,17 @@ pub(super) struct SimulatedPlay {
 
 impl SimulatedPlay {
     /// A play in its middle at `telemetry`.
-    pub const fn new(play: Play, telemetry: f64) -> Self {
+    pub(crate) const fn new(play: Play, telemetry: f64) -> Self {
         Self { play, telemetry, position: telemetry }
     }
 
     /// How far the play is ahead of the telemetry, z - U.
-    pub fn ahead(&self) -> f64 {
+    pub(crate) fn ahead(&self) -> f64 {
         self.position - self.telemetry
     }
 
     /// Follows the telemetry, which goes monotonically from the last one to `telemetry`.
-    pub fn follow(&mut self, telemetry: f64) {
+    pub(crate) fn follow(&mut self, telemetry: f64) {
         self.telemetry = telemetry;
         self.position = self.position.max(telemetry - self.play.half_width).min(telemetry + self.play.half_width);
     }

@@ -36,7 +36,8 @@ use statrs::function::beta::beta_reg;
 mod linear;
 mod points;
 
-pub use linear::{LinearColumn, LinearTerm};
+pub use linear::LinearColumn;
+pub(crate) use linear::LinearTerm;
 pub use points::{DataPoint, MAX_ORDER, RegressionError};
 
 /// The partial sum of squares of one term, and its test.
@@ -516,7 +517,7 @@ fn invert(triangle: &[Vec<DoubleDouble>], count: usize) -> Vec<Vec<DoubleDouble>
 /// The matrix that transforms the coefficients of ((x - center)/scale)^k into those of x^j: C(k,j) (-center)^(k-j) /
 /// scale^k.
 #[must_use]
-pub fn expansion(center: DoubleDouble, scale: DoubleDouble, count: usize) -> Vec<Vec<DoubleDouble>> {
+pub(crate) fn expansion(center: DoubleDouble, scale: DoubleDouble, count: usize) -> Vec<Vec<DoubleDouble>> {
     let mut matrix = vec![vec![DoubleDouble::ZERO; count]; count];
     // Column k holds ((x - center)/scale)^k, the previous column times (x - center)/scale.
     let (slope, offset) = (DoubleDouble::ONE / scale, -center / scale);

@@ -13,10 +13,12 @@
 
 mod allowed;
 mod comparison;
-pub mod exercised;
-pub mod gyroscopes;
+pub(crate) mod exercised;
+pub(crate) mod gyroscopes;
 
-pub use allowed::{GATE_ACCEPTED, GATE_FLOOR, GATE_LEFT, GATE_MOST, Refusal};
+pub use allowed::GATE_FLOOR;
+pub use allowed::Refusal;
+pub(crate) use allowed::{GATE_ACCEPTED, GATE_LEFT, GATE_MOST};
 
 use crate::requirement::Requirement;
 use crate::stability::Stability;

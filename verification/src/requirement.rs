@@ -255,7 +255,7 @@ impl Requirement {
 ///
 /// # Errors
 /// As [`Requirement::check`].
-pub fn all_met(judgements: &[Judgement]) -> Result<(), String> {
+pub(crate) fn all_met(judgements: &[Judgement]) -> Result<(), String> {
     let missed: Vec<_> = judgements.iter().filter(|judgement| !judgement.met).collect();
     if missed.is_empty() {
         return Ok(());

@@ -26,10 +26,10 @@
 
 mod collector;
 mod coverage;
-pub mod earth_rate;
+pub(crate) mod earth_rate;
 mod error;
 mod figures;
-pub mod gyroscopes;
+pub(crate) mod gyroscopes;
 mod loops;
 mod result;
 mod setup;

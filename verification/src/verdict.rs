@@ -32,7 +32,7 @@ use isotherm_statistics::{CONFIDENCE, student_quantile, student_quantile_of};
 use serde::Serialize;
 
 /// Fewest windows of a group, if there are as many.
-pub const MIN_GROUP: usize = 6;
+pub(crate) const MIN_GROUP: usize = 6;
 /// Most groups.
 const MAX_GROUPS: usize = 64;
 /// Parts of the run whose means give the constant error's interval.
@@ -178,17 +178,17 @@ impl Verdict {
 }
 
 /// Windows in a group, of `count` windows.
-pub fn group_size(count: usize) -> usize {
+pub(crate) fn group_size(count: usize) -> usize {
     count.div_ceil(MAX_GROUPS).max(MIN_GROUP).min(count / 3).max(1)
 }
 
 /// The mean; not a number for none.
-pub fn mean(values: &[f64]) -> f64 {
+pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// The means of groups of neighbours; the last group takes what is left over.
-pub fn groups<T>(values: &[T], of: impl Fn(&[T]) -> f64) -> Vec<f64> {
+pub(crate) fn groups<T>(values: &[T], of: impl Fn(&[T]) -> f64) -> Vec<f64> {
     let size = group_size(values.len());
     let count = values.len() / size;
     (0..count)
@@ -197,21 +197,21 @@ pub fn groups<T>(values: &[T], of: impl Fn(&[T]) -> f64) -> Vec<f64> {
 }
 
 /// Standard deviation of a value about its neighbours.
-pub fn noise(values: &[f64]) -> f64 {
+pub(crate) fn noise(values: &[f64]) -> f64 {
     let differences: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let squares = differences.iter().map(|difference| difference * difference).sum::<f64>() / differences.len() as f64;
     (0.5 * squares).sqrt()
 }
 
 /// Half width of the interval of a group's mean, for all groups at once.
-pub fn group_interval(noise: f64, windows: usize) -> f64 {
+pub(crate) fn group_interval(noise: f64, windows: usize) -> f64 {
     let size = group_size(windows);
     let count = (windows / size) as f64;
     noise / (size as f64).sqrt() * student_quantile_of(1.0 - (1.0 - CONFIDENCE) / count, noise_freedom(windows))
 }
 
 /// Degrees of freedom of the square of [`noise`]. Successive differences overlap: their mean square scatters as a variance with so many.
-pub fn noise_freedom(windows: usize) -> f64 {
+pub(crate) fn noise_freedom(windows: usize) -> f64 {
     let n = windows as f64;
     2.0 * (n - 1.0).powi(2) / (3.0 * n - 4.0)
 }
@@ -228,7 +228,7 @@ fn constant(values: &[f64]) -> Estimate {
 }
 
 /// The errors of one sensor with these values, in order of time; without `with_constant` about their mean.
-pub fn errors(values: &[f64], with_constant: bool) -> Errors {
+pub(crate) fn errors(values: &[f64], with_constant: bool) -> Errors {
     let noise = noise(values);
     let middle = constant(values);
     let groups = groups(values, mean);
@@ -292,4 +292,4 @@ pub fn arcsec(angle: f64) -> f64 {
 }
 
 #[cfg(test)]
-pub mod tests;
+pub(crate) mod tests;

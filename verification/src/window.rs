@@ -3,7 +3,7 @@
 use isotherm_shared::wire::AXES;
 
 /// Fewest windows for a standard deviation.
-pub const MIN_WINDOWS: usize = 3;
+pub(crate) const MIN_WINDOWS: usize = 3;
 
 /// Means over one window, of the accelerometers \[g0\] or of the gyroscopes \[deg/h\].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -127,7 +127,7 @@ impl TemperatureLine {
 
 /// The phase of rates that are `interval_s` apart: the running sum of the rates less their mean, times the interval; one value more than rates.
 #[must_use]
-pub fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
+pub(crate) fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
     let mean = rates.iter().sum::<f64>() / rates.len() as f64;
     let mut sum = 0.0;
     let sums = rates.iter().map(|rate| {
@@ -139,7 +139,7 @@ pub fn phase(rates: &[f64], interval_s: f64) -> Vec<f64> {
 
 /// The overlapping Allan variance of a phase for the averaging factor m; NaN without two neighbouring averages.
 #[must_use]
-pub fn variance(phase: &[f64], m: usize, interval_s: f64) -> f64 {
+pub(crate) fn variance(phase: &[f64], m: usize, interval_s: f64) -> f64 {
     let tau = m as f64 * interval_s;
     let (first, middle) = (phase.get(m..).unwrap_or_default(), phase.get(2 * m..).unwrap_or_default());
     let (squares, count) = phase.iter().zip(first).zip(middle).fold((0.0, 0_usize), |(squares, count), ((a, b), c)| {
@@ -151,7 +151,7 @@ pub fn variance(phase: &[f64], m: usize, interval_s: f64) -> f64 {
 
 /// The averaging factors of n rates: thirds of octaves from 1 to n/3, rounded, each once.
 #[must_use]
-pub fn factors(n: usize) -> Vec<usize> {
+pub(crate) fn factors(n: usize) -> Vec<usize> {
     let thirds = (0..).map(|third| 2_f64.powf(f64::from(third) / 3.0).round() as usize);
     let mut factors: Vec<_> = thirds.take_while(|m| *m <= n / 3).collect();
     factors.dedup();

@@ -29,12 +29,12 @@ const STEPS: f64 = 64.0;
 
 /// The matrix of the quadratic form that gives the covariance of two estimates of the Allan variance, from the squares of Q, N, B, K for Ts = 1.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Moments(Matrix4<f64>);
+pub(crate) struct Moments(Matrix4<f64>);
 
 impl Moments {
     /// For the two averaging factors, of n rates. Both must be at most n/2.
     #[must_use]
-    pub fn new([m1, m2]: [usize; 2], n: usize) -> Self {
+    pub(crate) fn new([m1, m2]: [usize; 2], n: usize) -> Self {
         let counts = [m1, m2].map(|m| (n + 1).saturating_sub(2 * m) as f64);
         let (m1, m2) = (m1 as f64, m2 as f64);
         let step = (m1.min(m2) / STEPS).max(1.0);
@@ -65,7 +65,7 @@ impl Moments {
 
     /// The covariance of the two estimates for these squares of Q, N, B, K, in units with Ts = 1.
     #[must_use]
-    pub fn covariance(&self, squares: &Vector4<f64>) -> f64 {
+    pub(crate) fn covariance(&self, squares: &Vector4<f64>) -> f64 {
         squares.dot(&(self.0 * squares))
     }
 }

@@ -4,11 +4,11 @@ use isotherm_statistics::student_quantile_of;
 use statrs::function::erf::erfc;
 
 /// Fewest units that anything is said of.
-pub const FEWEST_UNITS: usize = 5;
+pub(crate) const FEWEST_UNITS: usize = 5;
 /// Probability that any unit stands out where all are of one kind; it is shared among all units and quantities.
 const FALSE_ALARM: f64 = 0.05;
 /// Probability that a unit is found, for the size that is told.
-pub const POWER: f64 = 0.9;
+pub(super) const POWER: f64 = 0.9;
 
 /// A unit that differs from the others in a quantity by more than chance makes.
 #[derive(Clone, Copy, Debug, PartialEq)]

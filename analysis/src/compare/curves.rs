@@ -40,12 +40,12 @@ impl Deref for CurveComparison {
 }
 
 /// The common range of curves; `None` if there is none.
-pub fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) -> Option<[f64; 2]> {
+pub(crate) fn common_range<'a>(curves: impl IntoIterator<Item = &'a FormCurve>) -> Option<[f64; 2]> {
     difference::common_range(curves.into_iter().map(|curve| &curve.curve))
 }
 
 /// The median; not a number for none.
-pub fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;
     match values.len() {

@@ -79,7 +79,7 @@ impl Convention {
 
 /// A curve of a table, with its errors.
 #[derive(Clone, Debug)]
-pub struct FormCurve {
+pub(crate) struct FormCurve {
     /// Which curve.
     pub curve: Curve,
     errors: Option<CurveErrors>,
@@ -87,22 +87,22 @@ pub struct FormCurve {
 
 impl FormCurve {
     /// The telemetry that it holds for.
-    pub const fn range(&self) -> [f64; 2] {
+    pub(crate) const fn range(&self) -> [f64; 2] {
         self.curve.polynomial().range()
     }
 
     /// How many coefficients it has.
-    pub fn coefficients(&self) -> usize {
+    pub(crate) fn coefficients(&self) -> usize {
         self.curve.polynomial().coefficients().len()
     }
 
     /// Its value \[its unit\].
-    pub fn at(&self, telemetry: f64) -> f64 {
+    pub(crate) fn at(&self, telemetry: f64) -> f64 {
         self.curve.at(telemetry)
     }
 
     /// Variance of the value; `None` if it is not known, or if it is not over 0, which no variance is.
-    pub fn variance(&self, telemetry: f64) -> Option<f64> {
+    pub(crate) fn variance(&self, telemetry: f64) -> Option<f64> {
         let errors = self.errors.as_ref()?;
         let polynomial = self.curve.polynomial();
         let x = (telemetry - polynomial.center()) / polynomial.scale();
@@ -112,14 +112,14 @@ impl FormCurve {
     }
 
     /// Degrees of freedom of the variance.
-    pub fn freedom(&self) -> Option<f64> {
+    pub(crate) fn freedom(&self) -> Option<f64> {
         self.errors.as_ref().map(|errors| errors.freedom)
     }
 }
 
 /// A table in the form that is compared.
 #[derive(Clone, Debug)]
-pub struct Form {
+pub(crate) struct Form {
     /// Bias, K+ and K- of each sensor; three sensors or six.
     pub curves: Vec<[FormCurve; 3]>,
     /// Of the accelerometers and of the gyroscopes; the identity without one.
@@ -132,7 +132,7 @@ pub struct Form {
 
 impl Form {
     /// A table by the definition `convention` of bias and scale factors.
-    pub fn of(table: &TableFile, convention: Convention) -> Self {
+    pub(crate) fn of(table: &TableFile, convention: Convention) -> Self {
         let gravity = table.table.content().gravity;
         let matrices = alignments(table);
         let mut alignment = matrices.map(|matrix| matrix.unwrap_or_else(Matrix3::identity));

@@ -4,7 +4,7 @@ use isotherm_simulation::RandomGenerator;
 
 /// The truth for an interval of 1 s.
 #[derive(Clone, Copy, Debug)]
-pub struct Truth {
+pub(crate) struct Truth {
     /// Quantisation Q: the phase is read in steps of Q times the root of 12.
     pub quantisation: f64,
     /// White noise N.
@@ -16,14 +16,14 @@ pub struct Truth {
 }
 
 impl Truth {
-    pub fn coefficients(&self) -> [f64; 4] {
+    pub(crate) fn coefficients(&self) -> [f64; 4] {
         [self.quantisation, self.white, self.flicker, self.walk]
     }
 }
 
 /// Rates 1 s apart. Flicker noise is white noise of standard deviation B through the filter (1 - z^-1)^(-1/2), which has run for as many
 /// rows before: the spectral density of the result is B^2/(2 pi f) (N. J. Kasdin, Proc. IEEE 83, 1995).
-pub fn rates(truth: &Truth, rows: usize, seed: u64) -> Vec<f64> {
+pub(crate) fn rates(truth: &Truth, rows: usize, seed: u64) -> Vec<f64> {
     let mut random = RandomGenerator::new(seed, 0);
     let mut rates = vec![0.0; rows];
     if truth.flicker > 0.0 {

@@ -133,7 +133,7 @@ impl Checker<'_> {
 }
 
 /// Scale factors of a table that a lost digit may have made.
-pub fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
+pub(crate) fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
     let unlike = table.content().unlike_scale_factors().into_iter();
     unlike.map(|message| Finding::whole(Severity::Warning, name::AXES_DIFFER, message)).collect()
 }

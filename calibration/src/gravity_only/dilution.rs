@@ -12,9 +12,9 @@ use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Above this D sqrt(n) no table is made.
-pub const MOST: f64 = 100.0;
+pub(crate) const MOST: f64 = 100.0;
 /// Above this D sqrt(n) a table has a warning.
-pub const WARNED: f64 = 20.0;
+pub(crate) const WARNED: f64 = 20.0;
 /// Attitudes that the mean is taken over.
 const ATTITUDES: usize = 200;
 /// The golden angle \[rad\].

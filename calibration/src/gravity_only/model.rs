@@ -320,7 +320,7 @@ fn damped(now: &GravityFit, damping: f64) -> Option<LeastSquares> {
 }
 
 /// The ellipsoid along the axes through all net rates, at whatever telemetry.
-pub struct Ellipsoid {
+pub(super) struct Ellipsoid {
     /// Its centre \[g0\].
     pub bias: [f64; AXES],
     /// Its half axes \[pulse/(s*g0)\].
@@ -331,7 +331,7 @@ pub struct Ellipsoid {
 
 /// Finds the ellipsoid; `None` if the net rates lie on none.
 #[must_use]
-pub fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid> {
+pub(super) fn ellipsoid(readings: &[Reading], gravity: f64) -> Option<Ellipsoid> {
     let count = readings.len() as f64;
     let middle = [0, 1, 2].map(|axis| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count);
     let off = |reading: &Reading, axis: usize| reading.net(axis) - middle[axis];

@@ -10,7 +10,7 @@ use isotherm_shared::wire::AXES;
 use nalgebra::Vector3;
 
 /// The runs of the gyroscopes with their set points.
-pub struct Data<'a> {
+pub(super) struct Data<'a> {
     pub campaign: &'a Campaign,
     /// Temperatures of the set points \[degC\].
     pub set_points_c: Vec<f64>,
@@ -24,7 +24,7 @@ pub struct Data<'a> {
 }
 
 impl<'a> Data<'a> {
-    pub fn new(
+    pub(super) fn new(
         campaign: &'a Campaign,
         calibration: &Calibration,
         gyroscopes: &'a GyroscopeRuns,
@@ -65,7 +65,7 @@ impl<'a> Data<'a> {
     }
 
     /// The runs for the fit: the dwells, then the turns; with the place of each.
-    pub fn runs(&self) -> (Vec<Run<'a>>, Vec<FittedRun>) {
+    pub(super) fn runs(&self) -> (Vec<Run<'a>>, Vec<FittedRun>) {
         let mut runs = Vec::new();
         let mut places = Vec::new();
         let hand = self.campaign.mount.map_or(1.0, |mount| mount.determinant().signum());
@@ -108,7 +108,7 @@ impl<'a> Data<'a> {
     }
 
     /// Lowest and highest telemetry of all runs: head and board, by gyroscope.
-    pub fn ranges(&self) -> [[[f64; 2]; 2]; AXES] {
+    pub(super) fn ranges(&self) -> [[[f64; 2]; 2]; AXES] {
         let runs = || self.dwells.iter().map(|(_, dwell)| *dwell).chain(self.turns.iter().map(|(_, turn)| &turn.run));
         [0, 1, 2].map(|axis| {
             [joint_range(runs().map(|run| run.head_range(axis))), joint_range(runs().map(|run| run.board_range(axis)))]

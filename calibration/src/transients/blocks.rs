@@ -109,7 +109,7 @@ pub(super) enum Column {
 impl Ramps {
     /// # Errors
     /// If a recording is too short, or if its temperature does not change.
-    pub fn new(
+    pub(super) fn new(
         recordings: &[RampRecording],
         table: &CoefficientTable,
         curves: CurveSource,
@@ -177,17 +177,17 @@ impl Ramps {
     }
 
     /// Leaves out the blocks of the first `soak_s` of every recording.
-    pub fn leave_out_start(&mut self, soak_s: f64) {
+    pub(super) fn leave_out_start(&mut self, soak_s: f64) {
         self.blocks.iter_mut().for_each(|block| block.left_out |= block.age_s <= soak_s);
     }
 
     /// Number of blocks that the fit has.
-    pub fn inside(&self) -> usize {
+    pub(super) fn inside(&self) -> usize {
         self.blocks.iter().filter(|block| !block.left_out).count()
     }
 
     /// The columns of one kind.
-    pub fn columns(&self, column: Column) -> Range<usize> {
+    pub(super) fn columns(&self, column: Column) -> Range<usize> {
         let sizes = [
             (Column::Constant, self.recordings),
             (Column::Curve, CURVE),
@@ -202,12 +202,12 @@ impl Ramps {
     }
 
     /// All columns of the kinds, in their order.
-    pub fn columns_of(&self, columns: &[Column]) -> Vec<usize> {
+    pub(super) fn columns_of(&self, columns: &[Column]) -> Vec<usize> {
         columns.iter().flat_map(|column| self.columns(*column)).collect()
     }
 
     /// The row of every block of one bias: its columns with the time constant, and its value.
-    pub fn rows(&self, bias: &Bias, tau_s: f64) -> Vec<Vec<f64>> {
+    pub(super) fn rows(&self, bias: &Bias, tau_s: f64) -> Vec<Vec<f64>> {
         let count = self.columns(Column::Time).end;
         let differences = self.differences(bias, tau_s);
         let row = |(i, block): (usize, &Block)| {
@@ -229,7 +229,7 @@ impl Ramps {
     }
 
     /// Normal equations of every piece of every sweep, from the rows.
-    pub fn equations(&self, rows: &[Vec<f64>]) -> Vec<Vec<NormalEquations>> {
+    pub(super) fn equations(&self, rows: &[Vec<f64>]) -> Vec<Vec<NormalEquations>> {
         let count = self.columns(Column::Time).end;
         let piece = |piece: &Range<usize>| {
             let mut equations = NormalEquations::new(count);
@@ -241,7 +241,7 @@ impl Ramps {
     }
 
     /// Mean of d = L - U, by block.
-    pub fn differences(&self, bias: &Bias, tau_s: f64) -> Vec<f64> {
+    pub(super) fn differences(&self, bias: &Bias, tau_s: f64) -> Vec<f64> {
         let lag_ns = (tau_s * 1e9).round() as u64;
         let of = |telemetry: &Telemetry| behind(&telemetry.readings, &telemetry.times_ns, &telemetry.values, lag_ns);
         let differences: Vec<Vec<f64>> = bias.recordings.iter().map(of).collect();

@@ -21,12 +21,12 @@ pub(super) struct Coefficients {
 
 impl NormalEquations {
     /// Of no data, with this many columns.
-    pub fn new(columns: usize) -> Self {
+    pub(super) fn new(columns: usize) -> Self {
         Self(DMatrix::zeros(columns + 1, columns + 1))
     }
 
     /// Adds a row: the columns and then the value.
-    pub fn add(&mut self, row: &[f64]) {
+    pub(super) fn add(&mut self, row: &[f64]) {
         // Many columns of a row are 0.
         for (i, a) in row.iter().enumerate().filter(|(_, a)| **a != 0.0) {
             for (j, b) in row.iter().enumerate().take(i + 1) {
@@ -35,18 +35,18 @@ impl NormalEquations {
         }
     }
 
-    pub fn plus(mut self, other: &Self) -> Self {
+    pub(super) fn plus(mut self, other: &Self) -> Self {
         self.0 += &other.0;
         self
     }
 
-    pub fn minus(mut self, other: &Self) -> Self {
+    pub(super) fn minus(mut self, other: &Self) -> Self {
         self.0 -= &other.0;
         self
     }
 
     /// Least squares with the columns `used`, in order of importance: one that depends on those before it is left out.
-    pub fn solve(&self, used: &[usize]) -> Coefficients {
+    pub(super) fn solve(&self, used: &[usize]) -> Coefficients {
         let value = self.0.nrows() - 1;
         // L of the Cholesky decomposition, by rows of the columns that are kept, and then of the value.
         let mut factor: Vec<Vec<f64>> = Vec::with_capacity(used.len() + 1);
@@ -84,7 +84,7 @@ impl NormalEquations {
 
 impl Coefficients {
     /// The fitted value of a row of columns.
-    pub fn of(&self, row: &[f64]) -> f64 {
+    pub(super) fn of(&self, row: &[f64]) -> f64 {
         self.values.iter().zip(row).map(|(coefficient, column)| coefficient * column).sum()
     }
 }

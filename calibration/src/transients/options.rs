@@ -1,7 +1,7 @@
 //! Options of the estimate, and why there is none.
 
 /// Residuals are shown, and sweeps judged, after this many time constants since a recording began: the start may not have been soaked.
-pub const SOAK: f64 = 3.0;
+pub(super) const SOAK: f64 = 3.0;
 
 /// How the time constant is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -238,16 +238,16 @@ fn implausible_gyroscopes(triad: &Triad) -> Option<String> {
 }
 
 impl Bin {
-    pub const fn middle_ns(&self) -> u64 {
+    pub(super) const fn middle_ns(&self) -> u64 {
         self.begin_ns.midpoint(self.end_ns)
     }
 
-    pub fn seconds(&self) -> f64 {
+    pub(super) fn seconds(&self) -> f64 {
         self.interval_ns as f64 / 1e9
     }
 
     /// Pulse rates of the positive and of the negative channel \[pulse/s\].
-    pub fn rates(&self, sensor: usize) -> [f64; 2] {
+    pub(super) fn rates(&self, sensor: usize) -> [f64; 2] {
         self.pulses[sensor].map(|count| count as f64 / self.seconds())
     }
 }

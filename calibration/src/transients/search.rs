@@ -29,7 +29,7 @@ pub(super) struct Minimum {
 
 impl<'a> Grid<'a> {
     /// The grid of a search, from what the telemetry and the blocks resolve to a quarter of the longest sweep; or one time constant alone.
-    pub fn new(ramps: &'a Ramps, given_s: Option<f64>) -> Self {
+    pub(super) fn new(ramps: &'a Ramps, given_s: Option<f64>) -> Self {
         let (low, high) = (ramps.least_tau_s, ramps.longest_sweep_s / 4.0);
         let taus_s = match given_s {
             Some(tau_s) => vec![tau_s],
@@ -70,19 +70,19 @@ impl<'a> Grid<'a> {
     }
 
     /// The best time constant with all data.
-    pub fn best(&self, used: &[usize]) -> Minimum {
+    pub(super) fn best(&self, used: &[usize]) -> Minimum {
         self.minimum(used, |_, bias| self.none(bias))
     }
 
     /// The best time constant without one sweep.
-    pub fn best_without_sweep(&self, used: &[usize], sweep: usize) -> Minimum {
+    pub(super) fn best_without_sweep(&self, used: &[usize], sweep: usize) -> Minimum {
         self.minimum(used, |tau, bias| {
             self.pieces[tau][bias][sweep].iter().fold(self.none(bias), |sum, piece| sum.plus(piece))
         })
     }
 
     /// Standard error of the logarithm of the time constant, and of the transient of each bias at `tau_s`, by leaving one piece out at a time.
-    pub fn jackknife(&self, used: &[usize], tau_s: f64) -> (f64, Vec<f64>) {
+    pub(super) fn jackknife(&self, used: &[usize], tau_s: f64) -> (f64, Vec<f64>) {
         let transient = self.ramps.columns(Column::Transient).start;
         let (mut logarithms, mut transients) = (Vec::new(), vec![Vec::new(); self.ramps.biases.len()]);
         for (sweep, found) in self.ramps.sweeps.iter().enumerate() {

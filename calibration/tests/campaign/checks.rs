@@ -203,7 +203,7 @@ fn time_soak_and_telemetry_are_checked() {
 }
 
 /// Calibrates a changed campaign with `options`.
-pub fn with_rows(
+pub(crate) fn with_rows(
     change_rows: impl Fn(&mut Vec<SimulatedRow>),
     options: CalibrationOptions,
 ) -> Result<Calibration, CalibrationError> {

@@ -10,21 +10,21 @@ use isotherm_campaign::Position;
 use isotherm_campaign::read_dwells;
 use isotherm_recording::{CampaignCsvReader, RawCsvWriter};
 use isotherm_shared::table::CoefficientTable;
-pub use isotherm_simulation::worst_errors as worst;
+pub(crate) use isotherm_simulation::worst_errors as worst;
 use isotherm_simulation::{CampaignSchedule, MISALIGNMENT, Noise, SimulatedRow, Truth, campaign, campaign_toml};
 
 /// The published tables of the source paper.
-pub fn paper() -> CoefficientTable {
+pub(crate) fn paper() -> CoefficientTable {
     CoefficientTable::from_toml(include_str!("../../../examples/tables/imu-paper.toml"), None).unwrap()
 }
 
 /// Noise of the telemetry and the sensors only: turntable angles are exact, and visits of a set point repeat exactly.
-pub fn quiet() -> Noise {
+pub(crate) fn quiet() -> Noise {
     Noise { bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0, ..Noise::default() }
 }
 
 /// The campaign file of a simulated campaign.
-pub fn campaign_file(truth: &Truth, schedule: &CampaignSchedule) -> Campaign {
+pub(crate) fn campaign_file(truth: &Truth, schedule: &CampaignSchedule) -> Campaign {
     let content = truth.table.content();
     let (imu, unit) = (content.imu.as_str(), &content.temperature_unit);
     let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &schedule.positions);
@@ -32,7 +32,7 @@ pub fn campaign_file(truth: &Truth, schedule: &CampaignSchedule) -> Campaign {
 }
 
 /// The rows as the text of a samples file.
-pub fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
+pub(crate) fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
     let mut writer = RawCsvWriter::new(Vec::new(), "set_point_c,position,", false).unwrap();
     for row in rows {
         writer.write(format_args!("{},{},", row.set_point_c, row.position), &row.raw).unwrap();
@@ -41,13 +41,13 @@ pub fn csv(rows: impl IntoIterator<Item = SimulatedRow>) -> Vec<u8> {
 }
 
 /// The dwells in the text of a samples file.
-pub fn dwells(campaign: &Campaign, text: &[u8]) -> Result<Vec<Dwell>, String> {
+pub(crate) fn dwells(campaign: &Campaign, text: &[u8]) -> Result<Vec<Dwell>, String> {
     let reader = CampaignCsvReader::new(text).map_err(|error| error.to_string())?;
     read_dwells(campaign, reader).map_err(|error| error.to_string())
 }
 
 /// The calibration from a whole simulated campaign, with its campaign file.
-pub fn calibrated(
+pub(crate) fn calibrated(
     truth: &Truth,
     schedule: &CampaignSchedule,
     seed: u64,
@@ -60,11 +60,11 @@ pub fn calibrated(
 }
 
 /// The paper's IMU with the misalignment [`MISALIGNMENT`].
-pub fn paper_truth(tilt: [f64; 2], gravity: f64) -> Truth {
+pub(crate) fn paper_truth(tilt: [f64; 2], gravity: f64) -> Truth {
     Truth::new(paper().content().clone(), MISALIGNMENT, tilt, gravity).unwrap()
 }
 
 /// A campaign without noise; only telemetry and pulses are quantised.
-pub fn noiseless(positions: Vec<Position>) -> CampaignSchedule {
+pub(crate) fn noiseless(positions: Vec<Position>) -> CampaignSchedule {
     CampaignSchedule { positions, noise: Noise::NONE, ..CampaignSchedule::default() }
 }

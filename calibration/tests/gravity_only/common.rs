@@ -12,33 +12,33 @@ use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use serde_json::Value;
 use std::fs::File;
 
-pub const STANDARD: f64 = 9.80665;
+pub(crate) const STANDARD: f64 = 9.80665;
 
-pub fn path(name: &str) -> String {
+pub(crate) fn path(name: &str) -> String {
     format!("{}/tests/data/any_lab/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-pub fn samples(name: &str) -> Vec<RawSample> {
+pub(crate) fn samples(name: &str) -> Vec<RawSample> {
     let file = File::open(path(name)).unwrap();
     RawCsvReader::new(file).unwrap().map(Result::unwrap).collect()
 }
 
-pub fn json(name: &str) -> Value {
+pub(crate) fn json(name: &str) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap()
 }
 
-pub fn recording(rows: &[RawSample]) -> TumbleRecording {
+pub(crate) fn recording(rows: &[RawSample]) -> TumbleRecording {
     let mut recording = TumbleRecording::new("tumble.csv");
     rows.iter().for_each(|row| recording.add(row).unwrap());
     recording
 }
 
-pub fn campaign(gravity: [f64; 2]) -> Campaign {
+pub(crate) fn campaign(gravity: [f64; 2]) -> Campaign {
     Campaign::gravity_only(ImuId::new("imu-t").unwrap(), gravity, "degC")
 }
 
 /// The calibration of rows at one temperature or more, with gravity 9.81 for both.
-pub fn calibrated(
+pub(crate) fn calibrated(
     rows: &[RawSample],
     change: impl FnOnce(&mut GravityOnlyOptions),
 ) -> Result<GravityOnlyCalibration, GravityOnlyError> {
@@ -49,7 +49,7 @@ pub fn calibrated(
 
 /// The truth of a simulated IMU. Curves are in (T - 25)/40.
 #[derive(Clone, Debug)]
-pub struct Truth {
+pub(crate) struct Truth {
     /// A \[g0\], K+ and |K-| \[pulse/(s*g0)\] of each axis: coefficients 0 and 1.
     pub axes: [[[f64; 2]; 3]; 3],
     /// M, with 1 on the diagonal and 0 below.
@@ -57,7 +57,7 @@ pub struct Truth {
 }
 
 impl Truth {
-    pub fn random(seed: u64) -> Self {
+    pub(crate) fn random(seed: u64) -> Self {
         let mut random = RandomGenerator::new(seed, 1);
         let axes = [0, 1, 2].map(|_| {
             let scale_factor = 90_000.0 * (1.0 + 0.05 * random.normal());
@@ -73,21 +73,21 @@ impl Truth {
         Self { axes, misalignment: Matrix3::new(1.0, m12, m13, 0.0, 1.0, m23, 0.0, 0.0, 1.0) }
     }
 
-    pub fn value(&self, axis: usize, quantity: usize, temperature_c: f64) -> f64 {
+    pub(crate) fn value(&self, axis: usize, quantity: usize, temperature_c: f64) -> f64 {
         let [c0, c1] = self.axes[axis][quantity];
         c0 + c1 * (temperature_c - 25.0) / 40.0
     }
 }
 
 /// The 26 faces, edges and corners of a cube.
-pub fn cube() -> Vec<Vector3<f64>> {
+pub(crate) fn cube() -> Vec<Vector3<f64>> {
     let signs = [-1.0, 0.0, 1.0];
     let all = signs.into_iter().flat_map(|x| signs.into_iter().flat_map(move |y| signs.map(|z| Vector3::new(x, y, z))));
     all.filter(|direction| direction.norm() > 0.0).map(|direction| direction.normalize()).collect()
 }
 
 /// `direction` tilted by up to `degrees` each about two axes across it.
-pub fn off(random: &mut RandomGenerator, direction: &Vector3<f64>, degrees: f64) -> Vector3<f64> {
+pub(crate) fn off(random: &mut RandomGenerator, direction: &Vector3<f64>, degrees: f64) -> Vector3<f64> {
     let across = Unit::new_normalize(direction.cross(&Vector3::new(0.3, -0.5, 0.8)));
     let other = Unit::new_normalize(direction.cross(&across));
     let mut tilt = |axis| Rotation3::from_axis_angle(&axis, random.between(-degrees, degrees).to_radians());
@@ -95,7 +95,7 @@ pub fn off(random: &mut RandomGenerator, direction: &Vector3<f64>, degrees: f64)
 }
 
 /// An IMU that counts pulses in intervals of 50 ms.
-pub struct Simulated {
+pub(crate) struct Simulated {
     truth: Truth,
     random: RandomGenerator,
     gravity: f64,
@@ -107,16 +107,16 @@ pub struct Simulated {
     pub rows: Vec<RawSample>,
 }
 
-pub const INTERVAL_S: f64 = 0.05;
+pub(crate) const INTERVAL_S: f64 = 0.05;
 
 impl Simulated {
-    pub fn new(truth: Truth, seed: u64, gravity: f64) -> Self {
+    pub(crate) fn new(truth: Truth, seed: u64, gravity: f64) -> Self {
         let random = RandomGenerator::new(seed, 2);
         Self { truth, random, gravity, noise: 3e-5, left: [[0.0; 2]; 3], time_s: 0.0, rows: Vec::new() }
     }
 
     /// A row of a specific force along the body's axes, in units of local gravity.
-    pub fn row(&mut self, direction: &Vector3<f64>, temperature_c: f64, shake: f64) {
+    pub(crate) fn row(&mut self, direction: &Vector3<f64>, temperature_c: f64, shake: f64) {
         self.time_s += INTERVAL_S;
         let x = self.truth.misalignment * direction * self.gravity;
         let mut sample = RawSample {
@@ -144,14 +144,14 @@ impl Simulated {
     }
 
     /// A standstill of `seconds`.
-    pub fn rest(&mut self, direction: &Vector3<f64>, temperature_c: f64, seconds: f64) {
+    pub(crate) fn rest(&mut self, direction: &Vector3<f64>, temperature_c: f64, seconds: f64) {
         for _ in 0..(seconds / INTERVAL_S).round() as usize {
             self.row(direction, temperature_c, 0.0);
         }
     }
 
     /// A movement by hand from one attitude to another.
-    pub fn movement(&mut self, from: &Vector3<f64>, to: &Vector3<f64>, temperature_c: f64) {
+    pub(crate) fn movement(&mut self, from: &Vector3<f64>, to: &Vector3<f64>, temperature_c: f64) {
         let rows = (self.random.between(1.0, 2.5) / INTERVAL_S) as usize;
         let bow = Vector3::new(self.random.normal(), self.random.normal(), self.random.normal()) * 0.5;
         for k in 1..rows {
@@ -162,12 +162,12 @@ impl Simulated {
     }
 
     /// A gap: the recording goes on later.
-    pub fn gap(&mut self, seconds: f64) {
+    pub(crate) fn gap(&mut self, seconds: f64) {
         self.time_s += seconds;
     }
 
     /// Every direction at `temperature_c`, with movements between, while the temperature creeps.
-    pub fn tumble(&mut self, directions: &[Vector3<f64>], temperature_c: f64) {
+    pub(crate) fn tumble(&mut self, directions: &[Vector3<f64>], temperature_c: f64) {
         for (index, direction) in directions.iter().enumerate() {
             let temperature = temperature_c + 0.4 * index as f64 / directions.len() as f64;
             if index > 0 {
@@ -181,7 +181,7 @@ impl Simulated {
 }
 
 /// Standstills without movements, at one temperature: a gap lies between, which is exact for what attitudes allow.
-pub fn put_down(directions: &[Vector3<f64>], temperatures_c: &[f64]) -> Vec<RawSample> {
+pub(crate) fn put_down(directions: &[Vector3<f64>], temperatures_c: &[f64]) -> Vec<RawSample> {
     let mut imu = Simulated::new(Truth::random(3), 3, 1.0);
     imu.noise = 2e-5;
     for temperature in temperatures_c {

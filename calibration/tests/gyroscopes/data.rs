@@ -16,7 +16,7 @@ use std::fs;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gyro");
 
-pub fn text(name: &str) -> String {
+pub(crate) fn text(name: &str) -> String {
     fs::read_to_string(format!("{DATA}/{name}")).unwrap()
 }
 

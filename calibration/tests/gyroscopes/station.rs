@@ -28,15 +28,15 @@ const G0: f64 = 9.8015;
 const ACCELEROMETERS: Matrix3<f64> = Matrix3::new(1.0, 2e-4, -1e-4, 3e-4, 1.0, 1e-4, -2e-4, 1e-4, 1.0);
 
 /// A cubic of telemetry \[V\].
-pub type Cubic = [f64; 4];
+pub(crate) type Cubic = [f64; 4];
 
-pub fn cubic(c: &Cubic, u: f64) -> f64 {
+pub(crate) fn cubic(c: &Cubic, u: f64) -> f64 {
     c[0] + u * (c[1] + u * (c[2] + u * c[3]))
 }
 
 /// One gyroscope.
 #[derive(Clone, Copy, Debug)]
-pub struct Gyroscope {
+pub(crate) struct Gyroscope {
     pub bias: Cubic,
     pub kp: Cubic,
     pub kn: Cubic,
@@ -47,7 +47,7 @@ pub struct Gyroscope {
 
 /// A turn: number, axis in IMU coordinates, angle, and the angles at which it begins.
 #[derive(Clone, Copy, Debug)]
-pub struct Turned {
+pub(crate) struct Turned {
     pub number: u32,
     pub axis: [f64; 3],
     pub angle: f64,
@@ -57,7 +57,7 @@ pub struct Turned {
 
 /// The station and its IMU.
 #[derive(Clone, Debug)]
-pub struct Station {
+pub(crate) struct Station {
     pub gyroscopes: [Gyroscope; 3],
     pub latitude: f64,
     pub heading: f64,
@@ -91,10 +91,10 @@ pub struct Station {
     pub angles: bool,
 }
 
-pub struct Random(pub u64);
+pub(crate) struct Random(pub u64);
 
 impl Random {
-    pub fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -106,13 +106,13 @@ impl Random {
         low + (high - low) * self.uniform()
     }
 
-    pub fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
     }
 }
 
 /// Six faces in two headings.
-pub const S1: [[f64; 2]; 12] = [
+pub(crate) const S1: [[f64; 2]; 12] = [
     [0.0, 0.0],
     [0.0, 180.0],
     [180.0, 0.0],
@@ -128,7 +128,7 @@ pub const S1: [[f64; 2]; 12] = [
 ];
 
 /// The six turns of the data, numbered from 101.
-pub fn six_turns(angle: f64) -> Vec<Turned> {
+pub(crate) fn six_turns(angle: f64) -> Vec<Turned> {
     let axes = [([1.0, 0.0, 0.0], 0.0), ([0.0, -1.0, 0.0], 90.0), ([0.0, 0.0, 1.0], 0.0)];
     let turns = axes.into_iter().flat_map(|(axis, inner)| [angle, -angle].map(|angle| (axis, inner, angle)));
     (101..).zip(turns).map(|(number, (axis, inner, angle))| Turned { number, axis, angle, outer: 0.0, inner }).collect()
@@ -136,7 +136,7 @@ pub fn six_turns(angle: f64) -> Vec<Turned> {
 
 impl Station {
     /// Another IMU and station for each seed; no noise.
-    pub fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let mut random = Random(seed.wrapping_mul(77).wrapping_add(5));
         let mut curve = |value: f64, change: f64| {
             // A curve that changes by about `change` over 1.1 .. 3.9 V.
@@ -184,12 +184,12 @@ impl Station {
     }
 
     /// With the noise that the bounds are for.
-    pub fn noisy(self) -> Self {
+    pub(crate) fn noisy(self) -> Self {
         Self { random_walk: 0.003 * 60.0, repeatability: [0.003, 0.5e-6, 0.2], ..self }
     }
 
     /// Finer pulses: what is left is the method's error, not that of a pulse more or less.
-    pub fn fine(mut self) -> Self {
+    pub(crate) fn fine(mut self) -> Self {
         for gyroscope in &mut self.gyroscopes {
             (gyroscope.kp, gyroscope.kn) = (gyroscope.kp.map(|c| 50.0 * c), gyroscope.kn.map(|c| 50.0 * c));
         }
@@ -222,7 +222,7 @@ impl Station {
     }
 
     /// The truth that the library simulates, on a turntable whose axes are those of the IMU.
-    pub fn truth(&self) -> Truth {
+    pub(crate) fn truth(&self) -> Truth {
         let polynomial = |c: &Cubic| Polynomial::new(c, 0.0, 1.0, [0.9, 4.2]).unwrap();
         let axis = |bias_unit, bias: &Cubic, kp: &Cubic, kn: &Cubic| Axis {
             bias_unit,
@@ -266,12 +266,12 @@ impl Station {
     }
 
     /// Earth's rate in the base \[deg/h\].
-    pub fn earth(&self) -> Vector3<f64> {
+    pub(crate) fn earth(&self) -> Vector3<f64> {
         self.truth().earth_rate().into()
     }
 
     /// The campaign file.
-    pub fn file(&self) -> String {
+    pub(crate) fn file(&self) -> String {
         let latitude = self.stated_latitude.unwrap_or(self.latitude);
         let mut text = format!(
             "format = 1\nimu = \"imu-g\"\nsamples = \"samples.csv\"\ngravity_reference = {G0}\ngravity_local = {:?}\n\
@@ -301,7 +301,7 @@ impl Station {
         text
     }
 
-    pub fn campaign(&self) -> Campaign {
+    pub(crate) fn campaign(&self) -> Campaign {
         Campaign::from_toml(&self.file()).unwrap_or_else(|faults| panic!("{faults}\n{}", self.file()))
     }
 
@@ -319,7 +319,7 @@ impl Station {
     }
 
     /// A verification run: `rows` samples of 10 s at rest at these angles, while the temperature goes from one end of the set points to the other.
-    pub fn run(&self, angles: [f64; 2], rows: u32) -> Vec<RawSample> {
+    pub(crate) fn run(&self, angles: [f64; 2], rows: u32) -> Vec<RawSample> {
         const SECONDS: f64 = 10.0;
         let mut recorder = self.recorder(0x0BAD_5EED);
         let at_rest = |seconds| mounted(&self.mount, InertialMotion::at_rest(&recorder.truth, angles, seconds));
@@ -334,12 +334,12 @@ impl Station {
     }
 
     /// The table that compensates this IMU exactly, with the turntable as it stands.
-    pub fn table(&self) -> CoefficientTable {
+    pub(crate) fn table(&self) -> CoefficientTable {
         self.truth().table.measured_at(Some(self.gravity)).measured_on(Some(self.turntable()))
     }
 
     /// The turntable as it stands.
-    pub fn turntable(&self) -> Turntable {
+    pub(crate) fn turntable(&self) -> Turntable {
         Turntable {
             earth_rate_deg_h: self.earth().into(),
             earth_rate_standard_error: Some([0.0; 2]),
@@ -350,7 +350,7 @@ impl Station {
     }
 
     /// The rows of the whole campaign.
-    pub fn rows(&self) -> Vec<CampaignRow> {
+    pub(crate) fn rows(&self) -> Vec<CampaignRow> {
         let mut recorder = self.recorder(0xABCD);
         for &set_point in &self.set_points {
             recorder.set_point(set_point);
@@ -359,7 +359,7 @@ impl Station {
     }
 
     /// Calibrates the rows with the campaign file.
-    pub fn calibrate_rows(
+    pub(crate) fn calibrate_rows(
         &self,
         rows: Vec<CampaignRow>,
         options: CalibrationOptions,
@@ -369,18 +369,18 @@ impl Station {
         calibrate(&campaign, measurements, options)
     }
 
-    pub fn calibrate(&self, options: CalibrationOptions) -> Result<Calibration, CalibrationError> {
+    pub(crate) fn calibrate(&self, options: CalibrationOptions) -> Result<Calibration, CalibrationError> {
         self.calibrate_rows(self.rows(), options)
     }
 
     /// The worst errors over the range: D \[deg/h\], K \[ppm\], s \[deg/h/g0\], M \[rad\].
-    pub fn errors(&self, calibration: &Calibration) -> [f64; 4] {
+    pub(crate) fn errors(&self, calibration: &Calibration) -> [f64; 4] {
         worst_gyroscope_errors(&calibration.table, &self.truth().table).unwrap()
     }
 }
 
 /// Telemetry of head and board of a sensor (0 to 5) at a temperature.
-pub fn telemetry(sensor: usize, temperature: f64) -> [f64; 2] {
+pub(crate) fn telemetry(sensor: usize, temperature: f64) -> [f64; 2] {
     let offset = sensor as f64 * 0.3;
     [1.1 + 0.04 * (temperature + 25.0 + offset), 1.26 + 0.04 * (temperature + 25.0 - offset)]
 }

@@ -17,7 +17,7 @@ fn station(seed: u64) -> Station {
     Station { random_walk: 0.003 * 60.0, ..Station::new(seed) }.fine()
 }
 
-pub fn verified(table: &CoefficientTable, samples: &[RawSample], angles: Option<[f64; 2]>) -> Stability {
+pub(crate) fn verified(table: &CoefficientTable, samples: &[RawSample], angles: Option<[f64; 2]>) -> Stability {
     let mut collector = Collector::new(table, WINDOW_S);
     samples.iter().for_each(|sample| collector.add(sample));
     let setup = Setup::new(None, LocalGravity::of(None, table)).at_angles(table, angles).unwrap();
@@ -29,7 +29,7 @@ fn gyroscopes(stability: &Stability) -> &GyroscopeStability {
 }
 
 /// The table with another content, measured at the same station.
-pub fn changed(table: &CoefficientTable, change: impl FnOnce(&mut Content)) -> CoefficientTable {
+pub(crate) fn changed(table: &CoefficientTable, change: impl FnOnce(&mut Content)) -> CoefficientTable {
     let mut content = table.content().clone();
     change(&mut content);
     let (gravity, turntable) = (table.gravity_local(), table.turntable().copied());
@@ -37,7 +37,7 @@ pub fn changed(table: &CoefficientTable, change: impl FnOnce(&mut Content)) -> C
 }
 
 /// The table with a bias of this gyroscope that is off by `error` [deg/h].
-pub fn off(table: &CoefficientTable, axis: usize, error: f64) -> CoefficientTable {
+pub(crate) fn off(table: &CoefficientTable, axis: usize, error: f64) -> CoefficientTable {
     changed(table, |content| {
         let bias = &mut content.gyroscopes.as_mut().unwrap().axes[axis].bias;
         let mut coefficients = bias.coefficients().to_vec();

@@ -29,11 +29,11 @@ use isotherm_verification::{Collector, LocalGravity, Setup, Stability, Stability
 use std::collections::BTreeSet;
 
 /// The turntable's angles in the runs, as a plan has them by default \[deg\].
-pub const ANGLES_DEG: [f64; 2] = [50.0, 130.0];
+pub(crate) const ANGLES_DEG: [f64; 2] = [50.0, 130.0];
 /// Length of a window \[s\], as the automatic campaign has it.
 const WINDOW_S: f64 = 10.0;
 /// A true error below this is never wrong \[g0\].
-pub const WRONG: f64 = 20e-6;
+pub(crate) const WRONG: f64 = 20e-6;
 /// Nor one below this many times that of the good table.
 const WRONG_FACTOR: f64 = 3.0;
 /// The runs end this far inside the set points \[degC\].
@@ -44,7 +44,7 @@ const RUN_SEED: u64 = 1000;
 
 /// What the gate has found.
 #[derive(Clone, Debug)]
-pub struct Gate {
+pub(crate) struct Gate {
     /// What refuses the table, if anything: the kinds of causes.
     pub refused_by: BTreeSet<&'static str>,
     /// The causes in words.
@@ -105,7 +105,7 @@ fn range(case: &Case) -> (f64, f64) {
 }
 
 /// Judges the table of a calibration at these angles of the turntable, up and down, with a factor of stability if it is required.
-pub fn gate(
+pub(crate) fn gate(
     case: &Case,
     calibration: &Calibration,
     in_force: Option<&CoefficientTable>,
@@ -174,7 +174,7 @@ fn margin(require: &Requirement, stability: &Stability) -> f64 {
 }
 
 /// The true error of a table \[g0\]; infinite where the output is not a number.
-pub fn true_error(case: &Case, table: &CoefficientTable) -> f64 {
+pub(crate) fn true_error(case: &Case, table: &CoefficientTable) -> f64 {
     const TEMPERATURES: u32 = 11;
     const INTERVAL_S: f64 = 1000.0;
     let truth = &case.truth;
@@ -207,7 +207,7 @@ pub fn true_error(case: &Case, table: &CoefficientTable) -> f64 {
 }
 
 /// What became of the table of a case.
-pub struct Installation {
+pub(crate) struct Installation {
     /// The table's true error \[g0\].
     pub true_error: f64,
     /// Whether this is wrong.
@@ -218,13 +218,13 @@ pub struct Installation {
 
 impl Installation {
     /// Whether a wrong table can be installed: without a table in force, and with the good one in force.
-    pub fn wrong_installed(&self) -> [bool; 2] {
+    pub(crate) fn wrong_installed(&self) -> [bool; 2] {
         [0, 1].map(|k| self.wrong && self.gates[k].refused_by.is_empty())
     }
 }
 
 /// Tries to install the table of a case. `accept` has the names of the faults that are accepted. The text is why there is no table.
-pub fn install(case: &Case, good: &Good, accept: &[&'static str], seed: u64) -> Result<Installation, String> {
+pub(crate) fn install(case: &Case, good: &Good, accept: &[&'static str], seed: u64) -> Result<Installation, String> {
     let fit = |alignment| {
         let options = CalibrationOptions { accept: accept.to_vec(), alignment, ..CalibrationOptions::default() };
         calibrated(case, options).map_err(|(_, text)| text)
@@ -243,13 +243,13 @@ pub fn install(case: &Case, good: &Good, accept: &[&'static str], seed: u64) -> 
 }
 
 /// The table from the same campaign without the mistake.
-pub struct Good {
+pub(crate) struct Good {
     pub table: CoefficientTable,
     pub true_error: f64,
 }
 
 impl Good {
-    pub fn of(case: &Case, seed: u64) -> Self {
+    pub(crate) fn of(case: &Case, seed: u64) -> Self {
         let good = (case.good)(seed);
         let Ok(calibration) = calibrated(&good, CalibrationOptions::default()) else {
             panic!("the campaign without the mistake is refused, seed {seed}");
@@ -260,7 +260,7 @@ impl Good {
 
 /// The names of all faults of a case that must be accepted for a table, or why there is none however many are accepted. Empty if the table
 /// is made at once.
-pub fn faults(case: &Case) -> Result<Vec<&'static str>, String> {
+pub(crate) fn faults(case: &Case) -> Result<Vec<&'static str>, String> {
     let mut accept: Vec<&'static str> = Vec::new();
     loop {
         let options = CalibrationOptions { accept: accept.clone(), ..CalibrationOptions::default() };

@@ -26,7 +26,7 @@ use nalgebra::Matrix3;
 use std::path::Path;
 
 /// A campaign before it is calibrated: the campaign file, and the rows. And what of a mistake stays after the campaign.
-pub struct Case {
+pub(crate) struct Case {
     pub truth: Truth,
     pub file: Campaign,
     /// What is said about the campaign file, if it is refused.
@@ -46,7 +46,7 @@ pub struct Case {
 
 /// What must happen.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Expected {
+pub(crate) enum Expected {
     /// No table; the first line has these words.
     Refused(&'static str),
     /// A table and a warning with these words: the data could be true.
@@ -58,14 +58,14 @@ pub enum Expected {
 }
 
 /// A mistake: its name, what it does to a campaign, and what must happen.
-pub struct Mistake {
+pub(crate) struct Mistake {
     pub name: &'static str,
     pub make: fn(u64) -> Case,
     pub expected: Expected,
 }
 
 /// What happened.
-pub struct Outcome {
+pub(crate) struct Outcome {
     /// The error of the bias \[1e-6 g0\] and of the scale factors \[ppm\], if there is a table.
     pub errors: Option<[f64; 2]>,
     /// What is printed.
@@ -73,12 +73,12 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    pub fn first(&self) -> &str {
+    pub(crate) fn first(&self) -> &str {
         self.lines.first().map_or("", String::as_str)
     }
 
     /// Whether it is as expected.
-    pub fn is(&self, expected: Expected) -> bool {
+    pub(crate) fn is(&self, expected: Expected) -> bool {
         match expected {
             Expected::Refused(words) => self.errors.is_none() && self.first().contains(words),
             Expected::Warned(words) => self.errors.is_some() && self.lines.iter().any(|line| line.contains(words)),
@@ -88,7 +88,10 @@ impl Outcome {
 }
 
 /// Calibrates a case with `options`. Rows have the lines of a file with a header. The error has its text.
-pub fn calibrated(case: &Case, options: CalibrationOptions) -> Result<Calibration, (Option<CalibrationError>, String)> {
+pub(crate) fn calibrated(
+    case: &Case,
+    options: CalibrationOptions,
+) -> Result<Calibration, (Option<CalibrationError>, String)> {
     if let Some(fault) = &case.file_fault {
         return Err((None, fault.clone()));
     }
@@ -112,7 +115,7 @@ fn locate(line: u64) -> String {
 }
 
 /// What `calibrate` says about a case.
-pub fn outcome(case: &Case) -> Outcome {
+pub(crate) fn outcome(case: &Case) -> Outcome {
     match calibrated(case, CalibrationOptions::default()) {
         Ok(Calibration { table, findings, .. }) => {
             let lines = findings.iter().map(|finding| finding.tagged(locate)).collect();
@@ -127,7 +130,7 @@ fn paper() -> CoefficientTable {
 }
 
 /// The IMU of `seed`, with telemetry in `unit`: 0 degC reads `zero`, and 1 degC is `slope`.
-pub fn truth_in(unit: &str, zero: f64, slope: f64, seed: u64) -> Truth {
+pub(crate) fn truth_in(unit: &str, zero: f64, slope: f64, seed: u64) -> Truth {
     let mut content = paper().content().clone();
     // The published curves are over volts, 2.1 V + 0.04 V/degC.
     let volts = slope / 0.04;
@@ -146,7 +149,7 @@ pub fn truth_in(unit: &str, zero: f64, slope: f64, seed: u64) -> Truth {
     Truth::varied(&content, seed).unwrap()
 }
 
-pub fn case(truth: Truth, schedule: &CampaignSchedule, seed: u64) -> Case {
+pub(crate) fn case(truth: Truth, schedule: &CampaignSchedule, seed: u64) -> Case {
     let content = truth.table.content();
     let (imu, unit) = (content.imu.as_str(), content.temperature_unit.as_str());
     let text = campaign_toml(imu, "samples.csv", content.gravity, truth.gravity_local, unit, &schedule.positions);
@@ -301,7 +304,7 @@ fn first_index(case: &Case, set_point_c: f64, number: u32) -> usize {
 }
 
 /// All mistakes.
-pub fn mistakes() -> Vec<Mistake> {
+pub(crate) fn mistakes() -> Vec<Mistake> {
     use Expected::{InPrinciple, Invisible, Refused, Warned};
     fn swap_pulses(raw: &mut RawSample, a: usize, b: usize) {
         raw.accelerometers.positive_pulses.swap(a, b);
@@ -514,12 +517,12 @@ pub fn mistakes() -> Vec<Mistake> {
 
 /// A correct campaign of another laboratory: set points, positions, rows, telemetry, tilt and noise are drawn from `seed`.
 /// Returns the case and what it is.
-pub fn correct(seed: u64) -> (Case, String) {
+pub(crate) fn correct(seed: u64) -> (Case, String) {
     correct_of(seed, |truth| truth)
 }
 
 /// The same campaign of an IMU without misalignment.
-pub fn without_misalignment(seed: u64) -> Case {
+pub(crate) fn without_misalignment(seed: u64) -> Case {
     let straight = |truth: Truth| {
         let content = truth.table.content().clone();
         Truth::new(content, Matrix3::identity(), truth.tilt_rad, truth.gravity_local).unwrap()

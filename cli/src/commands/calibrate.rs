@@ -9,7 +9,7 @@ use crate::commands::calibrate::arguments::Excluded;
 use crate::commands::calibrate::arguments::PolynomialOrder;
 use crate::commands::calibrate::arguments::Results;
 use crate::progress::{bytes_bar, spinner};
-pub use arguments::Calibrate;
+pub(super) use arguments::Calibrate;
 use isotherm_calibration::AlignmentChoice;
 use isotherm_calibration::CalibrationError;
 use isotherm_calibration::CalibrationOptions;
@@ -32,7 +32,7 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 impl Calibrate {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.make_tables())?
     }
 

@@ -39,7 +39,7 @@ use std::time::Duration;
     arg_required_else_help = true,
     after_help = "Examples:\n  isotherm campaign check plan.toml\n  isotherm campaign run plan.toml --calibrate --require 10\n  isotherm campaign status plan.toml"
 )]
-pub struct CampaignCommand {
+pub(crate) struct CampaignCommand {
     #[command(subcommand)]
     action: CampaignAction,
 }
@@ -136,7 +136,7 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 impl CampaignCommand {
-    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         match self.action {
             CampaignAction::Run(run) => run.run(domain),
             CampaignAction::Check(check) => check.run(),

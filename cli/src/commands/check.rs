@@ -11,7 +11,7 @@ use isotherm_shared::kind::FileKind;
 use std::path::Path;
 
 /// Validates a file of the laboratory.
-pub fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Failure> {
+pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Failure> {
     match kind {
         FileKind::Plan => plan(text, path),
         FileKind::Campaign => campaign(text, path),

@@ -9,10 +9,10 @@ use isotherm_service::clean::clean;
 /// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm clean\n  isotherm clean --domain bench")]
-pub struct Clean {}
+pub(crate) struct Clean {}
 
 impl Clean {
-    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: &Domain) -> Result<(), Failure> {
         check_written(None, check_stdout())?;
         let removed = clean(domain)?;
         print(&format!("domain {}: {removed} files removed\n", domain.name()))

@@ -15,13 +15,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The options of a client.
-pub fn options(domain: Domain, timeout: Duration) -> Options {
+pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
     Options::new(domain, timeout)
 }
 
 /// How the lagged telemetry of a recording that has none is computed.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct LagSetting {
+pub(super) struct LagSetting {
     /// Time constant of the lagged telemetry, for a recording that has none [s]; or none
     ///
     /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
@@ -31,18 +31,18 @@ pub struct LagSetting {
 
 /// Warns once if a table has gyroscopes and a sample has none: nothing in such an increment tells that its angles mean nothing, where the
 /// telemetry 0 is inside the range.
-pub struct GyroscopeWarning {
+pub(super) struct GyroscopeWarning {
     due: bool,
 }
 
 impl GyroscopeWarning {
     /// For a table with or without gyroscopes.
-    pub const fn new(table_has_gyroscopes: bool) -> Self {
+    pub(super) const fn new(table_has_gyroscopes: bool) -> Self {
         Self { due: table_has_gyroscopes }
     }
 
     /// Looks at a sample.
-    pub fn check(&mut self, sample: &RawSample) {
+    pub(super) fn check(&mut self, sample: &RawSample) {
         if self.due && !has_values(&sample.gyroscopes) {
             self.due = false;
             let place =
@@ -53,7 +53,7 @@ impl GyroscopeWarning {
 }
 
 /// A failure with the document that `--json` prints of it.
-pub struct Refused {
+pub(super) struct Refused {
     pub failure: Failure,
     pub document: Value,
 }
@@ -67,7 +67,7 @@ impl<F: Into<Failure>> From<F> for Refused {
 
 /// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can fail before its
 /// results are printed.
-pub fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
+pub(super) fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failure> {
     result.map_err(|Refused { failure, document }| {
         if json {
             // If stdout is closed or full there is still the message on stderr, and the exit code.
@@ -81,19 +81,19 @@ pub fn or_document<T>(json: bool, result: Result<T, Refused>) -> Result<T, Failu
 ///
 /// # Errors
 /// If a bound is given twice.
-pub fn joined(require: &[Requirement]) -> Result<Option<Requirement>, Failure> {
+pub(super) fn joined(require: &[Requirement]) -> Result<Option<Requirement>, Failure> {
     let Some((first, others)) = require.split_first() else { return Ok(None) };
     let all = others.iter().try_fold(*first, |all, more| all.and(*more));
     all.map(Some).map_err(|message| Failure::new(Exit::Usage, format!("--require: {message}")))
 }
 
 /// The files of a recording, as [`refuse_overlap`](isotherm_files::refuse_overlap) takes them.
-pub fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
+pub(super) fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
     recording.iter().map(|path| (path.as_path(), "the recording")).collect()
 }
 
 /// Tells that samples are of another unit than the table's.
-pub fn warn_of_other_device(table: &CoefficientTable) {
+pub(super) fn warn_of_other_device(table: &CoefficientTable) {
     let serial = table.content().serial.as_deref().unwrap_or_default().trim();
     let message = "warning: samples of another unit than the table's, which has the serial number";
     tell("isotherm", format_args!("{message} {serial:?}"));
@@ -104,7 +104,7 @@ pub fn warn_of_other_device(table: &CoefficientTable) {
 ///
 /// # Errors
 /// If the names differ, unless `other_imu` allows it.
-pub fn refuse_other_imu(
+pub(super) fn refuse_other_imu(
     samples: &Samples,
     recording: &[PathBuf],
     (table, path): (&CoefficientTable, &Path),
@@ -121,18 +121,18 @@ pub fn refuse_other_imu(
 }
 
 /// The files of a recording, for messages.
-pub fn joined_paths(recording: &[PathBuf]) -> String {
+pub(super) fn joined_paths(recording: &[PathBuf]) -> String {
     recording.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
 /// Warns of a fault of time in a recording, if there is one.
-pub fn warn_of_time(recording: &[PathBuf], fault: Option<TimeFault>) {
+pub(super) fn warn_of_time(recording: &[PathBuf], fault: Option<TimeFault>) {
     if let Some(fault) = fault {
         tell("isotherm", format_args!("warning: {}: {fault}", joined_paths(recording)));
     }
 }
 
 /// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.
-pub fn choice(imu: Option<ImuId>, table: &CoefficientTable) -> ImuChoice {
+pub(super) fn choice(imu: Option<ImuId>, table: &CoefficientTable) -> ImuChoice {
     imu.map_or_else(|| ImuChoice::Prefer(table.content().imu.clone()), ImuChoice::Only)
 }

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Examples:\n  isotherm compare 2025.toml 2026.toml --require bias=20ug0,scale=50ppm,alignment=20urad\n  isotherm compare 2023.toml 2024.toml 2025.toml 2026.toml --report years.html"
 )]
-pub struct Compare {
+pub(crate) struct Compare {
     /// Coefficient tables: the old one and the new one, or three or more in any order
     #[arg(value_name = "TABLE.toml", required = true, num_args = 2..)]
     tables: Vec<PathBuf>,
@@ -41,7 +41,7 @@ pub struct Compare {
 }
 
 impl Compare {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.show())?
     }
 

@@ -23,7 +23,7 @@ use std::time::Duration;
 #[command(
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv"
 )]
-pub struct Convert {
+pub(crate) struct Convert {
     /// The foreign data; - is stdin, for text
     #[arg(value_name = "INPUT")]
     input: PathBuf,
@@ -56,7 +56,7 @@ enum Writer {
 }
 
 impl Convert {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         let mut inputs = vec![(self.input.as_path(), "the data")];
         inputs.extend(self.mapping.iter().map(|mapping| (mapping.as_path(), "the mapping")));
         refuse_overlap(&inputs, &[Some(&self.output)])?;

@@ -19,7 +19,7 @@ const PAGE_WIDTH: usize = 118;
   isotherm explain position-off
   isotherm explain late
   isotherm explain --markdown findings > docs/findings.md")]
-pub struct Explain {
+pub(crate) struct Explain {
     /// The name, as it is printed
     name: Vec<String>,
     /// Print a page of the documents
@@ -34,7 +34,7 @@ enum Page {
 }
 
 impl Explain {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         if let Some(Page::Findings) = self.markdown {
             return print_data(&findings_page());
         }

@@ -33,7 +33,7 @@ const PATIENCE: Duration = Duration::from_millis(300);
 #[command(
     after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv"
 )]
-pub struct Feed {
+pub(crate) struct Feed {
     /// The IMU whose acquisition this is
     #[arg(long, value_name = "ID")]
     imu: ImuId,
@@ -67,7 +67,7 @@ pub struct Feed {
 }
 
 impl Feed {
-    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         let path = self.output.as_deref();
         let rows = path.map(partial_path);
         for output in [path, rows.as_deref()] {

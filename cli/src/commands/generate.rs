@@ -14,12 +14,12 @@ use std::path::{Path, PathBuf};
   isotherm completions bash > ~/.local/share/bash-completion/completions/isotherm
   isotherm completions zsh > ~/.zfunc/_isotherm
   isotherm completions fish > ~/.config/fish/completions/isotherm.fish")]
-pub struct Completions {
+pub(crate) struct Completions {
     shell: Shell,
 }
 
 impl Completions {
-    pub fn run(self, mut program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self, mut program: clap::Command) -> Result<(), Failure> {
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut program, "isotherm", &mut text);
         print_data(&String::from_utf8_lossy(&text))
@@ -34,14 +34,14 @@ const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
 #[command(after_help = "Examples:
   isotherm man | man -l -
   isotherm man -o ~/.local/share/man/man1")]
-pub struct Man {
+pub(crate) struct Man {
     /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
 
 impl Man {
-    pub fn run(self, program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self, program: clap::Command) -> Result<(), Failure> {
         let Some(folder) = self.output else {
             let mut text = Vec::new();
             let rendered = clap_mangen::Man::new(program).render(&mut text);

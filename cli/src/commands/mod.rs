@@ -31,7 +31,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 
 /// Commands that join no domain.
-pub const WITHOUT_DOMAIN: [&str; 19] = [
+pub(crate) const WITHOUT_DOMAIN: [&str; 19] = [
     "calibrate",
     "campaign check",
     "campaign status",
@@ -55,7 +55,7 @@ pub const WITHOUT_DOMAIN: [&str; 19] = [
 
 /// The commands of the program.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub(crate) enum Command {
     Serve(Serve),
     Check(Check),
     Status(Status),
@@ -86,7 +86,7 @@ impl Command {
     ///
     /// # Errors
     /// The failure names phase, cause and remedy, and has the exit code.
-    pub fn run(self, domain: Domain, program: clap::Command) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: Domain, program: clap::Command) -> Result<(), Failure> {
         if self.writes_and_ends() {
             remove_unfinished_on_signals()?;
         }

@@ -30,7 +30,7 @@ use std::path::PathBuf;
 #[command(
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
 )]
-pub struct Noise {
+pub(crate) struct Noise {
     /// Recording of raw samples (CSV, Parquet, MCAP), or the pieces of one in any order; - is stdin
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
@@ -58,7 +58,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.show())
     }
 

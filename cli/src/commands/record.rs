@@ -24,7 +24,7 @@ use std::time::Duration;
 #[command(
     after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
 )]
-pub struct Record {
+pub(crate) struct Record {
     /// An IMU to record; may be given several times
     #[arg(long = "imu", value_name = "ID", required = true)]
     imus: Vec<ImuId>,
@@ -64,7 +64,7 @@ pub struct Record {
 }
 
 impl Record {
-    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         let (files, streams) = self.files()?;
         let end = Arc::new(AtomicBool::new(false));
         for signal in end_signals() {

@@ -28,7 +28,7 @@ const NAMED: usize = 20;
 #[command(
     after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json\n  isotherm regress ramp.csv --x a1_head --x a1_head_lagged-a1_head --y a1_positive-a1_negative"
 )]
-pub struct Regress {
+pub(crate) struct Regress {
     /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; - is stdin
     #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
@@ -56,7 +56,7 @@ pub struct Regress {
 }
 
 impl Regress {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         check_written(None, check_stdout())?;
         let (x, linear) = self.x.split_first().ok_or_else(|| Failure::new(Exit::Usage, "--x is missing"))?;
         let names: Vec<_> = self.x.iter().chain([&self.y]).chain(&self.weights).map(String::as_str).collect();

@@ -29,7 +29,7 @@ const HOUSEKEEPING: Duration = Duration::from_secs(1);
 #[command(
     after_help = "Examples:\n  isotherm relay --imu imu-a --to net\n  isotherm --domain bench relay --imu imu-a --imu imu-b --to bench-net"
 )]
-pub struct Relay {
+pub(crate) struct Relay {
     /// An IMU whose increments are handed on; may be repeated
     #[arg(long, value_name = "ID", required = true)]
     imu: Vec<ImuId>,
@@ -42,7 +42,7 @@ pub struct Relay {
 }
 
 impl Relay {
-    pub fn run(self, from: &Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, from: &Domain) -> Result<(), Failure> {
         let usage = |message: String| Failure::new(Exit::Usage, message);
         let to = isotherm_service::commands::domain(Some(&self.to))?;
         if to == *from {

@@ -24,7 +24,7 @@ use std::{fmt, io, slice};
 #[command(
     after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
 )]
-pub struct Replay {
+pub(crate) struct Replay {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
@@ -45,7 +45,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         let mut inputs = super::common::inputs(&self.recording);
         inputs.push((&self.table, "the table"));
         refuse_overlap(&inputs, &[self.output.as_deref()])?;

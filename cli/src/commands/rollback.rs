@@ -15,7 +15,7 @@ use std::path::PathBuf;
 #[command(
     after_help = "Examples:\n  isotherm rollback /etc/isotherm/tables/imu-a.toml\n  isotherm rollback --imu imu-a /etc/isotherm/tables/imu-a.toml"
 )]
-pub struct Rollback {
+pub(crate) struct Rollback {
     /// The IMU whose table comes back; needed if the installed table is broken or of another IMU
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
@@ -25,7 +25,7 @@ pub struct Rollback {
 }
 
 impl Rollback {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         let failed = |exit: Exit, cause: String| Failure::new(exit, format!("{cause}; nothing is changed"));
         // What a killed installation has left is settled now; until the end no other one changes the files.
         let installation = Installation::lock(&self.table)?;

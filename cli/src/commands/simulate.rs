@@ -37,7 +37,7 @@ const WHOLE_TURNS_DEG: f64 = 720.0;
     arg_required_else_help = true,
     after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate ramp -o ramps --lag 240 --transient 35,-20,12\n  isotherm simulate run -o run"
 )]
-pub struct Simulate {
+pub(crate) struct Simulate {
     #[command(subcommand)]
     simulation: Simulation,
 }
@@ -125,11 +125,11 @@ struct SimulateRun {
 
 impl Simulate {
     /// Whether the command writes files, ends by itself and handles no signals of its own.
-    pub fn writes_and_ends(&self) -> bool {
+    pub(crate) fn writes_and_ends(&self) -> bool {
         matches!(self.simulation, Simulation::Campaign(_) | Simulation::Ramp(_) | Simulation::Run(_))
     }
 
-    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: &Domain) -> Result<(), Failure> {
         match self.simulation {
             Simulation::Campaign(campaign) => campaign.run(),
             Simulation::Ramp(ramp) => ramp.run(),

@@ -19,10 +19,10 @@ use std::time::Duration;
 #[command(
     after_help = "Examples:\n  isotherm top\n  isotherm top --domain bench\n  ssh -t vehicle sudo -u isotherm isotherm top"
 )]
-pub struct Top {}
+pub(crate) struct Top {}
 
 impl Top {
-    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+    pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         let set = |name: &str| env::var_os(name).filter(|value| !value.is_empty());
         if !io::stdin().is_terminal() || !io::stdout().is_terminal() || set("TERM").is_none_or(|term| term == "dumb") {
             let message = "top needs a terminal with a cursor that moves; `isotherm status` prints the same once; over ssh use `ssh -t`";

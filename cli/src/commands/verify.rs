@@ -50,7 +50,7 @@ const MOST_ROWS: usize = 4_000_000;
 #[command(
     after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --require bias=20ug0,scale=50ppm,level=5arcsec\n  isotherm verify --table imu-g.toml run.csv --angles 50,130 --require bias=20ug0,rate=0.1deg/h"
 )]
-pub struct Verify {
+pub(crate) struct Verify {
     /// Coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
@@ -102,7 +102,7 @@ pub struct Verify {
 }
 
 impl Verify {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.show())?
     }
 

@@ -28,15 +28,15 @@ const REPORT_CHECK: Duration = Duration::from_millis(500);
 const REPORT: Duration = Duration::from_secs(10);
 
 /// The streams to record: index into the list of IMUs, and kind.
-pub type Streams = Vec<(usize, StreamKind)>;
+pub(crate) type Streams = Vec<(usize, StreamKind)>;
 
 /// Removes files that have just been created, when nothing is to be recorded into them.
-pub fn remove(files: &[Files]) {
+pub(crate) fn remove(files: &[Files]) {
     files.iter().flat_map(Files::current_paths).for_each(|path| drop(std::fs::remove_file(path)));
 }
 
 /// A file error as the failure of the command.
-pub fn file_failure(FileError(path, error): &FileError) -> Failure {
+pub(crate) fn file_failure(FileError(path, error): &FileError) -> Failure {
     if error.kind() == io::ErrorKind::AlreadyExists {
         let path = path.display();
         let remedy = "a recording is never replaced: name another, or rotate, which numbers the files";
@@ -46,7 +46,7 @@ pub fn file_failure(FileError(path, error): &FileError) -> Failure {
 }
 
 /// A recorder of streams into files.
-pub struct Recorder {
+pub(crate) struct Recorder {
     imus: Vec<ImuId>,
     streams: Streams,
     domain: String,
@@ -82,7 +82,7 @@ impl Recorder {
     ///
     /// # Errors
     /// If the tap's thread cannot be started with these settings. The files are then removed.
-    pub fn start(
+    pub(crate) fn start(
         imus: Vec<ImuId>,
         streams: Streams,
         files: Vec<Files>,
@@ -120,7 +120,7 @@ impl Recorder {
     ///
     /// # Errors
     /// If a file cannot be written, or the tap fails. What was written stays.
-    pub fn run(mut self, end: &AtomicBool, flush: Duration, duration: Option<Duration>) -> Result<(), Failure> {
+    pub(crate) fn run(mut self, end: &AtomicBool, flush: Duration, duration: Option<Duration>) -> Result<(), Failure> {
         let result = self.record(end, flush, duration);
         self.end(result)
     }

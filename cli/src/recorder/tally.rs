@@ -10,7 +10,7 @@ const SESSIONS: usize = 64;
 
 /// Counts of one stream, by sequence, session by session.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Tally {
+pub(super) struct Tally {
     /// Rows written.
     pub rows: u64,
     /// Sessions of the acquisition.
@@ -24,7 +24,7 @@ pub struct Tally {
 
 /// Counts of an IMU.
 #[derive(Clone, Debug, Default)]
-pub struct StreamCounts {
+pub(super) struct StreamCounts {
     tallies: [Tally; 2],
     continuity: [Continuity; 2],
     ends: VecDeque<(u64, Ends)>,
@@ -36,7 +36,7 @@ type Ends = [Option<(u64, u64)>; 2];
 impl StreamCounts {
     /// Counts a row that comes for the first time. Returns whether it is to be written. A raw sample that comes after a later one
     /// is not written, because `feed` needs rising sequences. An increment that comes after a later one is written.
-    pub fn take(&mut self, stream: StreamKind, row: Period) -> bool {
+    pub(super) fn take(&mut self, stream: StreamKind, row: Period) -> bool {
         let Period { session, sequence, .. } = row;
         self.extend(stream, session, sequence);
         let tally = &mut self.tallies[stream as usize];
@@ -62,18 +62,18 @@ impl StreamCounts {
     }
 
     /// What the times of a stream's rows say, of those that came in order.
-    pub const fn continuity(&self, stream: StreamKind) -> &Continuity {
+    pub(super) const fn continuity(&self, stream: StreamKind) -> &Continuity {
         &self.continuity[stream as usize]
     }
 
     /// The counts of a stream so far.
-    pub const fn tally(&self, stream: StreamKind) -> &Tally {
+    pub(super) const fn tally(&self, stream: StreamKind) -> &Tally {
         &self.tallies[stream as usize]
     }
 
     /// Also counts what is missing at the beginnings and ends of sessions, by comparing the two streams. To be called once, at
     /// the end, if both were recorded.
-    pub fn count_missing_at_ends(&mut self) {
+    pub(super) fn count_missing_at_ends(&mut self) {
         // Up to RAW_DEPTH samples may have been in flight when the recording began or ended. They are not missing.
         let mut before = RAW_DEPTH as u64;
         while let Some((_, ends)) = self.ends.pop_front() {

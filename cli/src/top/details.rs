@@ -14,16 +14,16 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, RenderDirection, Sparkline, SparklineBar, Wrap};
 
 /// Lines that [`draw`] needs.
-pub const FULL_LINES: u16 = 18;
+pub(super) const FULL_LINES: u16 = 18;
 /// Lines that [`draw_few`] needs for all that it shows.
-pub const FEW_LINES: u16 = 6;
+pub(super) const FEW_LINES: u16 = 6;
 /// Columns of the latency figures.
 const LATENCY_COLUMNS: u16 = 42;
 /// Columns of the mean values, which stand before a curve.
 const MEAN_COLUMNS: u16 = 39;
 
 /// Draws all details. Lines that are left over make curves and histogram higher.
-pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
+pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let Some(imu) = model.imu() else { return };
     let theme = model.theme;
     let spare = area.height.saturating_sub(FULL_LINES + 2);
@@ -42,7 +42,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &Model) {
 }
 
 /// Draws the most important details, for small screens.
-pub fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
+pub(super) fn draw_few(frame: &mut Frame<'_>, area: Rect, model: &Model) {
     let Some(imu) = model.imu() else { return };
     let theme = model.theme;
     let label = |text: &str| Span::styled(format!("{text} "), theme.label());

@@ -12,7 +12,7 @@ const RETRY: Duration = Duration::from_secs(2);
 
 /// Means over the increments of one tick, of both triads.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CurvePoint {
+pub(super) struct CurvePoint {
     /// Of A1 to A3 \[m/s, m/s2\].
     accelerometers: Means,
     /// Of G1 to G3 \[rad, rad/s\]; NaN where the table has no gyroscopes.
@@ -21,7 +21,7 @@ pub struct CurvePoint {
 
 /// Means of three sensors; NaN if one of the increments is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Means {
+pub(super) struct Means {
     /// The increment of one sample.
     pub increment: [f64; AXES],
     /// The increments divided by their time \[1/s\].
@@ -30,7 +30,7 @@ pub struct Means {
 
 impl CurvePoint {
     /// The means of `increments`; `None` if there are none.
-    pub fn of(increments: &[CompensatedIncrement]) -> Option<Self> {
+    pub(super) fn of(increments: &[CompensatedIncrement]) -> Option<Self> {
         let time = increments.iter().map(|increment| increment.interval_ns as f64 * 1e-9).sum::<f64>();
         let count = increments.len() as f64;
         let means = |triad: fn(&CompensatedIncrement) -> [f64; AXES]| {
@@ -45,7 +45,7 @@ impl CurvePoint {
     }
 
     /// The means of a triad.
-    pub const fn of_triad(&self, kind: SensorKind) -> &Means {
+    pub(super) const fn of_triad(&self, kind: SensorKind) -> &Means {
         match kind {
             SensorKind::Accelerometer => &self.accelerometers,
             SensorKind::Gyroscope => &self.gyroscopes,
@@ -54,7 +54,7 @@ impl CurvePoint {
 }
 
 /// The reader of one IMU's increments.
-pub struct Increments {
+pub(super) struct Increments {
     options: Options,
     reader: Option<(String, IncrementReader)>,
     not_before: Option<Instant>,
@@ -63,12 +63,12 @@ pub struct Increments {
 
 impl Increments {
     /// A reader that is not connected yet.
-    pub const fn new(options: Options) -> Self {
+    pub(super) const fn new(options: Options) -> Self {
         Self { options, reader: None, not_before: None, read: Vec::new() }
     }
 
     /// Drops the connection. The next [`read`](Self::read) makes a new one.
-    pub fn disconnect(&mut self) {
+    pub(super) fn disconnect(&mut self) {
         self.reader = None;
     }
 
@@ -76,7 +76,7 @@ impl Increments {
     ///
     /// # Errors
     /// Why no increments can be read.
-    pub fn read(&mut self, id: Option<&str>, now: Instant) -> Result<Option<CurvePoint>, ConnectError> {
+    pub(super) fn read(&mut self, id: Option<&str>, now: Instant) -> Result<Option<CurvePoint>, ConnectError> {
         if self.not_before.is_some_and(|time| now < time) {
             return Ok(None);
         }

@@ -15,7 +15,7 @@ mod style;
 use increments::Increments;
 use isotherm_client::Options;
 use isotherm_failure::{Exit, Failure};
-pub use model::STATES;
+pub(crate) use model::STATES;
 use model::{Model, TICK};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -29,7 +29,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
-pub use style::Theme;
+pub(crate) use style::Theme;
 
 /// A signal ends the process after this time, even if the screen does not end by itself.
 const EXIT_DELAY: Duration = Duration::from_secs(1);
@@ -38,7 +38,7 @@ const EXIT_DELAY: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// If the domain cannot be joined, or the terminal is gone.
-pub fn run(options: Options, theme: Theme) -> Result<(), Failure> {
+pub(crate) fn run(options: Options, theme: Theme) -> Result<(), Failure> {
     let mut source = StatusSource::connect(options.domain.clone())?;
     let ended = end_on_signals()?;
     let shown = match ratatui::try_init() {

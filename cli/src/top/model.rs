@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 /// Period of reading and drawing.
-pub const TICK: Duration = Duration::from_millis(200);
+pub(super) const TICK: Duration = Duration::from_millis(200);
 /// Shortest time that a rate is taken over \[ns\].
 const RATE_NS: u64 = 1_000_000_000;
 /// Time that the histogram covers \[ns\].
@@ -23,7 +23,7 @@ const POINTS: usize = 400;
 const EDGE: f64 = 0.05;
 
 /// What is on the screen.
-pub struct Model {
+pub(super) struct Model {
     /// The domain's name.
     pub domain: String,
     /// What the terminal can show.
@@ -49,7 +49,7 @@ pub struct Model {
 }
 
 /// The conditions of an IMU, the first that applies is shown; and what each means, with its remedy.
-pub const STATES: &[(&str, &str)] = &[
+pub(crate) const STATES: &[(&str, &str)] = &[
     ("not served", "Bad: the service does not answer; the line above says why. It goes on by itself."),
     ("stands still", "Bad: the worker's loop has not turned for a second: `isotherm explain stands_still`."),
     ("no table", "Bad: the service has no table for it yet, and increments are NaN: install the file."),
@@ -69,7 +69,7 @@ pub const STATES: &[(&str, &str)] = &[
 
 /// The condition of an IMU in one or two words.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct ImuCondition {
+pub(super) struct ImuCondition {
     /// The words.
     pub text: &'static str,
     /// How serious it is.
@@ -78,7 +78,7 @@ pub struct ImuCondition {
 
 impl Model {
     /// A model without any status yet.
-    pub fn new(domain: &str, theme: Theme) -> Self {
+    pub(super) fn new(domain: &str, theme: Theme) -> Self {
         Self {
             domain: domain.to_owned(),
             theme,
@@ -95,7 +95,7 @@ impl Model {
     }
 
     /// Adds what has been read at one tick.
-    pub fn update(
+    pub(super) fn update(
         &mut self,
         newest: Option<ServiceStatus>,
         waiting: Option<Waiting>,
@@ -148,32 +148,32 @@ impl Model {
     }
 
     /// The newest status.
-    pub fn status(&self) -> Option<&ServiceStatus> {
+    pub(super) fn status(&self) -> Option<&ServiceStatus> {
         self.history.back()
     }
 
     /// The index of the selected IMU.
-    pub fn selected(&self) -> usize {
+    pub(super) fn selected(&self) -> usize {
         self.table.selected().unwrap_or(0)
     }
 
     /// The selected IMU.
-    pub fn imu(&self) -> Option<&ImuStatus> {
+    pub(super) fn imu(&self) -> Option<&ImuStatus> {
         self.status()?.imus.get(self.selected())
     }
 
     /// The name of the selected IMU.
-    pub fn selected_id(&self) -> Option<&str> {
+    pub(super) fn selected_id(&self) -> Option<&str> {
         self.imu().map(|imu| imu.id.as_str())
     }
 
     /// The triad that is shown of an IMU.
-    pub fn triad(&self, imu: &ImuStatus) -> SensorKind {
+    pub(super) fn triad(&self, imu: &ImuStatus) -> SensorKind {
         if self.gyroscopes && imu.gyroscopes.is_some() { SensorKind::Gyroscope } else { SensorKind::Accelerometer }
     }
 
     /// Shows the other triad of the selected IMU, if it has gyroscopes.
-    pub fn switch_triad(&mut self) {
+    pub(super) fn switch_triad(&mut self) {
         if self.imu().is_some_and(|imu| imu.gyroscopes.is_some()) {
             self.gyroscopes = !self.gyroscopes;
         }
@@ -184,19 +184,19 @@ impl Model {
     }
 
     /// Moves the selection by `step`, at most to the first or last IMU.
-    pub fn select_by(&mut self, step: isize) {
+    pub(super) fn select_by(&mut self, step: isize) {
         let last = self.imus().saturating_sub(1);
         self.table.select(Some(self.selected().saturating_add_signed(step).min(last)));
     }
 
     /// Selects the next IMU, and after the last one the first.
-    pub fn select_next(&mut self) {
+    pub(super) fn select_next(&mut self) {
         let count = self.imus().max(1);
         self.table.select(Some((self.selected() + 1) % count));
     }
 
     /// Selects the previous IMU, and before the first one the last.
-    pub fn select_previous(&mut self) {
+    pub(super) fn select_previous(&mut self) {
         let count = self.imus().max(1);
         self.table.select(Some((self.selected() + count - 1) % count));
     }
@@ -211,7 +211,7 @@ impl Model {
     }
 
     /// How fast a count of an IMU rises \[1/s\]. `None` while only one status is known, or the service is waited for.
-    pub fn rate(&self, imu: usize, count: impl Fn(&ImuStatus) -> u64) -> Option<f64> {
+    pub(super) fn rate(&self, imu: usize, count: impl Fn(&ImuStatus) -> u64) -> Option<f64> {
         let (before, now) = (self.before(RATE_NS)?, self.status()?);
         let risen = count(now.imus.get(imu)?).saturating_sub(count(before.imus.get(imu)?));
         let rate = risen as f64 * 1e9 / (now.taken_ns - before.taken_ns) as f64;
@@ -220,7 +220,7 @@ impl Model {
 
     /// Latency counts of the selected IMU by coarse buckets, and the time that they cover \[s\]: the last minute, or less at the
     /// beginning.
-    pub fn distribution(&self) -> (Vec<u64>, f64) {
+    pub(super) fn distribution(&self) -> (Vec<u64>, f64) {
         let Some((before, now)) = self.before(MINUTE_NS).zip(self.status()) else { return (Vec::new(), 0.0) };
         let counts = |status: &ServiceStatus| {
             status.imus.get(self.selected()).map(|imu| imu.latency_distribution.counts.clone()).unwrap_or_default()
@@ -230,7 +230,7 @@ impl Model {
     }
 
     /// The condition of an IMU: the first in this order that applies.
-    pub fn condition(&self, index: usize, imu: &ImuStatus) -> ImuCondition {
+    pub(super) fn condition(&self, index: usize, imu: &ImuStatus) -> ImuCondition {
         let (bad, warning) = (AlertLevel::Bad, AlertLevel::Warning);
         let condition = |text, level| {
             debug_assert!(STATES.iter().any(|(name, _)| *name == text), "{text} is not explained");
@@ -275,7 +275,7 @@ impl Model {
 
 /// A temperature, and the range that its polynomials were calibrated over.
 #[derive(Clone, Copy, Debug)]
-pub struct Thermometer {
+pub(super) struct Thermometer {
     /// The telemetry; `None` if it is not finite or has not come.
     pub value: Option<f64>,
     /// The ends of the range; `None` without a table.
@@ -284,7 +284,7 @@ pub struct Thermometer {
 
 impl Thermometer {
     /// Head and board telemetry of a triad's sensor. An IMU without gyroscopes has none for them.
-    pub fn of(imu: &ImuStatus, kind: SensorKind, axis: usize) -> [Self; 2] {
+    pub(super) fn of(imu: &ImuStatus, kind: SensorKind, axis: usize) -> [Self; 2] {
         let (ranges, head, board) = match (kind, &imu.gyroscopes) {
             (SensorKind::Accelerometer, _) => (imu.ranges.as_ref(), imu.head_temperature, imu.board_temperature),
             (SensorKind::Gyroscope, Some(gyroscopes)) => {
@@ -299,20 +299,20 @@ impl Thermometer {
     }
 
     /// The temperatures of all sensors.
-    pub fn all_of(imu: &ImuStatus) -> impl Iterator<Item = Self> {
+    pub(super) fn all_of(imu: &ImuStatus) -> impl Iterator<Item = Self> {
         let gyroscopes = imu.gyroscopes.as_ref().map(|_| SensorKind::Gyroscope);
         let kinds = [SensorKind::Accelerometer].into_iter().chain(gyroscopes);
         kinds.flat_map(move |kind| (0..AXES).flat_map(move |axis| Self::of(imu, kind, axis)))
     }
 
     /// Position within the range: 0 at the lower end, 1 at the upper.
-    pub fn fraction(self) -> Option<f64> {
+    pub(super) fn fraction(self) -> Option<f64> {
         let (value, [low, high]) = (self.value?, self.range?);
         Some((value - low) / (high - low))
     }
 
     /// How serious the position within the range is.
-    pub fn level(self) -> AlertLevel {
+    pub(super) fn level(self) -> AlertLevel {
         match self.fraction() {
             Some(part) if (EDGE..=1.0 - EDGE).contains(&part) => AlertLevel::Good,
             Some(part) if (0.0..=1.0).contains(&part) => AlertLevel::Warning,

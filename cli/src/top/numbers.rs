@@ -1,7 +1,7 @@
 //! Numbers as short texts for the screen.
 
 /// Nanoseconds as microseconds, with at most two decimals.
-pub fn microseconds(ns: Option<u64>) -> String {
+pub(super) fn microseconds(ns: Option<u64>) -> String {
     let Some(ns) = ns else { return "-".to_owned() };
     let us = ns as f64 / 1e3;
     match us {
@@ -12,7 +12,7 @@ pub fn microseconds(ns: Option<u64>) -> String {
 }
 
 /// A rate, without decimals unless it is small.
-pub fn whole(rate: Option<f64>) -> String {
+pub(super) fn whole(rate: Option<f64>) -> String {
     match rate {
         Some(rate) if rate == 0.0 || rate >= 9.95 => format!("{rate:.0}"),
         Some(rate) => format!("{rate:.1}"),
@@ -21,7 +21,7 @@ pub fn whole(rate: Option<f64>) -> String {
 }
 
 /// An elapsed time in seconds, minutes, hours or days.
-pub fn age(seconds: f64) -> String {
+pub(super) fn age(seconds: f64) -> String {
     let seconds = seconds.max(0.0) as u64;
     match seconds {
         0..120 => format!("{seconds} s"),

@@ -12,7 +12,7 @@ use ratatui::widgets::{Cell, Row, Table};
 const WIDE: u16 = 70;
 
 /// Draws the table, with the selected IMU in view.
-pub fn draw(frame: &mut Frame<'_>, area: Rect, model: &mut Model) {
+pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, model: &mut Model) {
     let wide = area.width >= WIDE;
     let names: &[(&str, u16)] = if wide {
         &[("1/s", 6), ("p50 us", 7), ("p99.9 us", 8), ("T [%]", 8), ("miss", 7), ("flag/s", 7), ("state", 14)]

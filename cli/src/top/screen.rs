@@ -33,7 +33,7 @@ histogram of the last minute at most, logarithmic; what is over the budget stand
 isotherm status prints the same once, --json for scripts";
 
 /// Draws everything.
-pub fn draw(frame: &mut Frame<'_>, model: &mut Model) {
+pub(super) fn draw(frame: &mut Frame<'_>, model: &mut Model) {
     let area = frame.area();
     let [top, middle, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)]).areas(area);

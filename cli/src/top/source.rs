@@ -13,7 +13,7 @@ const RETRY: Duration = Duration::from_secs(1);
 
 /// A wait for the service.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Waiting {
+pub(super) struct Waiting {
     /// Time since the last status.
     pub time: Duration,
     /// Why there is no status.
@@ -21,7 +21,7 @@ pub struct Waiting {
 }
 
 /// The status of one domain's service.
-pub struct StatusSource {
+pub(super) struct StatusSource {
     domain: Domain,
     reader: Option<StatusReader>,
     last_status: Instant,
@@ -34,7 +34,7 @@ impl StatusSource {
     ///
     /// # Errors
     /// If waiting does not help, for example with another user's domain.
-    pub fn connect(domain: Domain) -> Result<Self, Failure> {
+    pub(super) fn connect(domain: Domain) -> Result<Self, Failure> {
         let now = Instant::now();
         let mut source = Self { domain, reader: None, last_status: now, next_attempt: now, cause: String::new() };
         match source.attempt(now).and_then(|()| source.read()) {
@@ -46,7 +46,7 @@ impl StatusSource {
     }
 
     /// The newest status since the last call, and the wait for the service if there is one.
-    pub fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<Waiting>) {
+    pub(super) fn poll(&mut self, now: Instant) -> (Option<ServiceStatus>, Option<Waiting>) {
         if self.reader.is_none()
             && now >= self.next_attempt
             && let Err(failure) = self.attempt(now)

@@ -5,7 +5,7 @@ use ratatui::symbols::bar;
 
 /// What the terminal can show.
 #[derive(Clone, Copy, Debug)]
-pub struct Theme {
+pub(crate) struct Theme {
     /// Colours; without them bold and inverse text is used.
     pub colour: bool,
     /// Characters beyond ASCII.
@@ -14,7 +14,7 @@ pub struct Theme {
 
 /// How serious something is.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
-pub enum AlertLevel {
+pub(crate) enum AlertLevel {
     /// Normal.
     Good,
     /// Needs attention.
@@ -25,7 +25,7 @@ pub enum AlertLevel {
 
 impl Theme {
     /// Style of an alert level.
-    pub fn level(self, level: AlertLevel) -> Style {
+    pub(crate) fn level(self, level: AlertLevel) -> Style {
         let plain = Style::new();
         match (level, self.colour) {
             (AlertLevel::Good, true) => plain.fg(Color::Green),
@@ -38,27 +38,27 @@ impl Theme {
     }
 
     /// Style of labels.
-    pub fn label(self) -> Style {
+    pub(crate) fn label(self) -> Style {
         if self.colour { Style::new().fg(Color::Cyan) } else { Style::new() }
     }
 
     /// Style of headings.
-    pub const fn heading(self) -> Style {
+    pub(crate) const fn heading(self) -> Style {
         Style::new().add_modifier(Modifier::BOLD)
     }
 
     /// Style of the selection, and of bars across the screen.
-    pub const fn inverse(self) -> Style {
+    pub(crate) const fn inverse(self) -> Style {
         Style::new().add_modifier(Modifier::REVERSED)
     }
 
     /// Style of curves.
-    pub fn curve(self) -> Style {
+    pub(crate) fn curve(self) -> Style {
         if self.colour { Style::new().fg(Color::Blue) } else { Style::new() }
     }
 
     /// Characters of bars in eighths; ASCII has fewer levels.
-    pub const fn bars(self) -> bar::Set<'static> {
+    pub(crate) const fn bars(self) -> bar::Set<'static> {
         if self.unicode {
             bar::NINE_LEVELS
         } else {
@@ -77,12 +77,12 @@ impl Theme {
     }
 
     /// Characters of a gauge's line and of its marker.
-    pub const fn gauge(self) -> (char, char) {
+    pub(crate) const fn gauge(self) -> (char, char) {
         if self.unicode { ('─', '●') } else { ('-', 'o') }
     }
 
     /// Character of a horizontal rule.
-    pub const fn rule(self) -> &'static str {
+    pub(crate) const fn rule(self) -> &'static str {
         if self.unicode { "─" } else { "-" }
     }
 }

@@ -4,7 +4,7 @@ use isotherm_shared::wire::AXES;
 use std::collections::VecDeque;
 
 /// Number of curves: the chamber's air and set point, then the heads and the boards.
-pub const CURVES: usize = 2 + 2 * AXES;
+pub(crate) const CURVES: usize = 2 + 2 * AXES;
 /// Largest number of time bins of the whole campaign. When there are more, pairs of bins are merged, and new bins are longer.
 const MAX_BINS: usize = 2048;
 /// Number of the latest rows that are kept unthinned: three hours of one row every 5 s are 2160.
@@ -12,7 +12,7 @@ const MAX_RECENT: usize = 4096;
 
 /// The values at one time; NaN where one is missing.
 #[derive(Clone, Copy, Debug)]
-pub struct CurveRow {
+pub(crate) struct CurveRow {
     /// Unix time \[s\].
     pub unix_s: f64,
     /// One value for each curve, in the order that [`CURVES`] states.
@@ -30,7 +30,7 @@ struct Bin {
 
 /// All rows so far as bins, and the latest rows unthinned.
 #[derive(Clone, Debug, Default)]
-pub struct PlottedCurves {
+pub(crate) struct PlottedCurves {
     /// Length of a bin \[s\]; 0 while every row has its own bin.
     length_s: f64,
     bins: Vec<Bin>,
@@ -40,7 +40,7 @@ pub struct PlottedCurves {
 
 impl PlottedCurves {
     /// Adds the next row. A row without a time cannot be drawn.
-    pub fn add(&mut self, row: CurveRow) {
+    pub(crate) fn add(&mut self, row: CurveRow) {
         if !row.unix_s.is_finite() {
             return;
         }
@@ -72,12 +72,12 @@ impl PlottedCurves {
     }
 
     /// Unix time of the first and of the last row \[s\]; `None` before the first row.
-    pub fn span_s(&self) -> Option<[f64; 2]> {
+    pub(crate) fn span_s(&self) -> Option<[f64; 2]> {
         Some([self.begin_s?, self.recent.back()?.unix_s])
     }
 
     /// Curve number `curve` of the whole campaign: Unix time \[s\] and value, lowest and highest of each bin.
-    pub fn all(&self, curve: usize) -> impl Iterator<Item = (f64, f64)> {
+    pub(crate) fn all(&self, curve: usize) -> impl Iterator<Item = (f64, f64)> {
         self.bins.iter().flat_map(move |bin| {
             let ends = [(bin.begin_s, bin.low[curve]), (bin.end_s, bin.high[curve])];
             ends.into_iter().take(if bin.begin_s < bin.end_s { 2 } else { 1 })
@@ -85,7 +85,7 @@ impl PlottedCurves {
     }
 
     /// Curve number `curve` since `since_s`, as far as rows are kept unthinned: Unix time \[s\] and value.
-    pub fn recent(&self, curve: usize, since_s: f64) -> impl Iterator<Item = (f64, f64)> {
+    pub(crate) fn recent(&self, curve: usize, since_s: f64) -> impl Iterator<Item = (f64, f64)> {
         let rows = self.recent.iter().filter(move |row| row.unix_s >= since_s);
         rows.map(move |row| (row.unix_s, row.values[curve]))
     }

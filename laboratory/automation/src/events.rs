@@ -10,7 +10,7 @@ use isotherm_report::NoteKind;
 
 /// An event as the live page shows it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Event {
+pub(crate) struct Event {
     /// Unix time \[s\].
     pub unix_s: f64,
     /// Whether the operator should care.
@@ -26,7 +26,7 @@ pub struct Event {
 }
 
 /// The events in the lines of the journal of `plan`, oldest first.
-pub fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
+pub(crate) fn events(plan: &Plan, lines: &[JournalLine]) -> Vec<Event> {
     let (mut kept, mut running, mut events) = (0, false, Vec::new());
     for line in lines {
         let unit = Unit::of(plan, kept);

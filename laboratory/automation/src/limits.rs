@@ -3,15 +3,15 @@
 use isotherm_shared::document::Section;
 
 /// Absolute limits of the chamber's temperature, commanded and measured \[degC\].
-pub const CHAMBER_C: [f64; 2] = [-65.0, 100.0];
+pub(crate) const CHAMBER_C: [f64; 2] = [-65.0, 100.0];
 /// Absolute limit of the ramp of the chamber's set point \[degC/min\].
-pub const RAMP_C_PER_MIN: f64 = 10.0;
+pub(crate) const RAMP_C_PER_MIN: f64 = 10.0;
 /// Absolute limits of each angle of the turntable \[deg\].
-pub const ANGLE_DEG: [f64; 2] = [-720.0, 720.0];
+pub(crate) const ANGLE_DEG: [f64; 2] = [-720.0, 720.0];
 /// Absolute limit of each axis's rate \[deg/s\].
-pub const RATE_DEG_S: f64 = 200.0;
+pub(crate) const RATE_DEG_S: f64 = 200.0;
 /// Absolute limit of each axis's acceleration \[deg/s2\].
-pub const ACCELERATION_DEG_S2: f64 = 500.0;
+pub(crate) const ACCELERATION_DEG_S2: f64 = 500.0;
 /// A reading may exceed the limit of an angle \[deg\] or a rate \[deg/s\] by this much: noise and overshoot of the servo.
 const SERVO_MARGIN: f64 = 1.0;
 
@@ -26,7 +26,7 @@ pub struct Limits {
 }
 
 /// Reads `[limits]`. The absolute limit replaces a missing or wrong one, which is reported as a fault.
-pub fn read(section: Section<'_, '_>) -> Limits {
+pub(crate) fn read(section: Section<'_, '_>) -> Limits {
     let range = |key, absolute, right| range(&section, key, absolute, right);
     let chamber_c =
         range("chamber_c", CHAMBER_C, "lowest and highest temperature of the chamber in degC, as [-30, 50]");

@@ -135,7 +135,7 @@ impl Unit {
 
 /// The input of the machine. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug)]
-pub struct Observation<'a> {
+pub(crate) struct Observation<'a> {
     /// The present time.
     pub now: f64,
     /// The last reading of the chamber, and its time.
@@ -154,7 +154,7 @@ pub struct Observation<'a> {
 
 /// One action for the runner, which pauses or ends the campaign if the action fails.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Action {
+pub(crate) enum Action {
     /// Do nothing now.
     Wait,
     /// Set the chamber's set point \[degC\].
@@ -193,7 +193,7 @@ pub enum Halt {
 
 /// The state of the machine. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Phase {
+pub(crate) enum Phase {
     /// The start, or a new start after an interruption.
     Begin,
     /// The chamber ramps to the set point.
@@ -242,7 +242,7 @@ pub enum Phase {
 
 /// How far the chamber is on its way there and back.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Leg {
+pub(crate) enum Leg {
     /// It has not left where it begins.
     Begin,
     /// It goes to the other end, or holds there.
@@ -253,7 +253,7 @@ pub enum Leg {
 
 impl Leg {
     /// The set point at the end of the leg \[degC\].
-    pub const fn end_c(self, way: &ThereAndBack) -> f64 {
+    pub(crate) const fn end_c(self, way: &ThereAndBack) -> f64 {
         match self {
             Self::Begin | Self::Back => way.from_c,
             Self::There => way.to_c,
@@ -263,7 +263,7 @@ impl Leg {
 
 /// The state of a turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TurnState {
+pub(crate) struct TurnState {
     /// When its samples began, laboratory time \[s\].
     pub begun: f64,
     /// Read-back before the turn \[deg\]; NaN until it has been taken.
@@ -274,7 +274,7 @@ pub struct TurnState {
 
 /// How far a turn is. Times are laboratory time \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum TurnStage {
+pub(crate) enum TurnStage {
     /// The turntable rests where the turn begins.
     Before {
         /// When the samples were complete. A later reading is the read-back before the turn.
@@ -300,7 +300,7 @@ pub enum TurnStage {
 
 impl Phase {
     /// The name that messages and files show.
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Begin | Self::Approach { .. } => "approach",
             Self::Soak { .. } => "soak",
@@ -315,14 +315,14 @@ impl Phase {
     }
 
     /// Whether the turntable may move.
-    pub const fn is_moving(self) -> bool {
+    pub(crate) const fn is_moving(self) -> bool {
         matches!(self, Self::Travel { .. } | Self::Settle { .. } | Self::Turn(_))
     }
 }
 
 /// The state machine: [`step`](Self::step) gives one action at a time.
 #[derive(Clone, Debug)]
-pub struct CampaignMachine<'p> {
+pub(crate) struct CampaignMachine<'p> {
     plan: &'p Plan,
     /// Lower bound of every time-out \[s\].
     min_timeout_s: f64,
@@ -344,7 +344,7 @@ pub struct CampaignMachine<'p> {
 impl<'p> CampaignMachine<'p> {
     /// Goes on after `completed` units. `min_timeout_s` is the lower bound of every time-out: a fast simulated laboratory needs
     /// some real time too.
-    pub const fn new(plan: &'p Plan, completed: usize, min_timeout_s: f64) -> Self {
+    pub(crate) const fn new(plan: &'p Plan, completed: usize, min_timeout_s: f64) -> Self {
         Self {
             plan,
             min_timeout_s,
@@ -360,37 +360,37 @@ impl<'p> CampaignMachine<'p> {
     }
 
     /// The present phase.
-    pub const fn phase(&self) -> Phase {
+    pub(crate) const fn phase(&self) -> Phase {
         self.phase
     }
 
     /// Number of complete units.
-    pub const fn completed(&self) -> usize {
+    pub(crate) const fn completed(&self) -> usize {
         self.completed
     }
 
     /// The unit in progress; `None` when all are complete.
-    pub fn unit(&self) -> Option<Unit> {
+    pub(crate) fn unit(&self) -> Option<Unit> {
         Unit::of(self.plan, self.completed)
     }
 
     /// Whether the unit in progress is attempted for the last time.
-    pub const fn is_last_attempt(&self) -> bool {
+    pub(crate) const fn is_last_attempt(&self) -> bool {
         self.attempts + 1 >= self.plan.patience.attempts
     }
 
     /// Counts the attempts at the unit in progress anew: an IMU is dropped, and the earlier ones were those of other IMUs.
-    pub const fn renew_attempts(&mut self) {
+    pub(crate) const fn renew_attempts(&mut self) {
         self.attempts = 0;
     }
 
     /// When the set point was reached \[s\]; `None` if it has not been.
-    pub const fn reached(&self) -> Option<f64> {
+    pub(crate) const fn reached(&self) -> Option<f64> {
         self.reached
     }
 
     /// The chamber's commanded set point \[degC\].
-    pub fn commanded_c(&self) -> Option<f64> {
+    pub(crate) fn commanded_c(&self) -> Option<f64> {
         self.commanded.map(|(commanded_c, _)| commanded_c)
     }
 
@@ -399,7 +399,7 @@ impl<'p> CampaignMachine<'p> {
     ///
     /// # Errors
     /// [`Halt::GivenUp`] after too many interruptions without a complete unit between them.
-    pub fn resume(
+    pub(crate) fn resume(
         &mut self,
         now: f64,
         interruption_s: f64,
@@ -436,7 +436,7 @@ impl<'p> CampaignMachine<'p> {
     ///
     /// # Errors
     /// [`Halt`] if it cannot go on.
-    pub fn step(&mut self, observation: &Observation<'_>) -> Result<Action, Halt> {
+    pub(crate) fn step(&mut self, observation: &Observation<'_>) -> Result<Action, Halt> {
         let Some(unit) = self.unit() else {
             self.phase = Phase::Done;
             return Ok(Action::Done);

@@ -20,7 +20,7 @@ use std::time::{Duration, UNIX_EPOCH};
 /// The page's file in the campaign's folder.
 const PAGE: &str = "live.html";
 /// Period at which the page is written, and reloaded by a browser \[s\].
-pub const PERIOD_S: u32 = 10;
+pub(crate) const PERIOD_S: u32 = 10;
 /// Length of the additional figures of the latest curves \[h\].
 const RECENT_H: f64 = 3.0;
 /// Largest number of events that are listed and marked: the latest ones.
@@ -45,7 +45,7 @@ const BOARDS: [NamedCurve; 3] = [(AXIS_NAMES[0], 5), (AXIS_NAMES[1], 6), (AXIS_N
 ///
 /// # Errors
 /// If the operating system cannot write it, or the journal cannot be read.
-pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves]) -> io::Result<()> {
+pub(crate) fn write(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves]) -> io::Result<()> {
     let staged = plan.output.join("live.html.new");
     // The journal has a line for each unit and each event, of earlier runners and of `campaign stop` too.
     let (lines, _) = journal::read(&plan.output.join(JOURNAL)).map_err(io::Error::other)?;
@@ -57,7 +57,7 @@ pub fn write(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves]) -> io:
 ///
 /// # Errors
 /// As [`write`]. Without a state there is no page.
-pub fn rewrite(plan: &Plan) -> Result<(), Failure> {
+pub(crate) fn rewrite(plan: &Plan) -> Result<(), Failure> {
     let Some(snapshot) = snapshot(&plan.output)? else { return Ok(()) };
     let readbacks = plan.each().iter().map(Readbacks::open).collect::<Result<Vec<_>, _>>()?;
     let curves: Vec<_> = readbacks.iter().map(Readbacks::curves).collect();
@@ -154,7 +154,7 @@ fn broken(mut points: Vec<(f64, f64)>, events: &[Event]) -> Vec<(f64, f64)> {
 }
 
 /// A Unix time \[s\], RFC 3339 in UTC, to the second.
-pub fn utc(unix_s: f64) -> String {
+pub(crate) fn utc(unix_s: f64) -> String {
     // The cast turns NaN and negative times into 0; the last time that RFC 3339 can write is in the year 9999.
     let seconds = (unix_s as u64).min(253_402_300_799);
     humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string()

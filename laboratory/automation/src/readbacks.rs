@@ -24,7 +24,7 @@ const PLOTTED: [usize; CURVES] = [3, 4, 10, 12, 14, 11, 13, 15];
 const MAX_LINE: u64 = 4096;
 
 /// The open file and its curves.
-pub struct Readbacks {
+pub(crate) struct Readbacks {
     file: File,
     path: PathBuf,
     curves: PlottedCurves,
@@ -38,7 +38,7 @@ impl Readbacks {
     ///
     /// # Errors
     /// If it cannot be read or written.
-    pub fn open(plan: &Plan) -> Result<Self, Failure> {
+    pub(crate) fn open(plan: &Plan) -> Result<Self, Failure> {
         Self::at(plan.output.join(plan.file(READBACKS, "csv")), !plan.turns.is_empty())
     }
 
@@ -52,7 +52,7 @@ impl Readbacks {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         chamber: &ChamberReading,
         table: &TurntableReading,
@@ -77,7 +77,7 @@ impl Readbacks {
     }
 
     /// The curves of all rows.
-    pub const fn curves(&self) -> &PlottedCurves {
+    pub(crate) const fn curves(&self) -> &PlottedCurves {
         &self.curves
     }
 }

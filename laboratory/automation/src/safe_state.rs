@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 /// Longest time from a signal, or from a reason to end, to the last of the first stop orders. The lines end their waits when they
 /// see a signal, which takes [`NOTICE`] at most; the rest is for the orders.
-pub const FIRST_ORDERS: Duration = Duration::from_secs(5);
+pub(crate) const FIRST_ORDERS: Duration = Duration::from_secs(5);
 /// Longest time until the loop has noticed a signal.
 const NOTICE: Duration = Duration::from_secs(1);
 /// Number of attempts at the safe state of an instrument.
@@ -48,7 +48,7 @@ impl fmt::Display for SafeOutcome {
 
 /// Brings both instruments into the safe state. Both are commanded at the same time, first at once, then with several attempts.
 /// `bool` says whether the instrument is connected. Returns the results of turntable and chamber.
-pub fn enter(
+pub(crate) fn enter(
     plan: &Plan,
     (turntable, turntable_connected): (&mut (dyn Turntable + 'static), bool),
     (chamber, chamber_connected): (&mut (dyn Chamber + 'static), bool),

@@ -15,7 +15,7 @@ const MIN_POINTS: usize = 4;
 
 /// The slope of a straight line through the values of the last `window_s`.
 #[derive(Clone, Debug)]
-pub struct Trend {
+pub(crate) struct Trend {
     window_s: f64,
     /// Time \[s\] and value of each point.
     points: VecDeque<[f64; 2]>,
@@ -25,18 +25,18 @@ pub struct Trend {
 
 impl Trend {
     /// An empty window of `window_s`.
-    pub const fn new(window_s: f64) -> Self {
+    pub(crate) const fn new(window_s: f64) -> Self {
         Self { window_s, points: VecDeque::new(), open: [0.0; 3] }
     }
 
     /// Removes all points.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.points.clear();
         self.open = [0.0; 3];
     }
 
     /// Adds `value` at `time_s`. A time before the last point clears the window first. A NaN or infinite value is ignored.
-    pub fn add(&mut self, time_s: f64, value: f64) {
+    pub(crate) fn add(&mut self, time_s: f64, value: f64) {
         if !value.is_finite() {
             return;
         }
@@ -59,7 +59,7 @@ impl Trend {
     }
 
     /// Rate of change per hour; `None` until the window is full.
-    pub fn per_h(&self) -> Option<f64> {
+    pub(crate) fn per_h(&self) -> Option<f64> {
         let span = self.points.back()?[0] - self.points.front()?[0];
         (span >= FULL_FRACTION * self.window_s && self.points.len() >= MIN_POINTS).then(|| self.slope() * 3600.0)
     }
@@ -77,7 +77,7 @@ impl Trend {
 }
 
 /// Head and board of each accelerometer, then of each gyroscope.
-pub fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
+pub(crate) fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
     let RawSample { accelerometers, gyroscopes, .. } = sample;
     let of = |triad: &Triad, axis: usize| [triad.head_temperature[axis], triad.board_temperature[axis]];
     array::from_fn(|sensor| of(if sensor < AXES { accelerometers } else { gyroscopes }, sensor % AXES))
@@ -85,7 +85,7 @@ pub fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
 
 /// The rates of change that decide whether a set point has settled.
 #[derive(Clone, Debug)]
-pub struct Trends {
+pub(crate) struct Trends {
     chamber: Trend,
     imus: Vec<ImuTrends>,
 }
@@ -101,7 +101,7 @@ struct ImuTrends {
 
 impl Trends {
     /// Empty windows for the IMUs of `plan`: for their accelerometers, and for their gyroscopes if they are calibrated.
-    pub fn new(plan: &Plan) -> Self {
+    pub(crate) fn new(plan: &Plan) -> Self {
         let trend = || Trend::new(plan.soak.window_s);
         let sensors = if plan.turns.is_empty() { AXES } else { 2 * AXES };
         let imu = |plan: &Plan| ImuTrends {
@@ -112,23 +112,23 @@ impl Trends {
     }
 
     /// Empties all windows, after an interruption.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.chamber.clear();
         self.imus.iter_mut().flat_map(|imu| &mut imu.sensors).flatten().for_each(Trend::clear);
     }
 
     /// Leaves out the IMU number `imu` of the plan from now on: it is dropped.
-    pub fn leave_out(&mut self, imu: usize) {
+    pub(crate) fn leave_out(&mut self, imu: usize) {
         self.imus[imu].sensors.clear();
     }
 
     /// Adds the temperature of the chamber's air \[degC\] at a laboratory time.
-    pub fn chamber(&mut self, time_s: f64, air_c: f64) {
+    pub(crate) fn chamber(&mut self, time_s: f64, air_c: f64) {
         self.chamber.add(time_s, air_c);
     }
 
     /// Adds the telemetry of a sample of the IMU number `imu` of the plan, at the sample's own timestamp.
-    pub fn sample(&mut self, imu: usize, sample: &RawSample) {
+    pub(crate) fn sample(&mut self, imu: usize, sample: &RawSample) {
         let time_s = sample.timestamp_ns as f64 / 1e9;
         for (trends, [head, board]) in self.imus[imu].sensors.iter_mut().zip(telemetry(sample)) {
             trends[0].add(time_s, head);
@@ -137,12 +137,12 @@ impl Trends {
     }
 
     /// Rate of change of the chamber's air \[degC/h\]; `None` until its window is full.
-    pub fn chamber_c_per_h(&self) -> Option<f64> {
+    pub(crate) fn chamber_c_per_h(&self) -> Option<f64> {
         self.chamber.per_h()
     }
 
     /// Rate of change of the fastest temperature of all IMUs \[unit/h\], and its name; `None` until all windows are full.
-    pub fn telemetry_per_h(&self) -> Option<(f64, String)> {
+    pub(crate) fn telemetry_per_h(&self) -> Option<(f64, String)> {
         let mut fastest: Option<(f64, String)> = None;
         for ImuTrends { name: imu, sensors } in &self.imus {
             let names = AXIS_NAMES.iter().chain(&GYROSCOPE_NAMES);
@@ -159,7 +159,7 @@ impl Trends {
     }
 
     /// Which rate is not within its limit yet; `None` if all are.
-    pub fn unsettled(&self, soak: &Soak) -> Option<String> {
+    pub(crate) fn unsettled(&self, soak: &Soak) -> Option<String> {
         let window = soak.window_s;
         let Some(chamber) = self.chamber_c_per_h() else {
             return Some(format!("chamber watched for less than {window:.0} s"));

@@ -113,7 +113,7 @@ impl<'p> ImuStream<'p> {
 }
 
 /// An IMU that has failed: its number in the plan, and the reason.
-pub struct FailedImu {
+pub(crate) struct FailedImu {
     /// Its number in the plan, from 0.
     pub imu: usize,
     /// The reason.
@@ -121,7 +121,7 @@ pub struct FailedImu {
 }
 
 /// The streams of all IMUs of a plan.
-pub struct Streams<'p> {
+pub(crate) struct Streams<'p> {
     all: Vec<ImuStream<'p>>,
     clock: LaboratoryClock,
     /// Name of the service's domain.
@@ -133,7 +133,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If a file or a thread cannot be created.
-    pub fn start(
+    pub(crate) fn start(
         plan: &'p Plan,
         history: &History,
         clock: LaboratoryClock,
@@ -153,7 +153,7 @@ impl<'p> Streams<'p> {
 
     /// Takes samples of another unit than the plan's, if `accepts`.
     #[must_use]
-    pub fn with_other_device(self, accepts: bool) -> Self {
+    pub(crate) fn with_other_device(self, accepts: bool) -> Self {
         let imu = |stream: ImuStream<'p>| ImuStream { recorder: stream.recorder.with_other_device(accepts), ..stream };
         Self { all: self.all.into_iter().map(imu).collect(), ..self }
     }
@@ -168,7 +168,7 @@ impl<'p> Streams<'p> {
 
     /// Whether an IMU can be dropped: another one is left then.
     #[must_use]
-    pub fn has_others(&self) -> bool {
+    pub(crate) fn has_others(&self) -> bool {
         self.present().count() > 1
     }
 
@@ -176,7 +176,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If a row cannot be written.
-    pub fn drain(&mut self, trends: &mut Trends, patience_s: f64) -> Result<Option<FailedImu>, Failure> {
+    pub(crate) fn drain(&mut self, trends: &mut Trends, patience_s: f64) -> Result<Option<FailedImu>, Failure> {
         for (imu, stream) in self.all.iter_mut().enumerate() {
             let Some(tap) = &mut stream.tap else { continue };
             while let Some(next) = tap.take_sample() {
@@ -208,7 +208,7 @@ impl<'p> Streams<'p> {
 
     /// Why a stream has stopped for longer than `patience_s`; `None` if all flow.
     #[must_use]
-    pub fn silence(&self, patience_s: f64) -> Option<String> {
+    pub(crate) fn silence(&self, patience_s: f64) -> Option<String> {
         let now = self.clock.now();
         let silent = self.present().find(|stream| stream.flow.age_s(now) > patience_s);
         silent.map(|stream| stream.silence(now, &self.domain))
@@ -216,7 +216,7 @@ impl<'p> Streams<'p> {
 
     /// The IMUs whose streams have stopped for longer than `patience_s`, while another one has flowed for longer than `others_s`.
     #[must_use]
-    pub fn silent(&self, patience_s: f64, others_s: f64) -> Vec<FailedImu> {
+    pub(crate) fn silent(&self, patience_s: f64, others_s: f64) -> Vec<FailedImu> {
         let now = self.clock.now();
         let present = self.all.iter().enumerate().filter(|(_, stream)| stream.is_in());
         let flows: Vec<_> = present.map(|(imu, stream)| (imu, stream.flow)).collect();
@@ -227,7 +227,7 @@ impl<'p> Streams<'p> {
     /// The IMU that has spoiled the most attempts at the unit in progress, of several the first: if the unit is spoiled, and this is the
     /// last attempt or the IMU has spoiled as many as the plan allows.
     #[must_use]
-    pub fn spoiler(&self, is_last_attempt: bool) -> Option<FailedImu> {
+    pub(crate) fn spoiler(&self, is_last_attempt: bool) -> Option<FailedImu> {
         let reasons = |stream: &ImuStream<'_>| {
             let mut reasons = stream.spoiled.clone();
             reasons.extend(stream.recorder.spoiled().map(str::to_owned));
@@ -244,7 +244,7 @@ impl<'p> Streams<'p> {
 
     /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough.
     #[must_use]
-    pub fn slow(&self, unit: Unit, reason: &str) -> Vec<FailedImu> {
+    pub(crate) fn slow(&self, unit: Unit, reason: &str) -> Vec<FailedImu> {
         let most_s = self.present().map(|stream| stream.recorder.collected_s()).fold(0.0, f64::max);
         let slow = |stream: &ImuStream<'_>| match unit {
             Unit::Dwell { .. } => !stream.recorder.complete(),
@@ -258,7 +258,7 @@ impl<'p> Streams<'p> {
     }
 
     /// Drops an IMU: no more samples of it are taken. Its complete units stay in its files. Returns its plan.
-    pub fn drop_imu(&mut self, imu: usize) -> &'p Plan {
+    pub(crate) fn drop_imu(&mut self, imu: usize) -> &'p Plan {
         let stream = &mut self.all[imu];
         stream.recorder.discard();
         (stream.tap, stream.is_dropped) = (None, true);
@@ -268,19 +268,19 @@ impl<'p> Streams<'p> {
 
     /// Counted time of the unit in progress \[s\]: that of the slowest IMU.
     #[must_use]
-    pub fn collected_s(&self) -> f64 {
+    pub(crate) fn collected_s(&self) -> f64 {
         self.present().map(|stream| stream.recorder.collected_s()).reduce(f64::min).unwrap_or_default()
     }
 
     /// Whether the counted time of every IMU is enough for a dwell.
     #[must_use]
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         self.present().all(|stream| stream.recorder.complete())
     }
 
     /// Why the unit in progress cannot be used; `None` if it can.
     #[must_use]
-    pub fn spoiled(&self) -> Option<String> {
+    pub(crate) fn spoiled(&self) -> Option<String> {
         self.present().find_map(|stream| {
             let reason = stream.recorder.spoiled()?;
             Some(match &stream.plan.member {
@@ -294,7 +294,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If a file cannot be opened.
-    pub fn begin(&mut self, unit: Unit) -> Result<(), Failure> {
+    pub(crate) fn begin(&mut self, unit: Unit) -> Result<(), Failure> {
         let since = self.clock.now();
         self.present_mut().try_for_each(|stream| {
             let kept = if unit.has_own_file() { 0 } else { stream.kept_bytes };
@@ -303,7 +303,7 @@ impl<'p> Streams<'p> {
     }
 
     /// Discards the unit in progress.
-    pub fn discard(&mut self) {
+    pub(crate) fn discard(&mut self) {
         for stream in &mut self.all {
             stream.spoiled.extend(stream.recorder.spoiled().map(str::to_owned));
             stream.recorder.discard();
@@ -311,7 +311,7 @@ impl<'p> Streams<'p> {
     }
 
     /// Forgets the last samples and the clock offsets, after an interruption.
-    pub fn reset_timing(&mut self) {
+    pub(crate) fn reset_timing(&mut self) {
         self.present_mut().for_each(|stream| stream.recorder.reset_timing());
     }
 
@@ -319,7 +319,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&mut self, unit: Unit, number: usize) -> Result<Option<Kept>, Failure> {
+    pub(crate) fn keep(&mut self, unit: Unit, number: usize) -> Result<Option<Kept>, Failure> {
         let mut all = Vec::new();
         for stream in self.present_mut() {
             stream.spoiled.clear();
@@ -337,7 +337,7 @@ impl<'p> Streams<'p> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write_readbacks(
+    pub(crate) fn write_readbacks(
         &mut self,
         chamber: &ChamberReading,
         turntable: &TurntableReading,
@@ -350,10 +350,10 @@ impl<'p> Streams<'p> {
     }
 
     /// The read-backs of each IMU, in the order of the plan.
-    pub fn readbacks(&self) -> impl Iterator<Item = &Readbacks> {
+    pub(crate) fn readbacks(&self) -> impl Iterator<Item = &Readbacks> {
         self.all.iter().map(|stream| &stream.readbacks)
     }
 }
 
 #[cfg(test)]
-pub mod tests;
+pub(crate) mod tests;

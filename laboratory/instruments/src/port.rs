@@ -18,14 +18,14 @@ use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
 /// An open port.
-pub struct InstrumentPort {
+pub(crate) struct InstrumentPort {
     descriptor: OwnedFd,
     serial: bool,
 }
 
 impl InstrumentPort {
     /// Opens a device, or connects to a host.
-    pub fn open(config: &LineConfig) -> io::Result<Self> {
+    pub(crate) fn open(config: &LineConfig) -> io::Result<Self> {
         match config.port.strip_prefix("tcp://") {
             Some(address) => Self::connect(address, config.timeout),
             None => Self::open_serial(config),
@@ -85,18 +85,18 @@ impl InstrumentPort {
     }
 
     /// Whether it is a serial device: its bytes take time after they are written.
-    pub const fn is_serial(&self) -> bool {
+    pub(crate) const fn is_serial(&self) -> bool {
         self.serial
     }
 
     /// Writes some bytes; returns 0 if it takes none until `deadline`.
-    pub fn write(&self, bytes: &[u8], deadline: Instant) -> io::Result<usize> {
+    pub(crate) fn write(&self, bytes: &[u8], deadline: Instant) -> io::Result<usize> {
         self.when(PollFlags::OUT, deadline, || rustix::io::write(&self.descriptor, bytes))
             .map(Option::unwrap_or_default)
     }
 
     /// Reads at least one byte; returns 0 if none arrives until `deadline`.
-    pub fn read(&self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
+    pub(crate) fn read(&self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
         match self.when(PollFlags::IN, deadline, || rustix::io::read(&self.descriptor, &mut *buffer))? {
             Some(0) => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "closed by the other side")),
             Some(count) => Ok(count),

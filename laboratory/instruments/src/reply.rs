@@ -9,16 +9,16 @@ const SHOWN: usize = 100;
 
 /// Why an exchange failed: kind and message, without the instrument's name, which the line adds.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct ExchangeError(pub FaultKind, pub String);
+pub(crate) struct ExchangeError(pub FaultKind, pub String);
 
 impl ExchangeError {
     /// A reply that is damaged, or does not belong to the request.
-    pub fn garbled(reply: &[u8]) -> Self {
+    pub(crate) fn garbled(reply: &[u8]) -> Self {
         Self(FaultKind::Garbled, format!("a reply that makes no sense: {}", quoted(reply)))
     }
 
     /// A reply by which the instrument refuses the request.
-    pub fn refused(reply: &str) -> Self {
+    pub(crate) fn refused(reply: &str) -> Self {
         Self(FaultKind::Refused, format!("refused, {}", quoted(reply.trim().as_bytes())))
     }
 
@@ -38,7 +38,7 @@ fn quoted(reply: &[u8]) -> String {
 
 /// How the end of a reply is found.
 #[derive(Clone, Copy)]
-pub struct Framing<'a> {
+pub(crate) struct Framing<'a> {
     /// Length of the reply at the beginning of these bytes, or `None` while it is incomplete.
     pub reply_length: &'a dyn Fn(&[u8]) -> Option<usize>,
     /// A pause of this length ends a reply too.
@@ -46,17 +46,17 @@ pub struct Framing<'a> {
 }
 
 /// Length of a reply that ends with a line feed.
-pub fn line_feed(bytes: &[u8]) -> Option<usize> {
+pub(crate) fn line_feed(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|&byte| byte == b'\n').map(|end| end + 1)
 }
 
 /// Length of a reply that ends with a carriage return.
-pub fn carriage_return(bytes: &[u8]) -> Option<usize> {
+pub(crate) fn carriage_return(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|&byte| byte == b'\r').map(|end| end + 1)
 }
 
 /// The text of a reply without blanks around it. A reply with other bytes than printable ASCII is garbled.
-pub fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
+pub(crate) fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
     let trimmed = reply.trim_ascii();
     let printable = trimmed.iter().all(|&byte| matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t'));
     let text = core::str::from_utf8(trimmed).ok().filter(|_| printable);
@@ -64,12 +64,12 @@ pub fn text(reply: &[u8]) -> Result<&str, ExchangeError> {
 }
 
 /// Parses a finite number.
-pub fn number(text: &str) -> Option<f64> {
+pub(crate) fn number(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }
 
 /// An angle, and the value of its last digit: 0.001 for `12.345`.
-pub fn angle(text: &str) -> Option<(f64, f64)> {
+pub(crate) fn angle(text: &str) -> Option<(f64, f64)> {
     let angle = number(text)?;
     let (mantissa, exponent) = text.trim().split_once(['e', 'E']).unwrap_or((text.trim(), "0"));
     let decimals = mantissa.split_once('.').map_or(0, |(_, decimals)| decimals.len()) as i32;

@@ -14,11 +14,11 @@ const DRIFT_C_PER_S: f64 = 0.2 / 60.0;
 const OVERSHOOT_C: f64 = 3.0;
 const SHORTFALL_C: f64 = 3.0;
 /// Range of the set point \[degC\].
-pub const RANGE_C: [f64; 2] = [-70.0, 150.0];
+pub(crate) const RANGE_C: [f64; 2] = [-70.0, 150.0];
 
 /// Mode of the controller.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Mode {
+pub(crate) enum Mode {
     /// No heating, no cooling.
     Off,
     /// No heating, no cooling, but ready.
@@ -28,7 +28,7 @@ pub enum Mode {
 }
 
 /// The chamber with its controller.
-pub struct ChamberDevice {
+pub(crate) struct ChamberDevice {
     chamber: SimulatedChamber,
     ambient_c: f64,
     ramp_c_per_s: f64,
@@ -51,7 +51,7 @@ pub struct ChamberDevice {
 
 impl ChamberDevice {
     /// A chamber that is off, in equilibrium with the laboratory.
-    pub fn new(station: &SimulatedStation) -> Self {
+    pub(crate) fn new(station: &SimulatedStation) -> Self {
         let chain = Chain { head_lag_s: SENSOR_LAG_S, ..station.chain };
         let ambient_c = station.ambient_c;
         Self {
@@ -72,12 +72,12 @@ impl ChamberDevice {
     }
 
     /// Temperature that the controller measures \[degC\].
-    pub fn air_c(&self) -> f64 {
+    pub(crate) fn air_c(&self) -> f64 {
         self.chamber.head_and_board_c().0
     }
 
     /// Sets the set point \[degC\]; `false` if it is out of range.
-    pub fn set(&mut self, celsius: f64) -> bool {
+    pub(crate) fn set(&mut self, celsius: f64) -> bool {
         let [low, high] = RANGE_C;
         if !(low..=high).contains(&celsius) {
             return false;
@@ -89,7 +89,7 @@ impl ChamberDevice {
     }
 
     /// Changes the mode.
-    pub fn switch(&mut self, mode: Mode) {
+    pub(crate) fn switch(&mut self, mode: Mode) {
         self.mode = mode;
         self.update_target();
     }

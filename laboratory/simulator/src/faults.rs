@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Name of the file with the faults, in a station's folder.
-pub const FAULTS: &str = "faults";
+pub(crate) const FAULTS: &str = "faults";
 
 /// A fault that can be injected.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum InjectedFault {
+pub(crate) enum InjectedFault {
     /// Bytes of the reply are overwritten.
     Garbled,
     /// The reply is sent after the time-out.
@@ -49,7 +49,7 @@ pub enum InjectedFault {
 
 impl InjectedFault {
     /// Every fault with its name.
-    pub const NAMES: [(Self, &'static str); 13] = [
+    pub(crate) const NAMES: [(Self, &'static str); 13] = [
         (Self::Garbled, "garbled"),
         (Self::Late, "late"),
         (Self::Missing, "missing"),
@@ -124,7 +124,7 @@ fn parse_when(text: &str) -> Option<When> {
 }
 
 /// The faults of one device.
-pub struct FaultSchedule {
+pub(crate) struct FaultSchedule {
     path: PathBuf,
     /// The version of the file that was read last.
     version: Option<Identity>,
@@ -136,24 +136,24 @@ pub struct FaultSchedule {
 
 impl FaultSchedule {
     /// The faults of `device`, from the file in the station's folder.
-    pub fn new(folder: &Path, device: StationProcess) -> Self {
+    pub(crate) fn new(folder: &Path, device: StationProcess) -> Self {
         Self { path: folder.join(FAULTS), version: None, device, injections: Vec::new(), requests: 0 }
     }
 
     /// Counts a request.
-    pub fn count_request(&mut self) {
+    pub(crate) fn count_request(&mut self) {
         self.reload_if_changed();
         self.requests += 1;
     }
 
     /// The faults that are active at `now_s`, for the latest request.
-    pub fn active(&mut self, now_s: f64) -> Vec<InjectedFault> {
+    pub(crate) fn active(&mut self, now_s: f64) -> Vec<InjectedFault> {
         self.reload_if_changed();
         self.injected(now_s).map(|injection| injection.fault).collect()
     }
 
     /// Whether `imu` is silent at `now_s`, as the file was last read.
-    pub fn is_silent(&self, now_s: f64, imu: &ImuId) -> bool {
+    pub(crate) fn is_silent(&self, now_s: f64, imu: &ImuId) -> bool {
         let of_imu = |injection: &Injection| injection.imu.as_ref().is_none_or(|silent| silent == imu);
         self.injected(now_s).any(|injection| injection.fault == InjectedFault::Silent && of_imu(injection))
     }
@@ -169,7 +169,7 @@ impl FaultSchedule {
     }
 
     /// Reads the file again if it has changed. An invalid line is reported and ignored, so that the station goes on.
-    pub fn reload_if_changed(&mut self) {
+    pub(crate) fn reload_if_changed(&mut self) {
         let version = Identity::of(&self.path);
         if version != self.version {
             self.version = version;

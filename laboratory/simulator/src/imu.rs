@@ -39,7 +39,7 @@ const VISIT_S: f64 = 600.0;
 ///
 /// # Errors
 /// If the true coefficients of an IMU cannot be read.
-pub fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) -> Result<(), Failure> {
+pub(crate) fn run(station: &SimulatedStation, folder: &Path, domain: &Domain) -> Result<(), Failure> {
     let ended = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         // If this fails, the signal ends the process at once, and the service cleans up.

@@ -8,7 +8,7 @@ use std::os::unix::net::UnixStream;
 
 /// The beginning of an action of a device.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-pub enum DeviceEvent {
+pub(crate) enum DeviceEvent {
     /// The chamber starts a ramp to a temperature \[degC\] at a rate \[degC/s\].
     Chamber { target_c: f64, ramp_c_per_s: f64 },
     /// An axis starts a move to an angle \[deg\] at a rate \[deg/s\] with an acceleration \[deg/s2\].
@@ -21,7 +21,7 @@ pub enum DeviceEvent {
 
 /// A device's answer.
 #[derive(Debug, Deserialize, Serialize)]
-pub struct Answer {
+pub(crate) struct Answer {
     /// Simulated time of the answer \[s\].
     pub now_s: f64,
     /// Events since the last answer, with their simulated times \[s\].
@@ -29,16 +29,16 @@ pub struct Answer {
 }
 
 /// The IMU's end.
-pub struct LinkClient(BufReader<UnixStream>);
+pub(crate) struct LinkClient(BufReader<UnixStream>);
 
 impl LinkClient {
     /// Uses a socket that was inherited as a standard stream.
-    pub fn new(stream: impl AsFd) -> io::Result<Self> {
+    pub(crate) fn new(stream: impl AsFd) -> io::Result<Self> {
         Ok(Self(BufReader::new(stream.as_fd().try_clone_to_owned()?.into())))
     }
 
     /// Sends the question and waits for the answer.
-    pub fn ask(&mut self) -> io::Result<Answer> {
+    pub(crate) fn ask(&mut self) -> io::Result<Answer> {
         self.0.get_mut().write_all(b"?")?;
         let mut line = String::new();
         self.0.read_line(&mut line)?;
@@ -47,16 +47,16 @@ impl LinkClient {
 }
 
 /// A device's end.
-pub struct LinkServer(pub UnixStream);
+pub(crate) struct LinkServer(pub UnixStream);
 
 impl LinkServer {
     /// Uses a socket that was inherited as a standard stream.
-    pub fn new(stream: impl AsFd) -> io::Result<Self> {
+    pub(crate) fn new(stream: impl AsFd) -> io::Result<Self> {
         Ok(Self(stream.as_fd().try_clone_to_owned()?.into()))
     }
 
     /// Receives a question, which `poll` has reported, and answers it. Returns `false` if the IMU's process has ended.
-    pub fn answer(&mut self, answer: &Answer) -> io::Result<bool> {
+    pub(crate) fn answer(&mut self, answer: &Answer) -> io::Result<bool> {
         if self.0.read(&mut [0])? == 0 {
             return Ok(false);
         }

@@ -14,7 +14,7 @@ use std::os::unix::fs::{OpenOptionsExt as _, symlink};
 use std::path::PathBuf;
 
 /// A port of a device. It may be lost for some time.
-pub struct SimulatedPort {
+pub(crate) struct SimulatedPort {
     address: PortAddress,
     open: Option<OpenPort>,
 }
@@ -40,7 +40,7 @@ enum OpenPort {
 
 impl SimulatedPort {
     /// Creates the port.
-    pub fn new(port: &str) -> io::Result<Self> {
+    pub(crate) fn new(port: &str) -> io::Result<Self> {
         let address = match port.strip_prefix("tcp://") {
             Some(address) => PortAddress::Tcp(address.to_owned()),
             None => PortAddress::Link(PathBuf::from(port)),
@@ -51,7 +51,7 @@ impl SimulatedPort {
     }
 
     /// Creates the port again if it is lost.
-    pub fn restore(&mut self) -> io::Result<()> {
+    pub(crate) fn restore(&mut self) -> io::Result<()> {
         if self.open.is_some() {
             return Ok(());
         }
@@ -86,7 +86,7 @@ impl SimulatedPort {
     }
 
     /// Closes the port and removes its link.
-    pub fn lose(&mut self) {
+    pub(crate) fn lose(&mut self) {
         if self.open.take().is_some()
             && let PortAddress::Link(link) = &self.address
         {
@@ -96,7 +96,7 @@ impl SimulatedPort {
 
     /// Makes the port take nothing, as by flow control, or take bytes again; what it has taken and not given is lost then. A TCP
     /// port takes nothing because nobody reads, and needs no call.
-    pub fn set_dead(&mut self, dead: bool) -> io::Result<()> {
+    pub(crate) fn set_dead(&mut self, dead: bool) -> io::Result<()> {
         if let Some(OpenPort::Terminal { user_side, .. }) = &self.open {
             tcflow(user_side, if dead { Action::OOff } else { Action::OOn })?;
         }
@@ -112,7 +112,7 @@ impl SimulatedPort {
     }
 
     /// The descriptor to poll: readable when bytes arrive, or when a connection is to be accepted.
-    pub fn readable(&self) -> Option<BorrowedFd<'_>> {
+    pub(crate) fn readable(&self) -> Option<BorrowedFd<'_>> {
         self.open.as_ref().map(|open| match open {
             OpenPort::Terminal { controller, .. } => controller.as_fd(),
             OpenPort::Tcp { stream: Some(stream), .. } => stream.as_fd(),
@@ -121,7 +121,7 @@ impl SimulatedPort {
     }
 
     /// Appends the bytes that have arrived, or accepts a connection.
-    pub fn read(&mut self, input: &mut Vec<u8>) -> io::Result<()> {
+    pub(crate) fn read(&mut self, input: &mut Vec<u8>) -> io::Result<()> {
         let mut buffer = [0; 512];
         match &mut self.open {
             None => {}
@@ -156,7 +156,7 @@ impl SimulatedPort {
     }
 
     /// Sends bytes. They are lost if nobody is connected, as on a cable.
-    pub fn write(&mut self, bytes: &[u8]) {
+    pub(crate) fn write(&mut self, bytes: &[u8]) {
         let _ = match &mut self.open {
             Some(OpenPort::Terminal { controller, .. }) => {
                 rustix::io::write(&*controller, bytes).map_err(io::Error::from)

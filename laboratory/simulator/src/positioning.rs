@@ -12,7 +12,7 @@ const SAME_DEG: f64 = 1e-6;
 const POSITIONING_STREAM: u64 = 3;
 
 /// The errors of both axes. Both begin at the angle 0, without an error.
-pub struct PositioningErrors {
+pub(crate) struct PositioningErrors {
     random: RandomGenerator,
     /// Standard deviation of the error of a new position \[deg\].
     positioning_deg: f64,
@@ -32,7 +32,7 @@ struct AxisErrors {
 
 impl PositioningErrors {
     /// The errors of `seed`.
-    pub fn new(noise: &Noise, seed: u64) -> Self {
+    pub(crate) fn new(noise: &Noise, seed: u64) -> Self {
         let axes = [(); 2].map(|()| AxisErrors { visited: vec![(0.0, 0.0)], ..AxisErrors::default() });
         Self {
             random: RandomGenerator::new(seed, POSITIONING_STREAM),
@@ -43,7 +43,7 @@ impl PositioningErrors {
     }
 
     /// The angle where a move of `axis` to `commanded_deg` ends \[deg\]. An axis that is there already does not move.
-    pub fn rest_deg(&mut self, axis: usize, commanded_deg: f64) -> f64 {
+    pub(crate) fn rest_deg(&mut self, axis: usize, commanded_deg: f64) -> f64 {
         let [moving, standing] = if axis == 0 { [0, 1] } else { [1, 0] };
         if commanded_deg == self.axes[moving].commanded_deg {
             return self.axes[moving].rest_deg;

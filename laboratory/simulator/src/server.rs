@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Delay of a late reply: more than the plan's time-out, less than time-out plus `quiet_s`.
-pub const LATE_REPLY: Duration = Duration::from_millis(1500);
+pub(crate) const LATE_REPLY: Duration = Duration::from_millis(1500);
 /// How often the faults are checked while nothing happens.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// How often a device that babbles sends, and what.
@@ -24,7 +24,7 @@ const REQUESTS: &str = "requests";
 const MAX_INPUT: usize = 4096;
 
 /// The physics of a device.
-pub trait SimulatedDevice {
+pub(crate) trait SimulatedDevice {
     /// Advances to `now_s`; `active` has the faults that are active.
     fn advance(&mut self, now_s: f64, active: &[InjectedFault]);
     /// Takes the events since the last call.
@@ -32,7 +32,7 @@ pub trait SimulatedDevice {
 }
 
 /// The protocol of a device.
-pub trait Protocol<M> {
+pub(crate) trait Protocol<M> {
     /// Takes the first complete request out of the input.
     fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>>;
     /// Executes a request and returns the reply; empty if there is no reply.
@@ -45,7 +45,7 @@ pub trait Protocol<M> {
 ///
 /// # Errors
 /// If the port cannot be created or used.
-pub fn serve<M: SimulatedDevice>(
+pub(crate) fn serve<M: SimulatedDevice>(
     process: StationProcess,
     device: M,
     protocol: Box<dyn Protocol<M>>,

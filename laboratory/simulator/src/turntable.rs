@@ -10,11 +10,11 @@ const STOP_DEG_S2: f64 = 50.0;
 /// Amplitude of a turntable that does not settle \[deg\].
 const SWING_DEG: f64 = 0.05;
 /// Highest angle \[deg\], rate \[deg/s\] and acceleration \[deg/s2\].
-pub const LIMITS: [f64; 3] = [720.0, 200.0, 500.0];
+pub(crate) const LIMITS: [f64; 3] = [720.0, 200.0, 500.0];
 
 /// State of an axis's interlock.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub enum Interlock {
+pub(crate) enum Interlock {
     /// The axis has no power.
     #[default]
     Open,
@@ -26,7 +26,7 @@ pub enum Interlock {
 
 /// The turntable with its controller.
 #[derive(Default)]
-pub struct TurntableDevice {
+pub(crate) struct TurntableDevice {
     turntable: SimulatedTurntable,
     /// Whether it takes and shows angles modulo 360 degrees.
     wrap: bool,
@@ -39,35 +39,35 @@ pub struct TurntableDevice {
 
 impl TurntableDevice {
     /// A turntable at rest at both angles 0. With `wrap` it takes angles modulo 360 degrees, goes the shorter way, and shows angles from 0 to 360.
-    pub fn new(wrap: bool) -> Self {
+    pub(crate) fn new(wrap: bool) -> Self {
         Self { wrap, ..Self::default() }
     }
 
     /// Angle of an axis as the controller shows it \[deg\].
-    pub fn angle_deg(&self, axis: usize) -> f64 {
+    pub(crate) fn angle_deg(&self, axis: usize) -> f64 {
         let angle_deg = self.turntable.angles_deg()[axis];
         if self.wrap { angle_deg.rem_euclid(360.0) } else { angle_deg }
     }
 
     /// Rate of an axis \[deg/s\].
-    pub fn rate_deg_s(&self, axis: usize) -> f64 {
+    pub(crate) fn rate_deg_s(&self, axis: usize) -> f64 {
         self.turntable.rates_deg_s()[axis]
     }
 
     /// State of an axis's interlock.
-    pub const fn interlock(&self, axis: usize) -> Interlock {
+    pub(crate) const fn interlock(&self, axis: usize) -> Interlock {
         self.interlocks[axis]
     }
 
     /// Resets the fault of an axis, if its cause no longer exists.
-    pub fn reset(&mut self, axis: usize) {
+    pub(crate) fn reset(&mut self, axis: usize) {
         if !self.alarm && self.interlocks[axis] == Interlock::Fault {
             self.interlocks[axis] = Interlock::Open;
         }
     }
 
     /// Powers an axis; returns `false` if it has a fault.
-    pub fn close(&mut self, axis: usize) -> bool {
+    pub(crate) fn close(&mut self, axis: usize) -> bool {
         if self.interlocks[axis] != Interlock::Fault {
             self.interlocks[axis] = Interlock::Closed;
         }
@@ -75,7 +75,7 @@ impl TurntableDevice {
     }
 
     /// Stops an axis and switches its power off.
-    pub fn open(&mut self, axis: usize) {
+    pub(crate) fn open(&mut self, axis: usize) {
         self.stop(axis);
         if self.interlocks[axis] == Interlock::Closed {
             self.interlocks[axis] = Interlock::Open;
@@ -83,7 +83,7 @@ impl TurntableDevice {
     }
 
     /// Starts a move of an axis. Returns `false` if it has no power or the move exceeds the limits.
-    pub fn go_to(&mut self, axis: usize, angle_deg: f64, rate: f64, acceleration: f64) -> bool {
+    pub(crate) fn go_to(&mut self, axis: usize, angle_deg: f64, rate: f64, acceleration: f64) -> bool {
         let [max_angle, max_rate, max_acceleration] = LIMITS;
         let possible = angle_deg.abs() <= max_angle && (1e-3..=max_rate).contains(&rate);
         if self.interlocks[axis] != Interlock::Closed || !possible || !(1e-3..=max_acceleration).contains(&acceleration)
@@ -97,7 +97,7 @@ impl TurntableDevice {
     }
 
     /// Brings an axis to rest.
-    pub fn stop(&mut self, axis: usize) {
+    pub(crate) fn stop(&mut self, axis: usize) {
         self.turntable.stop(axis, STOP_DEG_S2);
         self.events.push((self.now_s, DeviceEvent::Stop { axis, acceleration: STOP_DEG_S2 }));
     }

@@ -13,7 +13,7 @@ const BYTES: u64 = 2;
 const FIXED_32: u64 = 5;
 
 /// The name of a stream's message, with the package.
-pub const fn message(stream: StreamKind) -> &'static str {
+pub(crate) const fn message(stream: StreamKind) -> &'static str {
     match stream {
         StreamKind::Raw => "isotherm.RawSample",
         StreamKind::Increment => "isotherm.CompensatedIncrement",
@@ -21,7 +21,7 @@ pub const fn message(stream: StreamKind) -> &'static str {
 }
 
 /// Encodes a row as its stream's message, with the fields of a layout.
-pub fn encode(row: &RecordedRow, layout: Layout, message: &mut Vec<u8>) {
+pub(crate) fn encode(row: &RecordedRow, layout: Layout, message: &mut Vec<u8>) {
     let mut text = Vec::new();
     row.visit(layout, |column, value| {
         let wire_type = match column.kind {
@@ -44,7 +44,7 @@ pub fn encode(row: &RecordedRow, layout: Layout, message: &mut Vec<u8>) {
 }
 
 /// The `google.protobuf.FileDescriptorSet` that describes a stream's message, so that any reader can decode it.
-pub fn descriptor(stream: StreamKind, layout: Layout) -> Vec<u8> {
+pub(crate) fn descriptor(stream: StreamKind, layout: Layout) -> Vec<u8> {
     let (package, name) = message(stream).split_once('.').unwrap_or_default();
     let mut fields = Vec::new();
     for column in columns(stream, layout) {
@@ -90,7 +90,7 @@ fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
 
 /// The value of a field, by wire type.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Value<'a> {
+pub(crate) enum Value<'a> {
     /// An integer.
     Varint(u64),
     /// The bits of a double.
@@ -103,7 +103,7 @@ pub enum Value<'a> {
 
 /// Calls `take` with number and value of each field of a message. Returns false if the bytes are not a valid message.
 #[must_use]
-pub fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, Value<'a>)) -> bool {
+pub(crate) fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, Value<'a>)) -> bool {
     while !message.is_empty() {
         if next_field(&mut message, &mut take).is_none() {
             return false;
@@ -140,7 +140,7 @@ fn next_field<'a>(message: &mut &'a [u8], take: &mut impl FnMut(u64, Value<'a>))
 
 /// Number and type of a field, from a descriptor in a file.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct FieldNumber {
+pub(crate) struct FieldNumber {
     /// Number of the field.
     pub number: u64,
     /// Its type, as numbered in `google.protobuf.FieldDescriptorProto`.
@@ -150,7 +150,7 @@ pub struct FieldNumber {
 /// The fields of the message `name` (with package) in a `google.protobuf.FileDescriptorSet`; `None` if the set does not describe
 /// it.
 #[must_use]
-pub fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
+pub(crate) fn fields(set: &[u8], name: &str) -> Option<HashMap<String, FieldNumber>> {
     let mut found = None;
     each(set, 1, &mut |file| {
         let package = text(file, 2);

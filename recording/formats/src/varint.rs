@@ -1,7 +1,7 @@
 //! Varints: unsigned integers in groups of 7 bits, the lowest group first, as in protobuf and Thrift.
 
 /// Appends a number.
-pub fn write(bytes: &mut Vec<u8>, mut value: u64) {
+pub(crate) fn write(bytes: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         bytes.push(value as u8 | 0x80);
         value >>= 7;
@@ -10,7 +10,7 @@ pub fn write(bytes: &mut Vec<u8>, mut value: u64) {
 }
 
 /// Takes a number from the front of `bytes`; `None` if it is incomplete or has more than 64 bits.
-pub fn read(bytes: &mut &[u8]) -> Option<u64> {
+pub(crate) fn read(bytes: &mut &[u8]) -> Option<u64> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {
         let (&byte, rest) = bytes.split_first()?;

@@ -10,7 +10,7 @@ use server::MetricsServer;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-pub use text::METRICS;
+pub(crate) use text::METRICS;
 use tracing::{info, warn};
 
 /// An older snapshot is not shown: the control thread hangs, and the monitoring must notice that.
@@ -20,7 +20,7 @@ const MAX_AGE: Duration = Duration::from_secs(5);
 type Latest = Mutex<Option<(Instant, Arc<ServiceStatus>)>>;
 
 /// The control thread's handle to the metrics. Dropping it ends the server within a second.
-pub struct Metrics {
+pub(crate) struct Metrics {
     latest: Arc<Latest>,
 }
 
@@ -29,7 +29,7 @@ impl Metrics {
     ///
     /// # Errors
     /// If it cannot listen on the address.
-    pub fn start(address: SocketAddr) -> Result<Self, Failure> {
+    pub(crate) fn start(address: SocketAddr) -> Result<Self, Failure> {
         let failed = |error: std::io::Error| {
             Failure::new(
                 Exit::Io,
@@ -64,7 +64,7 @@ impl Metrics {
     }
 
     /// Replaces the status that is shown.
-    pub fn update(&self, status: &Arc<ServiceStatus>) {
+    pub(crate) fn update(&self, status: &Arc<ServiceStatus>) {
         let latest = Some((Instant::now(), Arc::clone(status)));
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = latest;
     }

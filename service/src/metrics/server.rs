@@ -25,7 +25,7 @@ const PAUSE: Duration = Duration::from_millis(1);
 const PATH: &str = "/metrics";
 
 /// A listener with its connections, the oldest first.
-pub struct MetricsServer {
+pub(super) struct MetricsServer {
     listener: TcpListener,
     peers: Vec<Peer>,
     /// No connection is accepted until then, because no descriptor was left.
@@ -37,7 +37,7 @@ impl MetricsServer {
     ///
     /// # Errors
     /// If the listener cannot be made non-blocking.
-    pub fn new(listener: TcpListener) -> io::Result<Self> {
+    pub(super) fn new(listener: TcpListener) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
         Ok(Self { listener, peers: Vec::with_capacity(MAX_PEERS), closed_until: Instant::now() })
     }
@@ -46,12 +46,12 @@ impl MetricsServer {
     ///
     /// # Errors
     /// The operating system's error.
-    pub fn address(&self) -> io::Result<SocketAddr> {
+    pub(super) fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
     /// Answers requests while `wanted` returns true. The answer is the current `page`, or an error status if there is none.
-    pub fn run(mut self, wanted: impl Fn() -> bool, page: impl Fn() -> Option<String>) {
+    pub(super) fn run(mut self, wanted: impl Fn() -> bool, page: impl Fn() -> Option<String>) {
         while wanted() {
             self.wait();
             self.accept();

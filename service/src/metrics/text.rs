@@ -10,7 +10,7 @@ use std::fs;
 
 /// A metric family.
 #[derive(Clone, Copy)]
-pub struct Metric {
+pub(crate) struct Metric {
     /// counter, gauge or histogram.
     pub kind: &'static str,
     /// Its name.
@@ -31,7 +31,7 @@ macro_rules! metrics {
             help: $help,
         };)+
         /// Every metric.
-        pub const METRICS: &[Metric] = &[$($constant),+];
+        pub(crate) const METRICS: &[Metric] = &[$($constant),+];
     };
 }
 
@@ -122,7 +122,7 @@ const fn count(count: u64) -> Option<f64> {
 }
 
 /// All metrics of a status and of this process, as text.
-pub fn render(status: &ServiceStatus) -> String {
+pub(super) fn render(status: &ServiceStatus) -> String {
     let mut text = Text(String::with_capacity(16 * 1024));
     text.service(status);
     for (metric, value) in IMU_METRICS {

@@ -22,7 +22,7 @@ pub struct WakePorts {
 }
 
 /// The wake-up events of a worker's IMUs.
-pub struct WakeListeners<'a> {
+pub(super) struct WakeListeners<'a> {
     ports: &'a [WakePorts],
     descriptors: Vec<PollFd<'a>>,
     /// Which events this worker has raised.
@@ -33,13 +33,13 @@ pub struct WakeListeners<'a> {
 
 impl<'a> WakeListeners<'a> {
     /// Prepares the listeners for polling.
-    pub fn new(ports: &'a [WakePorts]) -> Self {
+    pub(super) fn new(ports: &'a [WakePorts]) -> Self {
         let poll_fd = |ports: &'a WakePorts| PollFd::from_borrowed_fd(descriptor(&ports.listener), PollFlags::IN);
         Self { ports, descriptors: ports.iter().map(poll_fd).collect(), raised: vec![false; ports.len()], drained: 0 }
     }
 
     /// Raises the event of an IMU: until [`lower`](Self::lower) its senders notify without a system call.
-    pub fn raise(&mut self, imu: usize) {
+    pub(super) fn raise(&mut self, imu: usize) {
         // If it fails, the sender makes the system call.
         let _ = self.ports[imu].notifier.notify();
         self.raised[imu] = true;
@@ -47,7 +47,7 @@ impl<'a> WakeListeners<'a> {
 
     /// Lowers what was raised, before a sleep; returns whether anything was. Then a sample may have come without a notification, and the
     /// caller looks for samples once more before it sleeps.
-    pub fn lower(&mut self) -> bool {
+    pub(super) fn lower(&mut self) -> bool {
         let mut any = false;
         for (ports, raised) in self.ports.iter().zip(&mut self.raised) {
             if core::mem::take(raised) {
@@ -62,7 +62,7 @@ impl<'a> WakeListeners<'a> {
     ///
     /// Notified listeners are drained, so that they can be notified again. After a lost wake-up the transport takes a listener
     /// for notified, and its sender does not notify it again; therefore all listeners are drained once in [`BOUND_NS`].
-    pub fn sleep(&mut self, now: u64, time: u64) {
+    pub(super) fn sleep(&mut self, now: u64, time: u64) {
         let timeout = Timespec { tv_sec: (time / 1_000_000_000) as i64, tv_nsec: (time % 1_000_000_000) as i64 };
         let notified = match poll(&mut self.descriptors, Some(&timeout)) {
             Ok(notified) => notified,

@@ -14,28 +14,28 @@ pub const LAG_RANGE: [f64; 2] = [0.1, 86_400.0];
 pub const MAX_G_SENSITIVITY: f64 = 3600.0;
 
 /// A transient term without a time constant.
-pub const NO_LAG: &str = "needs the time constant of the lagged telemetry; give [lag] with time_constant_s";
+pub(super) const NO_LAG: &str = "needs the time constant of the lagged telemetry; give [lag] with time_constant_s";
 
-pub fn gravity_fault(gravity: f64) -> Option<String> {
+pub(super) fn gravity_fault(gravity: f64) -> Option<String> {
     let [low, high] = GRAVITY_RANGE;
     (!(low..=high).contains(&gravity)).then(|| format!("is {gravity:?}, give the value of 1 g0, {low} to {high} m/s2"))
 }
 
-pub fn max_age_fault(age: f64) -> Option<String> {
+pub(super) fn max_age_fault(age: f64) -> Option<String> {
     (!(age.is_finite() && age > 0.0)).then(|| format!("is {age:?}, give a number of seconds over 0"))
 }
 
-pub fn lag_fault(time_constant: f64) -> Option<String> {
+pub(super) fn lag_fault(time_constant: f64) -> Option<String> {
     let [low, high] = LAG_RANGE;
     (!(low..=high).contains(&time_constant))
         .then(|| format!("is {time_constant:?}, give the time constant of the lagged telemetry, {low} to {high} s"))
 }
 
-pub fn max_rate_fault(rate: f64) -> Option<String> {
+pub(super) fn max_rate_fault(rate: f64) -> Option<String> {
     (!(rate.is_finite() && rate > 0.0)).then(|| format!("is {rate:?}, give a number of pulses per second over 0"))
 }
 
-pub fn bias_fault(kind: SensorKind, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
+pub(super) fn bias_fault(kind: SensorKind, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
     let limit = kind.max_bias() / unit.factor();
     let violation = bias.above(limit).or_else(|| bias.below(-limit))?;
     let (most, base) = (kind.max_bias(), kind.base_unit());
@@ -43,7 +43,7 @@ pub fn bias_fault(kind: SensorKind, bias: &Polynomial, unit: BiasUnit) -> Option
 }
 
 /// A transient term is at most as large as a bias may be, for a lag difference of the whole range.
-pub fn transient_fault(kind: SensorKind, transient: f64, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
+pub(super) fn transient_fault(kind: SensorKind, transient: f64, bias: &Polynomial, unit: BiasUnit) -> Option<String> {
     let [low, high] = bias.range();
     let limit = kind.max_bias() / unit.factor() / (high - low);
     // NaN is not within the limit.
@@ -51,24 +51,24 @@ pub fn transient_fault(kind: SensorKind, transient: f64, bias: &Polynomial, unit
     (!within).then(|| format!("is {transient:?}, give at most +-{limit:?} {} per unit of telemetry", unit.name()))
 }
 
-pub fn positive_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
+pub(super) fn positive_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
     let violation = polynomial.below(kind.min_scale_factor())?;
     let (least, found) = (kind.min_scale_factor(), describe(violation, kind.scale_factor_unit()));
     Some(format!("{found}; it must be positive and at least {least} over its range"))
 }
 
-pub fn negative_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
+pub(super) fn negative_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
     let violation = polynomial.above(-kind.min_scale_factor())?;
     let (least, found) = (kind.min_scale_factor(), describe(violation, kind.scale_factor_unit()));
     Some(format!("{found}; it must be negative and at most -{least} over its range"))
 }
 
-pub fn g_sensitivity_fault(coefficient: f64) -> Option<String> {
+pub(super) fn g_sensitivity_fault(coefficient: f64) -> Option<String> {
     let within = coefficient.abs() <= MAX_G_SENSITIVITY;
     (!within).then(|| format!("is {coefficient:?}, give at most +-{MAX_G_SENSITIVITY} deg/h/g0"))
 }
 
-pub fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {
+pub(super) fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {
     let sizes = matrix.singular_values();
     // Entries that overflow give NaN; both comparisons are false then, so the matrix counts as singular.
     let invertible = sizes.max().is_finite() && sizes.min() > 1e-9 * sizes.max();

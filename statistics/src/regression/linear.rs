@@ -50,7 +50,7 @@ pub(super) struct CentredColumn {
 }
 
 impl CentredColumn {
-    pub fn new(column: LinearColumn, points: &[DataPoint]) -> Self {
+    pub(super) fn new(column: LinearColumn, points: &[DataPoint]) -> Self {
         let LinearColumn { name, mut values } = column;
         let (center, scale) = center_and_scale(values.iter().copied());
         let resolution = resolution(values.iter().map(|value| value.value())) / scale.value();

@@ -217,12 +217,12 @@ fn refusal(path: &Path, why: &str) -> io::Error {
 }
 
 /// The permissions to create a file with that replaces the `existing` one. The umask applies to them.
-pub fn mode_of(existing: Option<&Metadata>) -> u32 {
+pub(crate) fn mode_of(existing: Option<&Metadata>) -> u32 {
     existing.map_or(0o666, |existing| existing.mode() & 0o777)
 }
 
 /// Gives a new file owner and permissions of the `existing` one that it replaces, as far as this user and the file system allow.
-pub fn give_mode_and_owner(file: &File, existing: Option<&Metadata>) {
+pub(crate) fn give_mode_and_owner(file: &File, existing: Option<&Metadata>) {
     if let Some(existing) = existing {
         let _ = fchown(file, Some(existing.uid()), Some(existing.gid()));
         // The umask does not apply here.

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 /// What a signal that ends the command has to know.
-pub struct Unfinished {
+pub(crate) struct Unfinished {
     /// Files to remove. A staged file that has been renamed no longer has its temporary name.
     files: Vec<PathBuf>,
     /// Set by the first signal instead of ending the process.
@@ -19,18 +19,18 @@ pub struct Unfinished {
 
 impl Unfinished {
     /// Adds a file that a signal removes.
-    pub fn add(&mut self, path: &Path) {
+    pub(crate) fn add(&mut self, path: &Path) {
         self.files.push(path.to_owned());
     }
 
     /// From now on the file is kept.
-    pub fn keep(&mut self, path: &Path) {
+    pub(crate) fn keep(&mut self, path: &Path) {
         self.files.retain(|other| other != path);
     }
 }
 
 /// The unfinished files. While this guard lives no signal ends a command that has called [`remove_unfinished_on_signals`].
-pub fn unfinished() -> MutexGuard<'static, Unfinished> {
+pub(crate) fn unfinished() -> MutexGuard<'static, Unfinished> {
     static UNFINISHED: Mutex<Unfinished> = Mutex::new(Unfinished { files: Vec::new(), flag: None });
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 
 /// The feed of `imu-a`, and the thread that writes samples into its stdin.
-pub struct Feed {
+pub(crate) struct Feed {
     process: Process,
     enough: Arc<AtomicBool>,
     writer: JoinHandle<u64>,
@@ -21,7 +21,7 @@ pub struct Feed {
 
 impl Feed {
     /// Starts it at a rate.
-    pub fn start(domain: &TestDomain) -> Self {
+    pub(crate) fn start(domain: &TestDomain) -> Self {
         let (samples, sink) = pipe().unwrap();
         let mut command = domain.isotherm(&["feed", "--imu", "imu-a", "--rate", "1000", "-", "-o", "increments.csv"]);
         command.stdin(samples);
@@ -46,7 +46,7 @@ impl Feed {
 
     /// Ends the samples, and asserts that each of them has its one increment, in order. Returns the tables of the increments: each whenever
     /// it is another one than before.
-    pub fn end(self) -> Vec<u64> {
+    pub(crate) fn end(self) -> Vec<u64> {
         self.enough.store(true, Ordering::Relaxed);
         let sent = self.writer.join().unwrap();
         let (status, log) = self.process.wait();
@@ -70,6 +70,6 @@ impl Feed {
 }
 
 /// The ids of tables, as [`Feed::end`] returns them.
-pub fn ids<const N: usize>(tables: [&CoefficientTable; N]) -> Vec<u64> {
+pub(crate) fn ids<const N: usize>(tables: [&CoefficientTable; N]) -> Vec<u64> {
     tables.map(CoefficientTable::id).to_vec()
 }

@@ -18,7 +18,7 @@ use isotherm_shared::wire::AXES;
 use std::fmt;
 
 /// Least part of the range of a bias curve that the runs must cover together.
-pub const LEAST_COVERED: f64 = 0.5;
+pub(crate) const LEAST_COVERED: f64 = 0.5;
 /// Number of points at which two curves are compared.
 const POINTS: u32 = 65;
 

@@ -22,11 +22,11 @@ use isotherm_statistics::CONFIDENCE;
 use nalgebra::{Matrix3, Vector3};
 
 /// What the gate allows a gyroscope in any case \[deg/h\]: dynamic effects of a temperature that moves.
-pub const RATE_FLOOR: f64 = 0.02;
+pub(crate) const RATE_FLOOR: f64 = 0.02;
 /// Largest part of the bound that is not noise, if nobody has stated the bound \[deg/h\].
-pub const RATE_MOST: f64 = 0.2;
+pub(crate) const RATE_MOST: f64 = 0.2;
 /// The same for a fit that does not explain its data, or with accepted faults \[deg/h\].
-pub const RATE_ACCEPTED: f64 = 0.05;
+pub(crate) const RATE_ACCEPTED: f64 = 0.05;
 /// What the noise of a group's mean may add to the upper end of the worst error, in standard deviations: of the means of 60 groups the largest
 /// is 3 off, and its interval for all groups at once is 3.3.
 const NOISE: f64 = 7.0;
@@ -44,7 +44,7 @@ fn half_width(found: &GyroscopeCalibration, axis: usize, force: [f64; AXES]) -> 
 /// gyroscope; at most [`RATE_MOST`], and at most [`RATE_ACCEPTED`] if the model does not explain the data or if a fault was accepted. To
 /// this comes seven times the noise that a group of the run has. `None` without gyroscopes, or if the fit does not know its errors.
 #[must_use]
-pub fn rate(calibration: &Calibration, force: [f64; AXES]) -> Option<f64> {
+pub(crate) fn rate(calibration: &Calibration, force: [f64; AXES]) -> Option<f64> {
     let found = calibration.gyroscopes.as_ref()?;
     let of_earth = calibration.table.turntable().and_then(EarthRate::largest_interval);
     let axes =
@@ -69,7 +69,7 @@ pub(super) struct GyroscopeBounds {
 impl GyroscopeBounds {
     /// Those of a fit; of a scale factor what the user has stated as `scale`, if so. Both tables have errors: twice the three half widths of the
     /// one that is known, plus the floor. `None` without gyroscopes.
-    pub fn of(require: Requirement, calibration: &Calibration, force: [f64; AXES]) -> Option<Self> {
+    pub(super) fn of(require: Requirement, calibration: &Calibration, force: [f64; AXES]) -> Option<Self> {
         let found = calibration.gyroscopes.as_ref()?;
         // An error that is not known grants nothing.
         let most = |of: &dyn Fn(&GyroscopeSolution) -> Option<f64>| {
@@ -91,7 +91,12 @@ impl GyroscopeBounds {
 
     /// Why the table must not be installed, as far as no run shows it: what differs from the table in force beyond these bounds. `forces` are the
     /// specific forces of the runs \[g0\].
-    pub fn refuses(&self, forces: &[[f64; AXES]], new: &CoefficientTable, old: &CoefficientTable) -> Vec<Refusal> {
+    pub(super) fn refuses(
+        &self,
+        forces: &[[f64; AXES]],
+        new: &CoefficientTable,
+        old: &CoefficientTable,
+    ) -> Vec<Refusal> {
         let because = |what: &str, off: String, most: String| Refusal {
             by: "gyroscopes",
             cause: format!(

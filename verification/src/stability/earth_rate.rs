@@ -61,7 +61,7 @@ impl fmt::Display for EarthRate {
 
 /// The direction of the specific force along A1, A2, A3 at the angles `outer` and `inner` \[deg\], a unit vector.
 #[must_use]
-pub fn attitude(turntable: &Turntable, [outer, inner]: [f64; 2]) -> [f64; AXES] {
+pub(crate) fn attitude(turntable: &Turntable, [outer, inner]: [f64; 2]) -> [f64; AXES] {
     let [tx, ty] = turntable.tilt_rad;
     (turntable.mounting * base_axes(outer, inner) * Vector3::new(-ty, tx, 1.0).normalize()).into()
 }

@@ -7,7 +7,7 @@ use isotherm_simulation::RandomGenerator;
 pub(crate) const FORCE: [f64; AXES] = [0.6, -0.48, 0.64];
 
 /// A run of `count` windows with these errors of A1, A2, A3 and white noise \[g0\].
-pub fn windows(count: usize, seed: u64, noise: f64, error: impl Fn(f64) -> [f64; AXES]) -> Vec<Window> {
+pub(crate) fn windows(count: usize, seed: u64, noise: f64, error: impl Fn(f64) -> [f64; AXES]) -> Vec<Window> {
     let mut random = RandomGenerator::new(seed, 7);
     let window = |index: usize| {
         let error = error(index as f64 / count as f64);

@@ -32,7 +32,7 @@ const FAULTS: [(&str, &[&str]); 12] = [
 ];
 
 /// Tries each fault in each phase, or in `only` one; with `smoke` one fault in one phase.
-pub fn bench(smoke: bool, only: Option<&str>) -> BenchResult<()> {
+pub(crate) fn bench(smoke: bool, only: Option<&str>) -> BenchResult<()> {
     let phases: Vec<_> = PHASES.into_iter().filter(|phase| only.is_none_or(|only| only == *phase)).collect();
     if phases.is_empty() {
         return Err(format!("{only:?}: give one of {}", PHASES.join(", ")).into());

@@ -15,7 +15,7 @@ use std::time::Instant;
 const SPEED: u32 = 1000;
 
 /// Runs the campaign with an exact turntable and with one that is off by 1 arcsec, and prints the figures.
-pub fn bench() -> BenchResult<()> {
+pub(crate) fn bench() -> BenchResult<()> {
     ["0", "1"].into_iter().try_for_each(campaign)
 }
 

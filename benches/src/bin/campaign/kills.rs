@@ -17,7 +17,7 @@ const ROWS: u64 = 60;
 const LIFE_S: f64 = 6.0;
 
 /// Kills 30 runners; with `smoke` one.
-pub fn bench(smoke: bool) -> BenchResult<()> {
+pub(crate) fn bench(smoke: bool) -> BenchResult<()> {
     let (campaigns, kills) = if smoke { (1, 1) } else { (6, 5) };
     let mut random = XorShift(0x9e37_79b9_7f4a_7c15);
     let (mut lost, mut differences) = (0, 0);

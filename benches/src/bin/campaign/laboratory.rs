@@ -7,12 +7,12 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Longest wait; after it the bench fails.
-pub const TIMEOUT: Duration = Duration::from_secs(600);
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(600);
 /// Pause between two polls.
 const POLL_PAUSE: Duration = Duration::from_millis(2);
 
 /// Replacements that make the station's plan short.
-pub const SHORT: [(&str, &str); 7] = [
+pub(crate) const SHORT: [(&str, &str); 7] = [
     ("ramp_c_per_min = 1\n", "ramp_c_per_min = 3\n"),
     ("time_s = 3600\nstay_s = 4200\nwindow_s = 900", "time_s = 600\nstay_s = 0\nwindow_s = 300"),
     ("time_s = 300", "time_s = 60"),
@@ -27,7 +27,7 @@ pub const SHORT: [(&str, &str); 7] = [
 ];
 
 /// Station, service and plan. Dropping it ends the processes and removes the files.
-pub struct BenchLaboratory {
+pub(crate) struct BenchLaboratory {
     _station: BenchProcess,
     _service: BenchProcess,
     /// The domain of station and service.
@@ -38,7 +38,7 @@ pub struct BenchLaboratory {
 impl BenchLaboratory {
     /// Starts station and service at `speed`. The turntable's angles are off by `positioning` \[arcsec\]. `changes` are made in
     /// the station's plan; without `telemetry` its rule `telemetry_per_h` is removed, too.
-    pub fn new(speed: u32, positioning: &str, changes: &[(&str, &str)], telemetry: bool) -> BenchResult<Self> {
+    pub(crate) fn new(speed: u32, positioning: &str, changes: &[(&str, &str)], telemetry: bool) -> BenchResult<Self> {
         let domain = BenchDomain::new()?;
         let service = domain.spawn(&["serve", "--allow-uncalibrated", "--imu", "imu-a=imu-a.toml"])?;
         let speed = speed.to_string();
@@ -62,46 +62,46 @@ impl BenchLaboratory {
     }
 
     /// A file of the station.
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.domain.path("station").join(name)
     }
 
     /// A file of the campaign's folder; empty if it is not there.
-    pub fn file(&self, name: &str) -> Vec<u8> {
+    pub(crate) fn file(&self, name: &str) -> Vec<u8> {
         fs::read(self.path("campaign").join(name)).unwrap_or_default()
     }
 
     /// Starts the runner.
-    pub fn run(&self, more: &[&str]) -> BenchResult<BenchProcess> {
+    pub(crate) fn run(&self, more: &[&str]) -> BenchResult<BenchProcess> {
         self.domain.spawn(&[&["campaign", "run", "station/plan.toml", "--speed", &self.speed], more].concat())
     }
 
     /// The complete lines of the journal.
-    pub fn journal(&self) -> BenchResult<Vec<Value>> {
+    pub(crate) fn journal(&self) -> BenchResult<Vec<Value>> {
         let text = String::from_utf8(self.file("journal.jsonl"))?;
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
         Ok(whole.lines().map(serde_json::from_str).collect::<Result<_, _>>()?)
     }
 
     /// The lines of the journal for an event.
-    pub fn events(&self, event: &str) -> BenchResult<Vec<Value>> {
+    pub(crate) fn events(&self, event: &str) -> BenchResult<Vec<Value>> {
         Ok(self.journal()?.into_iter().filter(|line| line["event"] == event).collect())
     }
 
     /// The current phase of the runner.
-    pub fn phase(&self) -> String {
+    pub(crate) fn phase(&self) -> String {
         let status: Value = serde_json::from_slice(&self.file("status.json")).unwrap_or_default();
         status["phase"].as_str().unwrap_or_default().to_owned()
     }
 
     /// Sets the faults that the station injects from now on.
-    pub fn set_faults(&self, lines: &str) -> BenchResult<()> {
+    pub(crate) fn set_faults(&self, lines: &str) -> BenchResult<()> {
         fs::write(self.path("faults.new"), lines)?;
         Ok(fs::rename(self.path("faults.new"), self.path("faults"))?)
     }
 
     /// Waits until `condition` holds. `what` names it in the error.
-    pub fn wait_until(&self, what: &str, condition: impl Fn() -> BenchResult<bool>) -> BenchResult<()> {
+    pub(crate) fn wait_until(&self, what: &str, condition: impl Fn() -> BenchResult<bool>) -> BenchResult<()> {
         let begun = Instant::now();
         while !condition()? {
             if begun.elapsed() > TIMEOUT {
@@ -113,7 +113,7 @@ impl BenchLaboratory {
     }
 
     /// Checks that each unit was kept once, in order, with its bytes, and a dwell with `rows` rows. Returns what is wrong.
-    pub fn wrong(&self, units: usize, rows: u64) -> BenchResult<Option<String>> {
+    pub(crate) fn wrong(&self, units: usize, rows: u64) -> BenchResult<Option<String>> {
         let kept = self.events("kept")?;
         if kept.len() != units {
             return Ok(Some(format!("{} units instead of {units}", kept.len())));

@@ -19,10 +19,10 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// Samples before those that are counted: every queue has gone round once.
 const WARM_UP: usize = 200;
 /// Samples that are counted.
-pub const COUNTED: usize = 16;
+pub(crate) const COUNTED: usize = 16;
 
 /// Process and name of each step, in the order of a sample.
-pub const STEPS: [(&str, &str); 8] = [
+pub(crate) const STEPS: [(&str, &str); 8] = [
     ("worker", "rehearsal, polls"),
     ("client", "prepare"),
     ("client", "loan, fill"),
@@ -33,13 +33,13 @@ pub const STEPS: [(&str, &str); 8] = [
     ("client", "receive"),
 ];
 /// The first steps keep the processes warm.
-pub const WARMING: usize = 2;
+pub(crate) const WARMING: usize = 2;
 
 /// A store to one of these begins a step; one to the last ends the sample.
 static MARKS: [AtomicU64; STEPS.len() + 1] = [const { AtomicU64::new(0) }; STEPS.len() + 1];
 
 /// Sends the samples, with queues of this depth. Tells on stderr, where the trace is, where the marks and the program are in memory.
-pub fn run(depth: usize) -> BenchResult<()> {
+pub(crate) fn run(depth: usize) -> BenchResult<()> {
     let (maps, program) = (fs::read_to_string("/proc/self/maps")?, std::env::current_exe()?);
     let base =
         maps.lines().find(|line| line.ends_with(&*program.to_string_lossy())).and_then(|line| line.split('-').next());

@@ -12,7 +12,7 @@ const SUBMITS: &str = "safely_overflowing_index_queue.rs";
 
 /// Whose an instruction is.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Owner {
+pub(crate) enum Owner {
     Isotherm,
     Iceoryx2,
     /// The C library, the standard library where it is not inlined, other crates.
@@ -20,11 +20,11 @@ pub enum Owner {
 }
 
 /// Whose an instruction is, and its source file.
-pub type Source = (Owner, String);
+pub(crate) type Source = (Owner, String);
 
 /// The first column of a line of the trace.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Kind {
+pub(crate) enum Kind {
     Instruction,
     Store,
     /// A load, or a load and a store in one instruction.
@@ -33,7 +33,7 @@ pub enum Kind {
 
 /// One access of a sample.
 #[derive(Debug)]
-pub struct Access {
+pub(crate) struct Access {
     step: usize,
     pub kind: Kind,
     pub address: u64,
@@ -42,7 +42,7 @@ pub struct Access {
 
 /// The accesses of each sample, and where the program is loaded.
 #[derive(Debug, Default)]
-pub struct Trace {
+pub(crate) struct Trace {
     pub samples: Vec<Vec<Access>>,
     pub base: u64,
 }
@@ -50,14 +50,14 @@ pub struct Trace {
 /// Lines that a step is the first of its process to touch: data and code by owner, and of both those that are cold, because what keeps the
 /// process warm has not touched them. All samples together.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Lines {
+pub(crate) struct Lines {
     pub touched: [[usize; 3]; 2],
     pub cold: [usize; 2],
 }
 
 impl Trace {
     /// Reads a trace, with what the subject tells in between; other lines are messages of valgrind.
-    pub fn read(text: impl BufRead) -> BenchResult<Self> {
+    pub(crate) fn read(text: impl BufRead) -> BenchResult<Self> {
         let (mut trace, mut marks, mut current) = (Self::default(), u64::MAX, None);
         for line in text.lines() {
             let line = line?;
@@ -79,7 +79,7 @@ impl Trace {
     }
 
     /// The lines of each step, before and after it has submitted a sample.
-    pub fn count(&self, sources: &HashMap<u64, Source>) -> BTreeMap<(usize, bool), Lines> {
+    pub(crate) fn count(&self, sources: &HashMap<u64, Source>) -> BTreeMap<(usize, bool), Lines> {
         let (mut counts, other) = (BTreeMap::<_, Lines>::new(), (Owner::Other, String::new()));
         for sample in &self.samples {
             // A copy by the C library touches its caller's data.

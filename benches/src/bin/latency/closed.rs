@@ -41,7 +41,7 @@ fn all_ratios(others: &[OtherBuild]) -> Vec<(String, String)> {
 }
 
 /// Measures every path, and the services of other builds beside them.
-pub fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
     let (rounds, blocks) = match effort {
         Effort::Smoke => (2, 2),
         Effort::Usual => (14, BLOCKS),
@@ -80,7 +80,7 @@ pub fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
 
 /// Times a block of round trips. It counts as disturbed if one of the two processes was preempted meanwhile, or if there was
 /// steal time.
-pub fn block(
+pub(crate) fn block(
     path: &mut impl Path,
     peer: Option<&BenchProcess>,
     count: usize,

@@ -31,14 +31,14 @@ impl Lines {
 }
 
 /// The client's end.
-pub struct Floor {
+pub(crate) struct Floor {
     lines: Lines,
     count: u64,
 }
 
 impl Floor {
     /// Creates the shared memory.
-    pub fn create(path: &std::path::Path) -> BenchResult<Self> {
+    pub(crate) fn create(path: &std::path::Path) -> BenchResult<Self> {
         fs::write(path, [0; BYTES])?;
         Ok(Self { lines: Lines::map(path)?, count: 0 })
     }
@@ -57,7 +57,7 @@ impl Path for Floor {
 }
 
 /// The other end: answers until the bench ends.
-pub fn answer(path: &str) -> BenchResult<()> {
+pub(crate) fn answer(path: &str) -> BenchResult<()> {
     let lines = Lines::map(path.as_ref())?;
     let mut last = 0;
     loop {

@@ -24,13 +24,13 @@ const RELOADS_PER_SECOND: u32 = 10;
 const PRIORITIES: (i32, i32) = (50, 49);
 
 /// Role of a neighbour process: uses all the processor time that it gets.
-pub fn spin_forever() -> BenchResult<()> {
+pub(crate) fn spin_forever() -> BenchResult<()> {
     loop {
         core::hint::black_box(0);
     }
 }
 
-pub fn measure(effort: Effort) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let mut document = Map::new();
     for (neighbours, realtime) in [(false, false), (false, true), (true, false), (true, true)] {

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 /// What is sent, and how the sender waits.
 #[derive(Clone, Copy, Debug)]
-pub struct SendSchedule {
+pub(crate) struct SendSchedule {
     /// One sample for each IMU in every period.
     pub period: Duration,
     /// Periods that are not counted, while the service learns the rate.
@@ -23,7 +23,7 @@ pub struct SendSchedule {
 
 /// Latencies in the order of sending \[ns\].
 #[derive(Clone, Debug, Default)]
-pub struct Latencies {
+pub(crate) struct Latencies {
     /// From the moment at which the sample was to be sent.
     pub intended: Vec<u32>,
     /// From the moment at which the sample was sent.
@@ -32,13 +32,13 @@ pub struct Latencies {
 
 impl Latencies {
     /// Appends the latencies of another run.
-    pub fn append(&mut self, mut other: Self) {
+    pub(crate) fn append(&mut self, mut other: Self) {
         self.intended.append(&mut other.intended);
         self.sent.append(&mut other.sent);
     }
 
     /// Percentiles from the intended moment and, under `from_send`, from the actual one.
-    pub fn figures(self) -> Map<String, Value> {
+    pub(crate) fn figures(self) -> Map<String, Value> {
         let mut all = figures(self.intended);
         all.insert("from_send".to_owned(), figures(self.sent).into());
         all
@@ -56,7 +56,7 @@ struct Sent {
 ///
 /// # Errors
 /// If an answer does not come.
-pub fn run(
+pub(crate) fn run(
     acquisitions: &mut [Acquisition],
     schedule: SendSchedule,
     mut started: impl FnMut(),

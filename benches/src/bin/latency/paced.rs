@@ -61,7 +61,7 @@ fn all_ratios(others: &[OtherBuild]) -> Vec<(String, String)> {
 }
 
 /// Measures every path at every rate, and the services of other builds beside them.
-pub fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
     let rounds = effort.of(1, 8);
     let mut own = OwnWork::new();
     let walk = own.cost();
@@ -103,7 +103,7 @@ pub fn measure(effort: Effort, others: &[OtherBuild]) -> BenchResult<Value> {
 }
 
 /// The figures of all paths, and their ratios.
-pub fn series_figures(series: &Series, ratios: &[(String, String)]) -> Value {
+pub(crate) fn series_figures(series: &Series, ratios: &[(String, String)]) -> Value {
     let paths: Map<_, _> = series.paths().map(|(name, times)| (name.clone(), figures(times))).collect();
     json!({
         "paths": paths,
@@ -128,7 +128,7 @@ fn figures(times: &PathTimes) -> Value {
 }
 
 /// How a block is paced.
-pub struct Pace<'a> {
+pub(crate) struct Pace<'a> {
     pub period: Duration,
     /// Round trips that are counted.
     pub count: usize,
@@ -136,7 +136,7 @@ pub struct Pace<'a> {
 }
 
 /// Times a block of round trips, after some uncounted ones.
-pub fn block(
+pub(crate) fn block(
     path: &mut impl Path,
     peer: Option<&BenchProcess>,
     pace: &mut Pace<'_>,
@@ -194,11 +194,11 @@ fn wait_until(moment: Instant) {
 }
 
 /// What the acquisition's thread does between two samples: it reads and writes one word in each cache line of its memory.
-pub struct OwnWork(Vec<u64>);
+pub(crate) struct OwnWork(Vec<u64>);
 
 impl OwnWork {
     /// Takes the memory.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(vec![1; OWN_BYTES / size_of::<u64>()])
     }
 

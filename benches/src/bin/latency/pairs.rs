@@ -17,15 +17,15 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// Queue depth of the bare pairs, and of the service where the two are compared.
-pub const SHORT: usize = 2;
+pub(crate) const SHORT: usize = 2;
 /// Suffix of the name of a path with the default queue depth.
-pub const DEFAULT_DEPTH: &str = "_default_depth";
+pub(crate) const DEFAULT_DEPTH: &str = "_default_depth";
 /// Suffix of the name of a path whose service anticipates.
-pub const ANTICIPATE: &str = "_anticipate";
+pub(crate) const ANTICIPATE: &str = "_anticipate";
 
 /// What has been measured of a path.
 #[derive(Default)]
-pub struct PathTimes {
+pub(crate) struct PathTimes {
     /// Sorted round trips \[ns\] of each round.
     pub rounds: Vec<Vec<u32>>,
     /// Of these, the ones of undisturbed turns, where turns are told apart.
@@ -41,7 +41,7 @@ pub struct PathTimes {
 
 impl PathTimes {
     /// Figures of all round trips.
-    pub fn figures(&self) -> Map<String, Value> {
+    pub(crate) fn figures(&self) -> Map<String, Value> {
         figures(self.rounds.concat())
     }
 
@@ -51,7 +51,7 @@ impl PathTimes {
     }
 
     /// Adds the round trips of a turn to those of the round.
-    pub fn add(&mut self, times: &[u32], disturbed: bool) {
+    pub(crate) fn add(&mut self, times: &[u32], disturbed: bool) {
         self.turns += 1;
         self.disturbed += usize::from(disturbed);
         let undisturbed = self.undisturbed.last_mut().filter(|_| !disturbed);
@@ -67,29 +67,29 @@ impl PathTimes {
 
 /// What has been measured of all paths.
 #[derive(Default)]
-pub struct Series {
+pub(crate) struct Series {
     names: Vec<String>,
     times: Vec<PathTimes>,
 }
 
 impl Series {
     /// The paths with their names.
-    pub fn paths(&self) -> impl Iterator<Item = (&String, &PathTimes)> {
+    pub(crate) fn paths(&self) -> impl Iterator<Item = (&String, &PathTimes)> {
         self.names.iter().zip(&self.times)
     }
 
     /// The sum over all paths.
-    pub fn total(&self, of: impl Fn(&PathTimes) -> usize) -> usize {
+    pub(crate) fn total(&self, of: impl Fn(&PathTimes) -> usize) -> usize {
         self.times.iter().map(of).sum()
     }
 
     /// Ratios of the first to the second path of each couple, if both have been measured.
-    pub fn ratios(&self, couples: &[(String, String)]) -> Map<String, Value> {
+    pub(crate) fn ratios(&self, couples: &[(String, String)]) -> Map<String, Value> {
         self.compare(couples, |upper, lower| ratios(&upper.rounds, &lower.rounds))
     }
 
     /// As [`ratios`](Self::ratios), of the round trips of undisturbed turns.
-    pub fn undisturbed_ratios(&self, couples: &[(String, String)]) -> Map<String, Value> {
+    pub(crate) fn undisturbed_ratios(&self, couples: &[(String, String)]) -> Map<String, Value> {
         self.compare(couples, |upper, lower| pooled_ratios(&upper.undisturbed, &lower.undisturbed))
     }
 
@@ -106,12 +106,12 @@ impl Series {
 }
 
 /// Names as owned couples.
-pub fn couples(names: &[(&str, &str)]) -> Vec<(String, String)> {
+pub(crate) fn couples(names: &[(&str, &str)]) -> Vec<(String, String)> {
     names.iter().map(|(upper, lower)| ((*upper).to_owned(), (*lower).to_owned())).collect()
 }
 
 /// Measures `KINDS` kinds of blocks in turns: `block` measures one of the kind that it is given.
-pub fn alternate<const KINDS: usize>(
+pub(crate) fn alternate<const KINDS: usize>(
     rounds: usize,
     blocks: usize,
     start: impl Fn(&mut Pairs) -> BenchResult<()>,
@@ -143,19 +143,19 @@ pub fn alternate<const KINDS: usize>(
 }
 
 /// Whether the acquisition and the process behind a path have a core each.
-pub fn pinned() -> bool {
+pub(crate) fn pinned() -> bool {
     cores().len() > 1
 }
 
 /// A path, and the process behind it, which is stopped unless it is being measured.
-pub struct Pair {
+pub(crate) struct Pair {
     pub name: String,
     pub path: Box<dyn MeasureBlock>,
     pub peer: Option<BenchProcess>,
 }
 
 /// All paths of a round.
-pub struct Pairs {
+pub(crate) struct Pairs {
     paths: Vec<Pair>,
     /// The core of the processes behind the paths.
     core: Option<usize>,
@@ -168,7 +168,7 @@ impl Pairs {
         self.core.map(|core| core.to_string()).unwrap_or_default()
     }
 
-    pub fn add_floor(&mut self) -> BenchResult<()> {
+    pub(crate) fn add_floor(&mut self) -> BenchResult<()> {
         let pinned = self.pinned();
         self.add("floor", |domain| {
             let lines = domain.shared_memory("floor");
@@ -178,7 +178,7 @@ impl Pairs {
     }
 
     /// Adds a bare pair.
-    pub fn add_bare(&mut self, name: &str) -> BenchResult<()> {
+    pub(crate) fn add_bare(&mut self, name: &str) -> BenchResult<()> {
         let pinned = self.pinned();
         self.add(name, |domain| {
             let echo = spawn_echo(domain, &pinned, 1)?;
@@ -187,7 +187,7 @@ impl Pairs {
     }
 
     /// Adds a bare pair with a second one to get ready with.
-    pub fn add_rehearsed(&mut self, name: &str) -> BenchResult<()> {
+    pub(crate) fn add_rehearsed(&mut self, name: &str) -> BenchResult<()> {
         let pinned = self.pinned();
         self.add(name, |domain| {
             let echo = spawn_echo(domain, &pinned, 2)?;
@@ -196,7 +196,7 @@ impl Pairs {
     }
 
     /// Adds the service: that of this build, or that of `program`.
-    pub fn add_service(
+    pub(crate) fn add_service(
         &mut self,
         name: &str,
         program: Option<&PathBuf>,
@@ -213,7 +213,7 @@ impl Pairs {
     }
 
     /// Adds `count` bare pairs that send together. One process answers them all.
-    pub fn add_bare_together(&mut self, name: &str, count: usize) -> BenchResult<()> {
+    pub(crate) fn add_bare_together(&mut self, name: &str, count: usize) -> BenchResult<()> {
         let pinned = self.pinned();
         self.add(name, |domain| {
             let echo = spawn_echo(domain, &pinned, count)?;
@@ -222,7 +222,7 @@ impl Pairs {
     }
 
     /// Adds the service for `count` IMUs that send together.
-    pub fn add_service_together(
+    pub(crate) fn add_service_together(
         &mut self,
         name: &str,
         count: usize,
@@ -239,7 +239,7 @@ impl Pairs {
         })
     }
 
-    pub fn add_socket(&mut self) -> BenchResult<()> {
+    pub(crate) fn add_socket(&mut self) -> BenchResult<()> {
         let pinned = self.pinned();
         self.add("unix_socket", |domain| {
             let path = domain.path("socket");
@@ -248,7 +248,7 @@ impl Pairs {
         })
     }
 
-    pub fn add_in_process(&mut self) -> BenchResult<()> {
+    pub(crate) fn add_in_process(&mut self) -> BenchResult<()> {
         self.add("in_process", |_| Ok((InProcess::new()?, None)))
     }
 
@@ -274,13 +274,13 @@ fn spawn_echo(domain: &BenchDomain, pinned: &str, pairs: usize) -> BenchResult<B
 }
 
 /// The services of all builds, this one first.
-pub fn builds(others: &[OtherBuild]) -> impl Iterator<Item = (&str, Option<&PathBuf>)> {
+pub(crate) fn builds(others: &[OtherBuild]) -> impl Iterator<Item = (&str, Option<&PathBuf>)> {
     let own = [("isotherm", None)].into_iter();
     own.chain(others.iter().map(|build| (build.name.as_str(), Some(&build.program))))
 }
 
 /// Measures a block of a path. Only this call is dispatched dynamically; the round trips in the block are not.
-pub trait MeasureBlock {
+pub(crate) trait MeasureBlock {
     fn closed(&mut self, peer: Option<&BenchProcess>, count: usize, times: &mut PathTimes) -> BenchResult<()>;
     fn paced(&mut self, peer: Option<&BenchProcess>, pace: &mut Pace, times: &mut PathTimes) -> BenchResult<()>;
 }

@@ -22,7 +22,7 @@ const PREPARE: Duration = Duration::from_micros(40);
 const PREPARE_EACH: Duration = Duration::from_micros(3);
 
 /// One way to send a sample and get its answer.
-pub trait Path {
+pub(crate) trait Path {
     /// Sends the sample and waits for the answer.
     fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement>;
 
@@ -38,7 +38,7 @@ pub trait Path {
 }
 
 /// A path on which a sample can be sent before the one before it is answered.
-pub trait Stream: Path {
+pub(crate) trait Stream: Path {
     /// Sends a sample.
     fn send(&mut self, sample: &RawSample) -> BenchResult<()>;
 
@@ -60,7 +60,7 @@ fn exchange(stream: &mut impl Stream, sample: &RawSample) -> BenchResult<Compens
 }
 
 /// The client library, waiting for the answer by spinning.
-pub struct Isotherm(pub Acquisition);
+pub(crate) struct Isotherm(pub Acquisition);
 
 impl Path for Isotherm {
     fn prepare(&mut self) -> BenchResult<()> {
@@ -90,7 +90,7 @@ impl Stream for Isotherm {
 
 /// A bare pair of iceoryx2's publish-subscribe streams, used in the fastest way: the next sample is loaned ahead, and the queues
 /// are short.
-pub struct Bare {
+pub(crate) struct Bare {
     publisher: Publisher<ipc::Service, RawSample, ()>,
     spare: Option<SampleMut<ipc::Service, RawSample, ()>>,
     subscriber: Subscriber<ipc::Service, CompensatedIncrement, ()>,
@@ -103,12 +103,12 @@ pub struct Bare {
 
 impl Bare {
     /// Connects to the [`echo`] of this domain, which may not be ready yet.
-    pub fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
+    pub(crate) fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
         Self::connect_all(domain, depth, 1)?.pop().ok_or_else(|| "no pair".into())
     }
 
     /// Connects `count` pairs to the [`echo`] of this domain, which must have as many.
-    pub fn connect_all(domain: &Domain, depth: usize, count: usize) -> BenchResult<Vec<Self>> {
+    pub(crate) fn connect_all(domain: &Domain, depth: usize, count: usize) -> BenchResult<Vec<Self>> {
         let node = Rc::new(node(domain)?);
         let pairs = (0..count).map(|index| Self::connect_pair(&node, depth, index)).collect::<BenchResult<Vec<_>>>()?;
         std::thread::sleep(Duration::from_millis(20));
@@ -182,14 +182,14 @@ impl Stream for Bare {
 
 /// A bare pair that gets ready with a round trip through a second pair, to the same [`echo`]: the code of both processes is in
 /// their caches when the sample is sent, its memory is not. It leaves to that moment what an answer does not need.
-pub struct Rehearsed {
+pub(crate) struct Rehearsed {
     pair: Bare,
     second: Bare,
 }
 
 impl Rehearsed {
     /// Connects to the [`echo`] of this domain, which must have two pairs.
-    pub fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
+    pub(crate) fn connect(domain: &Domain, depth: usize) -> BenchResult<Self> {
         let mut pairs = Bare::connect_all(domain, depth, 2)?;
         let (second, mut pair) = pairs.pop().zip(pairs.pop()).ok_or("no second pair")?;
         pair.leaves = true;
@@ -245,7 +245,7 @@ impl EchoPair {
 
 /// The other end of `count` [`Bare`] pairs: copies each sample out and answers with its session and sequence. It compensates
 /// nothing.
-pub fn echo(domain: &str, root: &str, depth: usize, count: usize) -> BenchResult<()> {
+pub(crate) fn echo(domain: &str, root: &str, depth: usize, count: usize) -> BenchResult<()> {
     let node = node(&Domain::new(domain, root)?)?;
     let pairs = (0..count).map(|index| EchoPair::create(&node, depth, index));
     let mut pairs = pairs.collect::<BenchResult<Vec<_>>>()?;
@@ -282,7 +282,7 @@ fn stream<T: IceoryxSend + ZeroCopySend + Debug>(
 }
 
 /// Many streams that send together: a round trip lasts until the last of their samples is answered.
-pub struct Together<S>(pub Vec<S>);
+pub(crate) struct Together<S>(pub Vec<S>);
 
 impl<S: Stream> Path for Together<S> {
     fn round_trip(&mut self, sample: &RawSample) -> BenchResult<CompensatedIncrement> {
@@ -311,11 +311,11 @@ impl<S: Stream> Path for Together<S> {
 }
 
 /// The kernel called as a function.
-pub struct InProcess(CoefficientTable);
+pub(crate) struct InProcess(CoefficientTable);
 
 impl InProcess {
     /// A kernel with the table that the service has.
-    pub fn new() -> BenchResult<Self> {
+    pub(crate) fn new() -> BenchResult<Self> {
         CoefficientTable::from_toml(TABLE, None).map(Self).map_err(|faults| faults.to_string().into())
     }
 }

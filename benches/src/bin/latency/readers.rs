@@ -22,7 +22,7 @@ const WARM_UP: usize = 400;
 /// Processor time of a thread, block by block \[ns\].
 type Blocks = Vec<u32>;
 
-pub fn measure(effort: Effort) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
     let blocks = effort.of(1, 160);
     let samples = WARM_UP + blocks * BLOCK;
     let domain = BenchDomain::new()?;
@@ -67,7 +67,7 @@ pub fn measure(effort: Effort) -> BenchResult<Value> {
 }
 
 /// Prints the document as a table.
-pub fn print(document: &Value) {
+pub(crate) fn print(document: &Value) {
     let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
     println!("Readers at {} Hz, processor time of the thread", document["rate_hz"]);
     for name in ["waiting", "polling", "eventfd"] {

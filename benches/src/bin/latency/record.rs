@@ -34,7 +34,7 @@ struct Recorded {
     seconds: f64,
 }
 
-pub fn measure(effort: Effort) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
     let domain = BenchDomain::new()?;
     // Whether a priority is permitted is tried in a new thread, because the thread keeps it.
     let realtime = thread::spawn(|| priority(PRIORITIES.0).apply().is_ok()).join().unwrap_or(false);
@@ -117,7 +117,7 @@ fn alternate(
 }
 
 /// Prints the document as tables.
-pub fn print(document: &Value) {
+pub(crate) fn print(document: &Value) {
     let number = |value: &Value| value.as_f64().map_or("-".to_owned(), |value| format!("{value:.2}"));
     let ratio =
         |value: &Value| format!("{} ({} {})", number(&value["ratio"]), number(&value["low"]), number(&value["high"]));

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::fs;
 
 /// The description of the machine.
-pub fn machine() -> Value {
+pub(crate) fn machine() -> Value {
     json!({
         "cpu": cpu(),
         "cores": cores().len(),
@@ -23,7 +23,7 @@ fn cpu() -> Option<String> {
 }
 
 /// Prints every part that the document has.
-pub fn print(document: &Value) {
+pub(crate) fn print(document: &Value) {
     let paced = &document["paced"];
     for (rate, series) in by_number(paced) {
         heading(&format!("round trips at {rate} Hz, caches used between samples [ns]"));

@@ -28,7 +28,7 @@ const RATIOS: [(&str, &str); 4] = [
     ("iceoryx2_again", "iceoryx2"),
 ];
 
-pub fn measure(effort: Effort) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));

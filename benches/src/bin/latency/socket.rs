@@ -15,11 +15,11 @@ const RAW_BYTES: usize = size_of::<RawSample>();
 const INCREMENT_BYTES: usize = size_of::<CompensatedIncrement>();
 
 /// A blocking Unix socket with the kernel behind it.
-pub struct Socket(UnixStream);
+pub(crate) struct Socket(UnixStream);
 
 impl Socket {
     /// Connects to the [`socket_server`], which may not be ready yet.
-    pub fn connect(path: &std::path::Path) -> BenchResult<Self> {
+    pub(crate) fn connect(path: &std::path::Path) -> BenchResult<Self> {
         let deadline = Instant::now() + TIMEOUT;
         loop {
             match UnixStream::connect(path) {
@@ -44,7 +44,7 @@ impl Path for Socket {
 }
 
 /// Answers every sample that comes through the socket at `path`.
-pub fn socket_server(path: &str) -> BenchResult<()> {
+pub(crate) fn socket_server(path: &str) -> BenchResult<()> {
     let table = CoefficientTable::from_toml(TABLE, None).map_err(|faults| faults.to_string())?;
     // Bound under another name first, so that a client that finds `path` can connect.
     let staged = format!("{path}.new");

@@ -13,7 +13,7 @@ const IN_FLIGHT: usize = 16;
 /// Samples of a block.
 const BLOCK: usize = 50_000;
 
-pub fn measure(effort: Effort) -> BenchResult<Value> {
+pub(crate) fn measure(effort: Effort) -> BenchResult<Value> {
     let cores = cores();
     let (mine, theirs) = (cores.first().copied(), cores.get(1).copied());
     pin(mine.filter(|_| theirs.is_some()));

@@ -137,7 +137,7 @@ impl fmt::Display for ResourceUse {
     }
 }
 
-pub fn run(minutes: f64) -> BenchResult<()> {
+pub(crate) fn run(minutes: f64) -> BenchResult<()> {
     let time = Duration::from_secs_f64(minutes * 60.0);
     let (steady, living) = FedService::new()?;
     let (killed, dying) = FedService::new()?;

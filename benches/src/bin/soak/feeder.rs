@@ -16,13 +16,13 @@ const WINDOW: usize = 16;
 const RETURN_TIMEOUT: Duration = Duration::from_secs(15);
 
 /// The text of table `number` for an IMU: each has a gravity of its own.
-pub fn table_text(imu: &str, number: u32) -> String {
+pub(crate) fn table_text(imu: &str, number: u32) -> String {
     let gravity = format!("{:.4}", 9.8 + f64::from(number) * 1e-4);
     TABLE.replace("9.8015", &gravity).replace(&format!("\"{IMU}\""), &format!("\"{imu}\""))
 }
 
 /// Tables 0 to `count` - 1 of an IMU.
-pub fn tables(imu: &str, count: u32) -> BenchResult<Vec<CoefficientTable>> {
+pub(crate) fn tables(imu: &str, count: u32) -> BenchResult<Vec<CoefficientTable>> {
     (0..count).map(|number| Ok(CoefficientTable::from_toml(&table_text(imu, number), None)?)).collect()
 }
 
@@ -54,7 +54,7 @@ fn sample(sequence: u64) -> RawSample {
 }
 
 /// Whether an increment is, bit for bit, that of its sample under the table that it names.
-pub fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -> bool {
+pub(crate) fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -> bool {
     let Some(table) = tables.iter().find(|table| table.id() == increment.table) else { return false };
     let raw = RawSample { session: increment.session, ..sample(increment.sequence) };
     let expected = answer(Some(table), &raw);
@@ -66,7 +66,7 @@ pub fn is_exact(increment: &CompensatedIncrement, tables: &[CoefficientTable]) -
 
 /// The progress of a feed. Other threads may read it meanwhile.
 #[derive(Debug, Default)]
-pub struct FeedProgress {
+pub(crate) struct FeedProgress {
     pub sent: AtomicU64,
     pub answered: AtomicU64,
     pub wrong: AtomicU64,
@@ -79,13 +79,13 @@ pub struct FeedProgress {
 }
 
 impl FeedProgress {
-    pub fn lost(&self) -> u64 {
+    pub(crate) fn lost(&self) -> u64 {
         self.sent.load(Relaxed) - self.answered.load(Relaxed)
     }
 }
 
 /// Sends a sample every `period` until `stop` is set, then waits for the answers that are missing.
-pub fn feed(
+pub(crate) fn feed(
     imu: &str,
     options: &Options,
     period: Duration,
@@ -132,7 +132,7 @@ pub fn feed(
 }
 
 /// Reads for `time`. Returns how many increments came, how many were wrong, and how many came twice.
-pub fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientTable]) -> BenchResult<[u64; 3]> {
+pub(crate) fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientTable]) -> BenchResult<[u64; 3]> {
     let mut reader = IncrementReader::connect(imu.parse()?, options)?;
     let (started, mut known, mut counts) = (Instant::now(), HashSet::new(), [0; 3]);
     while started.elapsed() < time {
@@ -146,7 +146,7 @@ pub fn read(imu: &str, options: &Options, time: Duration, tables: &[CoefficientT
 }
 
 /// Role of a child process: an acquisition that sends until it is killed.
-pub fn send_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
+pub(crate) fn send_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
     let mut acquisition = Acquisition::connect(&imu.parse()?, options)?;
     loop {
         let mut loan = acquisition.loan()?;
@@ -158,7 +158,7 @@ pub fn send_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
 }
 
 /// Role of a child process: a reader that reads until it is killed.
-pub fn read_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
+pub(crate) fn read_for_ever(imu: &str, options: &Options) -> BenchResult<()> {
     let mut reader = IncrementReader::connect(imu.parse()?, options)?;
     loop {
         reader.receive_timeout(Duration::from_millis(10))?;

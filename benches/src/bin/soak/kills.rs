@@ -172,7 +172,7 @@ impl KillTarget<'_> {
     }
 }
 
-pub fn run(smoke: bool) -> BenchResult<()> {
+pub(crate) fn run(smoke: bool) -> BenchResult<()> {
     let count = |full: usize| if smoke { full.div_ceil(50).max(2) } else { full };
     let domain = BenchDomain::new()?;
     let service = domain.serve_many(2, 1, "")?;

@@ -20,7 +20,7 @@ use std::time::Duration;
 #[command(
     after_help = "Examples:\n  isotherm calibrate campaign.toml -o imu-a.toml --report imu-a.html\n  isotherm calibrate campaign.toml -o imu-a.toml --order 3 --method two-stage --exclude -25/3\n  isotherm calibrate ramps.toml -o imu-a.toml --lag 240\n  isotherm calibrate campaign.toml -o 'tables/{imu}.toml' --batch batch.html\n  isotherm calibrate --gravity-only cold.csv warm.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml"
 )]
-pub struct Calibrate {
+pub(crate) struct Calibrate {
     /// Campaign file; it names the samples. With --gravity-only: a recording
     #[arg(value_name = "CAMPAIGN.toml")]
     pub(super) campaign: PathBuf,

@@ -12,7 +12,7 @@ const ONLY_GYROSCOPES: &str = "the IMU has no gyroscopes; give --gyroscopes too"
 
 /// Options of the memory of the biases.
 #[derive(Debug, Args)]
-pub struct MemoryOptions {
+pub(super) struct MemoryOptions {
     /// Time constant of the sensing elements behind the head telemetry [s]; as in TABLE, or no lag, unless given
     #[arg(long, value_name = "S", value_parser = time_constant)]
     lag: Option<f64>,
@@ -35,7 +35,7 @@ pub struct MemoryOptions {
 
 impl MemoryOptions {
     /// Sets time constant and transients of `content`, if they are given.
-    pub fn apply(&self, content: &mut Content) -> Result<(), Failure> {
+    pub(super) fn apply(&self, content: &mut Content) -> Result<(), Failure> {
         if let Some(transients) = self.transient {
             for (axis, transient) in content.axes.iter_mut().zip(transients) {
                 axis.transient = transient * (1e-6 / axis.bias_unit.factor());
@@ -72,7 +72,7 @@ impl MemoryOptions {
     }
 
     /// The plays.
-    pub fn plays(&self, gyroscopes: bool) -> Result<Vec<Play>, Failure> {
+    pub(super) fn plays(&self, gyroscopes: bool) -> Result<Vec<Play>, Failure> {
         if !gyroscopes && !self.gyroscope_hysteresis.is_empty() {
             return Err(Failure::new(Exit::Usage, format!("--gyroscope-hysteresis: {ONLY_GYROSCOPES}")));
         }

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 
 /// Options of the simulated IMU.
 #[derive(Debug, Args)]
-pub struct SimulatedImuOptions {
+pub(super) struct SimulatedImuOptions {
     /// Folder for the files; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
@@ -61,7 +61,7 @@ pub struct SimulatedImuOptions {
 
 impl SimulatedImuOptions {
     /// The truth of the one IMU.
-    pub fn truth(&self) -> Result<Truth, Failure> {
+    pub(super) fn truth(&self) -> Result<Truth, Failure> {
         match &self.imu[..] {
             [] | [_] => self.first_truth(),
             _ => Err(usage("--imu: this simulates one IMU; isotherm simulate station has several on one turntable")),
@@ -70,7 +70,7 @@ impl SimulatedImuOptions {
 
     /// The truth of each IMU. The first one is that of an IMU that is alone; the others are drawn from it and from the seeds that follow, and are in
     /// the same laboratory.
-    pub fn truths(&self) -> Result<Vec<Truth>, Failure> {
+    pub(super) fn truths(&self) -> Result<Vec<Truth>, Failure> {
         if let Some((_, imu)) = self.imu.iter().enumerate().find(|(index, imu)| self.imu[..*index].contains(imu)) {
             return Err(usage(format!("--imu: {imu} is there twice")));
         }
@@ -127,7 +127,7 @@ impl SimulatedImuOptions {
 
     /// Signal chain and noise, with the telemetry in the truth's unit. The positioning error is 0; a run has none, and a campaign
     /// sets its own.
-    pub fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
+    pub(super) fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
         let (mut chain, telemetry_noise) = chain_in(&truth.table.content().temperature_unit)?;
         chain.telemetry_lsb_micro = self.telemetry_lsb.unwrap_or(chain.telemetry_lsb_micro);
         chain.telemetry_s = telemetry_every;
@@ -172,12 +172,17 @@ fn refused(refusals: Vec<Refusal>) -> Failure {
 }
 
 /// A usage error.
-pub fn usage(message: impl Into<String>) -> Failure {
+pub(super) fn usage(message: impl Into<String>) -> Failure {
     Failure::new(Exit::Usage, message)
 }
 
 /// The text of truth.toml: the coefficients that the simulated data come from.
-pub fn truth_toml(truth: &Truth, command: &str, seed: u64, schedule: &impl Serialize) -> Result<String, Failure> {
+pub(super) fn truth_toml(
+    truth: &Truth,
+    command: &str,
+    seed: u64,
+    schedule: &impl Serialize,
+) -> Result<String, Failure> {
     let tool = format!("{command} {}", env!("CARGO_PKG_VERSION"));
     let text = truth.to_toml(&tool, seed, schedule);
     text.map_err(|error| Failure::new(Exit::Failed, format!("writing the truth: {error}")))
@@ -185,19 +190,19 @@ pub fn truth_toml(truth: &Truth, command: &str, seed: u64, schedule: &impl Seria
 
 /// The files of a simulation. They appear together: the data first, which the others describe.
 #[derive(Default)]
-pub struct SimulatedFiles {
+pub(super) struct SimulatedFiles {
     paths: Vec<PathBuf>,
     texts: Vec<StagedText>,
 }
 
 impl SimulatedFiles {
     /// Adds a text.
-    pub fn add(&mut self, path: PathBuf, text: &str) -> Result<(), Failure> {
+    pub(super) fn add(&mut self, path: PathBuf, text: &str) -> Result<(), Failure> {
         self.add_with(path, |output| io::Write::write_all(output, text.as_bytes()))
     }
 
     /// Adds a file that this function writes.
-    pub fn add_with(
+    pub(super) fn add_with(
         &mut self,
         path: PathBuf,
         write: impl FnOnce(&mut Output) -> io::Result<()>,
@@ -208,13 +213,13 @@ impl SimulatedFiles {
     }
 
     /// Makes the files visible, and prints their paths.
-    pub fn finish(self) -> Result<(), Failure> {
+    pub(super) fn finish(self) -> Result<(), Failure> {
         StagedText::finish_together(self.texts)?;
         self.paths.iter().try_for_each(|path| print(&format!("{}\n", path.display())))
     }
 }
 
 /// Converts an angle from arc seconds to radians.
-pub fn arcsec(angle: f64) -> f64 {
+pub(super) fn arcsec(angle: f64) -> f64 {
     (angle / 3600.0).to_radians()
 }

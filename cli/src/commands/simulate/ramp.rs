@@ -14,7 +14,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Rates of the ramps unless others are given \[degC/h\].
-pub const RATES: &str = "20,70";
+pub(super) const RATES: &str = "20,70";
 
 /// Ramps up and down at rest, which show transients: campaign.toml, ramp-1.csv and one more for each rate, table.toml, truth.toml
 ///
@@ -24,7 +24,7 @@ pub const RATES: &str = "20,70";
 #[command(
     after_help = "Examples:\n  isotherm simulate ramp -o ramps --lag 240 --transient 35,-20,12\n  isotherm simulate ramp -o slow --lag 600 --transient 35,0,12 --rate 10,20,40 --hold 3600 --attitude 0.36,-0.48,0.8\n  isotherm simulate ramp -o play --play 0.2 --hysteresis -60,40,20\n  isotherm simulate ramp -o whole --gyroscopes --lag 240 --transient 35,-20,12 --gyroscope-transient 0.5,-0.3,0"
 )]
-pub struct SimulateRamp {
+pub(super) struct SimulateRamp {
     #[command(flatten)]
     imu: SimulatedImuOptions,
     /// Ramp of the chamber up and down, one for each recording [degC/h]
@@ -48,7 +48,7 @@ pub struct SimulateRamp {
 }
 
 impl SimulateRamp {
-    pub fn run(self) -> Result<(), Failure> {
+    pub(super) fn run(self) -> Result<(), Failure> {
         let truth = self.imu.truth()?;
         let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
         let [from_c, to_c] = self.temperatures;
@@ -80,11 +80,11 @@ impl SimulateRamp {
 }
 
 /// Recordings of one IMU, each with the name of its file.
-pub struct RampRecordings(Vec<(String, RampSchedule)>);
+pub(super) struct RampRecordings(Vec<(String, RampSchedule)>);
 
 impl RampRecordings {
     /// Those of `run` at each of the rates.
-    pub fn new(truth: &Truth, run: RunSchedule, rates: &Rates) -> Result<Self, Failure> {
+    pub(super) fn new(truth: &Truth, run: RunSchedule, rates: &Rates) -> Result<Self, Failure> {
         let ends_c = [run.from_c, run.to_c];
         reachable(truth, &run.chain, &ends_c)?;
         if ends_c[0] == ends_c[1] {
@@ -100,7 +100,13 @@ impl RampRecordings {
     }
 
     /// Simulates and writes them.
-    pub fn write(&self, truth: &Truth, folder: &Path, seed: u64, files: &mut SimulatedFiles) -> Result<(), Failure> {
+    pub(super) fn write(
+        &self,
+        truth: &Truth,
+        folder: &Path,
+        seed: u64,
+        files: &mut SimulatedFiles,
+    ) -> Result<(), Failure> {
         for (number, (name, schedule)) in (1..).zip(&self.0) {
             let rows = simulation::ramp(truth, schedule, simulation::ramp_seed(seed, number)).map(|raw| ("", raw));
             let columns = Columns::of(truth, &schedule.run.chain);
@@ -110,12 +116,12 @@ impl RampRecordings {
     }
 
     /// Their part of the campaign file.
-    pub fn ramps(&self) -> Vec<Ramp> {
+    pub(super) fn ramps(&self) -> Vec<Ramp> {
         self.0.iter().map(|(name, schedule)| schedule.ramp(name)).collect()
     }
 
     /// Their part of truth.toml.
-    pub fn documents(&self, truth: &Truth) -> Vec<RampDocument<'_>> {
+    pub(super) fn documents(&self, truth: &Truth) -> Vec<RampDocument<'_>> {
         let documents = self.0.iter().map(|(samples, schedule)| RampDocument {
             samples,
             attitude: AttitudeDocument::of(truth, &schedule.run),
@@ -127,7 +133,7 @@ impl RampRecordings {
 
 /// What truth.toml says of a recording.
 #[derive(Serialize)]
-pub struct RampDocument<'a> {
+pub(super) struct RampDocument<'a> {
     samples: &'a str,
     #[serde(flatten)]
     attitude: AttitudeDocument,

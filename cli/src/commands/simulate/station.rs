@@ -31,7 +31,7 @@ use std::time::Duration;
 #[command(
     after_help = "Examples:\n  isotherm simulate station -o station --imu imu-a --speed 100\n  isotherm simulate station -o station --imu imu-a --chamber watlow-f4t --table aerosmith --tcp\n  isotherm simulate station -o station --imu imu-a --fault late:table@3-5 --fault never-there@7200s-9000s\n  echo port-loss:chamber > station/faults"
 )]
-pub struct SimulateStation {
+pub(super) struct SimulateStation {
     #[command(flatten)]
     imu: SimulatedImuOptions,
     /// What the chamber speaks
@@ -74,7 +74,7 @@ pub struct SimulateStation {
 
 /// One process of a station
 #[derive(Debug, Args)]
-pub struct StationPart {
+pub(super) struct StationPart {
     /// Which process
     #[arg(value_parser = PossibleValuesParser::new(StationProcess::NAMES.map(|(_, name)| name)).map(|name| named(&StationProcess::NAMES, &name)))]
     part: StationProcess,
@@ -104,7 +104,7 @@ fn fault(text: &str) -> Result<String, String> {
 }
 
 impl StationPart {
-    pub fn run(self, domain: Domain) -> Result<(), Failure> {
+    pub(super) fn run(self, domain: Domain) -> Result<(), Failure> {
         if end_with_parent(self.parent)? {
             SimulatedStation::run_process(self.part, &self.folder, domain)
         } else {
@@ -114,7 +114,7 @@ impl StationPart {
 }
 
 impl SimulateStation {
-    pub fn run(self, domain: &Domain) -> Result<(), Failure> {
+    pub(super) fn run(self, domain: &Domain) -> Result<(), Failure> {
         let ended = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             let handled = signal_hook::flag::register(signal, Arc::clone(&ended));

@@ -17,7 +17,7 @@ pub(super) struct AirLimits<'l> {
 
 impl AirLimits<'_> {
     /// The fault of a set point \[degC\]; `None` if it is valid.
-    pub fn set_point(&self, celsius: f64) -> Option<String> {
+    pub(super) fn set_point(&self, celsius: f64) -> Option<String> {
         let limits = self.limits;
         limits.chamber(celsius).or_else(|| {
             let ends = [celsius - self.tolerance_c, celsius + self.tolerance_c];

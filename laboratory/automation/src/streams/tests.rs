@@ -7,14 +7,14 @@ const SECOND: u64 = 1_000_000_000;
 const DWELL: Unit = Unit::Dwell { visit: 0, position: 0 };
 
 /// The streams of three IMUs with dwells of 30 s, without a service: samples come by [`Bench::feed`].
-pub struct Bench {
+pub(crate) struct Bench {
     pub plan: &'static Plan,
     pub streams: Streams<'static>,
     begun_ns: u64,
 }
 
 impl Bench {
-    pub fn new(folder: &Path) -> Self {
+    pub(crate) fn new(folder: &Path) -> Self {
         let text = include_str!("../../../../examples/plan-batch.toml").replace("time_s = 300\n", "time_s = 30\n");
         // These streams have no telemetry.
         let text: String =
@@ -28,7 +28,7 @@ impl Bench {
     }
 
     /// Samples of 1 s of an IMU, that end within these seconds after the begin.
-    pub fn feed(&mut self, imu: usize, session: u64, seconds: std::ops::Range<u64>) {
+    pub(crate) fn feed(&mut self, imu: usize, session: u64, seconds: std::ops::Range<u64>) {
         for second in seconds {
             let end_ns = 1000 * SECOND + second * SECOND;
             let sample = RawSample {

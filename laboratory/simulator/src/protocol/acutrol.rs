@@ -4,7 +4,7 @@ use super::line::take_line;
 use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
 
-pub struct AcutrolProtocol {
+pub(super) struct AcutrolProtocol {
     tcp: bool,
     axes: [AxisState; 2],
 }
@@ -19,7 +19,7 @@ struct AxisState {
 }
 
 impl AcutrolProtocol {
-    pub fn new(tcp: bool) -> Self {
+    pub(super) fn new(tcp: bool) -> Self {
         Self { tcp, axes: [AxisState { rate: 10.0, acceleration: 10.0, demand_deg: 0.0, in_position_mode: false }; 2] }
     }
 

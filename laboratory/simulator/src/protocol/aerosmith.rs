@@ -4,7 +4,7 @@ use super::line::take_line;
 use crate::server::Protocol;
 use crate::turntable::{Interlock, TurntableDevice};
 
-pub struct AerosmithProtocol {
+pub(super) struct AerosmithProtocol {
     rate: [f64; 2],
     acceleration: [f64; 2],
 }

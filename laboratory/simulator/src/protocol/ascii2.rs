@@ -4,7 +4,7 @@ use super::line::take_line;
 use crate::chamber::{ChamberDevice, Mode};
 use crate::server::Protocol;
 
-pub struct Ascii2Protocol;
+pub(super) struct Ascii2Protocol;
 
 impl Protocol<ChamberDevice> for Ascii2Protocol {
     fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {

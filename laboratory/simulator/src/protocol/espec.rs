@@ -4,7 +4,7 @@ use super::line::take_line;
 use crate::chamber::{ChamberDevice, Mode, RANGE_C};
 use crate::server::Protocol;
 
-pub struct EspecProtocol;
+pub(super) struct EspecProtocol;
 
 impl Protocol<ChamberDevice> for EspecProtocol {
     fn take_request(&mut self, input: &mut Vec<u8>) -> Option<Vec<u8>> {

@@ -3,7 +3,7 @@
 use crate::chamber::{ChamberDevice, Mode};
 use crate::server::Protocol;
 
-pub struct F4tProtocol;
+pub(super) struct F4tProtocol;
 
 /// Modbus exception codes.
 const ILLEGAL_FUNCTION: u8 = 1;

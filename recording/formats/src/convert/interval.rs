@@ -3,7 +3,7 @@
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 
 /// A step of the time over this number of nominal intervals is a gap, or a late row.
-pub const GAP: f64 = 1.5;
+pub(super) const GAP: f64 = 1.5;
 /// Relative difference that counts: 100 ppm.
 const COUNTS: f64 = 1e-4;
 /// Most that a rounded interval may differ from the mean step, relative, however much the time jitters.
@@ -14,7 +14,7 @@ const ERRORS: f64 = 3.0;
 const FEWEST: u64 = 3;
 
 /// The steps of the time between rows without a gap, as deviations from one interval.
-pub struct Steps {
+pub(super) struct Steps {
     interval_ns: f64,
     count: u64,
     sum: f64,
@@ -26,12 +26,12 @@ pub struct Steps {
 
 impl Steps {
     /// No steps.
-    pub fn new(interval_ns: u64) -> Self {
+    pub(super) fn new(interval_ns: u64) -> Self {
         Self { interval_ns: interval_ns as f64, count: 0, sum: 0.0, squares: 0.0, products: 0.0, last: 0.0 }
     }
 
     /// Takes a step in \[ns\]. One over [`GAP`] intervals does not count.
-    pub fn take(&mut self, step_ns: u64) {
+    pub(super) fn take(&mut self, step_ns: u64) {
         let step = step_ns as f64;
         if step <= GAP * self.interval_ns {
             let deviation = step - self.interval_ns;
@@ -58,7 +58,7 @@ impl Steps {
     ///
     /// The variance of the mean is that of steps that are correlated with the step before: where only the stamps jitter, a step that is too
     /// long is followed by one that is too short.
-    pub fn other_mean(&self) -> Option<f64> {
+    pub(super) fn other_mean(&self) -> Option<f64> {
         if self.count < FEWEST {
             return None;
         }
@@ -72,7 +72,7 @@ impl Steps {
 
 /// The nominal interval \[ns\] of rows with these times \[ns\]: their mean step without gaps; or the interval of a whole number of Hz, of s, or
 /// the median step, the first that is within 100 ppm of it and what the jitter of the first and the last stamp explains.
-pub fn nominal(times: &[u64]) -> Option<u64> {
+pub(super) fn nominal(times: &[u64]) -> Option<u64> {
     let steps = || times.windows(2).filter_map(|pair| pair[1].checked_sub(pair[0])).filter(|step| *step > 0);
     let mut sorted: Vec<_> = steps().collect();
     sorted.sort_unstable();

@@ -27,7 +27,7 @@ const IMU_ERROR: u8 = 1;
 const ENCRYPTED: u8 = 2;
 
 /// Rows of NovAtel's logs.
-pub struct NovatelSource {
+pub(super) struct NovatelSource {
     source: BufReader<Box<dyn Read>>,
     temperature: Option<f64>,
     line: u64,
@@ -46,14 +46,14 @@ enum Skipped {
 }
 
 /// Whether data that begin with these bytes are such logs.
-pub fn is_log(beginning: &[u8]) -> bool {
+pub(super) fn is_log(beginning: &[u8]) -> bool {
     let is_log = |line: &[u8]| LOGS.iter().any(|(name, _)| line.starts_with(name.as_bytes()));
     beginning.split(|byte| *byte == b'\n').any(is_log)
 }
 
 impl NovatelSource {
     /// Reads from `source`.
-    pub fn new(source: Box<dyn Read>, temperature: Option<f64>) -> Self {
+    pub(super) fn new(source: Box<dyn Read>, temperature: Option<f64>) -> Self {
         Self {
             source: BufReader::with_capacity(1 << 16, source),
             temperature,

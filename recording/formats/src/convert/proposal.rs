@@ -41,7 +41,7 @@ struct First {
 ///
 /// # Errors
 /// If there is no such row, or the text cannot be read.
-pub fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
+pub(super) fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
     let mut before: Option<First> = None;
     while rows.line() <= MOST_SKIPPED && rows.next_row()? {
         let separator = rows.detect_separator(is_separated)?;
@@ -61,7 +61,7 @@ pub fn propose(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError>
 ///
 /// # Errors
 /// If the text ends here, or cannot be read.
-pub fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
+pub(super) fn propose_from(rows: &mut Rows<Box<dyn Read>>) -> Result<String, RecordingError> {
     let separator = rows.detect_separator(is_separated)?;
     let first = First { line: rows.line(), separator, names: rows.names().collect() };
     if !rows.next_row()? {

@@ -3,7 +3,7 @@
 use isotherm_recording::columns::PARQUET_MAGIC;
 
 /// Why data that begin with these bytes are refused; `None` if they may be converted.
-pub fn reason(beginning: &[u8]) -> Option<String> {
+pub(super) fn reason(beginning: &[u8]) -> Option<String> {
     const KNOWN: [(&[u8], &str); 8] = [
         (
             b"SQLite format 3\0",

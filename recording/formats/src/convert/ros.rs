@@ -21,7 +21,7 @@ const RESOLUTION: f64 = 1e-6;
 const LISTED: usize = 40;
 
 /// Rows of the messages of a topic.
-pub struct RosSource {
+pub(super) struct RosSource {
     messages: Messages,
     topic: String,
     gyroscopes: bool,
@@ -84,7 +84,7 @@ impl RosSource {
     ///
     /// # Errors
     /// If there is no topic of the messages, or several and none is chosen; if the file cannot be read twice.
-    pub fn open(path: &Path, settings: &Settings, temperature: Option<f64>) -> Result<Self, Failure> {
+    pub(super) fn open(path: &Path, settings: &Settings, temperature: Option<f64>) -> Result<Self, Failure> {
         if path == Path::new("-") {
             return Err(Failure::new(
                 Exit::Usage,

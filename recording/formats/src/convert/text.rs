@@ -14,7 +14,7 @@ use std::io::Read;
 const FINE: f64 = 1e-6;
 
 /// Rows of a text.
-pub struct TextSource {
+pub(super) struct TextSource {
     rows: Rows<Box<dyn Read>>,
     marks: Marks,
     /// Whether the current row has not been returned yet: the first, in a text without header.
@@ -66,7 +66,7 @@ impl TextSource {
     ///
     /// # Errors
     /// If a column is missing, with the columns that were found and the mapping that would be.
-    pub fn new(mut rows: Rows<Box<dyn Read>>, mapping: Mapping) -> Result<Self, RecordingError> {
+    pub(super) fn new(mut rows: Rows<Box<dyn Read>>, mapping: Mapping) -> Result<Self, RecordingError> {
         rows.skip_lines(mapping.skip)?;
         if !rows.next_row()? {
             return Err(rows.error("there are no rows".to_owned()));
@@ -276,7 +276,7 @@ impl Marks {
 }
 
 /// A decimal number, with or without exponent, times a power of ten, to the nearest whole number.
-pub fn decimal_ns(text: &str, power: u32) -> Option<u64> {
+pub(super) fn decimal_ns(text: &str, power: u32) -> Option<u64> {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (mantissa, exponent.parse::<i32>().ok()?),
         None => (text, 0),

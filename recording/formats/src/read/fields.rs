@@ -14,7 +14,7 @@ const NUMBERS: [u64; 6] = [1, 2, 3, 4, 5, 13];
 const TEXTS: [u64; 1] = [9];
 
 /// The fields of a schema that have wanted columns.
-pub struct FieldMap {
+pub(super) struct FieldMap {
     /// By field number: index of the wanted column, and the field's type in protobuf.
     columns: Vec<Option<(usize, u64)>>,
     /// The values of the wanted columns in a message without any field.
@@ -24,7 +24,7 @@ pub struct FieldMap {
 /// Maps fields to wanted columns. An error if a column is missing or has an unsuitable type.
 ///
 /// A missing field has the value 0, as defined by proto3; for [`Absence::Kept`] it has none, and neither has one that the schema lacks.
-pub fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
+pub(super) fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>) -> Result<FieldMap, String> {
     let mut names: Vec<_> = fields.keys().cloned().collect();
     names.sort();
     refuse_missing(wanted, &names, "")?;
@@ -49,7 +49,7 @@ pub fn map_fields(wanted: &[WantedColumn], fields: &HashMap<String, FieldNumber>
 }
 
 /// Reads the values of a message.
-pub fn decode(
+pub(super) fn decode(
     message: &[u8],
     wanted: &[WantedColumn],
     fields: &FieldMap,

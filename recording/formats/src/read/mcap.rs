@@ -13,7 +13,7 @@ use std::io::Read;
 use std::rc::Rc;
 
 /// Reads the wanted columns from the messages of one stream, which may have several channels.
-pub struct McapReader {
+pub(super) struct McapReader {
     records: Records,
     wanted: Vec<WantedColumn>,
     choice: ImuChoice,
@@ -43,7 +43,7 @@ struct OpenChannel {
 
 impl McapReader {
     /// Reads from `source`; with `raw`, the messages of channels `isotherm/<imu>/raw`, else those of any channel.
-    pub fn new(source: Box<dyn Read>, wanted: Vec<WantedColumn>, choice: ImuChoice, raw: bool) -> Self {
+    pub(super) fn new(source: Box<dyn Read>, wanted: Vec<WantedColumn>, choice: ImuChoice, raw: bool) -> Self {
         Self {
             records: Records::new(source),
             wanted,

@@ -22,7 +22,7 @@ const BATCH: usize = 4096;
 const MAX_FOOTER: u64 = 16 << 20;
 
 /// Reads the wanted columns of a Parquet file.
-pub struct ParquetReader {
+pub(super) struct ParquetReader {
     file: File,
     reader: SerializedFileReader<File>,
     /// The IMU that the metadata name.
@@ -74,7 +74,7 @@ impl ParquetReader {
     ///
     /// # Errors
     /// If it is not a Parquet file, belongs to another IMU than the chosen one, or lacks a column.
-    pub fn open(
+    pub(super) fn open(
         file: File,
         wanted: impl FnOnce(&[String]) -> Result<Vec<WantedColumn>, String>,
         choice: &ImuChoice,

@@ -405,14 +405,14 @@ impl PieceSource {
 }
 
 /// An open file, by format.
-pub enum Opened {
+pub(super) enum Opened {
     Csv(Box<dyn Read>),
     Mcap(Box<dyn Read>),
     Parquet(File),
 }
 
 /// Opens a file and detects its format by the first bytes. `-` is stdin.
-pub fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHash>) -> Result<Opened, Failure> {
+pub(super) fn open_source(path: &Path, bar: &ProgressBar, hash: Option<&SharedHash>) -> Result<Opened, Failure> {
     let io = |error: &io::Error| Failure::io("opening", path, error);
     let mut source = open_recording(path).map_err(|error| io(&error))?;
     let mut magic = Vec::new();
@@ -464,7 +464,7 @@ impl Drop for HashingReader {
 /// Sorts the pieces of a recording by time. `first` reads the times of a piece's first row, `None` if the piece is empty. `times`
 /// chooses one time for each piece, by the same rule for all. Pieces without a time come first; if no piece has one, the given
 /// order is kept.
-pub fn in_order<T>(
+pub(super) fn in_order<T>(
     paths: &[PathBuf],
     mut first: impl FnMut(&Path) -> Result<Option<T>, Failure>,
     times: impl FnOnce(&[Option<T>]) -> Vec<Option<u64>>,
@@ -493,6 +493,6 @@ pub fn in_order<T>(
 }
 
 /// An optional column with a time by which pieces are sorted.
-pub fn time_column(name: &str) -> WantedColumn {
+pub(super) fn time_column(name: &str) -> WantedColumn {
     WantedColumn { set: ColumnSet::Recorder, ..WantedColumn::number(name) }
 }

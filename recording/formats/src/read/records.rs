@@ -12,7 +12,7 @@ const MAX_RECORD: usize = 64 << 20;
 const BUFFER: usize = 1 << 20;
 
 /// Reads the records of an MCAP file. An unfinished file is read up to its last complete record.
-pub struct Records {
+pub(crate) struct Records {
     source: Box<dyn Read>,
     reader: LinearReader,
     bytes: u64,
@@ -23,7 +23,7 @@ pub struct Records {
 }
 
 /// Why there is no next record.
-pub enum RecordsError {
+pub(crate) enum RecordsError {
     /// The source cannot be read.
     Io(io::Error),
     /// The file is not valid.
@@ -42,7 +42,7 @@ enum McapEvent {
 
 impl Records {
     /// Reads from `source`.
-    pub fn new(source: Box<dyn Read>) -> Self {
+    pub(crate) fn new(source: Box<dyn Read>) -> Self {
         // The checksum of a chunk is verified before any of its content is used.
         let options = LinearReaderOptions::default()
             .with_skip_end_magic(true)
@@ -53,7 +53,7 @@ impl Records {
     }
 
     /// The next schema, channel or message; `None` at the end.
-    pub fn next(&mut self) -> Result<Option<Record<'static>>, RecordsError> {
+    pub(crate) fn next(&mut self) -> Result<Option<Record<'static>>, RecordsError> {
         loop {
             match self.event()? {
                 Some(McapEvent::Read(need)) => {
@@ -71,12 +71,12 @@ impl Records {
     }
 
     /// Number of bytes read.
-    pub const fn bytes(&self) -> u64 {
+    pub(crate) const fn bytes(&self) -> u64 {
         self.bytes
     }
 
     /// A warning if the end of the file is missing. Valid after the last record.
-    pub fn truncation(&self) -> Option<String> {
+    pub(crate) fn truncation(&self) -> Option<String> {
         let what = match (self.truncated, self.finished) {
             (true, _) => "its last record is cut and left out",
             (false, false) => "it has no end record",

@@ -18,7 +18,7 @@ pub enum ImuChoice {
 
 /// The values that a wanted column may have.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum ValueKind {
+pub(super) enum ValueKind {
     /// Unsigned integers of up to 64 bits.
     U64,
     /// Unsigned integers of up to 32 bits.
@@ -31,7 +31,7 @@ pub enum ValueKind {
 
 impl ValueKind {
     /// What a value must be, for messages.
-    pub const fn expected(self) -> &'static str {
+    pub(super) const fn expected(self) -> &'static str {
         match self {
             Self::U64 => "a whole number from 0 to 2^64-1",
             Self::U32 => "a whole number from 0 to 4294967295",
@@ -43,7 +43,7 @@ impl ValueKind {
 
 /// How a missing value in a row is handled.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Absence {
+pub(super) enum Absence {
     /// It is an error. But a missing floating-point value is NaN, since many programs store NaN that way, and a missing text is 0.
     Refused,
     /// The value is `None`.
@@ -52,7 +52,7 @@ pub enum Absence {
 
 /// A column that is to be read.
 #[derive(Clone, Debug)]
-pub struct WantedColumn {
+pub(super) struct WantedColumn {
     pub name: String,
     pub kind: ValueKind,
     /// Which files have the column.
@@ -62,7 +62,7 @@ pub struct WantedColumn {
 
 impl WantedColumn {
     /// A column of any numbers.
-    pub fn number(name: &str) -> Self {
+    pub(super) fn number(name: &str) -> Self {
         Self { name: name.to_owned(), kind: ValueKind::Number, set: ColumnSet::Always, absence: Absence::Refused }
     }
 }
@@ -80,7 +80,7 @@ impl From<&Column> for WantedColumn {
 }
 
 /// The columns of raw samples, in the order of [`RAW`]; with `campaign`, set point and position follow.
-pub fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
+pub(super) fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
     let [set_point, position] = CAMPAIGN.map(|column| WantedColumn::number(column.name));
     let campaign_columns = [set_point, WantedColumn { absence: Absence::Kept, ..position }];
     RAW.iter().map(WantedColumn::from).chain(campaign_columns.into_iter().filter(|_| campaign)).collect()
@@ -88,7 +88,7 @@ pub fn sample_columns(campaign: bool) -> Vec<WantedColumn> {
 
 /// The message about wanted columns that a file lacks, if any. `names` are the columns that it has; `hint` ends the message about columns
 /// that every file has.
-pub fn refuse_missing(wanted: &[WantedColumn], names: &[String], hint: &str) -> Result<(), String> {
+pub(super) fn refuse_missing(wanted: &[WantedColumn], names: &[String], hint: &str) -> Result<(), String> {
     let found = |name: &str| names.iter().any(|other| other == name);
     let required = wanted.iter().filter(|column| column.set == ColumnSet::Always);
     let missing: Vec<_> = required.map(|column| column.name.as_str()).filter(|name| !found(name)).collect();
@@ -100,7 +100,7 @@ pub fn refuse_missing(wanted: &[WantedColumn], names: &[String], hint: &str) -> 
 }
 
 /// Reads the wanted columns of one file, row by row.
-pub trait TableReader {
+pub(super) trait TableReader {
     /// Reads a row into `values`, one for each wanted column: an integer, the bits of a double, or `None` if the file does not have the
     /// column. Returns false at the end.
     ///

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// If it exists or cannot be written.
-pub fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
+pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
     let mut file = staged_file(path)?;
     file.write_all(bytes)?;
     file.as_file().sync_data()?;
@@ -16,7 +16,7 @@ pub fn create(path: &Path, bytes: &[u8]) -> io::Result<File> {
 }
 
 /// A staged file in the folder of `path`, with a temporary name.
-pub fn staged_file(path: &Path) -> io::Result<tempfile::NamedTempFile> {
+pub(super) fn staged_file(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
@@ -26,7 +26,7 @@ pub fn staged_file(path: &Path) -> io::Result<tempfile::NamedTempFile> {
 }
 
 /// Collects bytes and appends them to a file, or the standard output, at a flush. A flush that fails leaves the file as it was.
-pub struct GrowingFile {
+pub(super) struct GrowingFile {
     sink: GrowingSink,
     length: u64,
     /// Bytes that are written at the next flush.
@@ -45,19 +45,19 @@ impl GrowingFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub fn create(path: &Path, bytes: &[u8]) -> io::Result<Self> {
+    pub(super) fn create(path: &Path, bytes: &[u8]) -> io::Result<Self> {
         let mut file = create(path, bytes)?;
         file.seek(SeekFrom::End(0))?;
         Ok(Self { sink: GrowingSink::File(file), length: bytes.len() as u64, pending: Vec::new(), restarted: None })
     }
 
     /// The standard output; `bytes` are written first.
-    pub fn stdout(bytes: Vec<u8>) -> Self {
+    pub(super) fn stdout(bytes: Vec<u8>) -> Self {
         Self { sink: GrowingSink::Stdout(io::stdout()), length: 0, pending: bytes, restarted: None }
     }
 
     /// Begins anew with these bytes: the next flush replaces the file `path`, in one step. For a file without rows.
-    pub fn restart(&mut self, path: &Path, bytes: Vec<u8>) {
+    pub(super) fn restart(&mut self, path: &Path, bytes: Vec<u8>) {
         self.pending = bytes;
         if matches!(self.sink, GrowingSink::File(_)) {
             self.restarted = Some(path.to_owned());
@@ -69,7 +69,7 @@ impl GrowingFile {
     ///
     /// # Errors
     /// If the operating system cannot write all of them.
-    pub fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
             GrowingSink::File(file) if let Some(path) = &self.restarted => {
                 let mut staged = staged_file(path)?;
@@ -93,7 +93,7 @@ impl GrowingFile {
     }
 
     /// Size including the pending bytes \[bytes\].
-    pub fn size(&self) -> u64 {
+    pub(super) fn size(&self) -> u64 {
         self.length + self.pending.len() as u64
     }
 }

@@ -18,7 +18,7 @@ use std::rc::Rc;
 /// An MCAP file that is being written. Every flush ends a chunk, so readers can read all flushed messages of an unfinished file.
 ///
 /// All channels come before the first message, so that a reader knows which IMUs there are before it chooses one.
-pub struct McapFile {
+pub(super) struct McapFile {
     writer: mcap::Writer<NoSeek<Memory>>,
     memory: Memory,
     file: GrowingFile,
@@ -39,16 +39,16 @@ struct FileStream {
 
 /// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined state.
 #[derive(Clone, Default)]
-pub struct Memory(Rc<RefCell<Vec<u8>>>);
+pub(super) struct Memory(Rc<RefCell<Vec<u8>>>);
 
 impl Memory {
     /// Takes what has been written.
-    pub fn take(&self) -> Vec<u8> {
+    pub(super) fn take(&self) -> Vec<u8> {
         self.0.take()
     }
 
     /// Number of bytes that have been written and not taken.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.0.borrow().len()
     }
 }
@@ -68,7 +68,7 @@ impl McapFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub fn create(
+    pub(super) fn create(
         path: &Path,
         imus: &[ImuId],
         streams: &[(usize, StreamKind)],
@@ -92,7 +92,7 @@ impl McapFile {
     ///
     /// # Errors
     /// If the library refuses them.
-    pub fn change_layouts(&mut self, layouts: &[Layout]) -> io::Result<()> {
+    pub(super) fn change_layouts(&mut self, layouts: &[Layout]) -> io::Result<()> {
         let layout_of = |stream: &FileStream| layouts[stream.imu.0].of_stream(stream.kind);
         if self.streams.iter().all(|stream| stream.layout == layout_of(stream)) {
             return Ok(());
@@ -111,7 +111,7 @@ impl McapFile {
     ///
     /// # Errors
     /// If the library refuses it.
-    pub fn write(&mut self, row: &RecordedRow, layout: Layout) -> io::Result<()> {
+    pub(super) fn write(&mut self, row: &RecordedRow, layout: Layout) -> io::Result<()> {
         let of_row = |stream: &&mut FileStream| (stream.imu.0, stream.kind) == (row.imu, row.stream());
         let Some(stream) = self.streams.iter_mut().find(of_row) else { return Ok(()) };
         let layout = layout.of_stream(stream.kind);
@@ -134,7 +134,7 @@ impl McapFile {
     ///
     /// # Errors
     /// If the file cannot be written. The call can be repeated.
-    pub fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self) -> io::Result<()> {
         self.writer.flush().map_err(io_error)?;
         self.append()
     }
@@ -143,7 +143,7 @@ impl McapFile {
     ///
     /// # Errors
     /// As [`flush`](Self::flush).
-    pub fn finish(&mut self) -> io::Result<()> {
+    pub(super) fn finish(&mut self) -> io::Result<()> {
         self.writer.finish().map_err(io_error)?;
         self.append()
     }
@@ -154,7 +154,7 @@ impl McapFile {
     }
 
     /// Size without the open chunk \[bytes\].
-    pub fn size(&self) -> u64 {
+    pub(super) fn size(&self) -> u64 {
         self.file.size() + self.memory.len() as u64
     }
 }
@@ -165,7 +165,7 @@ fn begin(memory: &Memory) -> io::Result<mcap::Writer<NoSeek<Memory>>> {
 }
 
 /// How all MCAP files are written.
-pub fn options() -> WriteOptions {
+pub(super) fn options() -> WriteOptions {
     let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
     // Compression runs in this thread. The sink cannot seek.
     let options = WriteOptions::new().library(library).disable_seeking(true);
@@ -188,6 +188,6 @@ impl FileStream {
 }
 
 /// An error of the library.
-pub fn io_error(error: McapError) -> io::Error {
+pub(super) fn io_error(error: McapError) -> io::Error {
     io::Error::other(error)
 }

@@ -32,7 +32,7 @@ const ROW_GROUP: usize = 1 << 16;
 const MAGIC: &[u8] = b"PAR1";
 
 /// A Parquet file of one stream that is being written.
-pub struct ParquetFile {
+pub(super) struct ParquetFile {
     path: PathBuf,
     layout: Layout,
     schema: TypePtr,
@@ -59,7 +59,7 @@ impl ParquetFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub fn create(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
+    pub(super) fn create(path: &Path, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
         let (schema, properties, open) = begin(imu, stream, layout).map_err(io_error)?;
         let mut bytes = MAGIC.to_vec();
         bytes.append(&mut footer(&schema, &properties, &mut Vec::new(), None).map_err(io_error)?);
@@ -84,7 +84,7 @@ impl ParquetFile {
     ///
     /// # Errors
     /// If the library refuses it.
-    pub fn change_layout(&mut self, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<()> {
+    pub(super) fn change_layout(&mut self, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<()> {
         if layout == self.layout {
             return Ok(());
         }
@@ -97,7 +97,7 @@ impl ParquetFile {
     ///
     /// # Errors
     /// If the library refuses it.
-    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+    pub(super) fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
         self.open.push(row, self.layout);
         if self.open.rows < ROW_GROUP {
             return Ok(());
@@ -114,7 +114,7 @@ impl ParquetFile {
     ///
     /// # Errors
     /// If the disk is full, for example. Rows that were visible stay so, and the call can be repeated.
-    pub fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self) -> io::Result<()> {
         let (mut tail, open) = match self.open.rows {
             0 => (Vec::new(), None),
             _ => self.encode_open().map(|(bytes, group)| (bytes, Some(group)))?,
@@ -145,7 +145,7 @@ impl ParquetFile {
     }
 
     /// Size \[bytes\]; exact after a flush.
-    pub const fn size(&self) -> u64 {
+    pub(super) const fn size(&self) -> u64 {
         self.body + self.tail
     }
 

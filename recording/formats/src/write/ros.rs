@@ -228,7 +228,7 @@ fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> Metadata {
 }
 
 /// A file of ROS messages that grows only by complete flushes.
-pub struct RosFile {
+pub(super) struct RosFile {
     writer: RosWriter<Memory>,
     memory: Memory,
     file: GrowingFile,
@@ -239,7 +239,7 @@ impl RosFile {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub fn create(path: &Path, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
+    pub(super) fn create(path: &Path, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
         let memory = Memory::default();
         let mut writer = RosWriter::new(memory.clone(), imus, tables)?;
         writer.flush()?;
@@ -251,7 +251,7 @@ impl RosFile {
     ///
     /// # Errors
     /// As [`RosWriter::write`].
-    pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+    pub(super) fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
         self.writer.write(row)
     }
 
@@ -259,7 +259,7 @@ impl RosFile {
     ///
     /// # Errors
     /// If the file cannot be written. The call can be repeated.
-    pub fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self) -> io::Result<()> {
         self.writer.flush()?;
         self.append()
     }
@@ -268,7 +268,7 @@ impl RosFile {
     ///
     /// # Errors
     /// As [`flush`](Self::flush).
-    pub fn finish(&mut self) -> io::Result<()> {
+    pub(super) fn finish(&mut self) -> io::Result<()> {
         self.writer.end()?;
         self.append()
     }
@@ -279,7 +279,7 @@ impl RosFile {
     }
 
     /// Size without the open chunk \[bytes\].
-    pub fn size(&self) -> u64 {
+    pub(super) fn size(&self) -> u64 {
         self.file.size() + self.memory.len() as u64
     }
 }
