@@ -11,7 +11,7 @@ use isotherm_recording::{
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::lag::Lag;
+use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
@@ -60,16 +60,10 @@ pub(crate) fn time_warning(py: Python<'_>, samples: PyReadonlyArray1<'_, u8>) ->
 /// without it; each session begins soaked.
 pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
     let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
-    let follows = table.lag_ns() != 0 && all().all(|sample| sample.lag_ns == 0);
-    let (mut lag, mut session) = (Lag::new(table.lag_ns()), None);
+    let has_lag = table.lag_ns() == 0 || all().any(|sample| sample.lag_ns != 0);
+    let mut lag = LagCompletion::new(table.lag_ns());
     all().map(move |mut sample| {
-        if follows {
-            if session.replace(sample.session).is_some_and(|session| session != sample.session) {
-                lag.reset();
-            }
-            lag.follow(&sample);
-            lag.fill(&mut sample);
-        }
+        lag.complete(&mut sample, has_lag);
         sample
     })
 }

@@ -122,6 +122,49 @@ impl Lag {
     }
 }
 
+/// Completes the lagged telemetry of a recording's rows, in their order. Each session begins soaked.
+///
+/// ```
+/// use isotherm_shared::lag::LagCompletion;
+/// use isotherm_shared::wire::RawSample;
+///
+/// let mut completion = LagCompletion::new(240_000_000_000);
+/// let mut row = RawSample { timestamp_ns: 1_000_000_000, ..RawSample::default() };
+/// row.accelerometers.head_temperature = [21.5; 3];
+/// completion.complete(&mut row, false);
+/// assert_eq!((row.lag_ns, row.accelerometers.head_lagged), (240_000_000_000, [21.5; 3]));
+/// ```
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LagCompletion {
+    lag: Lag,
+    session: Option<u64>,
+}
+
+impl LagCompletion {
+    /// With the time constant \[ns\], 0 for none.
+    #[must_use]
+    pub const fn new(lag_ns: u64) -> Self {
+        Self { lag: Lag::new(lag_ns), session: None }
+    }
+
+    /// Sets the time constant \[ns\] of all further rows.
+    pub const fn set_lag(&mut self, lag_ns: u64) {
+        self.lag.lag_ns = lag_ns;
+    }
+
+    /// Completes the next row. The rows of a recording that `has_lag`, that is its columns, stay as the acquisition sent them, those without a
+    /// time constant too: the service computed with them. Their readings count in any case.
+    pub fn complete(&mut self, raw: &mut RawSample, has_lag: bool) {
+        if self.session.replace(raw.session).is_some_and(|session| session != raw.session) {
+            self.lag.reset();
+        }
+        self.lag.follow(raw);
+        if !has_lag {
+            self.lag.fill(raw);
+        }
+    }
+}
+
 impl LaggedReading {
     /// The state at the next reading, with the time constant `lag_ns` \[ns\]. A reading of the same or of an earlier time keeps L.
     #[must_use]
@@ -148,6 +191,29 @@ const fn heads(raw: &RawSample) -> [f64; SENSORS] {
 mod tests {
     use super::*;
     use crate::wire::Triad;
+
+    #[test]
+    fn a_session_of_a_recording_begins_soaked_and_rows_that_have_lag_stay() {
+        let row = |session, second: u64, telemetry| RawSample {
+            session,
+            timestamp_ns: second * 1_000_000_000,
+            accelerometers: Triad { head_temperature: [telemetry; 3], ..Triad::default() },
+            ..RawSample::default()
+        };
+        let mut completion = LagCompletion::new(100_000_000_000);
+        let mut complete = |mut raw: RawSample, has_lag| {
+            completion.complete(&mut raw, has_lag);
+            (raw.lag_ns, raw.accelerometers.head_lagged[0])
+        };
+        assert_eq!(complete(row(1, 1, 20.0), false), (100_000_000_000, 20.0));
+        let (_, behind) = complete(row(1, 51, 30.0), false);
+        assert!(behind > 20.0 && behind < 25.0, "{behind}");
+        // As it was sent; what it reads counts for the next one.
+        assert_eq!(complete(row(1, 101, 30.0), true), (0, 0.0));
+        let (_, nearer) = complete(row(1, 151, 30.0), false);
+        assert!(nearer > 26.0 && nearer < 29.0, "{nearer}");
+        assert_eq!(complete(row(2, 201, 30.0), false), (100_000_000_000, 30.0));
+    }
     use proptest::prelude::*;
 
     const TAU_NS: u64 = 240_000_000_000;

@@ -25,7 +25,7 @@ use isotherm_files::{Installation, LoadError, StagedText, WorldWritable, open_re
 use isotherm_recording::{CampaignCsvReader, RawCsvReader};
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
-use isotherm_shared::lag::Lag;
+use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_verification::Estimate;
 use isotherm_verification::Exercised;
@@ -477,13 +477,12 @@ fn read_ramps(folder: &Path, campaign: &Campaign) -> Result<(Vec<RampRecording>,
 fn stability(table: &CoefficientTable, recording: &Path, setup: &Setup) -> Result<Stability, Failure> {
     let source = open_recording(recording).map_err(|error| Failure::io("opening", recording, &error))?;
     let mut collector = Collector::new(table, WINDOW_S);
-    let mut lag = Lag::new(table.lag_ns());
-    for sample in RawCsvReader::new(source).map_err(|error| error.failure(recording))? {
+    let mut lag = LagCompletion::new(table.lag_ns());
+    let reader = RawCsvReader::new(source).map_err(|error| error.failure(recording))?;
+    let has_lag = reader.has_lag();
+    for sample in reader {
         let mut sample = sample.map_err(|error| error.failure(recording))?;
-        lag.follow(&sample);
-        if sample.lag_ns == 0 {
-            lag.fill(&mut sample);
-        }
+        lag.complete(&mut sample, has_lag);
         collector.add(&sample);
     }
     let stability = collector.finish(setup);
@@ -533,5 +532,51 @@ fn wait_until_in_force(plan: &Plan, table: &CoefficientTable, options: &Options)
             return Err(Failure::new(Exit::Unavailable, message));
         }
         thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_recording::{Layout, RawCsvWriter};
+    use isotherm_shared::table::FORMAT;
+    use isotherm_shared::wire::RawSample;
+    use isotherm_simulation::{Noise, RunSchedule, Truth, run};
+
+    /// Of a run that is recorded twice in one file, in two sessions: both begin soaked, so both have the same windows.
+    #[test]
+    fn a_second_session_of_a_verification_run_begins_soaked() {
+        let table = include_str!("../../../examples/tables/imu-paper.toml");
+        let mut content = CoefficientTable::from_toml(table, None).unwrap().content().clone();
+        (content.format, content.lag_s, content.axes[0].transient) = (FORMAT, Some(240.0), 350.0);
+        let truth = Truth::of(CoefficientTable::new(content).unwrap());
+        let schedule = RunSchedule {
+            direction: [0.6, -0.48, 0.64],
+            ramp_c_per_s: 70.0 / 3600.0,
+            hold_s: 60.0,
+            interval_ns: 1_000_000_000,
+            noise: Noise::NONE,
+            ..RunSchedule::default()
+        };
+        let rows: Vec<_> = run(&truth, &schedule, 1).take(3600).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.csv");
+        let mut writer = RawCsvWriter::with_layout(Vec::new(), "session", true, Layout::default()).unwrap();
+        for session in [1, 2] {
+            for raw in &rows {
+                let later = (session - 1) * 3600 * 1_000_000_000;
+                let (timestamp_ns, telemetry_ns) = (raw.timestamp_ns + later, raw.telemetry_ns + later);
+                let raw = RawSample { session, timestamp_ns, telemetry_ns, ..*raw };
+                writer.write(format!("{session:016x}"), &raw).unwrap();
+            }
+        }
+        std::fs::write(&path, writer.finish().unwrap()).unwrap();
+        let setup = Setup::new(Some(schedule.direction), LocalGravity::Stated(truth.table.content().gravity));
+        let windows = stability(&truth.table, &path, &setup).unwrap().windows;
+        let (first, second) = windows.split_at(360);
+        assert_eq!((first.len(), second.len()), (360, 360));
+        for (first, second) in first.iter().zip(second) {
+            assert!((first.after[0] - second.after[0]).abs() < 1e-12, "{} {}", first.after[0], second.after[0]);
+        }
     }
 }

@@ -11,7 +11,7 @@ use isotherm_failure::{Exit, Failure, tell};
 use isotherm_files::open_recording;
 use isotherm_recording::columns::{ColumnSet, GYROSCOPES, LAG_NS, MCAP_MAGIC, PARQUET_MAGIC, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, RawCsvReader, RecordingError, SequenceRule};
-use isotherm_shared::lag::Lag;
+use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::wire::{RawSample, Triad};
 use sha2::{Digest as _, Sha256};
 use std::cell::RefCell;
@@ -42,9 +42,7 @@ pub struct Recording {
     current: Piece,
     places: Places,
     hash: Option<SharedHash>,
-    /// The lagged telemetry, and the session that it is of.
-    lag: Lag,
-    session: Option<u64>,
+    lag: LagCompletion,
     ended: bool,
 }
 
@@ -123,25 +121,14 @@ impl Recording {
         let current = Piece::open(&first, kind, &choice, bar, hash.as_ref())?;
         let mut places = Places::default();
         places.begin(&current.path, current.source.unit(), 0);
-        let lag = Lag::default();
-        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, session: None, ended: false })
+        let lag = LagCompletion::default();
+        Ok(Self { kind, choice, bar: bar.clone(), waiting, current, places, hash, lag, ended: false })
     }
 
     /// Sets the time constant \[ns\] of the lagged telemetry of all further rows, 0 for none. It is computed for pieces that have no
     /// lagged telemetry; those that have are read as they are. Each session begins soaked.
     pub const fn set_lag(&mut self, lag_ns: u64) {
-        self.lag.lag_ns = lag_ns;
-    }
-
-    /// Computes the lagged telemetry of a sample, unless its piece has it. Its readings count in any case.
-    fn fill_lag(&mut self, sample: &mut RawSample) {
-        if self.session.replace(sample.session).is_some_and(|session| session != sample.session) {
-            self.lag.reset();
-        }
-        self.lag.follow(sample);
-        if !self.current.source.has_lag() {
-            self.lag.fill(sample);
-        }
+        self.lag.set_lag(lag_ns);
     }
 
     /// The next row. At the end of a piece, opens the next one.
@@ -158,7 +145,7 @@ impl Recording {
                 (error, _) => error,
             });
             if let Some(mut row) = row? {
-                self.fill_lag(&mut row.sample);
+                self.lag.complete(&mut row.sample, self.current.source.has_lag());
                 return Ok(Some(CampaignRow { line: self.places.before() + row.line, ..row }));
             }
             rule = self.current.source.sequence_rule();
