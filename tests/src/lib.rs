@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Condvar, Mutex};
+use std::sync::{Arc, Condvar, Mutex, Once};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -394,6 +394,11 @@ pub fn binary(name: &str) -> PathBuf {
 /// Starts a command. A program that a test has just written is busy while a process that another test has forked meanwhile still has its file
 /// open: until that process executes its own program.
 fn spawn(command: &mut Command) -> Child {
+    static DEFAULT_IN_CHILDREN: Once = Once::new();
+    // Under `nohup` SIGHUP is ignored, and programs inherit that. A handler they do not: for them it is the default again.
+    DEFAULT_IN_CHILDREN.call_once(|| {
+        signal_hook::flag::register(signal_hook::consts::SIGHUP, Arc::default()).unwrap();
+    });
     let mut child = None;
     wait_until("the start of a program that is not busy", || match command.spawn() {
         Err(error) if error.kind() == ErrorKind::ExecutableFileBusy => false,
