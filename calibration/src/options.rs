@@ -29,7 +29,7 @@ pub struct CalibrationOptions {
     pub alignment: AlignmentChoice,
     /// Dwells to leave out: set point \[degC\] and number of the position.
     pub exclude: Vec<(f64, u32)>,
-    /// Names of faults that are only warnings; see [`name`].
+    /// Names of faults that are only warnings; see [`name`](crate::name).
     pub accept: Vec<&'static str>,
     /// Whether every warning that is not accepted is a fault.
     pub strict: bool,

@@ -35,7 +35,7 @@ pub struct Campaign {
     pub soak_s: Option<f64>,
     /// The positions; none with ramps alone. If `mount` only exchanges axes or their signs, the directions are computed exactly from the angles.
     pub positions: Vec<Position>,
-    /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`].
+    /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`](crate::mount()).
     pub mount: Option<Matrix3<f64>>,
     /// The turns from rest to rest; none if the gyroscopes are not calibrated.
     pub turns: Vec<Turn>,

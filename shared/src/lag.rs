@@ -209,8 +209,8 @@ mod tests {
         let (_, behind) = complete(row(1, 51, 30.0), false);
         assert!(behind > 20.0 && behind < 25.0, "{behind}");
         // As it was sent; what it reads counts for the next one.
-        assert_eq!(complete(row(1, 101, 30.0), true), (0, 0.0));
-        let (_, nearer) = complete(row(1, 151, 30.0), false);
+        assert_eq!(complete(row(1, 101, 30.1), true), (0, 0.0));
+        let (_, nearer) = complete(row(1, 151, 30.2), false);
         assert!(nearer > 26.0 && nearer < 29.0, "{nearer}");
         assert_eq!(complete(row(2, 201, 30.0), false), (100_000_000_000, 30.0));
     }

@@ -43,7 +43,7 @@ use iceoryx2_cal::zero_copy_connection::common::details::{Connection, SharedMana
 use sha2::{Digest as _, Sha256};
 
 /// Raw samples that an acquisition may have unanswered, unless the service is configured with fewer. The service's queue is deeper,
-/// see [`queue_depth`](crate::protocol::acquisition::queue_depth): samples that are sent again have room too, so it does not overflow.
+/// see [`queue_depth`](crate::protocol::queue_depth): samples that are sent again have room too, so it does not overflow.
 pub const RAW_DEPTH: usize = 64;
 /// Raw samples that a recorder's queue holds. A recorder may sleep until it is full: 51 ms at 10 kHz.
 pub const RECORDER_DEPTH: usize = 512;

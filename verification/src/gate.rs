@@ -54,13 +54,13 @@ impl Requirement {
     /// of the 95 % half widths of bias, of scale factor times |force| and of the misalignments across it, plus three residual standard
     /// deviations, plus [`GATE_FLOOR`]. The largest axis counts. What a fit cannot know is unbounded.
     ///
-    /// The bounds are at most [`GATE_MOST`]. A mistake that enlarges the residuals must not widen them: with a warning that the model does not
-    /// explain the data they are at most [`GATE_ACCEPTED`]. Both grow by three times the noise that a group of the run has, as far as the rows
-    /// of the campaign show it. With accepted faults the bounds are at most [`GATE_ACCEPTED`] in any case; if a single position explains the
+    /// The bounds are at most `GATE_MOST`. A mistake that enlarges the residuals must not widen them: with a warning that the model does not
+    /// explain the data they are at most `GATE_ACCEPTED`. Both grow by three times the noise that a group of the run has, as far as the rows
+    /// of the campaign show it. With accepted faults the bounds are at most `GATE_ACCEPTED` in any case; if a single position explains the
     /// residuals ([`Calibration::suspect_position`]) at most [`GATE_FLOOR`], because that position pulls the fit more at other attitudes than at
     /// that of the run. Who knows better states bounds.
     ///
-    /// The bound of the gyroscopes: [`gyroscopes::rate`].
+    /// The bound of the gyroscopes: `gyroscopes::rate`.
     #[must_use]
     pub fn of_fit(calibration: &Calibration, force: [f64; AXES]) -> Self {
         let accuracy = Accuracy::of(calibration);

@@ -24,7 +24,7 @@ pub enum CurveSource {
     Ramps,
 }
 
-/// Options of [`fit`].
+/// Options of [`fit`](crate::fit).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TransientOptions {
     /// What gives the curves of the biases.
