@@ -15,12 +15,12 @@ use isotherm_client::{
 };
 
 /// Maximum number of samples on loan from one acquisition.
-pub(crate) const ISOTHERM_LOANS: usize = 4;
+pub const ISOTHERM_LOANS: usize = 4;
 
 /// The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the order of
 /// sending.
 #[derive(Debug)]
-pub(crate) struct isotherm_acquisition(Handle<AcquisitionContent>);
+pub struct isotherm_acquisition(Handle<AcquisitionContent>);
 
 /// An acquisition and the samples that C has on loan.
 #[derive(Debug)]
@@ -125,7 +125,7 @@ pub(crate) fn with(
 /// `isotherm_options options = {0};`.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub(crate) struct isotherm_options {
+pub struct isotherm_options {
     /// sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size has, and with 0 those of
     /// this version.
     pub size: u64,
@@ -149,7 +149,7 @@ pub(crate) struct isotherm_options {
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED,
 /// .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or another `size`.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_acquisition_connect(
+pub unsafe extern "C" fn isotherm_acquisition_connect(
     imu: *const c_char,
     options: *const isotherm_options,
     acquisition: *mut *mut isotherm_acquisition,
@@ -184,7 +184,7 @@ unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedErro
 /// ISOTHERM_OK; ISOTHERM_LOST if control periods were not sent (isotherm_lost) or samples are unanswered (isotherm_in_flight): the handle is
 /// closed all the same. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     // SAFETY: NULL, or open and not used again, as the header requires.
     unsafe { close(acquisition, |handle| &handle.0, AcquisitionContent::closing) }
 }
@@ -199,7 +199,7 @@ pub(crate) unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut iso
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_loan(
+pub unsafe extern "C" fn isotherm_loan(
     acquisition: *mut isotherm_acquisition,
     sample: *mut *mut RawSample,
 ) -> isotherm_code {
@@ -216,7 +216,7 @@ pub(crate) unsafe extern "C" fn isotherm_loan(
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_discard(
+pub unsafe extern "C" fn isotherm_discard(
     acquisition: *mut isotherm_acquisition,
     sample: *mut RawSample,
 ) -> isotherm_code {
@@ -228,7 +228,7 @@ pub(crate) unsafe extern "C" fn isotherm_discard(
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_cancel(
+pub unsafe extern "C" fn isotherm_cancel(
     acquisition: *mut isotherm_acquisition,
     sample: *mut RawSample,
 ) -> isotherm_code {
@@ -248,7 +248,7 @@ pub(crate) unsafe extern "C" fn isotherm_cancel(
 ///
 /// ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_merge(
+pub unsafe extern "C" fn isotherm_merge(
     acquisition: *mut isotherm_acquisition,
     sample: *mut RawSample,
     later: *const RawSample,
@@ -270,7 +270,7 @@ pub(crate) unsafe extern "C" fn isotherm_merge(
 ///
 /// ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_send(
+pub unsafe extern "C" fn isotherm_send(
     acquisition: *mut isotherm_acquisition,
     sample: *mut RawSample,
 ) -> isotherm_code {
@@ -292,7 +292,7 @@ pub(crate) unsafe extern "C" fn isotherm_send(
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_prepare(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+pub unsafe extern "C" fn isotherm_prepare(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| {
         content.acquisition.prepare();
         Ok(())
@@ -307,7 +307,7 @@ pub(crate) unsafe extern "C" fn isotherm_prepare(acquisition: *mut isotherm_acqu
 ///
 /// ISOTHERM_OK, ISOTHERM_NONE, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_receive(
+pub unsafe extern "C" fn isotherm_receive(
     acquisition: *mut isotherm_acquisition,
     increment: *mut CompensatedIncrement,
 ) -> isotherm_code {
@@ -322,7 +322,7 @@ pub(crate) unsafe extern "C" fn isotherm_receive(
 
 /// As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_receive_timeout(
+pub unsafe extern "C" fn isotherm_receive_timeout(
     acquisition: *mut isotherm_acquisition,
     timeout_ns: u64,
     increment: *mut CompensatedIncrement,
@@ -346,7 +346,7 @@ pub(crate) unsafe extern "C" fn isotherm_receive_timeout(
 /// ISOTHERM_OK, ISOTHERM_FULL, ISOTHERM_TIMEOUT, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE,
 /// ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_compensate(
+pub unsafe extern "C" fn isotherm_compensate(
     acquisition: *mut isotherm_acquisition,
     sample: *mut RawSample,
     timeout_ns: u64,
@@ -381,32 +381,32 @@ fn number<T: Default>(acquisition: *const isotherm_acquisition, read: impl FnOnc
 
 /// The most samples that can be unanswered at once. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_depth(acquisition: *const isotherm_acquisition) -> usize {
+pub unsafe extern "C" fn isotherm_depth(acquisition: *const isotherm_acquisition) -> usize {
     number(acquisition, Acquisition::depth)
 }
 
 /// Samples that have been sent and whose increments have not been received. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisition) -> usize {
+pub unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisition) -> usize {
     number(acquisition, Acquisition::in_flight)
 }
 
 /// Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were discarded or are still on
 /// loan, sequences that were left out, and samples whose sending has failed. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
+pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::lost)
 }
 
 /// Late increments that were dropped because isotherm_depth of them waited for isotherm_receive already. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_dropped_answers(acquisition: *const isotherm_acquisition) -> u64 {
+pub unsafe extern "C" fn isotherm_dropped_answers(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::dropped_answers)
 }
 
 /// The session of all samples; a new random number for each connection. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisition) -> u64 {
+pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::session)
 }
 
@@ -415,6 +415,6 @@ pub(crate) unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_ac
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_begin_session(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+pub unsafe extern "C" fn isotherm_begin_session(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| Ok(content.acquisition.begin_session()?))
 }

@@ -13,7 +13,7 @@ use std::ffi::CString;
 /// never change; later versions may add codes.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[repr(i32)]
-pub(crate) enum isotherm_code {
+pub enum isotherm_code {
     /// Success.
     ISOTHERM_OK = 0,
     /// There is no increment now, or none came in time. Nothing has been written.
@@ -178,6 +178,6 @@ pub(crate) fn code(result: Result<(), CodedError>) -> isotherm_code {
 /// The message of this thread's last call that returned neither ISOTHERM_OK nor ISOTHERM_NONE: phase, cause and remedy, in UTF-8.
 /// Empty if there was no such call; never NULL. Valid until the thread's next such call or its end: copy it if you keep it.
 #[unsafe(no_mangle)]
-pub(crate) extern "C" fn isotherm_error_message() -> *const c_char {
+pub extern "C" fn isotherm_error_message() -> *const c_char {
     MESSAGE.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }

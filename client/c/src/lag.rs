@@ -8,12 +8,12 @@ use core::ptr::NonNull;
 use isotherm_client::{Lag, LaggedReading, Sensor};
 
 /// Number of sensors: A1, A2, A3, G1, G2, G3 have the numbers 0 to 5.
-pub(crate) const ISOTHERM_SENSORS: usize = 6;
+pub const ISOTHERM_SENSORS: usize = 6;
 
 /// The state of one sensor's lag: its last reading, and the lagged telemetry at that time.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub(crate) struct isotherm_lagged_reading {
+pub struct isotherm_lagged_reading {
     /// When the telemetry was measured, on the acquisition's clock [ns].
     pub time_ns: u64,
     /// Head telemetry, in the table's unit.
@@ -28,7 +28,7 @@ pub(crate) struct isotherm_lagged_reading {
 /// The state of an acquisition's lag. It may be saved as its bytes: it has no padding, and every bit pattern is valid.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub(crate) struct isotherm_lag {
+pub struct isotherm_lag {
     /// A1, A2, A3, G1, G2, G3.
     pub sensors: [isotherm_lagged_reading; ISOTHERM_SENSORS],
 }
@@ -45,7 +45,7 @@ pub(crate) struct isotherm_lag {
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reading(
+pub unsafe extern "C" fn isotherm_reading(
     acquisition: *mut isotherm_acquisition,
     sensor: u32,
     telemetry: f64,
@@ -63,7 +63,7 @@ const NO_SENSOR: CodedError =
 
 /// The time constant that samples are sent with [ns]; 0 while there is none, and for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acquisition) -> u64 {
+pub unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acquisition) -> u64 {
     let mut lag_ns = 0;
     with(acquisition, |content| {
         lag_ns = content.acquisition.lag().lag_ns;
@@ -76,7 +76,7 @@ pub(crate) unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acq
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_save_lag(
+pub unsafe extern "C" fn isotherm_save_lag(
     acquisition: *const isotherm_acquisition,
     lag: *mut isotherm_lag,
 ) -> isotherm_code {
@@ -100,7 +100,7 @@ pub(crate) unsafe extern "C" fn isotherm_save_lag(
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_restore_lag(
+pub unsafe extern "C" fn isotherm_restore_lag(
     acquisition: *mut isotherm_acquisition,
     lag: *const isotherm_lag,
 ) -> isotherm_code {
@@ -126,7 +126,7 @@ pub(crate) unsafe extern "C" fn isotherm_restore_lag(
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_forget_lag(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+pub unsafe extern "C" fn isotherm_forget_lag(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| {
         content.acquisition.forget_lag();
         Ok(())

@@ -8,6 +8,7 @@
     clippy::missing_safety_doc,
     reason = "C passes pointers; the header's introduction has the rules for them, once for all functions"
 )]
+#![allow(unreachable_pub, reason = "what is pub is in the header")]
 
 mod acquisition;
 mod code;

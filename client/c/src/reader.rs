@@ -14,7 +14,7 @@ use std::os::fd::AsRawFd as _;
 /// A reader cannot disturb other processes. If it sleeps for more than 512 increments, the oldest are overwritten, which is a gap
 /// in `sequence`.
 #[derive(Debug)]
-pub(crate) struct isotherm_reader(Handle<IncrementReader>);
+pub struct isotherm_reader(Handle<IncrementReader>);
 
 /// A call into a reader.
 #[inline]
@@ -31,7 +31,7 @@ fn with(
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_new(
+pub unsafe extern "C" fn isotherm_reader_new(
     imu: *const c_char,
     domain: *const c_char,
     reader: *mut *mut isotherm_reader,
@@ -49,7 +49,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_new(
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._NO_ROOM, .._PERMISSION, .._EXHAUSTED, .._TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_connect(
+pub unsafe extern "C" fn isotherm_reader_connect(
     imu: *const c_char,
     domain: *const c_char,
     timeout_ns: u64,
@@ -67,7 +67,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_connect(
 ///
 /// ISOTHERM_OK. After ISOTHERM_ERROR_BUSY and ISOTHERM_ERROR_FORKED the handle is still open.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> isotherm_code {
+pub unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_reader) -> isotherm_code {
     // SAFETY: NULL, or open and not used again, as the header requires.
     unsafe { close(reader, |handle| &handle.0, |_| Ok(())) }
 }
@@ -77,7 +77,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_close(reader: *mut isotherm_read
 /// ISOTHERM_OK, ISOTHERM_NONE (also while there is no service yet), ISOTHERM_ERROR_NO_ROOM, ISOTHERM_ERROR_PERMISSION,
 /// ISOTHERM_ERROR_EXHAUSTED, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_receive(
+pub unsafe extern "C" fn isotherm_reader_receive(
     reader: *mut isotherm_reader,
     increment: *mut CompensatedIncrement,
 ) -> isotherm_code {
@@ -93,7 +93,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_receive(
 /// As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there. For the least delay
 /// call isotherm_reader_receive in a loop.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_receive_timeout(
+pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     reader: *mut isotherm_reader,
     timeout_ns: u64,
     increment: *mut CompensatedIncrement,
@@ -113,7 +113,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_receive_timeout(
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NO_SERVICE (also while the reader is not connected), ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_descriptor(
+pub unsafe extern "C" fn isotherm_reader_descriptor(
     reader: *mut isotherm_reader,
     descriptor: *mut c_int,
 ) -> isotherm_code {
@@ -132,7 +132,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_descriptor(
 /// ISOTHERM_OK, ISOTHERM_NONE (no service was seen yet), ISOTHERM_ERROR_OTHER_VERSION, ISOTHERM_ERROR_TRANSPORT, and the errors of
 /// isotherm_reader_receive.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_heartbeat_age(
+pub unsafe extern "C" fn isotherm_reader_heartbeat_age(
     reader: *mut isotherm_reader,
     age_ns: *mut u64,
 ) -> isotherm_code {
@@ -147,7 +147,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_heartbeat_age(
 
 /// Whether the stream has been found. Stays true when the service stops. False for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_is_connected(reader: *const isotherm_reader) -> bool {
+pub unsafe extern "C" fn isotherm_reader_is_connected(reader: *const isotherm_reader) -> bool {
     let mut connected = false;
     with(reader, |reader| {
         connected = reader.is_connected();
@@ -158,7 +158,7 @@ pub(crate) unsafe extern "C" fn isotherm_reader_is_connected(reader: *const isot
 
 /// Increments that came again after a resend and were not returned. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_reader_repeats(reader: *const isotherm_reader) -> u64 {
+pub unsafe extern "C" fn isotherm_reader_repeats(reader: *const isotherm_reader) -> u64 {
     let mut repeats = 0;
     with(reader, |reader| {
         repeats = reader.repeats();

@@ -8,7 +8,7 @@ use isotherm_client::Realtime;
 
 /// The version of the library. ISOTHERM_VERSION is the version of the header.
 #[unsafe(no_mangle)]
-pub(crate) extern "C" fn isotherm_version() -> *const c_char {
+pub extern "C" fn isotherm_version() -> *const c_char {
     const VERSION: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
         Ok(version) => version,
         Err(_) => c"",
@@ -18,7 +18,7 @@ pub(crate) extern "C" fn isotherm_version() -> *const c_char {
 
 /// CLOCK_MONOTONIC [ns], the clock of `sent_ns`.
 #[unsafe(no_mangle)]
-pub(crate) extern "C" fn isotherm_monotonic_ns() -> u64 {
+pub extern "C" fn isotherm_monotonic_ns() -> u64 {
     isotherm_client::monotonic_ns()
 }
 
@@ -30,12 +30,7 @@ pub(crate) extern "C" fn isotherm_monotonic_ns() -> u64 {
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_REALTIME for the first setting that fails. The settings before it, in this order, are in force.
 #[unsafe(no_mangle)]
-pub(crate) extern "C" fn isotherm_realtime(
-    core: i32,
-    priority: i32,
-    lock_memory: bool,
-    timer_slack_ns: u64,
-) -> isotherm_code {
+pub extern "C" fn isotherm_realtime(core: i32, priority: i32, lock_memory: bool, timer_slack_ns: u64) -> isotherm_code {
     without_handle(|| {
         let core = (core != -1).then(|| usize::try_from(core).unwrap_or(usize::MAX));
         let priority = (priority != 0).then_some(priority);

@@ -12,12 +12,12 @@ use isotherm_client::{Domain, Flags, ImuId, LagOption, Options, TimeConstant};
 /// It is read from the status of the service when the acquisition connects, and again when an increment is flagged
 /// ISOTHERM_FLAG_LAG_UNKNOWN: if the table has another one after a reload, a few samples are flagged, until the next readings. Connecting
 /// waits for the status beyond its time-out, 0.1 s or less, and 1 s for a service that hangs.
-pub(crate) const ISOTHERM_LAG_SERVICE: f64 = 0.0;
+pub const ISOTHERM_LAG_SERVICE: f64 = 0.0;
 /// For isotherm_options: the library keeps no lag. `lag_ns` and `head_lagged` are sent as the application fills them in.
-pub(crate) const ISOTHERM_LAG_NONE: f64 = -1.0;
+pub const ISOTHERM_LAG_NONE: f64 = -1.0;
 
 /// For connecting: do not wait for the service.
-pub(crate) const ISOTHERM_NO_WAIT: u64 = u64::MAX;
+pub const ISOTHERM_NO_WAIT: u64 = u64::MAX;
 
 /// Default of the time-out for connecting.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -84,7 +84,7 @@ pub(crate) unsafe fn text(text: *const c_char) -> Option<Vec<u8>> {
 /// The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the SHA-256 of its UTF-8,
 /// big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not UTF-8.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
+pub unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
     // SAFETY: NULL or a string, as the header requires.
     let serial = unsafe { text(serial) }.and_then(|serial| String::from_utf8(serial).ok());
     serial.map_or(0, |serial| isotherm_client::device(&serial))
@@ -95,7 +95,7 @@ pub(crate) unsafe extern "C" fn isotherm_device(serial: *const c_char) -> u64 {
 /// without that 0; if it is not less than `size`, the text has been cut off. 1024 bytes are always enough. `text` may be NULL if
 /// `size` is 0.
 #[unsafe(no_mangle)]
-pub(crate) unsafe extern "C" fn isotherm_flags_text(flags: u64, text: *mut c_char, size: usize) -> usize {
+pub unsafe extern "C" fn isotherm_flags_text(flags: u64, text: *mut c_char, size: usize) -> usize {
     let mut writer = Bounded { text, size: if text.is_null() { 0 } else { size }, length: 0 };
     // `Bounded::write_str` never fails.
     let _ = write!(writer, "{}", Flags(flags));
