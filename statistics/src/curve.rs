@@ -12,6 +12,22 @@ const MAX_ROUNDING: f64 = 1e-11;
 const CHECK_POINTS: u32 = 64;
 
 /// A polynomial of (U - center)/scale with the covariance of its coefficients.
+///
+/// A curve is fitted, judged where it is used, and becomes a polynomial of a table:
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_statistics::{CONFIDENCE, Curve, DataPoint, Regression};
+///
+/// let points = [(1.0, 4.9), (2.0, 7.1), (3.0, 9.0), (4.0, 11.1), (5.0, 12.9)].map(|(x, y)| DataPoint::new(x, y));
+/// let curve = Curve::of(&Regression::new(points.to_vec(), 1)?, 1, [1.0, 5.0]);
+/// assert!((curve.slope(3.0) - 2.0).abs() < 1e-12); // per volt of telemetry
+/// assert!(curve.interval(3.0, CONFIDENCE) < curve.interval(5.0, CONFIDENCE)); // best in the middle
+/// // Fitted in ug0, written in g0.
+/// let polynomial = curve.polynomial(1e-6).ok_or("the order is too high for a table")?;
+/// assert!((polynomial.at(3.0) - 9e-6).abs() < 1e-17);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     center: f64,
@@ -166,6 +182,12 @@ impl Curve {
 pub const CONFIDENCE: f64 = 0.95;
 
 /// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `confidence`.
+///
+/// ```
+/// use isotherm_statistics::student_quantile;
+///
+/// assert!((student_quantile(0.95, 11) - 2.201).abs() < 1e-3);
+/// ```
 #[must_use]
 pub fn student_quantile(confidence: f64, freedom: usize) -> f64 {
     student_quantile_of(confidence, freedom as f64)

@@ -180,6 +180,14 @@ fn mean_variance(values: &[f64]) -> (f64, f64) {
 }
 
 /// Median of the values that are not NaN; NaN if there are none.
+///
+/// ```
+/// use isotherm_statistics::median;
+///
+/// assert_eq!(median([3.0, 1.0, f64::NAN, 2.0]), 2.0);
+/// assert_eq!(median([1.0, 2.0]), 1.5);
+/// assert!(median([]).is_nan());
+/// ```
 #[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().filter(|v| !v.is_nan()).collect();
@@ -192,6 +200,15 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 /// Estimate of a standard deviation from the median of the absolute values. A few outliers change it little.
+///
+/// ```
+/// use isotherm_statistics::robust_sd;
+///
+/// let quiet = [0.7, -0.7, 0.6, -0.6, 0.7, -0.7];
+/// let mut disturbed = quiet;
+/// disturbed[5] = 1000.0;
+/// assert!((robust_sd(&quiet) / robust_sd(&disturbed) - 1.0).abs() < 1e-12);
+/// ```
 #[must_use]
 pub fn robust_sd(values: &[f64]) -> f64 {
     1.4826 * median(values.iter().map(|v| v.abs()))

@@ -90,6 +90,15 @@ impl DoubleDouble {
 
     /// Reads a decimal number, for example `-1.25`, `.5` or `6.02E+23`, to about 31 digits. `None` if the text is not a
     /// number, or if its magnitude is neither 0 nor between 1e-140 and 1e140.
+    ///
+    /// ```
+    /// use isotherm_statistics::DoubleDouble;
+    ///
+    /// let tenth = DoubleDouble::parse("0.1").unwrap_or(DoubleDouble::ZERO);
+    /// assert_ne!(tenth, DoubleDouble::from(0.1)); // the double next to 0.1 is 5.6e-18 above it
+    /// assert_eq!((tenth * DoubleDouble::from(10.0)).value(), 1.0);
+    /// assert_eq!(DoubleDouble::parse("1e999"), None);
+    /// ```
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         // The parser of f64 decides what is a number.

@@ -23,6 +23,14 @@ pub struct Sweep {
 }
 
 /// The sweeps of telemetry in the order of time. A series that turns nowhere is one sweep; one that does not change, or an empty one, has none.
+///
+/// ```
+/// use isotherm_statistics::{Sweep, sweeps};
+///
+/// let up_and_down = [0.0, 1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0];
+/// let expected = [Sweep { values: 0..5, heating: true }, Sweep { values: 5..9, heating: false }];
+/// assert_eq!(sweeps(&up_and_down), expected);
+/// ```
 #[must_use]
 pub fn sweeps(telemetry: &[f64]) -> Vec<Sweep> {
     let low = telemetry.iter().copied().fold(f64::INFINITY, f64::min);
@@ -86,6 +94,18 @@ pub struct LoopPoint {
 
 /// The hysteresis band: the residual of heating less that of cooling in 12 bins of telemetry, rms over the bins that have both.
 /// `None` where heating and cooling share no bin.
+///
+/// ```
+/// use isotherm_statistics::{LoopPoint, band, shared_bins};
+///
+/// // Heating reads 1.5 ug0 more than cooling over the whole range of 1 to 4 V.
+/// let at = |telemetry, residual, heating| LoopPoint { telemetry, residual, heating };
+/// let telemetry = (0..=30).map(|i| 1.0 + 0.1 * f64::from(i));
+/// let points: Vec<_> = telemetry.flat_map(|x| [at(x, 1.5, true), at(x, 0.0, false)]).collect();
+/// assert_eq!(band(&points), Some(1.5));
+/// assert_eq!(shared_bins(&points), 12);
+/// assert_eq!(band(&points[..1]), None);
+/// ```
 #[must_use]
 pub fn band(points: &[LoopPoint]) -> Option<f64> {
     let (sum, count) =

@@ -19,6 +19,22 @@ pub struct LeastSquares {
 }
 
 /// Solves for the change of the unknowns; `None` if the rows do not determine them, or if a value is not finite.
+///
+/// The line through three points, from the unknowns 0, 0:
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_statistics::least_squares;
+/// use nalgebra::{DMatrix, DVector};
+///
+/// let jacobian = DMatrix::from_row_slice(3, 2, &[1.0, 0.0, 1.0, 1.0, 1.0, 2.0]);
+/// let residual = -DVector::from_vec(vec![1.0, 3.0, 5.0]); // the model, 0, less the data
+/// let solution = least_squares(&jacobian, &residual).ok_or("the rows do not determine the unknowns")?;
+/// assert!((solution.change[0] - 1.0).abs() < 1e-12 && (solution.change[1] - 2.0).abs() < 1e-12);
+/// // Two equal columns cannot be told apart.
+/// assert!(least_squares(&DMatrix::repeat(3, 2, 1.0), &residual).is_none());
+/// # Ok(())
+/// # }
+/// ```
 pub fn least_squares(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<LeastSquares> {
     let (rows, columns) = jacobian.shape();
     if rows < columns {

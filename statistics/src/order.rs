@@ -48,6 +48,21 @@ pub struct Choice {
 }
 
 /// Chooses an order among the fits of `regression`.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_statistics::{DataPoint, Regression, Rule, choose};
+///
+/// // A slope of 0.1 ug0/V is significant here, but moves the curve by less than what matters.
+/// let points = (0..10).map(|i| (f64::from(i), 1e-3 * f64::from(i % 2)));
+/// let points = points.map(|(x, noise)| DataPoint::new(x, 50.0 + 0.1 * x + noise)).collect();
+/// let rule = Rule { effect: Some(2.0), unit: "ug0", ..Rule::default() };
+/// let choice = choose(&Regression::new(points, 2)?, &rule);
+/// assert_eq!(choice.order, 0);
+/// assert!(choice.reason.contains("that of order 1 moves it by only"), "{}", choice.reason);
+/// # Ok(())
+/// # }
+/// ```
 #[must_use]
 pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
     let least = rule.least.min(regression.fits().len().saturating_sub(1));
@@ -106,6 +121,13 @@ fn by_the_data(regression: &Regression, rule: &Rule) -> Choice {
 
 /// The highest order that is fitted if none is requested: 6, or less if there are few distinct x, or few points for `linear` linear
 /// columns.
+///
+/// ```
+/// use isotherm_statistics::default_order;
+///
+/// let telemetry = [1.1, 1.5, 1.9, 2.3, 2.7];
+/// assert_eq!(default_order(&telemetry, 0), 3); // two degrees of freedom are left
+/// ```
 #[must_use]
 pub fn default_order(x: &[f64], linear: usize) -> usize {
     let points = x.len().saturating_sub(linear + 2);
@@ -141,6 +163,19 @@ impl OrderTable {
 
     /// The table of a curve through the values of set points, given as telemetry and value: of the order `fixed`, or of the one that `rule`
     /// chooses up to `highest`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_statistics::{OrderTable, Rule};
+    ///
+    /// // K+ [pulse/(s*g0)] at five set points, by telemetry [V]; order 1 is asked for.
+    /// let values = [(1.1, 97_001.0), (1.8, 97_008.2), (2.5, 97_015.1), (3.2, 97_021.8), (3.9, 97_029.0)];
+    /// let table = OrderTable::of_set_points(values.into_iter(), Some(1), 1, &Rule::default())?;
+    /// assert_eq!(table.choice.order, 1);
+    /// assert_eq!(table.regression.fits().len(), 4); // up to two higher orders are shown beside it
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// If the points do not allow the order.
@@ -205,6 +240,19 @@ impl OrderTable {
     }
 
     /// The table as text; `x` and `y` are the names of the columns.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_statistics::{DataPoint, OrderTable, Regression, Rule};
+    ///
+    /// let data = include_str!("../../examples/cubic.csv").lines().skip(1).filter_map(|line| line.split_once(','));
+    /// let points = data.map(|(x, y)| Ok(DataPoint::new(x.parse()?, y.parse()?)));
+    /// let points: Result<Vec<_>, std::num::ParseFloatError> = points.collect();
+    /// let text = OrderTable::choose(Regression::new(points?, 5)?, &Rule::default()).text("x", "y");
+    /// assert!(text.starts_with("y as a polynomial of x") && text.contains("Chosen: order 3"));
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn text(&self, x: &str, y: &str) -> String {
         let Self { regression, choice, .. } = self;

@@ -105,6 +105,19 @@ pub struct Fit {
 }
 
 /// The regressions of all orders from 0 to a given maximum.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use isotherm_statistics::{DataPoint, Regression};
+///
+/// let points = [1.0, 2.0, 3.0, 4.0].map(|x| DataPoint::new(x, 7.0 - 2.0 * x));
+/// let regression = Regression::new(points.to_vec(), 1)?;
+/// let line = &regression.fits()[1];
+/// assert!((line.coefficients[0] - 7.0).abs() < 1e-14 && (line.coefficients[1] + 2.0).abs() < 1e-14);
+/// assert_eq!((line.sse, line.f), (0.0, None)); // a perfect fit has no F
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Regression {
     points: Vec<DataPoint>,
@@ -129,6 +142,20 @@ impl Regression {
     }
 
     /// Fits every order from 0 to `max_order`, each beside the columns `linear`. `x` is the name of x, for messages.
+    ///
+    /// A rate that depends on the telemetry \[V\] and on the supply voltage \[V\]:
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_statistics::{DataPoint, DoubleDouble, LinearColumn, Regression};
+    ///
+    /// let [telemetry, supply] = [[1.0, 1.5, 2.0, 2.5, 3.0, 3.5], [14.9, 15.1, 15.0, 15.2, 14.8, 15.0]];
+    /// let points = telemetry.iter().zip(supply).map(|(&x, z)| DataPoint::new(x, 100.0 + 2.0 * x * x - 3.0 * z));
+    /// let column = LinearColumn { name: "supply".to_owned(), values: supply.map(DoubleDouble::from).to_vec() };
+    /// let regression = Regression::with_linear(points.collect(), "telemetry", vec![column], 2)?;
+    /// assert!((regression.fits()[2].linear[0].coefficient + 3.0).abs() < 1e-12);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # Errors
     /// As of [`new`](Self::new); or if a linear column has another length than the points, if there are fewer points than
@@ -239,6 +266,17 @@ impl Regression {
 
     /// Value of the fit of `order` at `x` and its standard error (none without degrees of freedom), with every linear column in the
     /// middle of its range.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_statistics::{DataPoint, Regression};
+    ///
+    /// let points = [(1.0, 2.1), (2.0, 3.9), (3.0, 6.1), (4.0, 7.9)].map(|(x, y)| DataPoint::new(x, y));
+    /// let (value, standard_error) = Regression::new(points.to_vec(), 1)?.at(1, 2.5);
+    /// assert!((value - 5.0).abs() < 1e-12 && standard_error.is_some());
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn at(&self, order: usize, x: f64) -> (f64, Option<f64>) {
         let basis = self.basis(x.into(), self.linear.iter().map(|_| DoubleDouble::ZERO));
@@ -451,6 +489,13 @@ struct PointScan {
 }
 
 /// Probability that an F variable with `d1` and `d2` degrees of freedom is larger than `f`.
+///
+/// ```
+/// use isotherm_statistics::f_tail;
+///
+/// // The printed 5 % limit of F with 2 and 10 degrees of freedom is 4.10.
+/// assert!((f_tail(4.1028, 2.0, 10.0) - 0.05).abs() < 1e-5);
+/// ```
 #[must_use]
 pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
     if f.is_nan() || f <= 0.0 {
@@ -460,6 +505,12 @@ pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
 }
 
 /// The value that an F variable with `d1` and `d2` degrees of freedom exceeds with probability `p`.
+///
+/// ```
+/// use isotherm_statistics::f_limit;
+///
+/// assert!((f_limit(0.05, 2.0, 10.0) - 4.1028).abs() < 1e-4);
+/// ```
 #[must_use]
 pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
